@@ -1,0 +1,75 @@
+"""Commands of one motion: within the view, braked to the goal, on in spite of doubt."""
+
+import math
+
+import pytest
+from servo_states import behind, sight
+
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws.smooth.approach import approach, back_off
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+
+SETTINGS = ServoSettings(law='smooth')
+STATE = ServoState()
+WIDE = (1.0, 1.0)
+
+
+def known(x: float, y: float, heading: float = 0.0, **changes: object) -> Measurement:
+    """Return what is seen from x, y [m] and a heading error [rad] by who remembers views."""
+    return sight(
+        offset=(x, y), offset_deviation=1e-3, heading_error=heading, view_margins=WIDE, **changes
+    )
+
+
+def command(measurement: Measurement) -> Twist:
+    return approach(STATE, measurement, SETTINGS)
+
+
+@pytest.mark.parametrize('side', [1.0, -1.0])
+def test_it_turns_to_its_aim_but_never_out_of_view(side: float) -> None:
+    aside = known(side * 1.0, -3.0)
+    assert side * command(aside).angular > 0.1
+    left, right = (0.0, 1.0) if side > 0.0 else (1.0, 0.0)
+    hidden = known(side * 1.0, -3.0)
+    object.__setattr__(hidden, 'view_margins', (left, right))
+    assert side * command(hidden).angular <= 0.0
+
+
+@pytest.mark.parametrize('way', [1.0, 0.3, 0.1, 0.03, 0.01, 0.001])
+def test_it_can_always_stop_at_the_goal(way: float) -> None:
+    speed = command(known(0.0, -way)).linear
+    assert 0.0 < speed <= math.sqrt(2.0 * 2.0 * SETTINGS.max_acceleration * way)
+
+
+def test_past_the_goal_it_comes_back() -> None:
+    assert command(known(0.0, 0.01)).linear < 0.0
+
+
+def test_it_goes_slower_where_much_is_aside_but_does_not_stand() -> None:
+    near, askew = command(known(0.0, -0.15)), command(known(0.03, -0.15))
+    assert 0.02 < askew.linear < near.linear
+
+
+def test_it_goes_slower_where_bearings_are_uncertain_but_does_not_stand() -> None:
+    sure, unsure = command(known(0.0, -3.0)), command(known(0.0, -3.0, deviation=0.09))
+    assert 0.05 < unsure.linear < sure.linear
+
+
+def test_at_the_goal_it_turns_to_its_heading_alone() -> None:
+    twist = command(known(0.0, -0.0005, 0.01))
+    assert twist.angular == pytest.approx(-0.04, rel=0.2)
+
+
+def test_without_bearings_or_memory_it_stands() -> None:
+    assert command(sight(bearings=None)) == Twist(0.0, 0.0)
+
+
+def test_backing_off_leads_towards_the_axis_within_the_view() -> None:
+    beside = sight(bearings=behind(-1.2, 0.0), heading_error=0.0, view_margins=WIDE)
+    free = back_off(STATE, beside, SETTINGS)
+    assert free.linear < 0.0
+    assert -free.linear <= SETTINGS.retreat_speed
+    object.__setattr__(beside, 'view_margins', (0.0, 0.0))
+    assert back_off(STATE, beside, SETTINGS).angular == pytest.approx(0.0, abs=1e-9)
