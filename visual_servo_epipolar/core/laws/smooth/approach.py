@@ -22,7 +22,8 @@ from visual_servo_epipolar.core.servo.state import ServoState
 GAINS = Gains()
 BRAKING = 0.25  # at which it closes in [m/s^2]: less than the ramps allow
 TAIL_S = 0.25  # time constant of the last centimetre, and of the turn at its end
-STEERING_S = 0.4  # look-ahead in time: what is steered within less, a late loop swings by
+STEERING_S = 0.5  # look-ahead in time: what is steered within less, a late loop swings by
+CONVERGING_S = 0.4  # the same, where the rest aside decides on the speed
 LEAST_LOOK_AHEAD = 0.02  # [m]
 RESIDUAL = 3e-4  # what steering may leave aside [m]
 RESERVE = 0.05  # of the margins of the view [rad]
@@ -30,6 +31,7 @@ TURN_S = 0.5  # time constant of turns to where features stay in view
 FACING_FROM, FACING_AT = 0.012, 0.003  # way left at which the heading alone counts, at last [m]
 UNCERTAIN = 0.06  # deviation of the bearings at which the robot drives at half speed [rad]
 NEAR = 0.35  # way left on which the rest aside is steered to zero [m]
+CALM = 0.5  # share of the last turn in the next, near the goal: noise is no reason to turn
 CREEP = 0.03  # least speed for the sake of steering [m/s]
 RUN_UP = 0.3  # behind the goal, to which a robot backs off that is ahead of it [m]
 BACKING = 0.5  # delta and phi backward, below which it backs off onto the axis [rad]
@@ -63,6 +65,8 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
     turn = kappa * speed if speed > 0.0 else 0.0
     if measurement.offset is not None:
         facing = _facing(left)
+        calm = min(max(1.5 - left / NEAR, 0.0), 1.0) * CALM
+        turn += calm * (state.twist.angular - turn)
         turn = (1.0 - facing) * turn - facing * measurement.heading_error / TAIL_S
     return Twist(speed, _within_view(turn, measurement, settings))
 
@@ -91,7 +95,7 @@ def _converging(sight: Sight, left: float) -> float:
     Return the speed at which what is aside decays on the way that is ``left`` [m/s].
 
     It does by exp(-0.9 s / L) over a way s, and no look-ahead L is driven within less than
-    STEERING_S.
+    CONVERGING_S.
     """
     # From farther away the offset falls as d^(1 + k1) until then.
     shrinks = min(NEAR / max(left, NEAR), 1.0) ** (1.0 + GAINS.k1)
@@ -100,7 +104,7 @@ def _converging(sight: Sight, left: float) -> float:
     if decays == 0.0:
         return math.inf
     near = min(left, NEAR)
-    speed = max(LINE_DAMPING * near / (decays * STEERING_S), min(CREEP, near / TAIL_S))
+    speed = max(LINE_DAMPING * near / (decays * CONVERGING_S), min(CREEP, near / TAIL_S))
     return math.sqrt(speed * speed + 2.0 * BRAKING * (left - near))
 
 
