@@ -14,7 +14,12 @@ import numpy as np
 from visual_servo_epipolar.evaluation.faults.judging.judge import judge_run
 from visual_servo_epipolar.evaluation.faults.judging.record import SafetyBounds
 from visual_servo_epipolar.evaluation.faults.processes.listener import RunListener, SETTINGS
-from visual_servo_epipolar.evaluation.live.processes import Process, start_nodes
+from visual_servo_epipolar.evaluation.live.processes import (
+    arguments,
+    camera_arguments,
+    Process,
+    start_nodes,
+)
 from visual_servo_epipolar.evaluation.live.world import FRAME_RATE, small_camera
 from visual_servo_epipolar.nodes.startup import process
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
@@ -119,24 +124,19 @@ def _team(
     The camera comes last: a robot that drives before the tracks are heard would be judged blind.
     The base stops by itself only where nobody else can stop it.
     """
-    camera = small_camera(seed)
-    names = ('width', 'height', 'focal_length', 'principal_u', 'principal_v', 'seed')
     timeout_s = BASE.command_timeout if fault.mute else 0.0
-    more = {
-        'camera_node': [f'{name}:={getattr(camera, name)}' for name in names],
-        'unicycle_node': [f'start:={start}', f'command_timeout:={timeout_s}'],
-        'servo_node': ['autostart:=true'],
-    }
-    arguments = {
-        node: [word for text in more.get(node, ()) for word in ('-p', text)] for node in NODES
+    heard = {
+        'servo_node': arguments(autostart='true'),
+        'tracker_node': (),
+        'unicycle_node': arguments(start=start, command_timeout=timeout_s),
     }
     if fault.signal in (*process.ENDING, signal.SIGTSTP):
         # What this process ignores, as nohup has it, its children would ignore as well.
         stack.callback(signal.signal, fault.signal, signal.signal(fault.signal, signal.SIG_DFL))
-    camera_arguments = {'camera_node': arguments.pop('camera_node')}
-    processes = start_nodes(stack, arguments, folder, logs=True)
+    processes = start_nodes(stack, heard, folder, logs=True)
     listener.wait(lambda: listener.hears_all, 'not every node is heard', START_S)
-    return {**processes, **start_nodes(stack, camera_arguments, folder, logs=True)}
+    camera = {'camera_node': camera_arguments(small_camera(seed))}
+    return processes | start_nodes(stack, camera, folder, logs=True)
 
 
 def _bounds() -> SafetyBounds:
