@@ -32,6 +32,7 @@ FACING_FROM, FACING_AT = 0.012, 0.003  # way left at which the heading alone cou
 UNCERTAIN = 0.06  # deviation of the bearings at which the robot drives at half speed [rad]
 NEAR = 0.35  # way left on which the rest aside is steered to zero [m]
 CALM = 0.5  # share of the last turn in the next, near the goal: noise is no reason to turn
+ON_AXIS, LEAST_ASIDE = 0.2, 0.1  # bearing off the axis beyond which D tells no way [rad], [m/s]
 CREEP = 0.03  # least speed for the sake of steering [m/s]
 RUN_UP = 0.3  # behind the goal, to which a robot backs off that is ahead of it [m]
 BACKING = 0.5  # delta and phi backward, below which it backs off onto the axis [rad]
@@ -57,7 +58,7 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
         rate_within(left, deceleration=BRAKING, delay=TAIL_S), _certain(measurement, settings)
     )
     if measurement.offset is None:
-        speed = min(speed, settings.k_t * abs(measurement.difference))
+        speed = min(speed, max(settings.k_t * abs(measurement.difference), _least(measurement)))
     elif speed > 0.0:
         speed = min(speed, _converging(sight, left))
     kappa = _kappa(sight, max(STEERING_S * abs(speed), LEAST_LOOK_AHEAD), measurement)
@@ -181,6 +182,12 @@ def _certain(measurement: Measurement, settings: ServoSettings) -> float:
     """Return the speed by how well the line is known [m/s]."""
     deviation = 0.0 if math.isnan(measurement.deviation) else measurement.deviation
     return settings.max_linear / (1.0 + (deviation / UNCERTAIN) ** 2)
+
+
+def _least(measurement: Measurement) -> float:
+    """Return the least speed by two views [m/s]: aside of the axis D may be zero far away."""
+    bearings = measurement.bearings
+    return LEAST_ASIDE if bearings is not None and abs(bearings.chi) > ON_AXIS else 0.0
 
 
 def _facing(left: float) -> float:

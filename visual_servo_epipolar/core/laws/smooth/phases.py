@@ -7,6 +7,7 @@ the paper's second step: a memory of views is what carries one motion through to
 
 from dataclasses import replace
 
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.machine import Classifier, PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
@@ -44,6 +45,7 @@ NEAR_GOAL = 0.25  # from where a bearing tells of the goal, not of the way to it
 PASSED = 0.05  # beyond which the goal was passed by [m]
 HANDOVER_DIFFERENCE = 0.03  # |D| at which two views end as the second step does
 LEAST_PATIENCE_S = 0.8  # within the usual bounds, after which they are enough
+LINED_UP = 0.2  # bearings up to which D is that of the way ahead [rad]
 HYSTERESIS = 0.35  # of the bearing beyond which a robot backs off, on its way [rad]
 
 
@@ -52,8 +54,7 @@ def _approaching(state: ServoState, measurement: Measurement, settings: ServoSet
         return Event.LOST
     if measurement.offset is None:
         # A single view without the memory is none; near the goal two views know no direction.
-        near = abs(measurement.difference) <= HANDOVER_DIFFERENCE
-        if measurement.bearings is None or near:
+        if measurement.bearings is None or _is_lined_up(measurement, measurement.bearings):
             return Event.ALIGNED
         return Event.SIDEWAYS if _lies_beside(measurement, settings) else Event.NOTHING
     if state.settling.settled >= settings.arrival_frames:
@@ -67,6 +68,12 @@ def _approaching(state: ServoState, measurement: Measurement, settings: ServoSet
         return _missed(state, settings)
     beside = y < -NEAR_GOAL and _lies_beside(measurement, settings)
     return Event.SIDEWAYS if beside else Event.NOTHING
+
+
+def _is_lined_up(measurement: Measurement, bearings: Bearings) -> bool:
+    """Return whether the second step leads to the goal: near it, where D is small, on its axis."""
+    near = abs(measurement.difference) <= HANDOVER_DIFFERENCE
+    return near and max(abs(bearings.chi), abs(bearings.alpha)) <= LINED_UP
 
 
 def _lies_beside(measurement: Measurement, settings: ServoSettings) -> bool:

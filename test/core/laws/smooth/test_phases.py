@@ -1,0 +1,50 @@
+"""Phases of one motion: when it ends, is given up, and what goes on without a memory of views."""
+
+import math
+
+import pytest
+from servo_states import behind, in_phase, sight
+
+from visual_servo_epipolar.core.laws.decisions import classify
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.smooth.phases import APPROACHING, ONE_MOTION
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+
+SETTINGS = ServoSettings(law='smooth')
+
+
+def event(measurement: Measurement, settled: int = 0) -> Event:
+    """Return the event of a measurement on the way."""
+    state = in_phase(APPROACHING.phase).changed(measurement=measurement, settled=settled)
+    return classify(state, SETTINGS)
+
+
+def test_by_two_views_a_small_difference_ends_it_on_the_axis_alone() -> None:
+    # Aside of the axis D may be zero far from the goal: the second step would drive past it.
+    assert event(sight(bearings=behind(0.05, 0.05), difference=0.01)) is Event.ALIGNED
+    assert event(sight(bearings=behind(0.55, -0.2), difference=0.01)) is Event.NOTHING
+
+
+def test_it_goes_on_while_the_way_is_known() -> None:
+    assert event(sight(offset=(0.5, -3.0), offset_deviation=0.1)) is Event.NOTHING
+
+
+def test_a_goal_that_comes_to_lie_beside_is_backed_off_from() -> None:
+    aside = sight(bearings=behind(1.2, 0.3), offset=(1.5, -0.6), offset_deviation=0.01)
+    assert event(aside) is Event.SIDEWAYS
+
+
+@pytest.mark.parametrize('offset', [(0.0, 0.08), (0.08, -0.02)])
+def test_who_passed_the_goal_by_begins_anew(offset: tuple[float, float]) -> None:
+    assert event(sight(offset=offset, offset_deviation=1e-3)) is Event.MISSED
+
+
+def test_an_image_that_tells_nothing_far_away_is_lost() -> None:
+    assert event(sight(bearings=None)) is Event.LOST
+
+
+def test_it_stands_nowhere_but_where_every_law_does() -> None:
+    standing = {phase for phase in ONE_MOTION.rows if not phase.drives}
+    assert standing == {Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED}
+    assert math.isfinite(sum(len(row.words) for row in ONE_MOTION.rows.values()))
