@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.cameras.intrinsics import intrinsic_matrix
+from visual_servo_epipolar.core.cameras.intrinsics import ImageIntrinsics
 from visual_servo_epipolar.core.cameras.registry import CameraRow
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.simulation.closed_loop import run
@@ -17,31 +17,15 @@ LOWEST = 0.6  # cosine of the elevation that its mirror shows at least
 
 
 @dataclass(frozen=True, slots=True)
-class Panorama:
+class Panorama(ImageIntrinsics):
     """All bearings in one row: u goes with the bearing, v with the elevation."""
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: tuple[float, ...] = ()
     distortion_model: str = 'panorama'
-    skew: float = 0.0
 
     lens = 'panorama'
     wide = wraps = True
     planar = None
     edges = (-math.inf, math.inf)
-
-    @property
-    def matrix(self) -> FloatArray:
-        return intrinsic_matrix(self)
-
-    @property
-    def focal(self) -> float:
-        return math.sqrt(self.fx * self.fy)
 
     def rays(self, pixels: FloatArray) -> FloatArray:
         bearing = (pixels[:, 0] - self.cx) / self.fx

@@ -12,13 +12,13 @@ from visual_servo_epipolar.core.mapping import initialization
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY
 from visual_servo_epipolar.core.mapping.initialization import (
+    guess_pose,
     held_views,
     initial_geometry,
     is_rival,
     is_sound,
     is_sure,
     orient_ahead,
-    placed,
     Start,
     triangulate,
 )
@@ -152,5 +152,5 @@ def test_nothing_begins_while_another_geometry_fits_as_well(exact, monkeypatch) 
 def test_a_view_is_looked_for_where_it_was_told_as_far_off_as_its_neighbour() -> None:
     near, told = np.array([0.6, -0.8, 0.1, 0.01, 0.02]), Bearings(-1.4, 2.9)
     expected = [math.cos(-1.4), math.sin(-1.4), told.heading_error, 0.01, 0.02]
-    assert placed(near, told) == pytest.approx(np.array(expected))
-    assert placed(near, None).tolist() == near.tolist()
+    assert guess_pose(near, told) == pytest.approx(np.array(expected))
+    assert guess_pose(near, None).tolist() == near.tolist()

@@ -8,8 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, packed
 from visual_servo_epipolar.core.cameras.intrinsics import (
-    intrinsic_matrix,
-    refuse_impossible,
+    ImageIntrinsics,
     ROUND_TRIP_PX,
     sheared,
 )
@@ -24,9 +23,9 @@ TOLERANCE = 1e-14  # of the angle [rad]
 
 
 @dataclass(frozen=True, slots=True)
-class Equidistant:
+class Equidistant(ImageIntrinsics):
     """
-    Intrinsics of a fisheye lens: image size [px], focal lengths and principal point [px], skew.
+    Fisheye lens.
 
     A ray at theta from the axis is imaged at theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8)
     from the principal point, in focal lengths; ``distortion`` is k1 to k4, or nothing for zeros.
@@ -34,34 +33,15 @@ class Equidistant:
     OpenCV's fisheye functions clamp at 90 deg, and fold what is behind to the other side.
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: tuple[float, ...] = ()
     distortion_model: str = 'equidistant'
-    skew: float = 0.0
 
     def __post_init__(self) -> None:
-        others = (self.cx, self.cy, self.skew, *self.distortion)
-        refuse_impossible((self.width, self.height), (self.fx, self.fy), others)
+        ImageIntrinsics.__post_init__(self)  # super() does not know a class with slots
         if len(self.distortion) not in COEFFICIENTS:
             raise ValueError(
                 f'an equidistant lens must have 4 coefficients, got {len(self.distortion)}; '
                 'calibrate it as a fisheye'
             )
-
-    @property
-    def matrix(self) -> FloatArray:
-        """Scale and centre of the image as K of CameraInfo has them, (3, 3): no pinhole's."""
-        return intrinsic_matrix(self)
-
-    @property
-    def focal(self) -> float:
-        """Pixels per rad at the centre."""
-        return math.sqrt(self.fx * self.fy)
 
     @property
     def lens(self) -> str:
@@ -128,12 +108,6 @@ class Equidistant:
         # sin(theta) / theta_d, which is 1 on the axis
         ratio = np.sinc(theta / math.pi) / _growth(theta, self.distortion)
         return np.asarray(np.sqrt(ratio / _slope(theta, self.distortion)) / self.focal)
-
-    def contains(self, pixels: FloatArray, *, margin: float = 0.0) -> BoolArray:
-        """Return which ``pixels``, shape (N, 2), lie in the image, ``margin`` [px] inside."""
-        u, v = pixels[:, 0], pixels[:, 1]
-        inside_u = (u >= margin) & (u <= self.width - 1 - margin)
-        return np.asarray(inside_u & (v >= margin) & (v <= self.height - 1 - margin))
 
 
 def _growth(theta: FloatArray, distortion: tuple[float, ...]) -> FloatArray:

@@ -1,50 +1,75 @@
 """Intrinsics: K as calibrations and CameraInfo write it, and what no camera is."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.cameras.model import Intrinsics
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 
 ROUND_TRIP_PX = 0.1  # that a pixel may be off where it comes back: half of what tracking is
 ZERO_PX, ZERO_PER_PX = 1e-6, 1e-9  # what rounding leaves where K has a zero
 ZERO_SHARE = 1e-9  # the same where it has a one, of the largest number
 
 
-def intrinsic_matrix(camera: Intrinsics) -> FloatArray:
-    """Return K, shape (3, 3)."""
-    return np.array(
-        [[camera.fx, camera.skew, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]]
-    )
+@dataclass(frozen=True, slots=True)
+class ImageIntrinsics:
+    """
+    What cameras are made of: image size, focal lengths, principal point [px], distortion, skew.
+
+    ``skew`` s is K[1]: u = fx x + s y + cx [px], behind the distortion. Pixel coordinates (u, v)
+    are OpenCV's: u right, v down, integers at pixel centres.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+    distortion_model: str = ''
+    skew: float = 0.0
+
+    def __post_init__(self) -> None:
+        if min(self.width, self.height) < 1:
+            raise ValueError(
+                f'image size must be positive, got {self.width}x{self.height}; '
+                'check width and height of the CameraInfo'
+            )
+        intrinsics = (self.fx, self.fy, self.cx, self.cy, self.skew, *self.distortion)
+        if not all(math.isfinite(value) for value in intrinsics):
+            raise ValueError(f'intrinsics must be finite, got {intrinsics}; calibrate the camera')
+        if min(self.fx, self.fy) <= 0.0:
+            raise ValueError(
+                f'focal lengths must be positive, got fx {self.fx} and fy {self.fy} px: '
+                'K[0] = 0 means an uncalibrated camera; calibrate it and set its CameraInfo'
+            )
+
+    @property
+    def matrix(self) -> FloatArray:
+        """K as CameraInfo has it, shape (3, 3): the intrinsic matrix of a pinhole (eq. 2)."""
+        return np.array([[self.fx, self.skew, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def focal(self) -> float:
+        """Pixels per rad at the centre."""
+        return math.sqrt(self.fx * self.fy)
+
+    def contains(self, pixels: FloatArray, *, margin: float = 0.0) -> BoolArray:
+        """Return which ``pixels``, shape (N, 2), lie in the image, ``margin`` [px] inside."""
+        u, v = pixels[:, 0], pixels[:, 1]
+        inside_u = (u >= margin) & (u <= self.width - 1 - margin)
+        return np.asarray(inside_u & (v >= margin) & (v <= self.height - 1 - margin))
 
 
-def sheared(camera: Intrinsics, pixels: FloatArray, skew: float) -> FloatArray:
+def sheared(camera: ImageIntrinsics, pixels: FloatArray, skew: float) -> FloatArray:
     """Return ``pixels``, shape (N, 2), with ``skew`` [px], that of the camera or its opposite."""
     if skew == 0.0:
         return pixels
     u, v = pixels[:, 0], pixels[:, 1]
     return np.column_stack([u + (v - camera.cy) * (skew / camera.fy), v])
-
-
-def refuse_impossible(
-    size: tuple[int, int], focal: tuple[float, float], others: Sequence[float]
-) -> None:
-    """Raise ValueError for a size of the image, focal lengths or numbers that cannot be."""
-    if min(size) < 1:
-        raise ValueError(
-            f'image size must be positive, got {size[0]}x{size[1]}; '
-            'check width and height of the CameraInfo'
-        )
-    intrinsics = (*focal, *others)
-    if not all(math.isfinite(value) for value in intrinsics):
-        raise ValueError(f'intrinsics must be finite, got {intrinsics}; calibrate the camera')
-    if min(focal) <= 0.0:
-        raise ValueError(
-            f'focal lengths must be positive, got fx {focal[0]} and fy {focal[1]} px: '
-            'K[0] = 0 means an uncalibrated camera; calibrate it and set its CameraInfo'
-        )
 
 
 def checked_matrix(numbers: Sequence[float], name: str = 'K') -> FloatArray:

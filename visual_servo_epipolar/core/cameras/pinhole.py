@@ -9,8 +9,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray
 from visual_servo_epipolar.core.cameras.intrinsics import (
-    intrinsic_matrix,
-    refuse_impossible,
+    ImageIntrinsics,
     ROUND_TRIP_PX,
     sheared,
 )
@@ -29,30 +28,19 @@ DISTORTION_MODELS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Camera:
+class Camera(ImageIntrinsics):
     """
-    Intrinsics of a camera: image size [px], focal lengths and principal point [px], distortion.
+    Pinhole camera with the distortion models of CameraInfo.
 
-    ``skew`` s is K[1]: u = fx x + s y + cx [px], behind the distortion. Pixel coordinates (u, v)
-    are OpenCV's: u right, v down, integers at pixel centres. Camera axes: x right, y down, z
-    forward. ``rays`` and ``pixels`` speak of directions, unit vectors (x, y, z), as those of every
-    ``CameraModel`` do. ``matrix``, ``image_points`` and ``pixels_of``
-    speak of image-plane points (x/z, y/z), which only a pinhole has.
+    Camera axes: x right, y down, z forward. ``rays`` and ``pixels`` speak of directions, unit
+    vectors (x, y, z), as those of every ``CameraModel`` do; ``image_points`` and ``pixels_of`` of
+    image-plane points (x/z, y/z), which only a pinhole has.
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: tuple[float, ...] = ()
     distortion_model: str = 'plumb_bob'
-    skew: float = 0.0
 
     def __post_init__(self) -> None:
-        others = (self.cx, self.cy, self.skew, *self.distortion)
-        refuse_impossible((self.width, self.height), (self.fx, self.fy), others)
+        ImageIntrinsics.__post_init__(self)  # super() does not know a class with slots
         allowed = DISTORTION_MODELS.get(self.distortion_model)
         if allowed is None or len(self.distortion) not in allowed:
             raise ValueError(
@@ -60,16 +48,6 @@ class Camera:
                 f'or equidistant (4), got {self.distortion_model!r:.40} with '
                 f'{len(self.distortion)}; rectify the images first'
             )
-
-    @property
-    def matrix(self) -> FloatArray:
-        """Intrinsic matrix K, shape (3, 3) (eq. 2)."""
-        return intrinsic_matrix(self)
-
-    @property
-    def focal(self) -> float:
-        """Pixels per rad at the centre."""
-        return math.sqrt(self.fx * self.fy)
 
     @property
     def lens(self) -> str:
@@ -169,12 +147,6 @@ class Camera:
         )
         area = right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0]  # of a pixel, without: fx fy
         return np.asarray(resolution * np.sqrt(self.fx * self.fy / np.abs(area)))
-
-    def contains(self, pixels: FloatArray, *, margin: float = 0.0) -> BoolArray:
-        """Return which ``pixels``, shape (N, 2), lie in the image, ``margin`` [px] inside."""
-        u, v = pixels[:, 0], pixels[:, 1]
-        inside_u = (u >= margin) & (u <= self.width - 1 - margin)
-        return np.asarray(inside_u & (v >= margin) & (v <= self.height - 1 - margin))
 
 
 def _undistort(pixels: FloatArray, matrix: FloatArray, distortion: FloatArray) -> FloatArray:

@@ -1,7 +1,8 @@
 """
-Memory of views: what was seen on the way, as one geometry of views and features.
+Mapping: keyframes and the features in them, as one geometry, adjusted while driving.
 
-Two views know nothing where their baseline ends. Here well-spread views (keyframes), the depths of
-the photograph's features and the attitude of the camera are estimated together (a sliding window
-of bundle adjustment), and each new view by resection on that structure, as sure as it is.
+Two views lose their information where the baseline between them ends. Here keyframes along the
+way, the inverse depths of features and the attitude of the camera are estimated together, in a
+sliding window of bundle adjustment; each new view is localized in that map, as surely as the map
+is known. Docking adds the driven path to the same adjustment.
 """

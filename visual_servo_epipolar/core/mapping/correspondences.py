@@ -1,5 +1,5 @@
 """
-Correspondences: which features of a view are remembered, and what is known of those.
+Correspondences: which features of a view are in the map, and what is known of those.
 
 They are the same for all views of the same features, as most are of the one before; what belongs
 to them is looked up once.

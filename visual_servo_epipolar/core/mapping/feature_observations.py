@@ -1,4 +1,4 @@
-"""What one view shows of features, and what is settled of the memory."""
+"""Feature observations: what one view shows of features; settings of the map."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -94,11 +94,11 @@ def _checked(array: Any, name: str, shape: tuple[int, int]) -> FloatArray:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapSettings:
     """
-    Bounds of the memory.
+    Bounds of the map.
 
     ``keyframes`` and ``features`` that it holds at most; ``steps``, iterations a frame when a
     keyframe is new; ``keyframe_spacing``, the least way between keyframes, in depths of the scene;
-    ``scale_deviation`` of the logarithm of the true way over the one that was told.
+    ``scale_deviation`` of the logarithm of the true way over the commanded or measured one.
     """
 
     keyframes: int = 14

@@ -39,7 +39,7 @@ EVERY = VIEW + 1  # element of a matrix, (5, 5), is one of its diagonal
 
 @dataclass(frozen=True, eq=False)
 class MatchedFeatures:
-    """What a view shows of features that are remembered: ``rows``, (n,), of the structure."""
+    """What a view shows of features of the map: ``rows``, (n,), of the structure."""
 
     rows: IntArray
     rays: FloatArray  # (3, n)
@@ -69,8 +69,8 @@ class Anchors:
     @cached_property
     def known(self) -> tuple[FloatArray, FloatArray]:
         """Information of tilt and roll, (2,), and of all unknowns of a view, (5,)."""
-        told = self.deviation**-2
-        return told, np.concatenate([np.zeros(TILT), told]) + RIDGE
+        information = self.deviation**-2
+        return information, np.concatenate([np.zeros(TILT), information]) + RIDGE
 
 
 class PoseFit(NamedTuple):
@@ -108,7 +108,7 @@ class _Slopes(NamedTuple):
 
     every: FloatArray  # by all unknowns, (11, 2, n)
     own: FloatArray
-    told: FloatArray  # inverted covariances of residuals, (2, 2, n)
+    information: FloatArray  # inverted covariances of residuals, (2, 2, n)
     weighted: FloatArray  # slopes times those
 
 
@@ -116,8 +116,9 @@ def _slopes(
     anchors: Anchors, seen: MatchedFeatures, pose: FloatArray, projection: Projection
 ) -> _Slopes:
     found = slopes(anchors.structure, pose, seen.tangent_basis, projection)
-    told = _information(found[BY_FEATURE], anchors.covariance)
-    return _Slopes(found, found[BY_VIEW], told, _times(told, found[BY_VIEW]))
+    information = _information(found[BY_FEATURE], anchors.covariance)
+    weighted = _times(information, found[BY_VIEW])
+    return _Slopes(found, found[BY_VIEW], information, weighted)
 
 
 def fit_pose(anchors: Anchors, seen: MatchedFeatures, start: FloatArray) -> PoseFit:
@@ -131,9 +132,9 @@ def fit_pose(anchors: Anchors, seen: MatchedFeatures, start: FloatArray) -> Pose
         residuals = projection.residuals
         if at is None:
             at, farthest = _slopes(anchors, seen, pose, projection), 0.0
-        told = _times(at.told, residuals)
-        told *= residuals
-        squares = np.where(is_ahead(projection, seen.rays), told[0] + told[1], OPPOSITE)
+        products = _times(at.information, residuals)
+        products *= residuals
+        squares = np.where(is_ahead(projection, seen.rays), products[0] + products[1], OPPOSITE)
         widening = max(1.0, median(squares) / USUAL_MEDIAN)
         weight = robust_weight(squares if widening == 1.0 else squares / widening)
         rows = (at.weighted * weight).reshape(VIEW, -1)

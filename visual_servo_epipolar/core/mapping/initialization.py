@@ -1,4 +1,4 @@
-"""Initialization: the first geometry of the window, from what two views told."""
+"""Initialization: the first geometry of the window, from the bearings of two views."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -39,7 +39,7 @@ STEPS, MORE_STEPS, ROUNDS = 2, 6, 6
 ALMOST = 1.5  # times the usual squares: as good as there
 COLD_DAMPING = 1e-3
 VOTE = 3.0  # most deviations of an inverse depth that count for its sign
-MOST_NOISE = 2.0  # of residuals over the noise that was told: else it is the wrong geometry
+MOST_NOISE = 2.0  # of residuals over the noise that is expected: else it is the wrong geometry
 DECISIVE = 16.0  # of cost, by which one geometry must fit better than another
 ALIKE = 0.05  # direction of the last view, up to which they are the same [rad]
 FIRST_TRUSTED = 0.6  # of the features to begin with: a wrong plane fits half of them
@@ -109,7 +109,7 @@ def _narrowed(at: Evaluation) -> Geometry:
 
 
 def refine_narrowing(at: Evaluation) -> tuple[Evaluation, float]:
-    """Return the geometry refined while outliers are told ever more strictly, and its damping."""
+    """Return the geometry refined while the bound for outliers narrows, and its damping."""
     damping = COLD_DAMPING
     for _ in range(ROUNDS):
         seen = at.window.seen
@@ -186,7 +186,7 @@ def _of_held_views(geometry: Geometry, scale_deviation: float) -> Geometry:
 
 def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Unknowns:
     """Return all views by features whose depths are those that one of them shows."""
-    told = {it.view: it.bearings for it in starts}
+    bearings = {it.view: it.bearings for it in starts}
     attitude = np.array([start.attitude.tilt, start.attitude.roll])
     psi, heading = start.bearings.psi, start.bearings.heading_error
     views = np.zeros((len(window), VIEW))
@@ -204,7 +204,7 @@ def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Un
     order = [*range(start.view + 1, len(window)), *range(start.view - 1, -1, -1)]
     for k in order:
         neighbour = k - 1 if k > start.view else k + 1
-        views[k] = placed(views[neighbour], told.get(k))
+        views[k] = guess_pose(views[neighbour], bearings.get(k))
         rows = np.flatnonzero(window.seen[k] & window.seen[start.view])
         if len(rows) >= MIN_POINTS:
             seen = MatchedFeatures(
@@ -224,13 +224,13 @@ def shared_at(attitude: FloatArray) -> FloatArray:
     return shared
 
 
-def placed(near: FloatArray, told: Bearings | None) -> FloatArray:
-    """Return where a view may be that is as far off as one ``near``, by what it was ``told``."""
+def guess_pose(near: FloatArray, bearings: Bearings | None) -> FloatArray:
+    """Return where a view may be that is as far off as one ``near``, by its ``bearings``."""
     view = near.copy()
-    if told is not None:
+    if bearings is not None:
         distance = np.hypot(near[0], near[1])
-        view[:2] = distance * np.cos(told.psi), distance * np.sin(told.psi)
-        view[2] = told.heading_error
+        view[:2] = distance * np.cos(bearings.psi), distance * np.sin(bearings.psi)
+        view[2] = bearings.heading_error
     return np.asarray(view)
 
 
@@ -245,7 +245,7 @@ def triangulate(window: Window, unknowns: Unknowns, views: BoolArray) -> FloatAr
     places = turns_of(chosen, structure.stretch) @ points_of(moved, chosen)
     by_near = (tangent_basis * places[:, None]).sum(2)
     weight = window.seen[views][:, None]
-    told = (weight * by_near * by_near).sum((0, 1))
-    near = -(weight * by_near * far).sum((0, 1)) / np.maximum(told, 1.0)
+    information = (weight * by_near * by_near).sum((0, 1))
+    near = -(weight * by_near * far).sum((0, 1)) / np.maximum(information, 1.0)
     reach = np.hypot(chosen[:, 0], chosen[:, 1]).max()
     return np.asarray(np.clip(near, 1e-3 / reach, 1.0 / (LEAST_DEPTH * reach)))

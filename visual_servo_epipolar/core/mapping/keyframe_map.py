@@ -34,8 +34,8 @@ from visual_servo_epipolar.core.mapping.selection import (
 )
 from visual_servo_epipolar.core.values import changed
 
-MIN_AGREEING = 5  # of remembered features that agree
-MIN_SHARE = 0.5  # of the remembered features in view that agree
+MIN_AGREEING = 5  # of features of the map that agree
+MIN_SHARE = 0.5  # of the map's features in view that agree
 MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
 
 
@@ -69,7 +69,7 @@ class KeyframeMap:
     def with_alternative(self, settings: MapSettings) -> 'KeyframeMap':
         """Return the same map by the alternative motion: at another scale."""
         before = self.update_map()
-        memory = replace(
+        other = replace(
             before,
             settings=settings,
             window=before.window.with_alternative,
@@ -77,12 +77,12 @@ class KeyframeMap:
             places=before.places[::-1],
         )
         if before.geometry is None:
-            return memory
-        geometry, ratio = rescale(before.geometry, memory.window, settings.scale_deviation)
+            return other
+        geometry, ratio = rescale(before.geometry, other.window, settings.scale_deviation)
         if before.pose is None:
-            return replace(memory, geometry=geometry)
+            return replace(other, geometry=geometry)
         pose = np.concatenate([ratio * before.pose[:HEADING], before.pose[HEADING:]])
-        return replace(memory, geometry=geometry, pose=pose)
+        return replace(other, geometry=geometry, pose=pose)
 
     @property
     def wrong(self) -> tuple[int, ...]:
@@ -126,29 +126,29 @@ class KeyframeMap:
         heading = 0.0 if before.pose is None else float(before.pose[2])
         way = _turned(np.zeros(2) if motion is None else motion, heading)
         other = way if alternative_motion is None else _turned(alternative_motion, heading)
-        memory = changed(before, places=before.places + [way, other])
-        if memory.geometry is not None:
-            return memory._localize(memory.geometry, observations, learns)
+        after = changed(before, places=before.places + [way, other])
+        if after.geometry is not None:
+            return after._localize(after.geometry, observations, learns)
         if not learns:
-            return memory, MapLocalization('nothing is remembered to hold the view against')
+            return after, MapLocalization('nothing is remembered to hold the view against')
         shown = observations.take(observations.shown)
-        return memory._begin(shown, bearings, attitude or self.mount)
+        return after._begin(shown, bearings, attitude or self.mount)
 
     def update_map(self) -> 'KeyframeMap':
         """Return the map with what the last view adds: the first geometry, or a better one."""
         if self.bootstrap.is_due:
-            memory = self._initialize()
+            after = self._initialize()
         elif self.pending is not None and self.geometry is not None:
-            memory = changed(self, pending=None)._with_keyframe(self.geometry, self.pending)
+            after = changed(self, pending=None)._with_keyframe(self.geometry, self.pending)
         else:
             return self
-        geometry, before = memory.geometry, memory.correspondences
+        geometry, before = after.geometry, after.correspondences
         if geometry is None:
-            return memory
+            return after
         geometry.prepare()
         if before is None or before.geometry is geometry:
-            return memory
-        return changed(memory, correspondences=correspondences_of(geometry, before.ids))
+            return after
+        return changed(after, correspondences=correspondences_of(geometry, before.ids))
 
     def _begin(
         self, observations: FeatureObservations, bearings: Sequence[Bearings], attitude: Attitude

@@ -1,4 +1,4 @@
-"""Recollection: what the memory says of one view."""
+"""Localization of one view in the map: its pose, and where the features are."""
 
 from dataclasses import dataclass, field
 import math
@@ -119,7 +119,7 @@ def seen_rays(structure: Structure, pose: FloatArray) -> FloatArray:
 
 
 def localization_of(resection: Resection, by: Correspondences) -> MapLocalization:
-    """Return what is remembered of a view that was resected ``by`` its correspondences."""
+    """Return the localization of a view that was resected ``by`` its correspondences."""
     geometry, inliers = by.geometry, by.known.copy()
     inliers[by.known] = resection.inliers
     return MapLocalization(

@@ -1,4 +1,4 @@
-"""Reading: a recollection in the terms of a measurement."""
+"""Map measurement: the localization of a view in the terms of a measurement."""
 
 from dataclasses import dataclass
 import math
@@ -16,7 +16,7 @@ LEAST_AHEAD = 0.1  # cosine off the axis, below which a feature has no image poi
 @dataclass(frozen=True, slots=True, eq=False)
 class MapMeasurement:
     """
-    What a view's recollection says in the terms of a measurement.
+    Localization of a view in the terms of a measurement.
 
     ``bearings`` of the cameras, None at the goal itself, with their ``covariance``, (2, 2)
     [rad^2], which grows without bound towards it; ``lateral`` and ``longitudinal`` offset (right,
@@ -50,7 +50,7 @@ class MapMeasurement:
 
 
 def map_measurement_of(said: MapLocalization, slope: float) -> MapMeasurement:
-    """Return what a recollection says, where D has a ``slope`` by the longitudinal offset."""
+    """Return the measurement by a localization; D has a ``slope`` by the longitudinal offset."""
     covariance = said.bearings_covariance
     own = said.own.ravel()[:: len(said.own) + 1][: HEADING + 1].tolist()
     lateral, longitudinal, heading_error = said.pose[: HEADING + 1].tolist()

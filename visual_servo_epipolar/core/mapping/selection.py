@@ -28,7 +28,7 @@ from visual_servo_epipolar.core.mapping.feature_observations import (
 from visual_servo_epipolar.core.mapping.initialization import triangulate
 from visual_servo_epipolar.core.mapping.resection import Resection
 
-NEW_SHARE = 0.1  # of the observations of a view that are of features not remembered
+NEW_SHARE = 0.1  # of the observations of a view that are of features not in the map
 FEWEST_NEW = 3
 MIN_KEYFRAME_FEATURES = 8
 GUESSED_DEPTHS = 1.5  # of the scene, at which what was seen once is looked for
@@ -44,7 +44,7 @@ class PendingKeyframe(NamedTuple):
 
     @property
     def new(self) -> int:
-        """Number of the photograph's features that are not remembered."""
+        """Number of the photograph's features that are not in the map."""
         return int(np.count_nonzero((self.correspondences.rows < 0) & self.observations.shown))
 
 

@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.mapping.adjustment.window import (
 )
 
 LEAST_JITTER = 1e-4  # [rad]
-UNKNOWN_SCALE = 1.0  # deviation of the logarithm of a scale that nobody told
+UNKNOWN_SCALE = 1.0  # deviation of the logarithm of an unknown scale
 LAG = 0.02  # way by which a base may be behind its commands [m]
 LEAST_WAY = 1e-9  # [m]
 LENS_DEVIATION = 0.03  # of the logarithm of a focal length that somebody measured
@@ -34,7 +34,7 @@ class Factors:
 
     ``mount`` is the belief of the camera's attitude: that of each view, and of the photograph,
     differs from it by what the floor does (``mount.jitter``). The scale is one number: the ``way``
-    from keyframe to keyframe as it was told [m] against that of the geometry, to
+    from keyframe to keyframe as commanded or measured [m] against that of the geometry, to
     ``scale_deviation``, infinite where something else tells it. Images tell nothing of it, so it
     tells nothing but itself. The logarithm of the focal length is known to ``lens_deviation``.
     """
@@ -82,19 +82,19 @@ class Factors:
         steps = np.diff(unknowns.views[:, :2], axis=0)
         ways = np.hypot(steps[:, 0], steps[:, 1])
         whole = max(float(ways.sum()), LEAST_WAY)
-        told = self.way if self.way > LEAST_WAY else whole
+        expected = self.way if self.way > LEAST_WAY else whole
         directions = steps / np.maximum(ways, LEAST_WAY)[:, None]
-        return math.log(whole / told) / self.scale_deviation, directions, whole
+        return math.log(whole / expected) / self.scale_deviation, directions, whole
 
     def at_scale(self, unknowns: Unknowns) -> Unknowns:
-        """Return the same geometry as large as the way that was told: images cannot tell."""
+        """Return the same geometry as large as the driven way makes it: images cannot tell."""
         return unknowns.scaled(self.ratio(unknowns))
 
     def ratio(self, unknowns: Unknowns) -> float:
-        """Return how many times as large the geometry is by the way that was told."""
+        """Return how many times as large the geometry is by the driven way."""
         residual, _, whole = self._scale(unknowns)
-        told = whole > LEAST_WAY and math.isfinite(self.scale_deviation)
-        return math.exp(-residual * self.scale_deviation) if told else 1.0
+        is_known = whole > LEAST_WAY and math.isfinite(self.scale_deviation)
+        return math.exp(-residual * self.scale_deviation) if is_known else 1.0
 
     def cost(self, unknowns: Unknowns) -> float:
         """Return the sum of squares, in deviations."""
@@ -119,7 +119,7 @@ class Factors:
 
 
 def factors_of(mount: Attitude, window: Window, scale_deviation: float) -> Factors:
-    """Return the factors of a ``window``; without a way that was told the scale is a guess."""
+    """Return the factors of a ``window``; without a driven way the scale is a guess."""
     way = float(window.ways.sum())
     known = math.isfinite(way) and way > LEAST_WAY
     deviation = math.hypot(scale_deviation, LAG / way) if known else UNKNOWN_SCALE

@@ -59,8 +59,8 @@ class PathFactors(Factors):
 
     def residuals(self, unknowns: Unknowns) -> FloatArray:
         """Return the residuals of the path and of the prior, (3 K + 1,), in deviations."""
-        told = (unknowns.shared[SHARED:] - self.prior) / self.deviations
-        return np.concatenate([self.path_residuals(unknowns).ravel(), told])
+        added = (unknowns.shared[SHARED:] - self.prior) / self.deviations
+        return np.concatenate([self.path_residuals(unknowns).ravel(), added])
 
     def slopes(self, unknowns: Unknowns) -> FloatArray:
         """Return the derivatives of the residuals of path and prior, (3 K + 1, 5 K + 9)."""

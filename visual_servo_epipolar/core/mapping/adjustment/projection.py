@@ -31,7 +31,7 @@ class Structure(NamedTuple):
     """
     Features in upright axes of the photograph: ``rays``, (3, N), and by unknowns, (3, 5, N).
 
-    ``stretch`` is the focal length over the one that was told: by so much farther from the centre
+    ``stretch`` is the focal length over the calibrated one: by so much farther from the centre
     of the image a camera sees them.
     """
 

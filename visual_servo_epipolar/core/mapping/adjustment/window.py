@@ -1,5 +1,5 @@
 """
-Window: the keyframes of the memory and the features in them, and the values of all unknowns.
+Window: the keyframes of the map and the features in them, and the values of all unknowns.
 
 Arrays run over views k, features n and components, features last: (K, ..., N).
 """
@@ -79,7 +79,7 @@ class Window:
 
     @property
     def with_alternative(self) -> 'Window':
-        """The same window for who believes the other account of the way."""
+        """The same window by the alternative motion."""
         return replace(
             self, driven_places=self.alternative_places, alternative_places=self.driven_places
         )
@@ -175,7 +175,7 @@ class Unknowns:
 
     ``views``, (K, 5): x (right) and y (ahead) of the camera in the plane of the photograph's [m],
     heading error (left positive), tilt and roll [rad]; ``shared``, (5,): tilt and roll of the
-    photograph, the logarithm of the focal length over the one that was told, tilt and roll of the
+    photograph, the logarithm of the focal length over the calibrated one, tilt and roll of the
     camera where the floor is even, then what factors add; ``offsets``, (2, N), of the
     photograph's rays in deviations; ``inverse_depth``, (N,), inverse depths along them [1/m].
     """
