@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.laws.phases.lines import leads_home
 from visual_servo_epipolar.core.laws.registry import phase_row, sentence
 from visual_servo_epipolar.core.laws.two_steps import FULL, TWO_STEPS
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.anticipation import goal_distance
+from visual_servo_epipolar.core.servo.prediction import goal_distance
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.report.style import phase_colour

@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import decided
+from visual_servo_epipolar.core.servo.step import decide
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import event_log, read
@@ -212,7 +212,7 @@ class ServoNode(ManagedNode):
             self._warn(unusable)
         observation = self._wheels.told(observe(features, camera, read.stamp_ns(message.header)))
         age = self._commands.age
-        state = decided(self._state, observation, self._settings, since_command=age)
+        state = decide(self._state, observation, self._settings, since_command=age)
         if unusable and state.phase is Phase.HOLDING:
             state = state.changed(reason=unusable)
         self._run.advance(state, observation.stamp_ns, message.header.frame_id)

@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import advance, learnt, step
+from visual_servo_epipolar.core.servo.step import advance, step, update_map
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
 from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, period_ns, RunMonitor
@@ -67,7 +67,7 @@ class Loop:
 
     def decide(self, perception: Perception) -> None:
         """Take in what was perceived; its noise is learnt with the next perception of all."""
-        self._state = learnt(advance(self._state, perception, self._servo), noise=False)
+        self._state = update_map(advance(self._state, perception, self._servo), noise=False)
 
     def decide_by(self, control: Step) -> None:
         """Look, and let ``control`` take it in."""

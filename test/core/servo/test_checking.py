@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.checking import driven_off_by, parallax_of_way
+from visual_servo_epipolar.core.servo.checking import check_lens, parallax_of_way
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 
@@ -74,8 +74,8 @@ def test_a_retreat_is_not_begun_by_such_a_focal_length_either() -> None:
     seen = [through_lens(blurred(rays, 0.2 / 769.0, rng), 2.0) for rays in views]
     wrong = Observation(10**8, *seen, 0.5 * 769.0)
     driving = in_phase(Phase.ZEROING_EPIPOLES, measurement=sight())
-    state, event = driven_off_by(driving, wrong, Event.SIDEWAYS, SETTINGS)
+    state, event = check_lens(driving, wrong, Event.SIDEWAYS, SETTINGS)
     assert event is Event.LOST
     assert state.measurement is not None
     assert state.measurement.reason.startswith('the matches contradict the camera')
-    assert driven_off_by(driving, wrong, Event.ALIGNED, SETTINGS) == (driving, Event.ALIGNED)
+    assert check_lens(driving, wrong, Event.ALIGNED, SETTINGS) == (driving, Event.ALIGNED)

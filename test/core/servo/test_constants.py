@@ -10,16 +10,16 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.arrival import has_parallax
+from visual_servo_epipolar.core.odometry.ranging import Leg
+from visual_servo_epipolar.core.servo.dead_reckoning import measured_range
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.identification.extrinsics import (
     CORRELATION,
-    learnt,
     moved,
     PSI,
+    update_extrinsics,
 )
-from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.step import _beyond_dead_band, _limited
-from visual_servo_epipolar.core.servo.way import measured_range
 
 
 @pytest.mark.parametrize(('deviations', 'seen'), [(1.20, False), (1.30, True)])
@@ -66,7 +66,8 @@ def test_an_uncertain_line_of_sight_has_to_turn_farther(deviation: float, known:
     state = in_phase(Phase.ZEROING_EPIPOLES).changed(last_linear=0.4)
     moving = state.changed(command=replace(state.command, twist=Twist(0.4, 0.0)))
     ranges = [
-        measured_range(moving, there, Leg(BEARINGS.psi + turn, 0.1, 0.1)) for turn in (-0.1, 0.1)
+        measured_range(moving, there, Leg(BEARINGS.psi + turn, 0.1, 0.1), 0.4)
+        for turn in (-0.1, 0.1)
     ]
     assert any(value is not None for value in ranges) == known
 
@@ -141,7 +142,7 @@ def test_a_bearing_six_deviations_off_begins_the_path_anew(deviations: float, fa
     variance = there.covariance[PSI, PSI] + CORRELATION * deviation**2
     psi = float(there.mean[PSI]) + deviations * math.sqrt(variance)
     odd = sight(bearings=Bearings(psi, psi - BEARINGS.psi + BEARINGS.phi), deviation=deviation)
-    after = learnt(before, odd, 0.05, missed=False)
+    after = update_extrinsics(before, odd, 0.05, missed=False)
     assert after.contradictions == faults
 
 

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES, TUR
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.update import updated
+from visual_servo_epipolar.core.servo.update import update
 
 THERE = sight()
 
@@ -42,7 +42,7 @@ def test_who_never_drove_goes_on_soon() -> None:
 
 def seen(state: ServoState, **changes: object) -> float:
     measurement = sight(2, **changes)
-    return updated(
+    return update(
         state, Perception(measurement, fresh_memory(SETTINGS)), 0.1, SETTINGS
     ).view.trusted_heading
 

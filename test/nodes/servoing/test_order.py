@@ -12,7 +12,7 @@ def test_the_twist_goes_out_before_the_reports_and_before_anything_is_learnt(
     bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls: list[str] = []
-    for owner, name in ((Commands, 'answer'), (Reports, 'step'), (run, 'learnt')):
+    for owner, name in ((Commands, 'answer'), (Reports, 'step'), (run, 'update_map')):
         kept = getattr(owner, name)
 
         def noted(*values: object, kept=kept, name: str = name) -> object:
@@ -22,5 +22,5 @@ def test_the_twist_goes_out_before_the_reports_and_before_anything_is_learnt(
         monkeypatch.setattr(owner, name, noted)
     rig = Rig(bench)
     rig.send(tracks())
-    bench.until(lambda: 'learnt' in calls, 'the tracks to lead to a step')
-    assert calls[:3] == ['answer', 'step', 'learnt']
+    bench.until(lambda: 'update_map' in calls, 'the tracks to lead to a step')
+    assert calls[:3] == ['answer', 'step', 'update_map']

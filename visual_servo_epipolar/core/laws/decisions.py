@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.laws.phases.bounds import FACING
 from visual_servo_epipolar.core.laws.phases.conditions import sees_too_little
 from visual_servo_epipolar.core.laws.timing import has_timed_out, usual_step
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.anticipation import anticipated
+from visual_servo_epipolar.core.servo.prediction import predicted
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
@@ -70,7 +70,7 @@ def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     if not _is_settled(state, settings):
         return False
     # Commands that have not acted yet must not lead away again.
-    ahead = anticipated(state, settings)
+    ahead = predicted(state, settings)
     return ahead is state or _is_settled(ahead, settings)
 
 

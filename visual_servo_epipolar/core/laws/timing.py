@@ -21,7 +21,7 @@ def interval(earlier_ns: int, later_ns: int) -> float:
     return min(max(seconds_between(earlier_ns, later_ns), 0.0), MAX_STEP_S)
 
 
-def leap(state: ServoState, stamp_ns: int, settings: ServoSettings) -> str:
+def clock_jump(state: ServoState, stamp_ns: int, settings: ServoSettings) -> str:
     """
     Return in words how the stamps leap to ``stamp_ns`` from the last image; empty if they do not.
 
@@ -43,7 +43,7 @@ def usual_step(state: ServoState) -> float:
     return state.view.period if state.view.period > 0.0 else USUAL_STEP_S
 
 
-def after_leap(state: ServoState, stamp_ns: int) -> ServoState:
+def after_clock_jump(state: ServoState, stamp_ns: int) -> ServoState:
     """Return ``state`` by the clock that leapt to ``stamp_ns``: one usual period has passed."""
     if state.measurement is None:
         return state

@@ -163,7 +163,7 @@ def _validated_estimates(stack: _Stack) -> list[ValidatedEstimate]:
         if reason
     }
     for k, view in enumerate(stack.views):
-        if k not in results and view.memory.spared:
+        if k not in results and view.memory.two_view_skip:
             results[k] = ValidatedEstimate(view.memory, SPARED)
     apart = [k for k in range(len(stack.views)) if k not in results]
     if apart:
@@ -248,7 +248,7 @@ def _measures(stack: _Stack, estimates: Sequence[ValidatedEstimate]) -> list[Mea
         stack.current, stack.desired, noise / focal, _wide(stack)
     )
     # As ``perceive``: a memory of views knows D.
-    spared = np.array([estimate.memory.spared > 0 for estimate in estimates])
+    spared = np.array([estimate.memory.two_view_skip > 0 for estimate in estimates])
     distances = measures.distances(stack.current, stack.desired)
     columns = (
         _parallaxes(stack, estimates, headings).tolist(),

@@ -55,7 +55,7 @@ def looked_at(
         return before
     memory = before.memory or replace(known, lens=unknown_lens(UNKNOWN))
     memory = replace(
-        memory, bearings=known.bearings, consecutive_rejections=0, spared=0, wrong=None
+        memory, bearings=known.bearings, consecutive_rejections=0, two_view_skip=0, wrong=None
     )
     memory = perceive(observation, uncalibrated(settings), frame, memory).memory
     doubt = _contradiction(memory.lens, observation.focal)

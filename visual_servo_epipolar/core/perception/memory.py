@@ -35,8 +35,8 @@ class PerceptionMemory:
     ``attitude`` is the camera's, calibrated while driving; ``bearings`` the last trusted ones;
     ``noise`` the deviation of a tracked coordinate [px] as the residuals show it;
     ``consecutive_rejections`` counts estimates in a row that contradict ``bearings``; ``lens``
-    is what was learnt of the camera matrix. ``spared`` is how many views to come need no estimate,
-    since a memory of views knows their geometry, and which ``wrong`` matches it found, by id; None
+    is what was learnt of the camera matrix. ``two_view_skip`` is how many views to come need no
+    estimate, since the map knows their geometry, and which ``wrong`` matches it found, by id; None
     where it does not. ``unlearnt`` is the last view, if its noise is yet to be learnt.
     """
 
@@ -45,7 +45,7 @@ class PerceptionMemory:
     bearings: Bearings | None = None
     consecutive_rejections: int = 0
     lens: Lens = CALIBRATED
-    spared: int = 0
+    two_view_skip: int = 0
     wrong: tuple[int, ...] | None = None
     unlearnt: Still | None = field(default=None, compare=False)
 

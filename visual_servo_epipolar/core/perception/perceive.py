@@ -141,7 +141,7 @@ def _measures(
     heading_error = rotation.heading_error if bearings is None else bearings.heading_error
     counted = usual_matches(observation, estimate)
     difference, deviation = math.nan, math.nan
-    if not estimate.memory.spared:
+    if not estimate.memory.two_view_skip:
         difference = _difference(observation, rotation, heading_error, counted, settings)
         deviation = _deviation(observation, estimate.memory)
     return Measures(
@@ -163,7 +163,7 @@ def with_difference(perception: Perception, settings: PerceptionSettings) -> Mea
     computed when that has nothing to say.
     """
     measurement, observation = perception.measurement, perception.observation
-    if observation is None or not perception.memory.spared:
+    if observation is None or not perception.memory.two_view_skip:
         return measurement
     rotation = fit_rotation(observation.current, observation.desired)
     counted = usual_matches(observation, ValidatedEstimate(perception.memory, SPARED))

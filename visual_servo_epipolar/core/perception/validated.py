@@ -61,7 +61,7 @@ def validated_estimate(
     reason = no_baseline(rotation.parallax * observation.focal, settings)
     if reason:
         return without_baseline(observation, rotation.rotation, memory, settings, reason)
-    if memory.spared:
+    if memory.two_view_skip:
         return ValidatedEstimate(memory, SPARED)
     try:
         geometry = estimate(

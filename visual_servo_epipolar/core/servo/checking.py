@@ -15,9 +15,9 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.anticipation import goal_distance
 from visual_servo_epipolar.core.servo.motion.check import Evidence, MotionCheck
 from visual_servo_epipolar.core.servo.motion.view_motion import NOISE_OF_PARALLAX
+from visual_servo_epipolar.core.servo.prediction import goal_distance
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Known, ServoState
 from visual_servo_epipolar.core.values import changed
@@ -26,7 +26,7 @@ AHEAD = 0.5  # sine of the bearing up to which the goal is ahead or behind
 KNOWN_PARALLAX = 3.0  # deviations of a parallax of which a metre shows a part
 
 
-def checked(
+def check_motion(
     state: ServoState, observation: Observation | None, dt: float, settings: ServoSettings
 ) -> ServoState:
     """
@@ -52,7 +52,7 @@ def checked(
     return state.changed(check=motion, known=(before, now))
 
 
-def driven_off_by(
+def check_lens(
     state: ServoState, observation: Observation | None, event: Event, settings: ServoSettings
 ) -> tuple[ServoState, Event]:
     """
@@ -102,7 +102,7 @@ def _undone(state: ServoState, measurement: Measurement) -> ServoState:
         curvature=before.curvature,
         dead_band=before.dead_band,
         delay=before.delay,
-        odometry=replace(before.odometry, stretch=None, pose=state.identified.odometry.pose),
+        odometry=replace(before.odometry, check=None, pose=state.identified.odometry.pose),
         straight=None,
         leg=None,
     )

@@ -203,6 +203,11 @@ class ServoSettings(PerceptionSettings, ControlSettings):
         return rig_of(self.rig)
 
     @cached_property
+    def configured_latency(self) -> float:
+        """The latency as it was configured, also where a longer one was identified since [s]."""
+        return self.latency
+
+    @cached_property
     def extrinsics(self) -> Extrinsics:
         """What is known of where the camera sits on the base before the robot moves."""
         return told_extrinsics(
@@ -227,6 +232,8 @@ class ServoSettings(PerceptionSettings, ControlSettings):
 
 
 @lru_cache(maxsize=64)
-def with_learnt(settings: ServoSettings, **learnt: Any) -> ServoSettings:
-    """Return ``settings`` with what was ``learnt`` of the base: the same ones at each step."""
-    return replace(settings, **learnt)
+def with_identified(settings: ServoSettings, **identified: Any) -> ServoSettings:
+    """Return ``settings`` with what was ``identified`` of the base: the same ones at each step."""
+    after = replace(settings, **identified)
+    vars(after)['configured_latency'] = settings.configured_latency
+    return after

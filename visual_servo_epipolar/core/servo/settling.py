@@ -3,7 +3,7 @@
 import math
 
 from visual_servo_epipolar.core.geometry.wall import aside
-from visual_servo_epipolar.core.laws.decisions import is_settled
+from visual_servo_epipolar.core.laws.decisions import is_close, is_settled
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.arrival import is_in_doubt, sees_nothing_of_it
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -13,13 +13,20 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 
 
-def with_settled(
+def settle(
     state: ServoState,
     perception: Perception,
     previous: Measurement | None,
+    dt: float,
     settings: ServoSettings,
 ) -> ServoState:
-    """Return the state with its count of settled frames and the mean of what they show."""
+    """
+    Return the state with its count of settled frames and the mean of what they show.
+
+    The ``previous`` measurement was ``dt`` [s] before.
+    """
+    if is_close(state, settings):
+        state = state.changed(time_in_tolerance=state.settling.time_in_tolerance + dt)
     measurement = state.measurement or perception.measurement
     # Whether this is the goal the photograph's features alone can tell.
     blind = state.phase.by_photograph and sees_nothing_of_it(measurement)
@@ -41,10 +48,8 @@ def _aside(
     state: ServoState, measurement: Measurement, perception: Perception, settings: ServoSettings
 ) -> float:
     """Return the mean by which settled frames look aside, where nobody knows better."""
-    seen, before = (
-        perception.observation,
-        state.settling.settled_aside if state.settling.settled else 0.0,
-    )
+    seen, settling = perception.observation, state.settling
+    before = settling.settled_aside if settling.settled else 0.0
     if seen is None or not state.phase.straight or not is_in_doubt(measurement, settings):
         return before
     return before + (aside(seen.current, seen.desired) - before) / (state.settling.settled + 1)

@@ -11,19 +11,20 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.gains import Gains
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
+from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
-from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
+from visual_servo_epipolar.core.servo.fusion.map_state import MapState
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand
 from visual_servo_epipolar.core.servo.identification.delay import Delay
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics
 from visual_servo_epipolar.core.servo.identification.odometry import Odometry
-from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.identification.straight_leg import StraightLeg
 from visual_servo_epipolar.core.servo.motion.check import MotionCheck
-from visual_servo_epipolar.core.servo.remembering import MapState
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.values import changed
 
 StateT = TypeVar('StateT', bound='ServoState')
@@ -109,6 +110,10 @@ class Identification:
     delay: Delay = Delay()
     odometry: Odometry = Odometry()
     straight: StraightLeg | None = None
+
+    def effective(self, settings: ServoSettings) -> ServoSettings:
+        """Return ``settings`` with delay and dead band of the base as they are by now."""
+        return self.delay.beside(self.dead_band.beside(settings))
 
 
 @dataclass(frozen=True)

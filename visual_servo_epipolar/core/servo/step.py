@@ -2,7 +2,7 @@
 Control step: from an observation and the state to the next state, with its command.
 
 The replay of a bag and the simulation in memory call ``step``; the live node calls its two halves,
-``decided`` and ``learnt``, and sends the command in between. An observation is perceived
+``decide`` and ``update_map``, and sends the command in between. An observation is perceived
 (estimated, validated, measured: ``perception.perceive``), the measurement updates the state
 (``update``), it becomes an event, the event a phase, the phase a nominal velocity, as the law has
 it (``laws.decisions``), which is then limited to what the base can follow.
@@ -22,9 +22,9 @@ from visual_servo_epipolar.core.laws.decisions import (
 )
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.timing import (
-    after_leap,
+    after_clock_jump,
+    clock_jump,
     interval,
-    leap,
     usual_step,
     USUAL_STEP_S,
 )
@@ -33,13 +33,13 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.perception.validated import noise_learnt
 from visual_servo_epipolar.core.rigs.rig import HeadCommand
-from visual_servo_epipolar.core.servo.anticipation import anticipated
-from visual_servo_epipolar.core.servo.checking import checked, driven_off_by
+from visual_servo_epipolar.core.servo.checking import check_lens, check_motion
+from visual_servo_epipolar.core.servo.fusion.fuse import with_wrong_matches
+from visual_servo_epipolar.core.servo.prediction import predicted
+from visual_servo_epipolar.core.servo.pulse_turn import pulse_turn, turns_by_pulses
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.sparing import learnt_after
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.trimming import trimmed, trims
-from visual_servo_epipolar.core.servo.update import updated
+from visual_servo_epipolar.core.servo.update import update
 
 MAX_START_STEPS = 1.5  # usual times between two images that a robot speeds up at first
 LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
@@ -55,12 +55,12 @@ def step(
     """
     Return the state after an ``observation``; its ``command`` is for the base.
 
-    See ``decided``.
+    See ``decide``.
     """
-    return learnt(decided(state, observation, settings, since_command=since_command))
+    return update_map(decide(state, observation, settings, since_command=since_command))
 
 
-def decided(
+def decide(
     state: ServoState,
     observation: Observation,
     settings: ServoSettings,
@@ -68,7 +68,7 @@ def decided(
     since_command: float = math.nan,
 ) -> ServoState:
     """
-    Return the state with the ``command`` after an ``observation``, which has yet to be ``learnt``.
+    Return the state with the ``command`` after an ``observation``, before ``update_map``.
 
     ``since_command`` is the time since the last command went out, by the clock of who sends it
     [s]; nan where it goes by the stamps of the images.
@@ -77,7 +77,7 @@ def decided(
     return advance(state, perception, settings, since_command=since_command)
 
 
-def learnt(state: ServoState, *, noise: bool = True) -> ServoState:
+def update_map(state: ServoState, *, noise: bool = True) -> ServoState:
     """
     Return the state after what no command waits for: what the last view adds to memories.
 
@@ -87,7 +87,7 @@ def learnt(state: ServoState, *, noise: bool = True) -> ServoState:
     if noise and memory is not None:
         memory = noise_learnt(memory)
     if views is not state.view.map:
-        memory = learnt_after(memory, views)
+        memory = with_wrong_matches(memory, views)
     elif memory is state.view.memory:
         return state
     return state.changed(map=views, memory=memory)
@@ -100,23 +100,22 @@ def advance(
     *,
     since_command: float = math.nan,
 ) -> ServoState:
-    """Return the state after a ``perception``: the part of ``decided`` that needs no features."""
+    """Return the state after a ``perception``: the part of ``decide`` that needs no features."""
     last_twist, measurement, usual_s = state.twist, perception.measurement, usual_step(state)
-    leapt = leap(state, measurement.stamp_ns, settings)
+    leapt = clock_jump(state, measurement.stamp_ns, settings)
     dt = _time_step(state, measurement, leapt)
     if leapt:
-        state = after_leap(state, measurement.stamp_ns)
-    told = settings
-    settings = state.identified.delay.beside(state.identified.dead_band.beside(settings))
+        state = after_clock_jump(state, measurement.stamp_ns)
+    settings = state.identified.effective(settings)
     state = state.changed(sent=state.motion.sent.resumed(measurement.stamp_ns))
-    state = updated(state, perception, dt, settings, told)
-    state = checked(state, perception.observation, dt, settings)
+    state = update(state, perception, dt, settings)
+    state = check_motion(state, perception.observation, dt, settings)
     event = classify(state, settings)
     if leapt and event not in (Event.TIMED_OUT, Event.EXCURSION):
         state, event = _held(state, leapt)
-    state, event = driven_off_by(state, perception.observation, event, settings)
+    state, event = check_lens(state, perception.observation, event, settings)
     state = switched(state, state.measurement or measurement, event, settings)
-    nominal = nominal_twist(anticipated(state, settings), settings)
+    nominal = nominal_twist(predicted(state, settings), settings)
     nominal = curvature_compensated(nominal, state, settings)
     ramp_s = _ramp_step(last_twist, dt, usual_s, since_command)
     limited = _limited(nominal, last_twist, ramp_s, state, settings)
@@ -189,7 +188,7 @@ def _beyond_dead_band(
     """Return the part of ``limited`` that the motors can follow, and the residual for later."""
     # Where the aim is fulfilled, a small command made larger would only undo it.
     mode = 'zero' if state.settling.settled else settings.dead_band_mode
-    if mode == 'pulse' and trims(state, settings):
-        return trimmed(limited, state, settings)
+    if mode == 'pulse' and turns_by_pulses(state, settings):
+        return pulse_turn(limited, state, settings)
     residual = state.motion.dead_band_residual
     return settings.drive.beyond_dead_band(limited, residual, mode=mode)

@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import learnt
+from visual_servo_epipolar.core.servo.step import update_map
 from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.nodes.servoing.arming import Arming
 from visual_servo_epipolar.nodes.servoing.commands import Commands
@@ -90,7 +90,7 @@ class Run:
         self._commands.answer(before, self.state, stamp_ns)  # nobody drives by what follows
         words = Words(self._standstill()[0] if self.is_armed else '', self.is_armed, self.notice)
         self._reports.step(self.state, (stamp_ns, frame_id), words)
-        self.state = learnt(self.state)
+        self.state = update_map(self.state)
 
     def follow(self, state: ServoState, reason: str = '') -> None:
         """Take over a new state, and log what is new of it; ``reason`` is that of an order."""

@@ -27,10 +27,10 @@ from visual_servo_epipolar.core.laws.phases.bounds import (
     trial_of,
 )
 from visual_servo_epipolar.core.laws.phases.conditions import is_off_course, is_sideways
+from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.identification.ranging import Leg
-from visual_servo_epipolar.core.servo.update import updated
+from visual_servo_epipolar.core.servo.update import update
 
 HALF_TURN = math.pi
 
@@ -136,10 +136,10 @@ def test_who_is_near_lingers_and_a_new_phase_begins_anew() -> None:
     )
     state = in_phase(Phase.MATCHING_FEATURES, measurement=replace(near, stamp_ns=0))
     without = replace(SETTINGS, memory=False)
-    state = updated(state, Perception(near, fresh_memory(without)), 0.25, without)
+    state = update(state, Perception(near, fresh_memory(without)), 0.25, without)
     assert state.settling.time_in_tolerance == 0.25
     away = replace(near, stamp_ns=2 * 10**9, difference=0.1)
-    state = updated(state, Perception(away, fresh_memory(without)), 0.25, without)
+    state = update(state, Perception(away, fresh_memory(without)), 0.25, without)
     assert state.settling.time_in_tolerance == 0.25
     assert switched(state, away, Event.MISSED, without).settling.time_in_tolerance == 0.0
 

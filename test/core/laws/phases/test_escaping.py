@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.laws.decisions import classify
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.lines import offset_ratio
 from visual_servo_epipolar.core.laws.phases.zeroing_epipoles import escape_bound
-from visual_servo_epipolar.core.servo.identification.ranging import (
+from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,
     look_ahead,

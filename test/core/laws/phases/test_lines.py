@@ -15,11 +15,11 @@ from visual_servo_epipolar.core.laws.phases.lines import (
     leads_home,
     line_look_ahead,
 )
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.ranging import (
+from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,
 )
+from visual_servo_epipolar.core.perception.measurement import Measurement
 
 STATE = in_phase(Phase.RETREATING)
 

@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.servo.identification.dead_band import (
     Threshold,
 )
 from visual_servo_epipolar.core.servo.identification.physical import LARGEST_DEAD_BAND
-from visual_servo_epipolar.core.servo.update import updated
+from visual_servo_epipolar.core.servo.update import update
 
 DT = 0.1
 
@@ -223,5 +223,5 @@ def test_a_law_may_not_learn_it() -> None:
     for settings, learns in ((SETTINGS, True), (alone, False)):
         now = state.changed(command=replace(state.command, twist=Twist(0.0, -0.02)))
         for frame in range(2, 60):
-            now = updated(now, Perception(turning(frame), MEMORY), DT, settings)
+            now = update(now, Perception(turning(frame), MEMORY), DT, settings)
         assert (now.identified.dead_band.angular.value > 0.0) is learns

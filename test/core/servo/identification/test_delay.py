@@ -9,7 +9,7 @@ import pytest
 from servo_states import SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.identification.delay import (
     BORNE,
     Delay,

@@ -15,13 +15,13 @@ from visual_servo_epipolar.core.servo.identification.extrinsics import (
     Extrinsics,
     FAULT,
     is_significant,
-    learnt,
     LEAST_STEP,
     MAX_CONTRADICTIONS,
     NEAR,
     placed,
     RHO,
     UNCERTAIN,
+    update_extrinsics,
     YAW,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -46,7 +46,7 @@ def beliefs(
 ) -> Iterator[tuple[Extrinsics, float]]:
     """Yield the belief after each image of DRIVE, and the true distance [m]."""
     for measurement, travel, distance in frames(mount, seed=seed):
-        belief = learnt(belief, measurement, travel, missed=missed)
+        belief = update_extrinsics(belief, measurement, travel, missed=missed)
         yield belief, distance
 
 
@@ -106,7 +106,7 @@ def test_bearings_that_jump_about_contradict_what_is_driven() -> None:
         assert bearings is not None
         jump = rng.uniform(-1.5, 1.5)
         wrong = Bearings(bearings.psi + jump, bearings.phi + jump)  # the heading is right
-        belief = learnt(belief, sight(wrong), travel, missed=False)
+        belief = update_extrinsics(belief, sight(wrong), travel, missed=False)
         contradicted.append(belief.contradicts)
     assert any(contradicted)
 
@@ -119,7 +119,7 @@ def test_one_jump_is_forgiven_and_the_path_begins_anew() -> None:
             measurement = sight(
                 Bearings(measurement.bearings.psi + 0.8, measurement.bearings.phi + 0.8)
             )
-        before, belief = belief, learnt(belief, measurement, travel, missed=False)
+        before, belief = belief, update_extrinsics(belief, measurement, travel, missed=False)
         if number == JUMP:
             assert belief.contradictions == 5
             assert not belief.is_ranged
@@ -141,7 +141,7 @@ def test_near_the_goal_nothing_of_the_mount_is_learnt() -> None:
     told = belief.mean[YAW:].copy()
     for x in (0.02, -0.02, 0.03, 0.0, -0.03):
         bearings = Bearings.from_pose(Pose.from_start(x, -0.1, 100.0 * x))
-        belief = learnt(belief, sight(bearings), 0.02, missed=True)
+        belief = update_extrinsics(belief, sight(bearings), 0.02, missed=True)
         assert belief.distance < NEAR
         np.testing.assert_array_equal(belief.mean[YAW:], told)
         assert not belief.believed
@@ -155,7 +155,7 @@ def test_what_a_lens_turns_wrong_is_no_lever_arm() -> None:
         turn = 0.8 * math.sin(math.tau * number / 100.0)  # to and fro, as in attempts
         wrong = 0.03 * turn
         seen_there = Bearings(goal_ahead.psi + wrong, goal_ahead.phi - turn + wrong)
-        belief = learnt(belief, sight(seen_there), 0.0, missed=False)
+        belief = update_extrinsics(belief, sight(seen_there), 0.0, missed=False)
     assert not belief.believed
     off = np.abs(belief.mean[YAW:] - ON_AXLE)
     assert (off <= 2.0 * np.sqrt(belief.covariance.diagonal()[YAW:])).all()
@@ -174,17 +174,17 @@ def test_from_two_views_to_a_memory_the_robot_has_not_moved() -> None:
         remembered=True,
     )
     belief = replace(belief, travel=-2.0 * LEAST_STEP)
-    after = learnt(belief, remembered, travel, missed=False)
+    after = update_extrinsics(belief, remembered, travel, missed=False)
     assert after.remembers
     assert after.mean[0] == psi
-    again = learnt(replace(belief, remembers=True), remembered, travel, missed=False)
+    again = update_extrinsics(replace(belief, remembers=True), remembered, travel, missed=False)
     changes = [np.abs(each.mean[YAW:] - belief.mean[YAW:]).max() for each in (after, again)]
     assert changes[0] < 0.2 * changes[1]
     # Half a radian is no lens: what was driven contradicts it, whoever says it.
     leapt = replace(remembered, bearings=Bearings(psi + 0.5, phi + 0.5))
-    assert learnt(belief, leapt, travel, missed=False).contradictions == FAULT
+    assert update_extrinsics(belief, leapt, travel, missed=False).contradictions == FAULT
     # A memory that knows the place may know the bearing less well than two views do.
-    theirs = learnt(belief, replace(remembered, remembered=False), travel, missed=False)
+    theirs = update_extrinsics(belief, replace(remembered, remembered=False), travel, missed=False)
     assert not theirs.remembers
 
 
@@ -193,7 +193,7 @@ def test_an_uncertain_bearing_says_nothing_of_the_mount() -> None:
     for measurement, travel, _ in frames(MOUNTS[0]):
         assert measurement.bearings is not None
         uncertain = sight(measurement.bearings, deviation=1.01 * UNCERTAIN)
-        belief = learnt(belief, uncertain, travel, missed=True)
+        belief = update_extrinsics(belief, uncertain, travel, missed=True)
     np.testing.assert_array_equal(belief.mean[YAW:], ON_AXLE)
 
 
@@ -202,7 +202,7 @@ def test_what_is_not_seen_leaves_the_path_to_go_on() -> None:
     for number, (measurement, travel, distance) in enumerate(frames(MOUNTS[0])):
         if 70 <= number < 80:
             measurement = replace(measurement, bearings=None, deviation=math.nan)
-        belief = learnt(belief, measurement, travel, missed=False)
+        belief = update_extrinsics(belief, measurement, travel, missed=False)
         assert not belief.is_ranged or belief.distance == pytest.approx(distance, rel=0.25)
     assert belief.contradictions == 0
     assert belief.is_ranged
@@ -261,7 +261,7 @@ def test_a_mount_that_cannot_be_is_forgotten_and_learnt_anew(
     mean = before.mean.copy()
     mean[at_fault] = deviations * before.deviations[at_fault - YAW]
     before = replace(before, mean=mean, believed=True, travel=LEAST_STEP, contradictions=3)
-    after = learnt(before, measurement, travel, missed=False)
+    after = update_extrinsics(before, measurement, travel, missed=False)
     assert after.believed == kept
     if not kept:
         np.testing.assert_array_equal(after.mount, ON_AXLE)

@@ -7,12 +7,12 @@ import pytest
 from servo_states import SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.motion import integrate, motion_between, Pose, Twist
+from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.servo.identification.odometry import (
     MOST_CONTRADICTIONS,
     NO_LONGER,
     Odometry,
 )
-from visual_servo_epipolar.core.servo.steadying import Driven, Motion
 
 DT = 0.1
 BEGIN = Pose(3.0, -1.0, 2.0)  # of a frame that nobody knows
@@ -26,7 +26,7 @@ class Drive:
     def __init__(self, odometry: Odometry | None = None, *, remembers: bool = False) -> None:
         self.odometry = odometry or Odometry()
         self.wheels, self.true, self.remembers = BEGIN, Pose(0.0, -3.0, 0.5 * math.pi), remembers
-        self.driven = Driven(Motion(), Motion())
+        self.driven = OdometryIncrement(Motion(), Motion())
         self.step(Twist(0.0, 0.0))
 
     def step(
@@ -42,7 +42,7 @@ class Drive:
         self.true = integrate(self.true, true, DT)
         self.wheels = said if isinstance(said, Pose) else integrate(self.wheels, said, DT)
         told = told or true
-        self.odometry, self.driven = self.odometry.checked(
+        self.odometry, self.driven = self.odometry.after(
             self.wheels, Motion(told.linear * DT, told.angular * DT), DT, SETTINGS
         )
         place = (self.true.x, self.true.y) if self.remembers else None
@@ -52,7 +52,7 @@ class Drive:
             offset=place,
             offset_deviation=0.005,
         )
-        self.odometry = self.odometry.judged(replace(measurement, **seen))
+        self.odometry = self.odometry.judge(replace(measurement, **seen))
         return self
 
     def drive(self, true: Twist, images: int = IMAGES, **others: object) -> 'Drive':
@@ -208,27 +208,27 @@ def test_two_views_of_a_straight_way_forgive_nothing() -> None:
 
 def test_an_image_without_a_pose_is_driven_by_commands_and_so_is_the_next() -> None:
     drive, told = proven(), Motion(0.1, 0.2)
-    without, driven = drive.odometry.checked(None, told, DT, SETTINGS)
+    without, driven = drive.odometry.after(None, told, DT, SETTINGS)
     assert (driven.motion, driven.trusted) == (told, True)
-    assert (without.pose, without.stretch) == (None, None)
-    again, driven = without.judged(sight()).checked(drive.wheels, told, DT, SETTINGS)
+    assert (without.pose, without.check) == (None, None)
+    again, driven = without.judge(sight()).after(drive.wheels, told, DT, SETTINGS)
     assert driven.motion == told
-    driven = again.checked(drive.wheels, told, DT, SETTINGS)[1]
+    driven = again.after(drive.wheels, told, DT, SETTINGS)[1]
     assert (driven.motion, driven.other) == (Motion(measured=True), told)
 
 
 def test_stamps_that_leap_give_no_motion() -> None:
     drive, told = proven(), Motion()
-    assert drive.odometry.checked(drive.wheels, told, 0.0, SETTINGS)[1].motion is told
+    assert drive.odometry.after(drive.wheels, told, 0.0, SETTINGS)[1].motion is told
 
 
-def test_who_was_carried_while_no_images_came_is_told_no_lie() -> None:
+def test_who_was_carried_while_no_images_came_is_commanded_no_lie() -> None:
     drive, told = proven(), Motion()
     far = replace(drive.wheels, x=drive.wheels.x + 4.0)
-    after, driven = drive.odometry.checked(far, told, 1.0, SETTINGS)
+    after, driven = drive.odometry.after(far, told, 1.0, SETTINGS)
     assert (driven.motion, after.pose) == (told, far)
     assert after.unseen == drive.odometry.unseen
-    assert drive.odometry.checked(far, told, 0.5, SETTINGS)[0].unseen == 1
+    assert drive.odometry.after(far, told, 0.5, SETTINGS)[0].unseen == 1
 
 
 def test_what_was_seen_by_another_scale_is_held_against_nothing() -> None:
@@ -236,7 +236,7 @@ def test_what_was_seen_by_another_scale_is_held_against_nothing() -> None:
     for _ in range(IMAGES):
         if drive.odometry.proven:
             break
-        before = drive.step(LEFT).odometry.stretch
+        before = drive.step(LEFT).odometry.check
     assert drive.odometry.proven
     assert before is None
 
@@ -259,7 +259,7 @@ def test_two_views_and_a_memory_may_differ_in_their_headings() -> None:
     drive.true = replace(drive.true, theta=drive.true.theta + 0.1)  # the memory takes over
     drive.remembers = True
     assert not drive.step(LEFT).contradictions
-    assert drive.odometry.stretch.seen.place  # from here on ways are seen as well
+    assert drive.odometry.check.seen.place  # from here on ways are seen as well
 
 
 def test_the_motion_between_two_poses_needs_no_common_frame() -> None:

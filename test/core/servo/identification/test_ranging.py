@@ -10,8 +10,8 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.decisions import curvature_compensated
+from visual_servo_epipolar.core.odometry.ranging import Leg, MIN_TURN
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
-from visual_servo_epipolar.core.servo.identification.ranging import Leg, MIN_TURN
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

@@ -11,7 +11,9 @@ from visual_servo_epipolar.core.laws.decisions import classify
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
-from visual_servo_epipolar.core.servo import update
+from visual_servo_epipolar.core.servo import identify
+from visual_servo_epipolar.core.servo.fusion import fuse
+from visual_servo_epipolar.core.servo.fusion.map_state import MapState
 from visual_servo_epipolar.core.servo.identification.extrinsics import (
     Extrinsics,
     MAX_CONTRADICTIONS,
@@ -24,8 +26,7 @@ from visual_servo_epipolar.core.servo.identification.straight_leg import (
     straight_on,
     StraightLeg,
 )
-from visual_servo_epipolar.core.servo.remembering import MapState
-from visual_servo_epipolar.core.servo.update import updated
+from visual_servo_epipolar.core.servo.update import update
 
 STEP = 0.02
 ON_AXLE = np.zeros(3)
@@ -137,21 +138,21 @@ def test_legs_are_those_of_step_2_alone() -> None:
     for phase in (Phase.ZEROING_EPIPOLES, Phase.RETREATING, Phase.ORIENTING):
         state = in_phase(phase, straight=leg)
         assert (
-            updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is None
+            update(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is None
         )
 
 
 def test_what_driving_disproves_is_part_of_no_leg(monkeypatch) -> None:
     """The memory begins anew, at another place and scale: no leg leads from one to the other."""
-    monkeypatch.setattr(update, 'remembered', lambda *_, **__: (MapState(), reading()))
+    monkeypatch.setattr(fuse, 'localize', lambda *_, **__: (MapState(), reading()))
     leg = StraightLeg(0.0, -1.0, 1e-3, 0.0)
     state = in_phase(Phase.MATCHING_FEATURES, straight=leg, extrinsics=SETTINGS.extrinsics)
     assert (
-        updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is not None
+        update(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is not None
     )
     disproved = replace(SETTINGS.extrinsics, contradictions=MAX_CONTRADICTIONS + 1)
-    monkeypatch.setattr(update, 'learnt', lambda *_, **__: disproved)
-    assert updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is None
+    monkeypatch.setattr(identify, 'update_extrinsics', lambda *_, **__: disproved)
+    assert update(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is None
 
 
 def test_who_knows_the_offset_needs_no_new_attempt_for_a_yaw() -> None:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.identification.physical import MOST_CURVATURE
 from visual_servo_epipolar.core.servo.motion.check import (

@@ -6,8 +6,8 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
+from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

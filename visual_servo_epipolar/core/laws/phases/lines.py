@@ -3,14 +3,14 @@
 import math
 
 from visual_servo_epipolar.core.laws import equations
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.ranging import (
+from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,
     look_ahead,
     LOOK_AHEADS,
     UNKNOWN_RANGE,
 )
+from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

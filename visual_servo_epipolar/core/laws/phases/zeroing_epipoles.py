@@ -20,8 +20,8 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
 )
 from visual_servo_epipolar.core.laws.phases.derived_gains import gains_in_use, with_gains_of_now
 from visual_servo_epipolar.core.laws.phases.lines import leads_home, offset_ratio
+from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

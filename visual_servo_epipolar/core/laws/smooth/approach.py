@@ -13,9 +13,9 @@ from visual_servo_epipolar.core.laws.smooth.steering import (
     rate_within,
     visible_aim,
 )
+from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.delay import is_late
-from visual_servo_epipolar.core.servo.identification.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

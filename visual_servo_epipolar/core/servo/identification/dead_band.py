@@ -8,7 +8,7 @@ from visual_servo_epipolar.core.mapping.map_measurement import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
 from visual_servo_epipolar.core.servo.identification.physical import LARGEST_DEAD_BAND
-from visual_servo_epipolar.core.servo.settings import ServoSettings, with_learnt
+from visual_servo_epipolar.core.servo.settings import ServoSettings, with_identified
 
 LATE_S = 0.5  # by which a base may follow late
 PATIENCE_S = 1.5  # in which it follows if it does at all
@@ -136,7 +136,7 @@ class DeadBand:
             return settings
         if not learns(settings):
             return settings
-        return with_learnt(settings, dead_band_linear=linear, dead_band_angular=angular)
+        return with_identified(settings, dead_band_linear=linear, dead_band_angular=angular)
 
     def _unwrapped(self, heading: float) -> float:
         """Return the heading error nearest to where turns were counted from."""

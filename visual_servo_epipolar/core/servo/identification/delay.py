@@ -13,11 +13,11 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
 from visual_servo_epipolar.core.servo.identification.physical import MOST_DELAY_S
-from visual_servo_epipolar.core.servo.settings import ServoSettings, with_learnt
+from visual_servo_epipolar.core.servo.settings import ServoSettings, with_identified
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.values import changed
 
@@ -64,9 +64,9 @@ class Delay:
     by_memory: bool = False
 
     def updated(
-        self, measurement: Measurement, sent: CommandsSent, told: ServoSettings
+        self, measurement: Measurement, sent: CommandsSent, settings: ServoSettings
     ) -> 'Delay':
-        """Return the delay after one more image; settings as ``told``, not as they were learnt."""
+        """Return the delay after one more image."""
         if heading_deviation(measurement) > MOST_DEVIATION:
             return self
         now_ns, heading = measurement.stamp_ns, measurement.heading_error
@@ -79,7 +79,10 @@ class Delay:
         if not goes_on:
             return began
         turn = math.remainder(heading - self.heading, 2.0 * math.pi)
-        if not 0.0 < gap <= told.stale_timeout or abs(turn) > PUSHED * told.max_angular * gap:
+        if (
+            not 0.0 < gap <= settings.stale_timeout
+            or abs(turn) > PUSHED * settings.max_angular * gap
+        ):
             return began
         certain = CERTAINLY_LESS * LEAST_TURN
         if abs(turn) < certain and gap * sent.fastest_turn < certain:
@@ -89,7 +92,7 @@ class Delay:
         if largest < LEAST_TURN:
             return began
         keep = math.exp(-largest * largest / FADING)
-        change = np.abs(turns) - abs(turns[_usual(told)[-1]])
+        change = np.abs(turns) - abs(turns[_usual(settings.configured_latency)[-1]])
         after = changed(
             began,
             seen=keep * self.seen + turn * turns,
@@ -98,13 +101,13 @@ class Delay:
             longer=keep * self.longer + np.maximum(change, 0.0) ** 2,
             energy=keep * self.energy + turn * turn,
         )
-        return changed(after, value=after._told(told))
+        return changed(after, value=after._value(settings))
 
-    def _told(self, told: ServoSettings) -> float:
+    def _value(self, settings: ServoSettings) -> float:
         """Return the delay that turns tell, the one before where they tell none for certain."""
         left = self.energy - self.seen**2 / np.maximum(self.power, 1e-12)
         left = np.where((self.seen > 0.0) & (self.power >= LEAST_POWER), left, self.energy)
-        usual = _usual(told)
+        usual = _usual(settings.configured_latency)
         soon, best = int(left[usual].argmin()), int(left.argmin())
         if best not in usual:
             both_ends = min(self.later[best], self.longer[best]) >= LEAST_CHANGE
@@ -123,7 +126,7 @@ class Delay:
         """Return ``settings`` with the delay that was learnt, where it is longer."""
         if not settings.options.anticipation or self.value <= settings.latency:
             return settings
-        return with_learnt(settings, latency=self.value)
+        return with_identified(settings, latency=self.value)
 
 
 def is_late(settings: ServoSettings) -> bool:
@@ -136,9 +139,9 @@ def felt_latency(settings: ServoSettings) -> float:
     return min(settings.latency, BORNE) if is_late(settings) else settings.latency
 
 
-def _usual(told: ServoSettings) -> range:
-    """Return the places of the delays that need not be learnt."""
-    return _up_to(max(told.latency, BORNE))
+def _usual(configured_s: float) -> range:
+    """Return the places of the delays that need not be learnt, where one is configured [s]."""
+    return _up_to(max(configured_s, BORNE))
 
 
 @lru_cache(maxsize=16)

@@ -204,7 +204,7 @@ def _corrected(before: Extrinsics, of: int, innovation: float, noise: float) -> 
     )
 
 
-def learnt(
+def update_extrinsics(
     before: Extrinsics, measurement: Measurement, travel: float, *, missed: bool
 ) -> Extrinsics:
     """

@@ -14,8 +14,8 @@ dead band.
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.motion.verdicts import (
     Asked,
     contradiction,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.identification.physical import (
     FOLLOWED,
     LARGEST_DEAD_BAND,

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import decided, learnt
+from visual_servo_epipolar.core.servo.step import decide, update_map
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.evaluation.live.chain import START
@@ -122,7 +122,7 @@ def steps(run: DrivenRun, *, paced: bool = False) -> Iterator[tuple[tuple[float,
         features = tracker.track(image)
         tracked = perf_counter()
         observation = observe(features, run.camera, run.stamp_ns(number))
-        state = decided(state, observation, settings)
+        state = decide(state, observation, settings)
         yield (tracked - began, perf_counter() - tracked), state.twist
-        state = learnt(state)  # the twist does not wait for it
+        state = update_map(state)  # the twist does not wait for it
         tracker.prepare()

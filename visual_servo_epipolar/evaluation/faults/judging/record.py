@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose, Twist
-from visual_servo_epipolar.core.servo.remembering import LEAST_CARRIED
+from visual_servo_epipolar.core.servo.fusion.map_state import LEAST_CARRIED
 
 
 class TrueMotion(NamedTuple):

@@ -11,11 +11,11 @@ from servo_states import in_phase, SETTINGS, sight
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.bounds import PATIENCE_S
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
+from visual_servo_epipolar.core.servo.pulse_turn import pulse_to, pulse_turn, turns_by_pulses
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.trimming import pulse_to, trimmed, trims
 
 THRESHOLD, FRAME_S = 0.024, 0.09  # [rad/s], [s]
 HOP = THRESHOLD * FRAME_S
@@ -70,7 +70,7 @@ def commanded(
     state = in_phase(Phase.ORIENTING, measurement=measurement, period=FRAME_S, **changes)
     sent = []
     for _ in range(frames):
-        twist, residual = trimmed(SLOWLY, state, settings)
+        twist, residual = pulse_turn(SLOWLY, state, settings)
         state = state.changed(dead_band_residual=residual)
         sent.append(twist.angular)
     return sent
@@ -108,26 +108,26 @@ def test_nobody_turns_features_out_of_view_to_come_back() -> None:
 @pytest.mark.parametrize('hops', [1.5, -1.5])
 def test_what_waits_for_a_pulse_leads_no_other_way(hops) -> None:
     state = in_phase(Phase.ORIENTING, measurement=turned(hops), period=FRAME_S)
-    _, residual = trimmed(SLOWLY, state, BANDED)
+    _, residual = pulse_turn(SLOWLY, state, BANDED)
     assert residual.angular * hops < 0.0
 
 
 def test_speed_is_not_cut_and_large_turns_are_left_alone() -> None:
     state = in_phase(Phase.ORIENTING, measurement=turned(1.5), period=FRAME_S)
     for wanted in (Twist(0.2, -1e-4), Twist(0.0, -0.3)):
-        assert trimmed(wanted, state, BANDED) == (wanted, STANDSTILL)
+        assert pulse_turn(wanted, state, BANDED) == (wanted, STANDSTILL)
 
 
 def test_trimming_is_for_turns_in_place_to_what_is_known_and_for_some_seconds() -> None:
     def does(settings: ServoSettings = BANDED, **changes: object) -> bool:
         state: ServoState = in_phase(Phase.ORIENTING, measurement=turned(1.5), **changes)
-        return trims(state, settings)
+        return turns_by_pulses(state, settings)
 
     assert does()
     assert not does(SETTINGS)
     assert not does(replace(BANDED, dead_band_mode='raise'))
     assert not does(time_in_tolerance=PATIENCE_S + 0.1)
-    assert not trims(in_phase(Phase.MATCHING_FEATURES, measurement=turned(1.5)), BANDED)
-    assert not trims(
+    assert not turns_by_pulses(in_phase(Phase.MATCHING_FEATURES, measurement=turned(1.5)), BANDED)
+    assert not turns_by_pulses(
         in_phase(Phase.ORIENTING, measurement=replace(turned(1.5), offset=None)), BANDED
     )

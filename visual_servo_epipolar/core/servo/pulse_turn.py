@@ -1,5 +1,5 @@
 """
-Trimming: pulses by which a turn in place ends on the heading itself, in spite of a dead band.
+Pulse turn: pulses by which a turn in place ends on the heading itself, in spite of a dead band.
 
 A base that follows no slow turn is turned by pulses, each of which is a hop of threshold times
 frame. Equal hops end anywhere within half of one. Where a memory of views knows the heading much
@@ -12,14 +12,14 @@ import math
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phases.bounds import facing_bound, is_trimmed, trial_of
 from visual_servo_epipolar.core.laws.timing import usual_step
-from visual_servo_epipolar.core.servo.anticipation import anticipated
+from visual_servo_epipolar.core.servo.prediction import predicted
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
 SEEN_S = 0.6  # after which a pulse has acted and was seen, of a base that obeys in time
 
 
-def trims(state: ServoState, settings: ServoSettings) -> bool:
+def turns_by_pulses(state: ServoState, settings: ServoSettings) -> bool:
     """Return whether the robot turns in place to a heading that it knows finer than its hops."""
     measurement = state.measurement
     if not state.phase.turns_in_place or measurement is None:
@@ -27,7 +27,7 @@ def trims(state: ServoState, settings: ServoSettings) -> bool:
     return is_trimmed(measurement, settings, trial_of(state))
 
 
-def trimmed(wanted: Twist, state: ServoState, settings: ServoSettings) -> tuple[Twist, Twist]:
+def pulse_turn(wanted: Twist, state: ServoState, settings: ServoSettings) -> tuple[Twist, Twist]:
     """
     Return the twist to command for the one ``wanted``, and the residual.
 
@@ -35,7 +35,7 @@ def trimmed(wanted: Twist, state: ServoState, settings: ServoSettings) -> tuple[
     Who will be on the heading when all has acted stands. None turns away from it where that would
     lead features out of view.
     """
-    threshold, measurement = settings.dead_band_angular, anticipated(state, settings).measurement
+    threshold, measurement = settings.dead_band_angular, predicted(state, settings).measurement
     if measurement is None or wanted.linear or abs(wanted.angular) >= threshold:
         return wanted, STANDSTILL
     turn, frame_s = -measurement.heading_error, usual_step(state)

@@ -9,7 +9,7 @@ from servo_states import in_phase
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.servo.commands_sent import CommandsSent, KEPT_S, WITHDRAWN_S
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent, KEPT_S, WITHDRAWN_S
 from visual_servo_epipolar.core.servo.identification.delay import Delay
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
 

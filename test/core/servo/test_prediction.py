@@ -9,10 +9,11 @@ from servo_states import in_phase, MEMORY, sight
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.anticipation import anticipated, as_obeyed, longest_obeyed
-from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
+from visual_servo_epipolar.core.servo.dead_reckoning import actuation
 from visual_servo_epipolar.core.servo.identification.delay import BORNE
+from visual_servo_epipolar.core.servo.prediction import predicted
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance
@@ -52,7 +53,7 @@ def then() -> Pose:
 
 
 def test_what_was_told_and_not_done_is_driven_ahead() -> None:
-    after = anticipated(seen_from_here(), LATE).measurement
+    after = predicted(seen_from_here(), LATE).measurement
     assert after is not None
     assert after.offset == pytest.approx((then().x, then().y), abs=2e-4)
     assert after.heading_error == pytest.approx(then().theta - 0.5 * math.pi, abs=1e-9)
@@ -67,10 +68,10 @@ def test_what_was_told_and_not_done_is_driven_ahead() -> None:
 
 
 def test_without_an_offset_bearings_turn_all_the_same() -> None:
-    after = anticipated(seen_from_here(offset=None), LATE).measurement
+    after = predicted(seen_from_here(offset=None), LATE).measurement
     assert after.offset is None
     assert after.bearings.heading_error == pytest.approx(after.heading_error)
-    nothing = anticipated(seen_from_here(bearings=None), LATE).measurement
+    nothing = predicted(seen_from_here(bearings=None), LATE).measurement
     assert nothing.bearings is None
 
 
@@ -79,22 +80,23 @@ def test_without_an_offset_bearings_turn_all_the_same() -> None:
 )
 def test_who_obeys_soon_or_has_another_law_looks_not_ahead(settings) -> None:
     state = seen_from_here()
-    assert anticipated(state, settings) is state
-    assert as_obeyed(state, state.measurement.stamp_ns + 10**8, 0.1, settings) is state
+    assert predicted(state, settings) is state
+    acted = actuation(state, state.measurement.stamp_ns + 10**8, 0.1, settings)
+    assert (acted.twist, acted.longest) == (state.twist, state.twist)
 
 
 def test_who_stands_looks_not_ahead() -> None:
     holding = seen_from_here().changed(phase=Phase.HOLDING)
-    assert anticipated(holding, LATE) is holding
+    assert predicted(holding, LATE) is holding
 
 
 def test_what_acted_since_the_last_image_is_what_was_told_before() -> None:
     state = seen_from_here()
     now_ns = state.measurement.stamp_ns + 100_000_000
-    acted = as_obeyed(state, now_ns, 0.1, LATE)
+    acted = actuation(state, now_ns, 0.1, LATE)
     assert (acted.twist.linear, acted.twist.angular) == pytest.approx((0.4, -0.3))
-    assert acted.motion.last_linear == acted.twist.linear
-    earlier = as_obeyed(state, now_ns, 0.1, replace(LATE, latency=0.9)).twist
+    assert acted.before == acted.twist.linear
+    earlier = actuation(state, now_ns, 0.1, replace(LATE, latency=0.9)).twist
     assert (earlier.linear, earlier.angular) == pytest.approx((0.1, 0.1))
 
 
@@ -104,11 +106,11 @@ def test_a_dead_band_sees_pulses_as_they_were_told() -> None:
     sent = CommandsSent().after(0, TWIST).after(60_000_000, STANDSTILL)
     measurement = replace(state.measurement, stamp_ns=LATE_NS)
     state = state.changed(sent=sent, measurement=measurement)
-    assert longest_obeyed(state, LATE_NS + 100_000_000, 0.1, LATE) == TWIST
-    assert as_obeyed(state, LATE_NS + 100_000_000, 0.1, LATE).twist.linear == pytest.approx(0.24)
-    assert longest_obeyed(state, LATE_NS, 0.1, ServoSettings()) is state.twist
+    assert actuation(state, LATE_NS + 100_000_000, 0.1, LATE).longest == TWIST
+    assert actuation(state, LATE_NS + 100_000_000, 0.1, LATE).twist.linear == pytest.approx(0.24)
+    assert actuation(state, LATE_NS, 0.1, ServoSettings()).longest is state.twist
     nothing = state.changed(sent=CommandsSent())
-    assert longest_obeyed(nothing, LATE_NS + 100_000_000, 0.1, LATE) == STANDSTILL
+    assert actuation(nothing, LATE_NS + 100_000_000, 0.1, LATE).longest == STANDSTILL
 
 
 @pytest.mark.parametrize(('queued', 'settled'), [(0.0, 1), (0.05, 0)])

@@ -14,21 +14,21 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.arrival import ARRIVAL_OFFSET, has_parallax
 from visual_servo_epipolar.core.laws.phases.lines import lateral_offset
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
-from visual_servo_epipolar.core.servo.remembering import (
+from visual_servo_epipolar.core.servo.fusion.map_state import (
+    localize,
     MapState,
     reading_in_view,
-    remembered,
     sharpened,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.steadying import Driven, Motion
-from visual_servo_epipolar.core.servo.update import updated
+from visual_servo_epipolar.core.servo.update import update
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
     map_after_drive as after_drive,
 )
@@ -117,7 +117,7 @@ def test_the_slope_of_d_is_what_the_memory_says_though_other_features_are_in_vie
     now = sharpened(measurement(), few, SETTINGS)
     # Without ``memory`` nothing is remembered here, and the measurement is what it is.
     alone = ServoSettings(memory=False)
-    after = updated(moving, Perception(now, fresh_memory(SETTINGS)), 0.1, alone)
+    after = update(moving, Perception(now, fresh_memory(SETTINGS)), 0.1, alone)
     assert after.motion.slope.value == 0.008
 
 
@@ -159,8 +159,8 @@ def test_a_view_of_few_features_that_does_not_count_teaches_nothing() -> None:
     perception = Perception(
         Measurement(0, len(few), 769.0, 0.2), fresh_memory(SETTINGS), observation=observation
     )
-    nowhere = Driven(Motion(), Motion())
-    after, said = remembered(MapState(memory), perception, nowhere, SETTINGS)
+    nowhere = OdometryIncrement(Motion(), Motion())
+    after, said = localize(MapState(memory), perception, nowhere, SETTINGS)
     assert said is None
     assert after.views.shrinkage == memory.shrinkage
     assert after.views.pose is memory.pose

@@ -1,9 +1,9 @@
-"""Stretches of a drive: what odometry and commands say of it, held against what is seen."""
+"""Odometry check: what the wheels and commands say of a drive, held against what is seen."""
 
 from dataclasses import dataclass
 import math
 
-from visual_servo_epipolar.core.servo.steadying import Motion
+from visual_servo_epipolar.core.odometry.increments import Motion
 
 SEEN_TURN, SEEN_WAY = 0.12, 0.3  # motion after which it is held against images [rad, m]
 DEVIATIONS = 5.0  # of a turn that is seen
@@ -24,16 +24,16 @@ class Seen:
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class OdometryCheck:
     """Motion by odometry, and as ``commanded``, since an image that had ``seen`` the robot."""
 
     seen: Seen
     motion: Motion = Motion()
     commanded: Motion = Motion()
 
-    def after(self, motion: Motion, commanded: Motion) -> 'Stretch':
-        """Return the stretch with one more motion."""
-        return Stretch(self.seen, _sum(self.motion, motion), _sum(self.commanded, commanded))
+    def after(self, motion: Motion, commanded: Motion) -> 'OdometryCheck':
+        """Return the check with one more motion in it."""
+        return OdometryCheck(self.seen, _sum(self.motion, motion), _sum(self.commanded, commanded))
 
     @property
     def is_long(self) -> bool:
@@ -62,30 +62,29 @@ class Errors:
         return not self.fits and self.commanded < BETTER * self.odometry
 
 
-def turn_errors(stretch: Stretch, seen: Seen) -> Errors:
+def turn_errors(check: OdometryCheck, seen: Seen) -> Errors:
     """Return the errors of turns."""
-    before, turn = stretch.seen, stretch.motion.turn
+    before, turn = check.seen, check.motion.turn
     change = math.remainder(seen.heading - before.heading, 2.0 * math.pi)
-    bound = TURN_SHARE * max(abs(change), abs(turn)) + TURN_OF_WAY * abs(stretch.motion.way)
+    bound = TURN_SHARE * max(abs(change), abs(turn)) + TURN_OF_WAY * abs(check.motion.way)
     bound += DEVIATIONS * math.hypot(before.deviation, seen.deviation) + LEAST_TURN
     off, told = (
-        abs(math.remainder(each - change, 2.0 * math.pi))
-        for each in (turn, stretch.commanded.turn)
+        abs(math.remainder(each - change, 2.0 * math.pi)) for each in (turn, check.commanded.turn)
     )
     return Errors(change, off, told, bound)
 
 
-def way_errors(stretch: Stretch, seen: Seen) -> Errors:
+def way_errors(check: OdometryCheck, seen: Seen) -> Errors:
     """Return the errors of ways ahead; none where no memory knows the places."""
-    before = stretch.seen
+    before = check.seen
     if before.place is None or seen.place is None:
         return Errors(math.nan)
-    heading = before.heading + 0.5 * stretch.motion.turn
+    heading = before.heading + 0.5 * check.motion.turn
     right, ahead = seen.place[0] - before.place[0], seen.place[1] - before.place[1]
     way = ahead * math.cos(heading) - right * math.sin(heading)
-    bound = WAY_SHARE * max(abs(way), abs(stretch.motion.way)) + LEAST_WAY
+    bound = WAY_SHARE * max(abs(way), abs(check.motion.way)) + LEAST_WAY
     bound += max(seen.place_deviation, before.place_deviation)
-    return Errors(way, abs(stretch.motion.way - way), abs(stretch.commanded.way - way), bound)
+    return Errors(way, abs(check.motion.way - way), abs(check.commanded.way - way), bound)
 
 
 def _sum(one: Motion, other: Motion) -> Motion:

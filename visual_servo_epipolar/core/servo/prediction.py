@@ -1,5 +1,5 @@
 """
-Anticipation: laws go by where the robot will be when it obeys, where it obeys late.
+Prediction: laws go by where the robot will be when it obeys, where it obeys late.
 
 What was commanded and has not acted yet is driven ahead from where the robot is seen (Smith 1957;
 Artstein 1982): the loop is then as without the delay, but for what the base does otherwise. Events
@@ -10,8 +10,6 @@ from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.delay import is_late
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -19,23 +17,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 
-def as_obeyed(state: ServoState, stamp_ns: int, dt: float, settings: ServoSettings) -> ServoState:
-    """Return ``state`` with the command that acted since the last image, of who obeys late."""
-    if not is_late(settings) or state.measurement is None or dt == 0.0:
-        return state
-    twist = state.motion.sent.mean(state.measurement.stamp_ns, stamp_ns, settings.latency)
-    return state.changed(command=Command(twist), last_linear=twist.linear)
-
-
-def longest_obeyed(state: ServoState, stamp_ns: int, dt: float, settings: ServoSettings) -> Twist:
-    """Return the command that acted for the longest part of the time since the last image."""
-    if not is_late(settings) or state.measurement is None or dt == 0.0:
-        return state.twist
-    spans = state.motion.sent.acting(state.measurement.stamp_ns, stamp_ns, settings.latency)
-    return max(spans, key=lambda span: span[0])[1] if spans else STANDSTILL
-
-
-def anticipated(state: ServoState, settings: ServoSettings) -> ServoState:
+def predicted(state: ServoState, settings: ServoSettings) -> ServoState:
     """Return ``state`` with its measurement as it will be when the next command acts."""
     measurement = state.measurement
     if measurement is None or not state.phase.drives or not is_late(settings):

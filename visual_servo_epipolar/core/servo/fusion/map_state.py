@@ -1,4 +1,4 @@
-"""Remembering: what the views of the way say of this one, where they know better than two."""
+"""Map state: what the keyframes of the way say of this view, where they know better than two."""
 
 from dataclasses import dataclass, replace
 import math
@@ -18,11 +18,12 @@ from visual_servo_epipolar.core.mapping.map_measurement import (
     map_measurement_of,
     MapMeasurement,
 )
+from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import of_few, Perception, with_difference
+from visual_servo_epipolar.core.servo.fusion.pose_filter import agrees, filter_pose, FilteredPose
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.steadying import agrees, Driven, Motion, Place, steadied
 from visual_servo_epipolar.core.values import changed
 
 PREFERENCE = 3.0  # deviations of two views that one of the memory may have
@@ -43,7 +44,7 @@ class MapState:
     """
 
     views: KeyframeMap | None = None
-    place: Place | None = None
+    place: FilteredPose | None = None
     few_s: float = 0.0
     is_over: bool = False
 
@@ -55,10 +56,10 @@ class MapState:
         return MapState(views, self.place, self.few_s, self.is_over)
 
 
-def remembered(
+def localize(
     before: MapState,
     perception: Perception,
-    driven: Driven,
+    increment: OdometryIncrement,
     settings: ServoSettings,
     *,
     dt: float = 0.0,
@@ -66,15 +67,15 @@ def remembered(
     """
     Return the memory ``dt`` [s] after the last view, and what it reads of this; None if nothing.
 
-    The way that was ``driven`` since the last view gives the scale. A lens that is being learnt
+    The ``increment`` driven since the last view gives the scale. A lens that is being learnt
     would move the rays that keyframes hold: with one nothing is remembered.
     """
-    observation, motion = perception.observation, driven.motion
+    observation, motion = perception.observation, increment.motion
     if not settings.remembers:
         return MapState(), None
     views = before.views or KeyframeMap(settings.mount, BY_COMMANDS)
-    if driven.trusted != (views.settings == BY_WHEELS):
-        views = views.with_alternative(BY_WHEELS if driven.trusted else BY_COMMANDS)
+    if increment.trusted != (views.settings == BY_WHEELS):
+        views = views.with_alternative(BY_WHEELS if increment.trusted else BY_COMMANDS)
         before = replace(before, place=None)  # it was of another scale
     if observation is None or observation.ids is None:
         return MapState(views), None
@@ -86,7 +87,9 @@ def remembered(
     after, said = views.after(
         observations,
         np.array([0.0, motion.way]),
-        alternative_motion=None if driven.other is motion else np.array([0.0, driven.other.way]),
+        alternative_motion=None
+        if increment.other is motion
+        else np.array([0.0, increment.other.way]),
         bearings=() if bearings is None else (bearings,),
         attitude=perception.memory.attitude,
         learns=not is_few,
@@ -100,7 +103,7 @@ def remembered(
             unseen = replace(after, pose=views.pose, shrinkage=views.shrinkage)
             is_over = is_over and (carries or before.is_over)  # the cause, also of what follows
             return MapState(unseen, place, few_s, is_over), None
-    said, place = steadied(said, before.place, motion)
+    said, place = filter_pose(said, before.place, motion)
     reading = reading_in_view(said, observation)
     agree = int(said.inliers[: len(observation)].sum())
     if reading is not None and is_few and agree < LEAST_CARRIED:
@@ -125,7 +128,9 @@ def observations_of(observation: Observation, noise_px: float) -> FeatureObserva
     )
 
 
-def _carries(said: MapLocalization, ids: IntArray, place: Place | None, motion: Motion) -> bool:
+def _carries(
+    said: MapLocalization, ids: IntArray, place: FilteredPose | None, motion: Motion
+) -> bool:
     """Return whether few features, of ``ids`` (N,), show the robot where it has driven to."""
     if said.reason or place is None:
         return False
@@ -135,7 +140,7 @@ def _carries(said: MapLocalization, ids: IntArray, place: Place | None, motion: 
     return agrees(said, place.after(motion))
 
 
-def measured(
+def measurement_of(
     perception: Perception,
     reading: MapMeasurement | None,
     after: MapState,

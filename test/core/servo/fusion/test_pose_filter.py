@@ -8,7 +8,8 @@ import pytest
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
-from visual_servo_epipolar.core.servo.steadying import Motion, Place, steadied
+from visual_servo_epipolar.core.odometry.increments import Motion
+from visual_servo_epipolar.core.servo.fusion.pose_filter import filter_pose, FilteredPose
 
 OWN = np.diag([0.8e-3, 0.5e-3, 1.5e-4, 1e-3, 1e-3]) ** 2
 COMMON = np.diag([0.4e-3, 0.3e-3, 0.5e-4, 1e-3, 1e-3]) ** 2
@@ -31,7 +32,7 @@ def test_views_of_a_robot_that_stands_average_out() -> None:
     for _ in range(200):
         place = None
         for _ in range(count):
-            now, place = steadied(noisy(true, rng), place, STILL)
+            now, place = filter_pose(noisy(true, rng), place, STILL)
         errors.append(now.pose[:3] - true)
     expected = np.sqrt(np.diag(OWN)[:3] / count)
     assert np.std(errors, axis=0) == pytest.approx(expected, rel=0.25)
@@ -51,7 +52,7 @@ def test_views_of_a_robot_that_stands_average_out() -> None:
 def test_a_place_moves_as_the_robot(
     motion: Motion, heading: float, step: tuple[float, float, float]
 ) -> None:
-    before = Place(np.array([0.1, 0.2, heading]), OWN[:3, :3])
+    before = FilteredPose(np.array([0.1, 0.2, heading]), OWN[:3, :3])
     after = before.after(motion)
     assert after.mean - before.mean == pytest.approx(step, abs=1e-12)
     assert (np.diag(after.covariance) >= np.diag(before.covariance)).all()
@@ -61,49 +62,49 @@ def test_a_place_moves_as_the_robot(
 def test_what_the_shrinkage_shifts_shifts_the_views_before_as_well() -> None:
     place, shift = None, np.array([0.002, -0.001, 0.0003, 0.0, 0.0])
     for _ in range(20):
-        now, place = steadied(said(np.zeros(3)), place, STILL)
+        now, place = filter_pose(said(np.zeros(3)), place, STILL)
     assert now.pose[:3] == pytest.approx(np.zeros(3))
     moved = said(shift[:3])
-    now, place = steadied(replace(moved, shift=shift), place, STILL)
+    now, place = filter_pose(replace(moved, shift=shift), place, STILL)
     assert now.pose[:3] == pytest.approx(shift[:3])
 
 
 def test_a_robot_that_drives_fast_is_where_it_is_seen() -> None:
     first = np.array([0.0, -0.5, 0.0])
-    _, place = steadied(said(first), None, STILL)
+    _, place = filter_pose(said(first), None, STILL)
     seen = first + [0.0003, 0.019, 0.0001]
-    now, _ = steadied(said(seen), place, Motion(way=0.02, turn=0.01))
+    now, _ = filter_pose(said(seen), place, Motion(way=0.02, turn=0.01))
     assert now.pose[:3] == pytest.approx(seen, abs=1.5e-4)
 
 
 def test_a_base_that_obeys_late_leaves_no_error() -> None:
     """It rolls on for half a second where the command is zero already."""
     true = np.array([0.0, -0.01, 0.0])
-    _, place = steadied(said(true), None, Motion(way=0.01))
+    _, place = filter_pose(said(true), None, Motion(way=0.01))
     for rolls in (0.006, 0.004, 0.002, 0.001, 0.0, 0.0):
         true = true + [0.0, rolls, 0.0]
-        now, place = steadied(said(true), place, STILL)
+        now, place = filter_pose(said(true), place, STILL)
     assert abs(now.pose[1] - true[1]) < 0.3e-3
 
 
 def test_who_is_pushed_begins_anew() -> None:
-    _, place = steadied(said(np.zeros(3)), None, STILL)
+    _, place = filter_pose(said(np.zeros(3)), None, STILL)
     away = np.array([0.05, -0.1, 0.02])
-    now, place = steadied(said(away), place, STILL)
+    now, place = filter_pose(said(away), place, STILL)
     assert now.pose[:3] == pytest.approx(away)
     assert now.own == pytest.approx(OWN)
     assert place is not None and place.mean == pytest.approx(away)
 
 
 def test_nothing_said_is_nothing_known() -> None:
-    _, place = steadied(said(np.zeros(3)), None, STILL)
+    _, place = filter_pose(said(np.zeros(3)), None, STILL)
     lost = MapLocalization('too few features')
-    assert steadied(lost, place, STILL) == (lost, None)
+    assert filter_pose(lost, place, STILL) == (lost, None)
 
 
 @pytest.mark.parametrize('motion', [Motion(0.02, 0.0), Motion(0.0, 0.05), Motion(0.02, 0.05)])
 def test_wheels_know_better_than_commands_where_a_robot_is(motion: Motion) -> None:
-    before = Place(np.zeros(3), OWN[:3, :3])
+    before = FilteredPose(np.zeros(3), OWN[:3, :3])
     told, measured = (
         before.after(Motion(motion.way, motion.turn, measured=it)) for it in (False, True)
     )
@@ -113,7 +114,7 @@ def test_wheels_know_better_than_commands_where_a_robot_is(motion: Motion) -> No
 
 
 def test_wheels_are_a_random_walk_and_do_not_come_late() -> None:
-    step, before = Motion(0.01, 0.0, measured=True), Place(np.zeros(3), np.zeros((3, 3)))
+    step, before = Motion(0.01, 0.0, measured=True), FilteredPose(np.zeros(3), np.zeros((3, 3)))
     after = before.after(step)
     ahead = 0.0075**2 * 0.01 + (0.05 * 0.01) ** 2
     assert after.covariance[1, 1] == pytest.approx(ahead)

@@ -1,8 +1,7 @@
-"""Steadying: where the robot is near the goal, averaged over views by what it drove meanwhile."""
+"""Pose filter: where the robot is near the goal, averaged over views by what it drove."""
 
 from dataclasses import dataclass
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.lapack import solved
 from visual_servo_epipolar.core.mapping.adjustment.window import HEADING
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.odometry.increments import Motion
 from visual_servo_epipolar.core.values import changed
 
 PLACE = HEADING + 1  # unknowns of a place: right and ahead [m], heading error [rad]
@@ -19,81 +19,27 @@ LEAST_DEVIATION = 1e-9  # [m], [rad]
 LEAST = LEAST_DEVIATION**2 * np.eye(PLACE)
 
 
-class Doubt(NamedTuple):
-    """
-    What a motion is uncertain by: shares of its way and of its turn.
-
-    It goes on for views after it, ``fading`` from one to the next, where it comes late. ``noise``
-    is the deviation of a random walk, after a metre and after a radian.
-    """
-
-    way: float
-    turn: float
-    fading: float = 0.0
-    noise: float = 0.0
-
-
-# A base may drive or turn otherwise than it is told, and obeys late; wheels slip.
-COMMANDED, MEASURED = Doubt(0.3, 0.5, fading=0.6), Doubt(0.05, 0.05, noise=0.0075)
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """
-    What was driven between two views: ahead [m], and the turn, left positive [rad].
-
-    It was commanded, or ``measured`` by odometry.
-    """
-
-    way: float = 0.0
-    turn: float = 0.0
-    measured: bool = False
-
-    @property
-    def doubt(self) -> Doubt:
-        """What it is uncertain by."""
-        return MEASURED if self.measured else COMMANDED
-
-
-class Driven(NamedTuple):
-    """What was driven between two views, ``commanded`` and by ``wheels``; whether these count."""
-
-    commanded: Motion
-    wheels: Motion
-    trusted: bool = False
-
-    @property
-    def motion(self) -> Motion:
-        """That which counts."""
-        return self.wheels if self.trusted else self.commanded
-
-    @property
-    def other(self) -> Motion:
-        """That which does not."""
-        return self.commanded if self.trusted else self.wheels
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Place:
+class FilteredPose:
     """
     Where the camera is, (3,): right and ahead of the goal's [m], heading error [rad].
 
     But for the shift of the shrinkage, which is that of the last view for all before it as well.
-    ``covariance``, (3, 3), is that of the noise which each view has for itself; ``lately`` how
-    much was driven before the last view, fading.
+    ``covariance``, (3, 3), is that of the noise which each view has for itself;
+    ``decayed_motion`` how much was driven before the last view, fading.
     """
 
     mean: FloatArray
     covariance: FloatArray
-    lately: Motion = Motion()
+    decayed_motion: Motion = Motion()
 
-    def after(self, motion: Motion) -> 'Place':
+    def after(self, motion: Motion) -> 'FilteredPose':
         """Return the place after a ``motion``, as far as a base obeys, or its wheels grip."""
-        share = motion.doubt
+        share = motion.noise
         heading = float(self.mean[HEADING]) + 0.5 * motion.turn
         step = [-motion.way * math.sin(heading), motion.way * math.cos(heading), motion.turn]
-        way = max(abs(motion.way), share.fading * self.lately.way)
-        turn = max(abs(motion.turn), share.fading * self.lately.turn)
+        way = max(abs(motion.way), share.fading * self.decayed_motion.way)
+        turn = max(abs(motion.turn), share.fading * self.decayed_motion.turn)
         doubt = np.array(
             [
                 way * (share.way * abs(math.sin(heading)) + turn + SLIP),
@@ -107,12 +53,12 @@ class Place:
         if share.noise:
             walk = np.array([way * abs(math.sin(heading)), way, way + turn])
             diagonal += share.noise**2 * walk
-        return Place(self.mean + step, covariance, Motion(way, turn))
+        return FilteredPose(self.mean + step, covariance, Motion(way, turn))
 
 
-def steadied(
-    said: MapLocalization, place: Place | None, motion: Motion
-) -> tuple[MapLocalization, Place | None]:
+def filter_pose(
+    said: MapLocalization, place: FilteredPose | None, motion: Motion
+) -> tuple[MapLocalization, FilteredPose | None]:
     """
     Return a recollection averaged with those before it, and the place for the next.
 
@@ -124,7 +70,7 @@ def steadied(
         return said, None
     mean, own = said.pose[:PLACE] - said.shift[:PLACE], said.own[:PLACE, :PLACE] + LEAST
     if place is None:
-        return said, Place(mean, own, Motion(abs(motion.way), abs(motion.turn)))
+        return said, FilteredPose(mean, own, Motion(abs(motion.way), abs(motion.turn)))
     before = place.after(motion)
     change = _change(said, before)
     both = np.empty((PLACE, PLACE + 1))
@@ -132,8 +78,10 @@ def steadied(
     shares = solved(before.covariance + own, both)
     gain = shares[:, :PLACE].T
     if change @ shares[:, PLACE] > SURPRISE:
-        return said, Place(mean, own, before.lately)
-    now = Place(before.mean + gain @ change, _symmetric(own @ gain.T), before.lately)
+        return said, FilteredPose(mean, own, before.decayed_motion)
+    now = FilteredPose(
+        before.mean + gain @ change, _symmetric(own @ gain.T), before.decayed_motion
+    )
     pose, covariance, own = said.pose.copy(), said.covariance.copy(), said.own.copy()
     covariance[:PLACE, :PLACE] += now.covariance - own[:PLACE, :PLACE]
     own[:PLACE, :PLACE] = now.covariance
@@ -141,7 +89,7 @@ def steadied(
     return changed(said, pose=pose, covariance=covariance, own=own), now
 
 
-def agrees(said: MapLocalization, place: Place) -> bool:
+def agrees(said: MapLocalization, place: FilteredPose) -> bool:
     """
     Return whether a recollection is of a robot at ``place``, within the noise of a view.
 
@@ -152,7 +100,7 @@ def agrees(said: MapLocalization, place: Place) -> bool:
     return float(change @ solved(covariance, change)) <= SURPRISE
 
 
-def _change(said: MapLocalization, place: Place) -> FloatArray:
+def _change(said: MapLocalization, place: FilteredPose) -> FloatArray:
     """Return where a recollection is, (3,), less a ``place``."""
     change = said.pose[:PLACE] - said.shift[:PLACE] - place.mean
     change[HEADING] = math.remainder(change[HEADING], 2.0 * math.pi)

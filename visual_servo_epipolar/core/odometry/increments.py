@@ -1,0 +1,58 @@
+"""Increments: what the base moved between two images, and how uncertain that is."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+
+class MotionNoise(NamedTuple):
+    """
+    What a motion is uncertain by: shares of its way and of its turn.
+
+    It goes on for views after it, ``fading`` from one to the next, where it comes late. ``noise``
+    is the deviation of a random walk, after a metre and after a radian.
+    """
+
+    way: float
+    turn: float
+    fading: float = 0.0
+    noise: float = 0.0
+
+
+# A base may drive or turn otherwise than it is told, and obeys late; wheels slip.
+COMMANDED, MEASURED = MotionNoise(0.3, 0.5, fading=0.6), MotionNoise(0.05, 0.05, noise=0.0075)
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """
+    What was driven between two views: ahead [m], and the turn, left positive [rad].
+
+    It was commanded, or ``measured`` by odometry.
+    """
+
+    way: float = 0.0
+    turn: float = 0.0
+    measured: bool = False
+
+    @property
+    def noise(self) -> MotionNoise:
+        """What it is uncertain by."""
+        return MEASURED if self.measured else COMMANDED
+
+
+class OdometryIncrement(NamedTuple):
+    """What was driven between two views, ``commanded`` and by ``wheels``; whether these count."""
+
+    commanded: Motion
+    wheels: Motion
+    trusted: bool = False
+
+    @property
+    def motion(self) -> Motion:
+        """That which counts."""
+        return self.wheels if self.trusted else self.commanded
+
+    @property
+    def other(self) -> Motion:
+        """That which does not."""
+        return self.commanded if self.trusted else self.wheels

@@ -1,0 +1,210 @@
+"""Dead reckoning: what commands make of travel, distance, range and rates between two images."""
+
+import math
+from typing import NamedTuple
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.timing import usual_step
+from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
+from visual_servo_epipolar.core.odometry.ranging import Leg, MIN_TURN
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.identification.delay import is_late
+from visual_servo_epipolar.core.servo.identification.odometry import Odometry
+from visual_servo_epipolar.core.servo.identification.slope import Slope
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import Identification, MotionState, ServoState
+from visual_servo_epipolar.core.values import changed
+
+RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next two
+RANGE_SMOOTHING = 0.2
+PERIOD_SMOOTHING = 0.1
+MIN_SPEED = 0.05  # below which the path says nothing about the range [m/s]
+TURN_DEVIATIONS = 8.0  # least turn of the line of sight, in deviations of a bearing
+
+
+class Actuation(NamedTuple):
+    """
+    What acted on the base in the ``dt`` [s] since the last image: ``twist``, its mean.
+
+    ``before`` is the speed that acted until then [m/s], ``longest`` the one command that acted
+    for the longest part. Of a base that obeys in time they are the last commands.
+    """
+
+    dt: float
+    twist: Twist
+    before: float
+    longest: Twist
+
+    def motion(self, latency: float) -> Motion:
+        """Return the motion of commands that act late by ``latency`` [s]."""
+        turn = self.twist.angular * self.dt
+        if self.dt == 0.0:
+            return Motion(0.0, turn)
+        late, linear = min(latency / self.dt, 1.0), self.twist.linear
+        return Motion((linear + late * (self.before - linear)) * self.dt, turn)
+
+
+def actuation(state: ServoState, stamp_ns: int, dt: float, settings: ServoSettings) -> Actuation:
+    """Return what acted on the base since the last image, ``dt`` [s] before ``stamp_ns``."""
+    if not is_late(settings) or state.measurement is None or dt == 0.0:
+        return Actuation(dt, state.twist, state.motion.last_linear, state.twist)
+    window = state.measurement.stamp_ns, stamp_ns, settings.latency
+    twist, spans = state.motion.sent.mean(*window), state.motion.sent.acting(*window)
+    longest = max(spans, key=lambda span: span[0])[1] if spans else STANDSTILL
+    return Actuation(dt, twist, twist.linear, longest)
+
+
+class Drive(NamedTuple):
+    """
+    What was driven since the last image.
+
+    ``acted`` is by commands, ``increment`` by these and by wheels, ``odometry`` what is known of
+    the latter.
+    """
+
+    acted: Actuation
+    odometry: Odometry
+    increment: OdometryIncrement
+
+    @property
+    def travel(self) -> float:
+        """The way [m], backward negative."""
+        return self.increment.motion.way
+
+
+def drive_since(
+    state: ServoState, perception: Perception, dt: float, settings: ServoSettings
+) -> Drive:
+    """Return what was driven since the last image, ``dt`` [s] before this ``perception``."""
+    acted = actuation(state, perception.measurement.stamp_ns, dt, settings)
+    observation = perception.observation
+    wheels = None if observation is None or not settings.odometry else observation.odometry
+    commanded = acted.motion(settings.latency)
+    return Drive(acted, *state.identified.odometry.after(wheels, commanded, dt, settings))
+
+
+def reckon(
+    state: ServoState,
+    measurement: Measurement,
+    identified: Identification,
+    drive: Drive,
+    settings: ServoSettings,
+) -> MotionState:
+    """
+    Return where a ``drive`` has led to, by a ``measurement``.
+
+    Where other extrinsics count from now on, what was ranged so far was driven by another mount.
+    """
+    extrinsics, acted = identified.extrinsics, drive.acted
+    known, ranged = state.identified.extrinsics, state.motion
+    if extrinsics is not None and extrinsics.believed != (known is not None and known.believed):
+        ranged = changed(ranged, leg=None, range=extrinsics.distance)
+    leg = _leg(ranged.leg, state.measurement, acted)
+    return changed(
+        ranged,
+        distance=_distance(state, acted, settings),
+        leg=leg,
+        range=_range(state, ranged.range, measurement, leg, acted),
+        slope=_slope(state, measurement, acted),
+        last_linear=state.twist.linear,
+        travel=ranged.travel + drive.travel,
+        reversed=ranged.reversed + _backward(state, acted.dt),
+    )
+
+
+def _backward(state: ServoState, dt: float) -> float:
+    """
+    Return the largest travel backward between the last two images [m].
+
+    It is a bound that counts: a command acts late, and may have been withdrawn in between.
+    """
+    fastest = max(-state.twist.linear, -state.motion.last_linear, 0.0)
+    return fastest * (dt or usual_step(state))
+
+
+def _distance(state: ServoState, acted: Actuation, settings: ServoSettings) -> float:
+    """Return d_hat [m], integrated by the applied speed (18)."""
+    if math.isnan(state.motion.distance):
+        return max(settings.initial_distance, settings.min_distance)
+    previous = state.measurement
+    if previous is None or previous.bearings is None:
+        return state.motion.distance
+    # sigma of the geometry itself, also under the printed law: this is kinematics.
+    rate = equations.distance_rate(
+        acted.twist.linear, previous.bearings.epipole_current, sigma=previous.bearings.sigma
+    )
+    return max(state.motion.distance + rate * acted.dt, settings.min_distance)
+
+
+def _leg(leg: Leg | None, previous: Measurement | None, acted: Actuation) -> Leg | None:
+    """Return the ``leg`` extended by what acted since the ``previous`` image."""
+    if leg is None or previous is None or previous.bearings is None:
+        return leg
+    return leg.extended(previous.bearings, acted.twist.linear * acted.dt)
+
+
+def _range(
+    state: ServoState,
+    predicted: float,
+    measurement: Measurement,
+    leg: Leg | None,
+    acted: Actuation,
+) -> float:
+    """Return the distance to the goal [m]: predicted by the command, corrected by the ``leg``."""
+    previous, linear = state.measurement, acted.twist.linear
+    if previous is not None and previous.bearings is not None:
+        predicted += linear * math.cos(previous.bearings.phi) * acted.dt
+    measured = measured_range(state, measurement, leg, linear)
+    if measured is None:
+        return predicted if math.isnan(predicted) else max(predicted, 0.0)
+    if math.isnan(predicted):
+        return measured
+    return predicted + RANGE_SMOOTHING * (measured - predicted)
+
+
+def measured_range(
+    state: ServoState, measurement: Measurement, leg: Leg | None, linear: float
+) -> float | None:
+    """Return the distance that the ``leg`` shows [m]; None outside step 1, or at a standstill."""
+    if leg is None or measurement.bearings is None or not state.phase.ranges:
+        return None
+    if abs(linear) < MIN_SPEED:  # noise alone would move the estimate
+        return None
+    deviation = 0.0 if math.isnan(measurement.deviation) else measurement.deviation
+    min_turn = max(MIN_TURN, TURN_DEVIATIONS * deviation)
+    return leg.distance(measurement.bearings.psi, min_turn=min_turn)
+
+
+def _slope(state: ServoState, measurement: Measurement, acted: Actuation) -> Slope:
+    """
+    Return the slope of D, updated by what acted in step 2.
+
+    The map knows it: of the features that are in view, which come and go.
+    """
+    slope = state.motion.slope
+    if measurement.difference_slope > 0.0:
+        return Slope(measurement.difference_slope, slope.weight)
+    if not state.phase.straight or state.measurement is None:
+        return slope
+    change = measurement.difference - state.measurement.difference
+    return slope.updated(change, acted.twist.linear * acted.dt)
+
+
+def usual_period(before: float, dt: float) -> float:
+    """Return the time between two images [s], smoothed, after one of ``dt`` [s]."""
+    if math.isnan(before):
+        return dt or math.nan
+    if dt == 0.0:  # stamps that leap tell nothing of it
+        return before
+    return before + PERIOD_SMOOTHING * (dt - before)
+
+
+def desired_rate(state: ServoState, measurement: Measurement, dt: float) -> float:
+    """Return the rate of the bearing of e_du [rad/s], smoothed; 0 where it is unknown."""
+    previous = state.measurement
+    if previous is None or previous.bearings is None or measurement.bearings is None or dt == 0.0:
+        return 0.0
+    rate = (measurement.bearings.chi - previous.bearings.chi) / dt
+    return state.law.desired_rate + RATE_SMOOTHING * (rate - state.law.desired_rate)

@@ -1,0 +1,1 @@
+"""Fusion: two views and the map of keyframes become one measurement."""

@@ -1,0 +1,110 @@
+"""Fuse: two views and the map become one measurement, or the map alone where it knows better."""
+
+from dataclasses import replace
+import math
+from typing import NamedTuple
+
+from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
+from visual_servo_epipolar.core.mapping.map_measurement import MapMeasurement
+from visual_servo_epipolar.core.odometry.increments import OdometryIncrement
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
+from visual_servo_epipolar.core.perception.perceive import perceive, Perception, with_difference
+from visual_servo_epipolar.core.servo.fusion.map_state import localize, MapState, measurement_of
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.values import changed
+
+SKIPPED = 3  # views between two that are estimated all the same: noise and attitude may change
+
+
+class Fusion(NamedTuple):
+    """
+    What two views and the map make of an image together.
+
+    ``reading`` is what the ``map`` measures, None if nothing; ``memory`` what perception carries
+    on, ``rotation_bias`` what the best rotation is off in heading [rad], nan while unknown.
+    """
+
+    measurement: Measurement
+    memory: PerceptionMemory
+    map: MapState
+    reading: MapMeasurement | None = None
+    rotation_bias: float = math.nan
+
+
+def fuse(
+    state: ServoState,
+    perception: Perception,
+    increment: OdometryIncrement,
+    dt: float,
+    settings: ServoSettings,
+) -> Fusion:
+    """Return what two views, by ``perception``, and the map know ``dt`` [s] after the last."""
+    seconds = dt if state.phase.runs else 0.0
+    after, reading = localize(state.view.map, perception, increment, settings, dt=seconds)
+    measurement = measurement_of(perception, reading, after, settings)
+    if needs_two_view(perception, measurement, settings):
+        perception = reestimate(state, perception, settings)
+        measurement = measurement_of(perception, reading, after, settings)
+    memory = two_view_skip(perception.memory, measurement, reading, after)
+    return Fusion(measurement, memory, after, reading)
+
+
+def disproved(perception: Perception, settings: ServoSettings) -> Fusion:
+    """Return a fusion without a geometry that driving disproves, and what led to it."""
+    measurement = replace(
+        with_difference(perception, settings),
+        bearings=None,
+        deviation=math.nan,
+        covariance=UNKNOWN_COVARIANCE,
+        confidence=0.0,
+        difference=math.nan,
+        reason='the bearings contradict what was driven; they are looked for anew',
+    )
+    return Fusion(measurement, fresh_memory(settings), MapState())
+
+
+def two_view_skip(
+    memory: PerceptionMemory,
+    measurement: Measurement,
+    reading: MapMeasurement | None,
+    after: MapState,
+) -> PerceptionMemory:
+    """Return what perception carries on, after a ``measurement`` that may be by a ``reading``."""
+    by_two = measurement.bearings is not None and not measurement.remembered
+    if reading is None or by_two or after.views is None:
+        known = memory.two_view_skip or memory.wrong is not None
+        return changed(memory, two_view_skip=0, wrong=None) if known else memory
+    return changed(
+        memory,
+        bearings=reading.bearings if measurement.remembered else memory.bearings,
+        two_view_skip=memory.two_view_skip - 1 if memory.two_view_skip else SKIPPED,
+        wrong=after.views.wrong,
+    )
+
+
+def with_wrong_matches(
+    memory: PerceptionMemory | None, after: MapState
+) -> PerceptionMemory | None:
+    """Return what perception carries on, with wrong matches as the map has them ``after``."""
+    if memory is None or memory.wrong is None or after.views is None:
+        return memory
+    wrong = after.views.wrong
+    return memory if wrong == memory.wrong else changed(memory, wrong=wrong)
+
+
+def needs_two_view(
+    perception: Perception, measurement: Measurement, settings: ServoSettings
+) -> bool:
+    """Return whether the estimate that was skipped might tell bearings that are needed."""
+    needed = not measurement.parallax <= settings.near_parallax
+    return bool(perception.memory.two_view_skip) and measurement.bearings is None and needed
+
+
+def reestimate(state: ServoState, perception: Perception, settings: ServoSettings) -> Perception:
+    """Return a ``perception`` whose estimate was skipped with one."""
+    if perception.observation is None:
+        return perception
+    memory = changed(perception.memory, two_view_skip=0, wrong=None)
+    return perceive(perception.observation, settings, state.view.frame, memory)

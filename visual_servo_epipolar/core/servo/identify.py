@@ -1,0 +1,123 @@
+"""Identify: what an image shows of camera, base and wheels, and the measurement that leads to."""
+
+import math
+
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
+from visual_servo_epipolar.core.servo.dead_reckoning import Drive
+from visual_servo_epipolar.core.servo.fusion.fuse import disproved, Fusion
+from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand, learns
+from visual_servo_epipolar.core.servo.identification.delay import Delay
+from visual_servo_epipolar.core.servo.identification.extrinsics import (
+    Extrinsics,
+    update_extrinsics,
+)
+from visual_servo_epipolar.core.servo.identification.straight_leg import straight_on
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import Identification, ServoState
+from visual_servo_epipolar.core.values import changed
+
+BIAS_SMOOTHING = 0.2  # weight of the newest value in an exponential mean
+MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed
+
+
+def identify(
+    state: ServoState,
+    perception: Perception,
+    fusion: Fusion,
+    drive: Drive,
+    settings: ServoSettings,
+) -> tuple[Fusion, Identification]:
+    """
+    Return what a ``drive`` and the view after it show, and the measurement of the axle.
+
+    A geometry that driving disproves is given up, with all that led to it.
+    """
+    before, acted = state.identified, drive.acted
+    extrinsics = update_extrinsics(
+        before.extrinsics or settings.extrinsics,
+        fusion.measurement,
+        drive.travel,
+        missed=state.run.attempts > 1 or state.run.restarts >= MANY_RESTARTS,
+    )
+    if extrinsics.contradicts:
+        fusion, extrinsics = disproved(perception, settings), settings.extrinsics
+    straight = None
+    if state.phase.straight:
+        straight, extrinsics = straight_on(
+            before.straight, fusion.reading, drive.travel, extrinsics
+        )
+    measurement = _of_the_axle(fusion.measurement, extrinsics)
+    odometry = drive.odometry.judge(measurement)
+    bias = _rotation_bias(state, measurement)
+    measurement = _without_bias(measurement, bias)
+    fusion = fusion._replace(measurement=measurement, rotation_bias=bias)
+    return fusion, Identification(
+        extrinsics=extrinsics,
+        curvature=before.curvature.updated(
+            state.measurement, measurement, acted.twist, acted.dt, drift=settings.curvature_drift
+        ),
+        dead_band=_dead_band(before.dead_band, fusion, drive, settings),
+        delay=_delay(state, measurement, settings),
+        odometry=odometry,
+        # Another scale is another place: a leg cannot go on from one to the other.
+        straight=straight if odometry.trusted is before.odometry.trusted else None,
+    )
+
+
+def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measurement:
+    """Return ``measurement`` with the bearings of the axle, where the camera is not on it."""
+    mount = extrinsics.mount
+    if not mount.any():
+        return measurement
+    if measurement.offset is not None:
+        offset = offset_at_axle(measurement.offset, measurement.heading_error, mount)
+        measurement = changed(measurement, offset=offset)
+    if measurement.bearings is None:
+        return measurement
+    bearings = at_axle(measurement.bearings, mount, extrinsics.distance)
+    return changed(measurement, bearings=bearings, camera_bearings=measurement.bearings)
+
+
+def _rotation_bias(state: ServoState, measurement: Measurement) -> float:
+    """
+    Return what the best rotation is off in heading during a turn in place [rad]; nan if unknown.
+
+    It takes a small baseline for a turn. In place that does not change, so that what bearings show
+    of it holds as well for images of a parallax too small for them.
+    """
+    if not state.phase.turns_in_place:
+        return math.nan
+    before = state.view.rotation_bias
+    if measurement.bearings is None:
+        return before
+    now = math.remainder(measurement.heading_error - measurement.rotation_heading, 2.0 * math.pi)
+    change = math.remainder(now - before, 2.0 * math.pi)
+    return now if math.isnan(before) else before + BIAS_SMOOTHING * change
+
+
+def _without_bias(measurement: Measurement, bias: float) -> Measurement:
+    """Return ``measurement`` with the heading of the best rotation, less its ``bias`` if known."""
+    if math.isnan(bias):
+        return measurement
+    heading = math.remainder(measurement.rotation_heading + bias, 2.0 * math.pi)
+    return changed(measurement, heading_error=heading)
+
+
+def _dead_band(
+    before: DeadBand, fusion: Fusion, drive: Drive, settings: ServoSettings
+) -> DeadBand:
+    """Return what the base does not follow, by the command that acted for longest."""
+    if not learns(settings):
+        return DeadBand()
+    acted = drive.acted
+    return before.updated(fusion.measurement, fusion.reading, acted.longest, acted.dt, settings)
+
+
+def _delay(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Delay:
+    """Return how late the base obeys, after one more turn that was seen."""
+    before = state.identified.delay
+    if not settings.options.anticipation:
+        return before
+    return before.updated(measurement, state.motion.sent, settings)
