@@ -22,6 +22,7 @@ from visual_servo_epipolar.core.perception.memory import (
 )
 from visual_servo_epipolar.core.perception.validation import (
     fit_quality,
+    FitQuality,
     innovation,
     MAX_REJECTIONS,
     rejection_reason,
@@ -51,9 +52,14 @@ def updated_memory(
     return updated_memories([Lesson(memory, estimate, reason, noise, parallax)])[0]
 
 
+def quality_of(estimate: Estimate = GOOD, rays: np.ndarray = RAYS) -> FitQuality:
+    """Return the quality of an estimate that leaves the noise alone."""
+    return replace(fit_quality(estimate, rays, rays, PIXEL), residual=0.6 * FRESH.noise)
+
+
 def reason(memory: PerceptionMemory = FRESH, rays: np.ndarray = RAYS, **changes: object) -> str:
     estimate = replace(GOOD, **changes)  # type: ignore[arg-type]
-    return rejection_reason(estimate, fit_quality(estimate, rays, rays, PIXEL), memory, SETTINGS)
+    return rejection_reason(estimate, quality_of(estimate, rays), memory, SETTINGS)
 
 
 def some(count: int) -> np.ndarray:
@@ -74,7 +80,7 @@ def test_a_good_estimate_is_trusted() -> None:
         ({'confidence': 0.01}, r'cheirality vote is undecided \(0.010\)'),
         ({'confidence': 0.39}, r'cheirality vote is undecided \(0.390\)'),
         ({'jump': 0.1}, 'the camera tilted by 5.7 deg between the views'),
-        ({'covariance': 0.04 * np.eye(2)}, 'the bearings are uncertain by 11.5 deg'),
+        ({'covariance': 0.04 * np.eye(2)}, 'the bearings are uncertain by 12.5 deg'),
         ({'alternative': Bearings(-1.0, 2.5)}, 'two geometries fit the features'),
     ],
 )
@@ -100,7 +106,7 @@ def test_twelve_of_thirty_that_agree_are_enough(count: int, doubted: bool) -> No
 @pytest.mark.parametrize(('count', 'doubted'), [(11, False), (10, True)])
 def test_of_few_matches_most_must_agree(count: int, doubted: bool) -> None:
     """Nine of twelve agreed on a geometry of mirrored images."""
-    quality = fit_quality(GOOD, RAYS, RAYS, PIXEL)
+    quality = quality_of()
     few = replace(GOOD, inliers=some(count)[:13])
     said = rejection_reason(few, replace(quality, inliers=count), FRESH, SETTINGS)
     assert said.startswith(f'only {count} of 13 matches agree') == doubted
@@ -124,6 +130,32 @@ def test_an_estimator_without_covariance_is_not_doubted_for_it() -> None:
 def test_a_rival_is_no_doubt_where_the_last_bearings_decide() -> None:
     known = replace(FRESH, bearings=BEARINGS)
     assert reason(known, alternative=Bearings(-1.0, 2.5)) == ''
+
+
+def test_a_rival_counts_again_once_the_last_bearings_are_given_up() -> None:
+    """Fifteen of sixteen features, three frames in a row, had the robot retreat."""
+    away = Bearings(-1.0, 3.0)
+    tired = replace(FRESH, bearings=away, consecutive_rejections=MAX_REJECTIONS - 1)
+    assert reason(tired) == ''
+    assert 'two geometries fit' in reason(tired, alternative=Bearings(-1.0, 2.5))
+
+
+@pytest.mark.parametrize(('count', 'doubted'), [(30, False), (12, True)])
+def test_few_matches_have_a_larger_deviation_than_their_noise_makes(
+    count: int, doubted: bool
+) -> None:
+    quality = quality_of()
+    quality = replace(quality, inliers=count, deviation=0.9 * SETTINGS.max_deviation)
+    said = rejection_reason(GOOD, quality, FRESH, SETTINGS)
+    assert said.startswith('the bearings are uncertain by') == doubted
+
+
+def test_residuals_above_the_noise_enlarge_the_deviation() -> None:
+    quality = quality_of()
+    quality = replace(quality, deviation=0.5 * SETTINGS.max_deviation)
+    assert rejection_reason(GOOD, quality, FRESH, SETTINGS) == ''
+    noisy = replace(quality, residual=2.0 * FRESH.noise)
+    assert 'are uncertain by' in rejection_reason(GOOD, noisy, FRESH, SETTINGS)
 
 
 def test_a_leap_is_doubted_until_it_is_seen_three_times() -> None:

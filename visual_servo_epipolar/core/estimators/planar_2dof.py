@@ -31,7 +31,7 @@ from visual_servo_epipolar.core.estimators.machinery.refinement import (
     refined_modes,
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
-from visual_servo_epipolar.core.geometry.cheirality import balances, oriented
+from visual_servo_epipolar.core.geometry.cheirality import balances_ahead, oriented
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamentals
 
 MIN_MATCHES = 3
@@ -118,8 +118,8 @@ def conclude(rays: Rays, agree: BoolArray, after: Posterior) -> Conclusion:
     """Return the oriented geometry, shape (...), of matches that ``agree``, (..., N)."""
     phasors = np.exp(1j * after.parameters)
     planes = (rays.x_a, rays.z_a), (rays.x_d, rays.z_d)
-    balance = balances(phasors, *planes, agree, rays.noise)
-    return Conclusion(*after, agree, balance, fundamentals(phasors, balance))
+    balance, ahead = balances_ahead(phasors, *planes, agree, rays.noise)
+    return Conclusion(*after, ahead, balance, fundamentals(phasors, balance))
 
 
 def estimate_of(conclusion: Conclusion, alternative: Bearings | None = None) -> Estimate:

@@ -52,7 +52,7 @@ from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
     TILT,
     TILT_JUMP,
 )
-from visual_servo_epipolar.core.geometry.cheirality import balances, oriented
+from visual_servo_epipolar.core.geometry.cheirality import balances_ahead, oriented
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamentals
 
 MIN_MATCHES = 5
@@ -169,7 +169,7 @@ def conclude(rays: Rays, agree: BoolArray, after: Posterior) -> Conclusion:
     phasors = phasors_of(angles)
     bearings, both = phasors[..., : PHI + 1], cameras(phasors)
     planes = (upright.x_a, upright.z_a), (upright.x_d, upright.z_d)
-    balance = balances(bearings, *planes, inliers, rays.noise)
+    balance, inliers = balances_ahead(bearings, *planes, inliers, rays.noise)
     planar = fundamentals(bearings, balance)
     fundamental = both[..., 0, :, :].swapaxes(-2, -1) @ planar @ both[..., 1, :, :]
     return Conclusion(*after, inliers, balance, fundamental)

@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings, epipoles
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 
 VOTE_SATURATION = 3.0
+AHEAD_SHARE = 0.6  # of the matches that vote, without which a geometry is in doubt
 TINY = 1e-30
 
 Plane: TypeAlias = tuple[FloatArray, FloatArray]  # x and z of rays, shape (..., N) each
@@ -113,6 +114,36 @@ def balances(
     x and z; ``voting``, shape (..., N), says who votes, ``noise``, (..., N) or (), is the
     deviation of their angles [rad].
     """
+    return _balance(_votes(phasors, current, desired, noise), voting)
+
+
+def balances_ahead(
+    phasors: ComplexArray, current: Plane, desired: Plane, voting: BoolArray, noise: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """
+    Return the balance of the matches that lie ahead, shape (...), and which those are, (..., N).
+
+    A look-alike that was found along the epipolar line fits the geometry. Only its depth tells:
+    beyond infinity, which is behind both cameras. Where more than a few of the ``voting`` matches
+    are there, the geometry is in doubt, not they: then all count, and the vote is undecided.
+    """
+    votes = _votes(phasors, current, desired, noise)
+    balance = _balance(votes, voting)
+    behind = votes * np.where(balance < 0.0, -1.0, 1.0)[..., None] <= -2.0 * VOTE_SATURATION**2
+    ahead = voting & ~behind
+    kept = ahead.sum(axis=-1) >= AHEAD_SHARE * voting.sum(axis=-1)
+    ahead = np.where(kept[..., None], ahead, voting)
+    return _balance(votes, ahead), ahead
+
+
+def _balance(votes: FloatArray, voting: BoolArray) -> FloatArray:
+    """Return the mean of ``votes``, (..., N), over the ``voting``, 1 if all are certain: (...)."""
+    total = 2.0 * VOTE_SATURATION**2 * np.maximum(voting.sum(axis=-1), 1)
+    return np.asarray((votes * voting).sum(axis=-1) / total)
+
+
+def _votes(phasors: ComplexArray, current: Plane, desired: Plane, noise: FloatArray) -> FloatArray:
+    """Return the signs of both depths of matches, weighed by their parallax, shape (..., N)."""
     (x_a, z_a), (x_d, z_d) = current, desired
     psi = phasors[..., :1]
     turn = psi * phasors[..., 1:].conj()  # exp(i (alpha + pi / 2))
@@ -126,7 +157,4 @@ def balances(
     size = np.sqrt((x_d * x_d + z_d * z_d) * (x_a * x_a + z_a * z_a)) + TINY
     weight = cross * cross / (size * (noise * noise))
     np.minimum(weight, VOTE_SATURATION**2, out=weight)
-    weight *= voting
-    score = (weight * (np.sign(depth_current) + np.sign(depth_desired))).sum(axis=-1)
-    total = 2.0 * VOTE_SATURATION**2 * np.maximum(voting.sum(axis=-1), 1)
-    return np.asarray(score / total)
+    return np.asarray(weight * (np.sign(depth_current) + np.sign(depth_desired)))

@@ -122,7 +122,9 @@ def switched(
 
 
 def _waiting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
-    """Return ``state`` with the reason to go on waiting or holding, by this image."""
+    """Return ``state`` with the reason to go on waiting, orienting or holding, by this image."""
+    if state.reason == Event.NO_BASELINE.value and measurement.bearings is not None:
+        return state.changed(reason='')  # it ends where bearings are trusted
     if state.phase is Phase.HOLDING and not state.settling.settled and measurement.reason:
         return state.changed(reason=measurement.reason)
     if state.phase is not Phase.WAITING or not sees_too_little(measurement, settings):

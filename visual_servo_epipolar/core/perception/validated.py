@@ -24,6 +24,7 @@ from visual_servo_epipolar.core.perception.validation import (
     fit_quality,
     FitQuality,
     median_residual,
+    noise_of_residual,
     rejection_reason,
     rolled_over,
     turned_otherwise,
@@ -193,7 +194,6 @@ def lesson_of(
 
 def _noise(residual: float, observation: Observation, before: float, first: float) -> float:
     """Return the deviation of a coordinate [px], slowly following the median ``residual`` [px]."""
-    spare = max(len(observation) - 2, 1)
-    now = 1.4826 * (1.0 + 5.0 / spare) * residual
+    now = noise_of_residual(residual, len(observation))
     followed = before + NOISE_ADAPTION * (now - before)
     return min(max(followed, NOISE_RANGE[0] * first), NOISE_RANGE[1] * first)

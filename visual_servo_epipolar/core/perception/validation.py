@@ -16,6 +16,7 @@ MIN_INLIERS = 8
 MIN_INLIER_SHARE = 0.3
 MAX_TURN_APART = 2.0  # turns that bearings, and features as a whole, may be apart [rad]
 FEW_INLIERS, FEW_SHARE = 12, 0.8  # fewer may agree by chance, if they are not most of all
+MOTION_PARAMETERS, LEAST_SPARE = 5, 3.0  # of a general one; matches beyond them, at least
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 TINY = 1e-30
 NEXT, AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])  # of three axes: np.cross is slow
@@ -111,9 +112,27 @@ def rejection_reason(
         return f'the cheirality vote is undecided ({estimate.confidence:.3f})'
     if estimate.jump > MAX_JUMP * settings.floor_jitter:
         return f'the camera tilted by {math.degrees(estimate.jump):.1f} deg between the views'
-    if quality.deviation > settings.max_deviation:
-        return f'the bearings are uncertain by {math.degrees(quality.deviation):.1f} deg'
+    deviation = honest_deviation(quality, count, memory.noise)
+    if deviation > settings.max_deviation:
+        return f'the bearings are uncertain by {math.degrees(deviation):.1f} deg'
     return _contradiction(estimate, memory, settings)
+
+
+def honest_deviation(quality: FitQuality, matches: int, noise: float) -> float:
+    """
+    Return the deviation of the bearings as residuals show it, who took noise for ``noise`` [px].
+
+    A few matches do not show how large their noise is: errors have the tails of Student's
+    distribution, of as many degrees of freedom as there are inliers beyond a motion's parameters.
+    """
+    spare = max(quality.inliers - MOTION_PARAMETERS, LEAST_SPARE)
+    larger = max(noise_of_residual(quality.residual, matches) / noise, 1.0)
+    return quality.deviation * larger * math.sqrt(spare / (spare - 2.0))
+
+
+def noise_of_residual(residual: float, matches: int) -> float:
+    """Return the deviation of a coordinate [px] that the median ``residual`` [px] shows."""
+    return 1.4826 * (1.0 + 5.0 / max(matches - 2, 1)) * residual
 
 
 def turned_otherwise(bearings: Bearings, heading_error: float) -> str:
@@ -221,12 +240,18 @@ def turned_about(rotation: FloatArray, baseline: FloatArray, mount: Attitude) ->
 def _contradiction(
     estimate: Estimate, memory: PerceptionMemory, settings: PerceptionSettings
 ) -> str:
-    """Return how ``estimate`` contradicts the last bearings, in words; empty if it does not."""
-    if memory.bearings is None:
-        if estimate.alternative is not None:
-            return 'two geometries fit the features: one plane dominates the scene'
-        return ''
-    change = innovation(estimate.bearings, memory.bearings)
-    if change > settings.max_leap and memory.consecutive_rejections + 1 < MAX_REJECTIONS:
-        return f'the bearings leapt by {math.degrees(change):.1f} deg in one frame'
+    """
+    Return how ``estimate`` contradicts the last bearings, in words; empty if it does not.
+
+    Whoever gives up the last bearings knows as little as at the beginning: a second geometry then
+    counts as it does there.
+    """
+    if memory.bearings is not None:
+        change = innovation(estimate.bearings, memory.bearings)
+        if change <= settings.max_leap:
+            return ''
+        if memory.consecutive_rejections + 1 < MAX_REJECTIONS:
+            return f'the bearings leapt by {math.degrees(change):.1f} deg in one frame'
+    if estimate.alternative is not None:
+        return 'two geometries fit the features: one plane dominates the scene'
     return ''

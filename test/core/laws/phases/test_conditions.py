@@ -230,3 +230,10 @@ def test_step_2_follows_its_line_at_no_more_than_the_largest_speed(sign: float) 
     far = sight(difference=-50.0 * sign)
     twist = nominal_twist(in_phase(Phase.MATCHING_FEATURES, measurement=far), SETTINGS)
     assert twist.linear == sign * SETTINGS.max_linear
+
+
+def test_no_baseline_is_no_reason_once_bearings_are_trusted() -> None:
+    orienting = in_phase(Phase.ORIENTING, reason=Event.NO_BASELINE.value)
+    blind = switched(orienting, sight(bearings=None), Event.NOTHING, SETTINGS)
+    assert blind.reason == 'no baseline'
+    assert switched(orienting, sight(), Event.NOTHING, SETTINGS).reason == ''

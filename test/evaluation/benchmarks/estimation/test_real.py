@@ -36,6 +36,11 @@ def bench(folder: Path | str, result: Path) -> tuple[int, list[dict]]:
     return code, json.loads(result.read_text())['real']['pairs'] if result.exists() else []
 
 
+def _wrong(row: dict) -> float:
+    """Return the error [deg] from which on a pair is wrong; 7-Scenes knows its truth to 2 deg."""
+    return 5.0 if row['group'] == 'tsdf' else 3.0
+
+
 def test_a_folder_of_photographs_is_judged_by_its_truth(tmp_path: Path, capsys) -> None:
     world = CameraSimulator(CameraSettings(**SMALL))
     cv2.imwrite(str(tmp_path / 'goal.png'), world.photograph())
@@ -82,7 +87,8 @@ def test_a_folder_without_truth_is_bad_input(
 def test_real_photographs_are_believed_where_they_are_right(tmp_path: Path) -> None:
     code, rows = bench(PAIRS, tmp_path / 'result.json')
     assert code == 0
-    assert not [row['name'] for row in rows if row['trusted'] and row['error_deg'] > 3.0]
+    wrong = [row['name'] for row in rows if row['trusted'] and row['error_deg'] > _wrong(row)]
+    assert not wrong
     peers = [(row['peers_deg']['MAGSAC'], row['trusted']) for row in rows]
     right = [trusted for error, trusted in peers if error is not None and error <= 3.0]
-    assert sum(right) >= 0.85 * len(right)  # 8 of 9
+    assert sum(right) >= 0.92 * len(right)  # 9 of 9

@@ -28,13 +28,14 @@ RADII = np.radians([0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0])  # around the be
 AZIMUTHS = 8
 REFITS = (3.0, 2.0, 1.0, 1.0)  # noises of the steps of their rotations
 ROUNDS, RETRIED, NO_BETTER = 3, 6, 0.5  # improvements that are tried; excess that is none
-POSSIBLE = 25.0  # excess cost, in squared deviations, of what may still be true
+POSSIBLE = 13.8  # excess cost of what may still be true: 99.9 % of a direction by two angles
 # Of a good calibration: principal point [px], focal length, radial distortion.
 CENTRE_PX, FOCAL_RATIO, RADIAL = 2.5, 0.003, 0.004
 # And of one view against the other: rows read one after the other, a focus that changed.
-ROWS_PX, FOCUS_RATIO = 0.3, 0.0005
+# A hand turns by 0.1 deg while a phone reads them: half a pixel from the centre to 20 deg aside.
+ROWS_PX, FOCUS_RATIO = 0.5, 0.0005
 # Less where it has not turned: what moves in a hand turns.
-TURNED, LEAST_HAND = math.radians(2.0), 0.4
+TURNED, LEAST_HAND = math.radians(2.0), 0.25
 HALF_HEIGHT = 0.35  # sine of the angle off the axis at which those pixels are seen
 RAY_PARTS = ('x_a', 'y_a', 'z_a', 'x_d', 'y_d', 'z_d')
 COMMON = 4  # kinds of errors that both views share

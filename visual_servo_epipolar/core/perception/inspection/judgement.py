@@ -44,10 +44,11 @@ MIN_INLIERS = 8
 PLANAR_SHARE = 0.7  # of the inliers of a general motion that a planar one must explain
 TOLD = math.radians(3.0)  # deviation of tilt or roll beyond which it is not told
 SAME_PLACE_PX = 0.3  # parallax that noise alone makes
-LARGEST_DEVIATION = math.radians(1.2)  # of bearings that are trusted
+LARGEST_DEVIATION = math.radians(1.5)  # of bearings that are trusted: half of what is wrong
 LARGEST_TURN_DEVIATION = math.radians(2.0)  # of a heading that is told
 NEAR_PX = 2.5  # parallax below which a baseline may be missing altogether
 UNLEVEL = 2.0  # ratio of deviations beyond which the ground plane costs too much
+VERTICAL = 0.5  # share of what an estimated ground plane changes that counts as its deviation
 GENERAL = 'general epipolar geometry'
 FAR = math.radians(15.0)  # between two answers
 
@@ -110,6 +111,8 @@ def judged(
         found = replace(general, reason=f'the motion was not planar: {GENERAL}')
     else:
         found = _with_planar(found, planar, spread)
+        if not general.ground:
+            found = replace(found, deviation=_of_unknown_vertical(found, general))
         if found.deviation > UNLEVEL * general.deviation:
             general = replace(general, tilt=found.tilt, roll=found.roll)
             found = replace(general, reason=f'the matches do not show what is level: {GENERAL}')
@@ -120,6 +123,21 @@ def judged(
         reason = outside_mount(planar.attitude, settings.mount)
     reason = reason or _wrong_lens(observation, fit, settings, general=planar is None)
     return _concluded(found, reason, turn.heading_error), essential
+
+
+def _of_unknown_vertical(planar: Inspection, general: Inspection) -> float:
+    """
+    Return the deviation of ``planar`` bearings with that of the ground plane they are in.
+
+    Two views do not tell the axis of a robot's turn, which is vertical, from that of a hand's. The
+    cameras' own axes, which ``general`` bearings are in, are certain: what both differ by is not.
+    """
+    away = (
+        planar.bearing_current - general.bearing_current,
+        planar.bearing_desired - general.bearing_desired,
+    )
+    largest = max(abs(math.remainder(each, 2.0 * math.pi)) for each in away)
+    return math.hypot(planar.deviation, VERTICAL * largest)
 
 
 def _wrong_lens(

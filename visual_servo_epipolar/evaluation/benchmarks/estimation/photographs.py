@@ -23,7 +23,8 @@ WIDTH, HEIGHT = 640, 480
 DRAWN = 6000  # points, of which the first in view from both poses are taken
 NEAREST = 0.3  # depth at which a point is no longer seen, of the nearest one
 TAILS = 3.0  # degrees of freedom of Student's distribution of the noise
-ROLLING_PX, FOCUS = 0.25, 0.0005  # at the first and last row; change of the focal length
+ROLLING_PX, FOCUS = 0.4, 0.0005  # at the first and last row; change of the focal length
+STEADY, HELD = 0.25, 2.0  # share of that where nothing is in a hand; the climb of what is [deg]
 PERIODS = (0.25, 0.8)  # of a facade, of the depth of the nearest point
 
 
@@ -34,8 +35,9 @@ class Kind:
 
     ``tilt`` and ``roll`` bound those of the camera, ``tilting`` and ``climb`` are deviations of
     their change between the views and of the way up; ``turn`` bounds the heading. ``baseline`` is
-    a range; ``forward`` the deviation of its direction from the axis, None for any. ``relief`` is
-    the range of depths over the nearest one; ``huddle`` the part of the view that has matches.
+    a range; ``way`` its direction, right of the axis of the desired camera, and the deviation of
+    that, None for any. ``relief`` is the range of depths over the nearest one; ``huddle`` the part
+    of the view that has matches.
     """
 
     tilt: float = 0.0
@@ -44,7 +46,7 @@ class Kind:
     climb: float = 0.0
     turn: float = 15.0
     baseline: tuple[float, float] = (0.1, 0.8)
-    forward: float | None = None
+    way: tuple[float, float] | None = None
     points: tuple[int, int] = (60, 500)
     relief: float = 4.0
     huddle: float = 1.0
@@ -54,8 +56,9 @@ class Kind:
 
 
 HAND: dict[str, Any] = {'tilt': 30.0, 'roll': 4.0, 'tilting': 3.0, 'climb': 8.0}
+STEREO: dict[str, Any] = {'tilt': 20.0, 'roll': 10.0, 'tilting': 0.15, 'climb': 1.0, 'turn': 0.5}
 KINDS = {
-    'car': Kind(forward=4.0, baseline=(0.2, 1.0), relief=8.0, tilting=0.15),
+    'car': Kind(way=(180.0, 4.0), baseline=(0.2, 1.0), relief=8.0, tilting=0.15),
     'level': Kind(),
     'hand': Kind(**HAND),
     'phone': Kind(tilt=15.0, roll=8.0, tilting=8.0, climb=25.0),
@@ -66,6 +69,7 @@ KINDS = {
     'near': Kind(**HAND, baseline=(0.01, 0.06), points=(150, 600)),
     'wall': Kind(**HAND, relief=1.05),
     'aside': Kind(**HAND, turn=40.0, baseline=(0.5, 1.5), points=(12, 80), wrong=(0.1, 0.5)),
+    'stereo': Kind(**STEREO, way=(90.0, 1.0), baseline=(0.03, 0.3), points=(40, 400)),
 }
 
 
@@ -114,7 +118,7 @@ def draw_photographs(kind: Kind, seed: tuple[int, ...]) -> PhotographPair:
         pixels = current[chosen], desired[chosen]
         repeats = _repeated(kind, world[chosen], (rotation, baseline), true, rng)
         noisy = _with_noise(kind, np.where(np.isnan(repeats), pixels[0], repeats), pixels[1], rng)
-        noisy = noisy[0] + _rolling(noisy[0], rng), noisy[1]
+        noisy = noisy[0] + _rolling(kind, noisy[0], rng), noisy[1]
         kept = epipolar_inliers(*noisy)
         if kept.sum() >= 8:
             break
@@ -130,9 +134,7 @@ def _views(kind: Kind, rng: np.random.Generator) -> tuple[FloatArray, FloatArray
     desired = rotation_level_camera(math.radians(tilt), math.radians(roll))
     current = rotation_level_camera(*np.radians([tilt + change[0], roll + change[1]]))
     heading = math.radians(rng.uniform(-kind.turn, kind.turn))
-    way = rng.uniform(-180.0, 180.0) if kind.forward is None else rng.normal(0.0, kind.forward)
-    if kind.forward is not None:
-        way += 180.0
+    way = rng.uniform(-180.0, 180.0) if kind.way is None else rng.normal(*kind.way)
     way, climb = math.radians(way), math.radians(rng.normal(0.0, kind.climb))
     length = math.exp(rng.uniform(*np.log(kind.baseline)))
     flat = np.array([math.sin(way), -math.tan(climb), math.cos(way)])
@@ -179,11 +181,12 @@ def _huddled(pixels: FloatArray, kind: Kind, rng: np.random.Generator) -> BoolAr
     return np.asarray(((pixels >= corner) & (pixels <= corner + size)).all(axis=1))
 
 
-def _rolling(pixels: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _rolling(kind: Kind, pixels: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Return how pixels move in a view whose rows are read one after the other, (N, 2)."""
     rows = pixels[:, 1:] / (HEIGHT / 2) - 1.0
     focus = (pixels - [WIDTH / 2, HEIGHT / 2]) * rng.normal(0.0, FOCUS)
-    return np.asarray(rows * rng.normal(0.0, ROLLING_PX, 2) + focus)
+    rolling = ROLLING_PX if kind.climb > HELD else STEADY * ROLLING_PX
+    return np.asarray(rows * rng.normal(0.0, rolling, 2) + focus)
 
 
 def _repeated(

@@ -1,0 +1,34 @@
+"""Drives home by features of which some are wrong all the way: what is trusted, how good it is."""
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.evaluation.benchmarks.estimation.sequences import (
+    driven,
+    DRIVES,
+    error_deg,
+)
+
+SETTINGS = PerceptionSettings()
+
+
+def frames(kind: str, drives: int = 5) -> tuple[np.ndarray, int]:
+    """Return the errors of trusted bearings [deg], and the number of frames."""
+    seen = [each for k in range(drives) for each in driven(DRIVES[kind], (3, k), SETTINGS)]
+    errors = [error_deg(true, found.bearings) for true, found in seen if found.bearings]
+    return np.array(errors), len(seen)
+
+
+def test_features_on_look_alikes_are_dropped_by_their_depths() -> None:
+    errors, count = frames('alike')
+    assert len(errors) > 0.8 * count  # 0.5 where they vote against the others
+    assert errors.max() < 2.0
+
+
+@pytest.mark.parametrize('kind', ['few', 'huddled', 'elsewhere', 'noisy'])
+def test_few_features_or_wrong_ones_mislead_nobody(kind: str) -> None:
+    errors, count = frames(kind)
+    assert len(errors) > 0.5 * count
+    assert errors.max() < 10.0
+    assert np.percentile(errors, 95) < 4.0
