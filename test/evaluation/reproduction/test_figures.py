@@ -67,3 +67,12 @@ def test_data_are_what_is_drawn_and_keep_both_ends() -> None:
     current = thin(figure_data(axes.figure), 11)
     assert list(current) == ['0: a']
     np.testing.assert_allclose(current['0: a'], np.stack([x, x**2], axis=1)[::100])
+
+
+def test_a_chapter_is_titled_by_its_simulation_and_what_its_camera_knows(
+    chapters: dict[str, Chapter],
+) -> None:
+    assert [chapter.title for chapter in chapters.values()] == [
+        'Simulation 1: calibrated camera',
+        'Simulation 2: partially calibrated camera',
+    ]

@@ -131,11 +131,11 @@ class Wire:
         heapq.heappush(self._events, (moment_ns, next(self._numbers), act))
 
     def send(self, envelope: Envelope) -> None:
-        """Put a envelope on its way to all who subscribe to its topic when it arrives."""
+        """Put an envelope on its way to all who subscribe to its topic when it arrives."""
         self.at(self.now_ns + envelope.delay_ns, lambda: self._arrive(envelope))
 
     def post(self, envelope: Envelope) -> list[Envelope]:
-        """Send what the faults of its topic make of a envelope, and return that."""
+        """Send what the faults of its topic make of an envelope, and return that."""
         envelopes = [envelope]
         for each in self.filters[envelope.topic]:
             envelopes = [after for before in envelopes for after in each(before)]

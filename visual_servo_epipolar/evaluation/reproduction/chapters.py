@@ -75,9 +75,7 @@ def calibrated_chapter(runs: Simulation1) -> Chapter:
         'behind_corrected': metrics(runs.behind_corrected),
     }
     succeeded = course.outcome == runs.corrected.outcome == 'arrived'
-    return Chapter(
-        'Simulation 1: calibrated_chapter camera', drawn, claims_1(runs), results, succeeded
-    )
+    return Chapter('Simulation 1: calibrated camera', drawn, claims_1(runs), results, succeeded)
 
 
 def chapter_2(say: Say) -> Chapter:
@@ -95,7 +93,7 @@ def partially_calibrated_chapter(runs: Simulation2) -> Chapter:
     results = {name: metrics(getattr(runs, name)) for name in ('course', 'held', 'voted')}
     succeeded = runs.course.outcome == 'arrived'
     return Chapter(
-        'Simulation 2: partially calibrated_chapter camera',
+        'Simulation 2: partially calibrated camera',
         drawn,
         claims_2(runs),
         results,
