@@ -9,7 +9,7 @@ import yaml
 from visual_servo_epipolar.commands import options
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.laws.gains import Circumstances, derive
-from visual_servo_epipolar.core.laws.settling_times import longest_landing, longest_matching
+from visual_servo_epipolar.core.laws.settling_times import longest_convergence, longest_matching
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import from_mapping, range_of
 
@@ -34,7 +34,7 @@ def test_the_table_has_the_derived_gains_with_their_units(capsys: pytest.Capture
     assert rows['beta/gamma'][0] == f'{gains.beta}/{gains.gamma}'
     assert rows['t_max'][:2] == [f'{gains.transient:.4g}', 's']
     assert rows['floor'][:2] == [f'{math.degrees(gains.floor):.4g}', 'deg']
-    assert rows[''][0] == f'{longest_landing(CIRCUMSTANCES, gains):.4g}'
+    assert rows[''][0] == f'{longest_convergence(CIRCUMSTANCES, gains):.4g}'
     assert rows['step 2'][:2] == [f'{longest_matching(CIRCUMSTANCES, gains):.4g}', 's']
 
 

@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.gains import Circumstances, derive, Gains
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.derived_gains import enough
-from visual_servo_epipolar.core.laws.settling_times import longest_landing, longest_matching
+from visual_servo_epipolar.core.laws.settling_times import longest_convergence, longest_matching
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 
@@ -41,7 +41,7 @@ def derive_and_print(options: argparse.Namespace) -> int:
 def durations(circumstances: Circumstances, gains: Gains) -> dict[str, float]:
     """Return the longest time of each phase that drives by derived gains [s]."""
     return {
-        Phase.ZEROING_EPIPOLES.value: longest_landing(circumstances, gains),
+        Phase.ZEROING_EPIPOLES.value: longest_convergence(circumstances, gains),
         Phase.MATCHING_FEATURES.value: longest_matching(circumstances, gains),
     }
 
@@ -78,7 +78,7 @@ def document(circumstances: Circumstances, gains: Gains) -> dict[str, Any]:
         'k_t': gains.k_t,
         'closing_rate': gains.rate,
         't_max_s': gains.transient,
-        'longest_landing_s': longest_landing(circumstances, gains),
+        'longest_landing_s': longest_convergence(circumstances, gains),
         'longest_matching_s': longest_matching(circumstances, gains),
         'floor_deg': math.degrees(gains.floor),
         'circumstances': asdict(circumstances),
@@ -87,7 +87,7 @@ def document(circumstances: Circumstances, gains: Gains) -> dict[str, Any]:
 
 def in_words(circumstances: Circumstances, gains: Gains) -> str:
     """Return the gains as a table of text."""
-    landing = longest_landing(circumstances, gains)
+    landing = longest_convergence(circumstances, gains)
     rows = [
         ('k1', f'{gains.k1:.4g}', '1/s', 'eq. (12), on the current epipole'),
         ('k1 alone', f'{gains.k1_alone:.4g}', '1/s', 'once e_du is zero, or where e_au is held'),

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.laws import gains as rules
 from visual_servo_epipolar.core.laws.gains import Circumstances, derive, Gains
 from visual_servo_epipolar.core.laws.settling_times import (
     LAST_DISTANCE,
-    longest_landing,
+    longest_convergence,
     longest_matching,
 )
 
@@ -123,7 +123,7 @@ def test_concordant_epipoles_under_the_derived_gains_never_meet_the_singularity(
 ) -> None:
     circumstances, pose = case
     gains = derive(circumstances)
-    longest = longest_landing(circumstances, gains)
+    longest = longest_convergence(circumstances, gains)
     assume(longest <= LONGEST)
     run = sampled(pose, circumstances.farthest, circumstances, gains)
     assert run.verdict == 'landed'
@@ -152,7 +152,7 @@ def test_discordant_epipoles_land_without_passing_zero_or_infinity(data: st.Data
     gains = derive(circumstances)
     run = sampled(pose, circumstances.farthest, circumstances, gains)
     assert run.verdict == 'landed'
-    assert run.duration <= longest_landing(circumstances, gains)
+    assert run.duration <= longest_convergence(circumstances, gains)
     # Sampling: the first-order error of e^(-k1 t) over one period is far below the tenth.
     assert run.least >= 0.9 * gains.floor
 
@@ -179,7 +179,7 @@ def test_the_longest_landing_time_is_met_by_the_worst_of_the_starts_on_a_slow_ba
             math.tan(current), math.tan(desired), sigma=-1.0, distance=float(distance)
         )
         durations.append(sampled(pose, circumstances.farthest, circumstances, gains).duration)
-    longest = longest_landing(circumstances, gains)
+    longest = longest_convergence(circumstances, gains)
     # Turning and driving add up in the bound, and only just overlap in the run.
     assert 0.95 * longest <= max(durations) <= longest
 
@@ -238,7 +238,7 @@ def test_no_other_exponent_is_much_quicker(desired: float, landing: float) -> No
     assert 0 < beta < gamma
 
     def transient(exponent: float) -> float:
-        k2 = rules.landing_gain(circumstances, exponent=exponent)
+        k2 = rules.convergence_gain(circumstances, exponent=exponent)
         return rules.longest_transient(math.tan(desired), k2=k2, exponent=exponent)
 
     best = min(transient(float(b)) for b in np.linspace(0.02, 0.98, 97))

@@ -58,7 +58,7 @@ def nominal_twist(state: ServoState, settings: ServoSettings) -> Twist:
     return row_of(state, settings).command(state, state.measurement, settings)
 
 
-def curvature_compensated(twist: Twist, state: ServoState, settings: ServoSettings) -> Twist:
+def compensate_curvature(twist: Twist, state: ServoState, settings: ServoSettings) -> Twist:
     """Return ``twist`` less the turn c u_1 that the identified curvature c would add to it."""
     if not settings.options.curvature_feedforward:
         return twist
@@ -90,7 +90,7 @@ def is_close(state: ServoState, settings: ServoSettings) -> bool:
     return row_of(state, settings).is_close(state, measurement, settings)
 
 
-def switched(
+def switch_phase(
     state: ServoState, measurement: Measurement, event: Event, settings: ServoSettings
 ) -> ServoState:
     """Return the state in the phase that follows ``event``; that of NO_GAIN if none is legal."""
@@ -117,7 +117,7 @@ def switched(
     try:
         return row_of(state, settings).begin(state, measurement, settings)
     except ValueError as error:
-        state = switched(state, measurement, Event.NO_GAIN, settings)
+        state = switch_phase(state, measurement, Event.NO_GAIN, settings)
         return state.changed(reason=str(error))
 
 

@@ -105,7 +105,7 @@ def derive(circumstances: Circumstances) -> Gains:
     """
     beta, gamma = quickest_exponent(circumstances)
     exponent = beta / gamma
-    k2 = landing_gain(circumstances, exponent=exponent)
+    k2 = convergence_gain(circumstances, exponent=exponent)
     transient = longest_transient(math.tan(circumstances.desired), k2=k2, exponent=exponent)
     k1_alone = CRITICAL_GAIN_DELAY / circumstances.period
     decay = largest_decay(circumstances)
@@ -143,9 +143,9 @@ def quickest_exponent(circumstances: Circumstances) -> tuple[int, int]:
     """
     Return the odd beta, gamma that zero e_du soonest under sampling (section IV-C 1, revised).
 
-    With k2 of ``landing_gain``, t_max is (e_0 / e_landing)^(1 - b) / (1 - b) periods: least where
-    1 - b = 1 / ln(e_0 / e_landing). The paper has b near 0 to bound the increment of d, which
-    does not depend on b (docs/theory.md, 2.3).
+    With k2 of ``convergence_gain``, t_max is (e_0 / e_landing)^(1 - b) / (1 - b) periods: least
+    where 1 - b = 1 / ln(e_0 / e_landing). The paper has b near 0 to bound the increment of d,
+    which does not depend on b (docs/theory.md, 2.3).
     """
     log_span = math.log(math.tan(circumstances.desired) / math.tan(circumstances.landing))
     gamma = max(3, 2 * round((2.0 * log_span - 1.0) / 2.0) + 1)  # odd, and 1 - b = 2 / gamma
@@ -166,7 +166,7 @@ def largest_ratio(circumstances: Circumstances) -> float:
     return circumstances.ratio * math.exp(DISCORDANT_DECAY) * sine_growth
 
 
-def landing_gain(circumstances: Circumstances, *, exponent: float) -> float:
+def convergence_gain(circumstances: Circumstances, *, exponent: float) -> float:
     """Return k2 [1/s]: in one period (15) takes e_du from the landing to zero, never past it."""
     landing = math.tan(circumstances.landing)
     ratio = largest_ratio(circumstances)

@@ -17,7 +17,7 @@ STEPS = 100  # of the integration over e_du, or over the distance
 LAST_DISTANCE = 1e-3  # distance at which step 2 is at the goal [m]
 
 
-def longest_landing(circumstances: Circumstances, gains: Gains) -> float:
+def longest_convergence(circumstances: Circumstances, gains: Gains) -> float:
     """
     Return the longest time until e_du is zero [s], within the limits of speed.
 

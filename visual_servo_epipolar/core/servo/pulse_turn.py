@@ -10,7 +10,7 @@ nearer than one hop first turns away by one.
 import math
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.phases.bounds import facing_bound, is_trimmed, trial_of
+from visual_servo_epipolar.core.laws.phases.bounds import ends_by_pulses, facing_bound, trial_of
 from visual_servo_epipolar.core.laws.timing import usual_step
 from visual_servo_epipolar.core.servo.prediction import predicted
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -24,7 +24,7 @@ def turns_by_pulses(state: ServoState, settings: ServoSettings) -> bool:
     measurement = state.measurement
     if not state.phase.turns_in_place or measurement is None:
         return False
-    return is_trimmed(measurement, settings, trial_of(state))
+    return ends_by_pulses(measurement, settings, trial_of(state))
 
 
 def pulse_turn(wanted: Twist, state: ServoState, settings: ServoSettings) -> tuple[Twist, Twist]:

@@ -16,9 +16,9 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.decisions import (
     classify,
-    curvature_compensated,
+    compensate_curvature,
     nominal_twist,
-    switched,
+    switch_phase,
 )
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.timing import (
@@ -114,9 +114,9 @@ def advance(
     if leapt and event not in (Event.TIMED_OUT, Event.EXCURSION):
         state, event = _held(state, leapt)
     state, event = check_lens(state, perception.observation, event, settings)
-    state = switched(state, state.measurement or measurement, event, settings)
+    state = switch_phase(state, state.measurement or measurement, event, settings)
     nominal = nominal_twist(predicted(state, settings), settings)
-    nominal = curvature_compensated(nominal, state, settings)
+    nominal = compensate_curvature(nominal, state, settings)
     ramp_s = _ramp_step(last_twist, dt, usual_s, since_command)
     limited = _limited(nominal, last_twist, ramp_s, state, settings)
     twist, residual = _beyond_dead_band(limited, state, settings)

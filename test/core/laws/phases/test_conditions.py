@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.laws.decisions import (
     is_close,
     is_settled,
     nominal_twist,
-    switched,
+    switch_phase,
 )
 from visual_servo_epipolar.core.laws.excursion import excursion_limit
 from visual_servo_epipolar.core.laws.phase import Event, Phase
@@ -141,7 +141,7 @@ def test_who_is_near_lingers_and_a_new_phase_begins_anew() -> None:
     away = replace(near, stamp_ns=2 * 10**9, difference=0.1)
     state = update(state, Perception(away, fresh_memory(without)), 0.25, without)
     assert state.settling.time_in_tolerance == 0.25
-    assert switched(state, away, Event.MISSED, without).settling.time_in_tolerance == 0.0
+    assert switch_phase(state, away, Event.MISSED, without).settling.time_in_tolerance == 0.0
 
 
 def test_a_parallax_that_is_not_known_is_not_that_of_the_goal() -> None:
@@ -234,6 +234,6 @@ def test_step_2_follows_its_line_at_no_more_than_the_largest_speed(sign: float) 
 
 def test_no_baseline_is_no_reason_once_bearings_are_trusted() -> None:
     orienting = in_phase(Phase.ORIENTING, reason=Event.NO_BASELINE.value)
-    blind = switched(orienting, sight(bearings=None), Event.NOTHING, SETTINGS)
+    blind = switch_phase(orienting, sight(bearings=None), Event.NOTHING, SETTINGS)
     assert blind.reason == 'no baseline'
-    assert switched(orienting, sight(), Event.NOTHING, SETTINGS).reason == ''
+    assert switch_phase(orienting, sight(), Event.NOTHING, SETTINGS).reason == ''

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.gains import derive
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.derived_gains import circumstances
-from visual_servo_epipolar.core.laws.settling_times import longest_landing
+from visual_servo_epipolar.core.laws.settling_times import longest_convergence
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
@@ -171,7 +171,7 @@ def test_gains_too_slow_for_the_phase_are_a_warning_and_the_reason_why_it_fails(
     assert state.phase is Phase.ZEROING_EPIPOLES
     assert state.law.gains is not None
     start = circumstances(state, sight(1, 0.32, -0.3), late, alpha=0.32)
-    needed = longest_landing(start, state.law.gains)
+    needed = longest_convergence(start, state.law.gains)
     assert needed > late.phase_timeout
     assert state.run.warning.startswith(
         f'derived gains need up to {needed:.0f} s; raise phase_timeout'

@@ -11,7 +11,7 @@ from strategies import floats
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.laws.decisions import classify, is_settled, switched
+from visual_servo_epipolar.core.laws.decisions import classify, is_settled, switch_phase
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import (
     faces_goal,
@@ -212,7 +212,7 @@ def test_a_law_without_a_final_turn_has_missed_where_it_is_turned(law: str) -> N
     assert classify(last, owners) is Event.EXHAUSTED
     assert (
         'turned by 1.15 deg (arrival_heading)'
-        in switched(last, turned, Event.EXHAUSTED, owners).reason
+        in switch_phase(last, turned, Event.EXHAUSTED, owners).reason
     )
     assert classify(ending(turned), replace(SETTINGS, law=law)) is Event.MATCHED
     # Within the tolerance of the place alone it goes on: line following may still turn it.

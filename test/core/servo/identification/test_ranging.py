@@ -9,7 +9,7 @@ import pytest
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
 from visual_servo_epipolar.core.laws import equations
-from visual_servo_epipolar.core.laws.decisions import curvature_compensated
+from visual_servo_epipolar.core.laws.decisions import compensate_curvature
 from visual_servo_epipolar.core.odometry.ranging import Leg, MIN_TURN
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -55,9 +55,9 @@ def test_following_the_line_removes_offset_and_heading_at_either_sign_of_speed(
 
 def test_a_known_curvature_is_steered_against() -> None:
     state = ServoState().changed(curvature=Curvature(0.02))
-    assert curvature_compensated(Twist(0.4, 0.1), state, ServoSettings()).angular == pytest.approx(
+    assert compensate_curvature(Twist(0.4, 0.1), state, ServoSettings()).angular == pytest.approx(
         0.092
     )
-    assert curvature_compensated(Twist(0.4, 0.1), state, ServoSettings(law='paper')) == Twist(
+    assert compensate_curvature(Twist(0.4, 0.1), state, ServoSettings(law='paper')) == Twist(
         0.4, 0.1
     )

@@ -2,8 +2,9 @@
 Bounds below which a measurement counts as zero: no finer than its noise, nor than the base moves.
 
 Where a memory of views knows the offset they are finer than two views could tell. A base may be
-unable to come as near, and nobody has told its dead band: who lingers is asked for no more than
-usual. The tolerances of the owner make them coarser, less what the measurement may be wrong by.
+unable to come as near, and its dead band need not be configured: after 4 s within the usual
+tolerance that is enough. The tolerances of the owner make them coarser, less what the measurement
+may be wrong by.
 """
 
 import math
@@ -17,7 +18,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
 LEAST_OFFSET, LEAST_HEADING = 4e-5, 2e-5  # that a memory of views bothers about [m], [rad]
 NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of who comes from behind
-TRIMMED = 0.15  # of a hop, by which stretched pulses miss: a base slips
+PULSE_MISS = 0.15  # of a hop, by which stretched pulses miss: a base slips
 FACING = 6e-4  # heading error that two views leave; what a tolerance is less by, too [rad]
 PATIENCE_S = 4.0  # within the usual bounds, after which they are enough
 
@@ -61,24 +62,24 @@ def facing_bound(measurement: Measurement, settings: ServoSettings, trial: Trial
         if trial.time_in_tolerance <= PATIENCE_S:
             fine = min(max(NEGLIGIBLE * deviation, LEAST_HEADING), fine)
     bound = max(fine, tolerance - FACING - NOISE_DEVIATIONS * deviation)
-    if is_trimmed(measurement, settings, trial):
-        return max(bound, TRIMMED * trial.frame_s * settings.dead_band_angular)
+    if ends_by_pulses(measurement, settings, trial):
+        return max(bound, PULSE_MISS * trial.frame_s * settings.dead_band_angular)
     return max(bound, _hop(settings.dead_band_angular, settings, trial))
 
 
-def is_trimmed(measurement: Measurement, settings: ServoSettings, trial: Trial) -> bool:
-    """Return whether turns end finer than by equal pulses: see ``servo.trimming``."""
+def ends_by_pulses(measurement: Measurement, settings: ServoSettings, trial: Trial) -> bool:
+    """Return whether turns end finer than by equal pulses: see ``servo.pulse_turn``."""
     known, pulses = measurement.offset is not None, settings.dead_band_mode == 'pulse'
     patient = trial.time_in_tolerance <= PATIENCE_S
     return known and pulses and settings.dead_band_angular > 0.0 and patient
 
 
-def trimming_bound(
+def pulse_turn_bound(
     measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST
 ) -> float:
-    """Return the heading error [rad] within which patience is spent: two hops, if trimmed."""
+    """Return the heading error [rad] within which patience is spent: two hops with pulses."""
     usual = facing_bound(measurement, settings, trial._replace(time_in_tolerance=math.inf))
-    if not is_trimmed(measurement, settings, trial):
+    if not ends_by_pulses(measurement, settings, trial):
         return usual
     return max(usual, 2.0 * trial.frame_s * settings.dead_band_angular)
 

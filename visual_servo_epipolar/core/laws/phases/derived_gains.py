@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.laws.gains import Circumstances, derive, Gains
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, displacement
-from visual_servo_epipolar.core.laws.settling_times import longest_landing, longest_matching
+from visual_servo_epipolar.core.laws.settling_times import longest_convergence, longest_matching
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.delay import felt_latency
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -45,7 +45,7 @@ def with_gains_of_now(
     now = circumstances(state, measurement, settings, alpha=alpha)
     gains = derive(now)
     first = state.phase is Phase.ZEROING_EPIPOLES
-    duration = longest_landing(now, gains) if first else longest_matching(now, gains)
+    duration = longest_convergence(now, gains) if first else longest_matching(now, gains)
     return state.changed(gains=gains, warning=slow_gains(duration, settings))
 
 
@@ -76,7 +76,7 @@ def circumstances(
     moves along. Step 2 begins aligned: its k_t depends on no bearing.
     """
     chi = 0.0 if measurement.bearings is None else measurement.bearings.chi
-    landed = _has_landed(state, measurement, settings)
+    landed = _has_converged(state, measurement, settings)
     landing = max(settings.latch_engage, 1e-6)
     farthest = min(max(state.motion.distance, 0.1), 100.0)
     nearest = farthest - (settings.initial_distance - settings.nearest_distance)
@@ -98,7 +98,7 @@ def circumstances(
     )
 
 
-def _has_landed(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def _has_converged(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether e_du counts as zero when the step begins."""
     if state.phase is Phase.MATCHING_FEATURES or measurement.bearings is None:
         return True

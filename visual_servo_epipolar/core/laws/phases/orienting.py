@@ -5,7 +5,7 @@ from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_at_goal
-from visual_servo_epipolar.core.laws.phases.bounds import trial_of, trimming_bound
+from visual_servo_epipolar.core.laws.phases.bounds import pulse_turn_bound, trial_of
 from visual_servo_epipolar.core.laws.phases.conditions import begun_step_1, is_sideways
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -31,7 +31,7 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
 
 
 def _is_close(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    bound = trimming_bound(measurement, settings, trial_of(state))
+    bound = pulse_turn_bound(measurement, settings, trial_of(state))
     return abs(measurement.heading_error) <= bound
 
 

@@ -17,9 +17,9 @@ from visual_servo_epipolar.core.laws.phases.arrival import (
     is_near_enough,
 )
 from visual_servo_epipolar.core.laws.phases.bounds import (
+    ends_by_pulses,
     facing_bound,
     is_matched,
-    is_trimmed,
     PATIENCE_S,
     Trial,
     trial_of,
@@ -60,7 +60,7 @@ def _approaching(state: ServoState, measurement: Measurement, settings: ServoSet
     if state.settling.settled >= settings.arrival_frames:
         if has_parallax(state, measurement, settings):
             return _missed(state, settings)
-        turned = is_trimmed(measurement, settings, _trial_of(state))
+        turned = ends_by_pulses(measurement, settings, _trial_of(state))
         faces = not turned or faces_goal(state, measurement, settings)
         return Event.MATCHED if faces else Event.TURNED
     x, y = measurement.offset
@@ -99,7 +99,7 @@ def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) 
         return False
     trial = _trial_of(state)
     turned = abs(measurement.heading_error) > facing_bound(measurement, settings, trial)
-    if turned and not is_trimmed(measurement, settings, trial):
+    if turned and not ends_by_pulses(measurement, settings, trial):
         return False
     matched = is_matched(measurement, settings, trial)
     return matched or is_near_enough(state, measurement, settings)
