@@ -16,7 +16,8 @@ REFRESH_S = 0.1
 class Progress:
     """Progress line, rewritten on a terminal; nothing anywhere else."""
 
-    def __init__(self, stream: TextIO = sys.stderr) -> None:
+    def __init__(self, stream: TextIO | None = None) -> None:
+        stream = sys.stderr if stream is None else stream  # that of now, not of the import
         self._stream, self._shown = stream, -REFRESH_S
         self._live = stream.isatty()
 
