@@ -4,11 +4,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 import sys
 import time
-from typing import Any, TextIO
+from typing import Any, TextIO, TYPE_CHECKING
 
-from visual_servo_epipolar.core.laws.registry import phase_words
-from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import NANOSECONDS
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.core.servo.run_log import Sample
 
 REFRESH_S = 0.1
 
@@ -21,7 +22,7 @@ class Progress:
         self._stream, self._shown = stream, -REFRESH_S
         self._live = stream.isatty()
 
-    def __call__(self, sample: Sample) -> None:
+    def __call__(self, sample: 'Sample') -> None:
         """Show one step."""
         now = time.monotonic()
         if not self._live or now - self._shown < REFRESH_S:
@@ -47,6 +48,8 @@ class Progress:
 
 def summary(result: Mapping[str, Any]) -> str:
     """Return the result of a run as text, phase by phase."""
+    from visual_servo_epipolar.core.laws.registry import phase_words  # noqa: PLC0415 numpy, late
+
     x, y, heading = result['start']
     head = f'{result["outcome"]} after {result["duration_s"]:.1f} s'
     if result['outcome'] != 'arrived':
