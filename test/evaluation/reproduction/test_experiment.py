@@ -159,7 +159,7 @@ def test_a_row_tells_arrivals_and_worst_errors() -> None:
     assert (row.median_error_m, row.worst_error_m, row.worst_lateral_m) == (0.02, 0.03, 0.03)
     none = sensitivity._row('name', [failed])
     assert none.arrived == 0 and math.isnan(none.worst_error_m)
-    assert '| name | 0/1 | - | - | - | - |' in sensitivity.markdown([none])
+    assert '| name | 0/1 | - | - | - | - |' in sensitivity.markdown_of([none])
 
 
 def test_every_row_names_settings_that_exist() -> None:

@@ -6,10 +6,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from sensor_msgs.msg import JointState
 from servo_rig import AWAY, GOAL, Rig, STAMP_NS, WORLD
-from servo_states import PHASES
 from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
@@ -41,7 +41,7 @@ def test_progress_tells_the_way_left_its_deviation_and_the_attempt(bench) -> Non
     assert off < max(5.0 * said['remaining_deviation_m'], 0.1)
     assert said['attempt'] == 1.0
     assert said['elapsed_s'] == pytest.approx(79 * PERIOD_S, abs=1e-3)
-    assert list(PHASES)[int(said['phase'])] is rig.node._state.phase
+    assert list(Phase.known)[int(said['phase'])] == rig.node._state.phase.value
     assert math.isfinite(said['heading_error_rad'])
 
 
