@@ -24,7 +24,7 @@ from visual_servo_epipolar.nodes.servoing.enable import Enable
 from visual_servo_epipolar.nodes.servoing.inputs.camera import ServoCamera
 from visual_servo_epipolar.nodes.servoing.inputs.wheels import Wheels
 from visual_servo_epipolar.nodes.servoing.reports import Reports
-from visual_servo_epipolar.nodes.servoing.rivals import Rivals
+from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
 from visual_servo_epipolar.nodes.servoing.run import Run, WAITS_FOR_END
 from visual_servo_epipolar.nodes.servoing.stop_button import PRESSED, StopButton
 from visual_servo_epipolar.nodes.servoing.watch import Watch
@@ -70,7 +70,7 @@ class ServoNode(ManagedNode):
         self._run = Run(self, self._warn, self._commands, self._reports, self._standstill)
         enable = Enable(self, self._node_settings.enable_timeout, self._on_withdrawn)
         self._admission = Admission(
-            self, lambda: self._node_settings, self._run, Rivals(self), enable
+            self, lambda: self._node_settings, self._run, CommandConflicts(self), enable
         )
         sleeps = not self._node_settings.watchdog
         self._watch = Watch(

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.laws.decisions import classify
 from visual_servo_epipolar.core.laws.excursion import excursion_limit
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.odometry.ranging import Leg
-from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
+from visual_servo_epipolar.core.servo.session import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

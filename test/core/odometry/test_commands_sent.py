@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent, KEPT_S, WITHDRAWN_S
 from visual_servo_epipolar.core.servo.identification.delay import Delay
-from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
+from visual_servo_epipolar.core.servo.session import interrupted, Interruption
 
 SECOND = 1_000_000_000
 LEFT, RIGHT = Twist(0.2, 1.0), Twist(0.0, -0.5)

@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import step as servo_step
-from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption, stop
+from visual_servo_epipolar.core.servo.session import interrupted, Interruption, stop
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

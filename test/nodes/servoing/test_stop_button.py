@@ -166,7 +166,7 @@ def test_beside_it_no_run_begins(bench) -> None:
 
 
 def test_a_twin_that_has_gone_does_not_count_for_the_next(bench, monkeypatch) -> None:
-    looks = rivals.Rivals(bench.probe)
+    looks = rivals.CommandConflicts(bench.probe)
     clock = looks._steady = HandSetClock()
     for names in (['/probe'], [], ['/probe']):
         monkeypatch.setattr(rivals, '_rivals', lambda node, names=names: names)

@@ -24,13 +24,10 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.servo.interruptions import (
-    camera_changed,
-    camera_of_run,
-    GOAL_CHANGED,
+from visual_servo_epipolar.core.servo.session import (
     interrupted,
     Interruption,
-    RunGoal,
+    Session,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -102,7 +99,7 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
 
     """
     state, steps, refusal = ServoState(), list[Step](), ''
-    events, begun_with, goal = EventQueue(run.servo_events), None, RunGoal()
+    events, session = EventQueue(run.servo_events), Session()
     for tracked in tracked_images(bag, run, plan):
         if isinstance(tracked.camera, str):
             refusal = f'camera_info cannot be used: {tracked.camera}'
@@ -112,11 +109,10 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
         for entry in events.due(tracked.key[0]):
             state = _after(state, entry)
         camera = tracked.camera
-        begun_with = camera_of_run(state, begun_with, camera)
-        if begun_with != camera:
-            tracked = replace(tracked, features=Features(), warning=camera_changed(camera))
-        if goal.is_other(tracked.goal, state):
-            tracked = replace(tracked, features=Features(), warning=GOAL_CHANGED)
+        session = session.with_camera(camera, state).with_goal(tracked.goal, state)
+        other = session.other_goal(tracked.goal) or session.other_camera(camera)
+        if other:
+            tracked = replace(tracked, features=Features(), warning=other)
         recorded = run.telemetry.get(tracked.key, {})
         since_command = recorded.get(SINCE_COMMAND, math.nan)
         observation = observe(tracked.features, camera, tracked.key[0])

@@ -8,13 +8,13 @@ from sensor_msgs.msg import PointCloud2
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.decisions import too_few_features
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.servo.interruptions import GOAL_CHANGED, RunGoal
+from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes.servoing.enable import Enable
 from visual_servo_epipolar.nodes.servoing.inputs import stamps
-from visual_servo_epipolar.nodes.servoing.inputs.still_view import StillView
-from visual_servo_epipolar.nodes.servoing.rivals import Rivals
+from visual_servo_epipolar.nodes.servoing.inputs.still_view import FrozenImageCheck
+from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
 from visual_servo_epipolar.nodes.servoing.run import QUIET_S, Run
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
@@ -34,12 +34,12 @@ class Admission:
         node: Node,
         settings: Callable[[], ServoNodeSettings],
         run: Run,
-        rivals: Rivals,
+        rivals: CommandConflicts,
         enable: Enable,
     ) -> None:
         self._node, self._settings, self._run = node, settings, run
         self.rivals, self._enable = rivals, enable
-        self._goal, self._still = RunGoal(), StillView()
+        self._session, self._still = Session(), FrozenImageCheck()
         self.goal: int | None = None  # the photograph, by its number, once it was in view
         self._has_photograph: bool | None = None  # by the last tracks, if any came
         self._tracks = PointCloud2()  # these
@@ -127,5 +127,6 @@ class Admission:
 
     def other_goal(self, message: PointCloud2) -> str:
         """Return that the photograph is not the one that the run began with; or ''."""
-        other = self._goal.is_other(read.goal(message), self._run.state)
-        return GOAL_CHANGED if other else ''
+        goal = read.goal(message)
+        self._session = self._session.with_goal(goal, self._run.state)
+        return self._session.other_goal(goal)

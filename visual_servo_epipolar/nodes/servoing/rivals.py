@@ -1,4 +1,4 @@
-"""Rivals: others that command the same base, servos or not."""
+"""CommandConflicts: others that command the same base, servos or not."""
 
 from collections import Counter
 
@@ -13,7 +13,7 @@ LEFTOVER_S = 25.0
 UNKNOWN = '_NODE_NAME_UNKNOWN_'  # of a program that is no node, or of one that has just come
 
 
-class Rivals:
+class CommandConflicts:
     """
     Others that publish on the cmd_vel of ``node``: beside another servo none may drive.
 

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import doubts
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.interruptions import camera_changed, camera_of_run
+from visual_servo_epipolar.core.servo.session import camera_changed, Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
@@ -42,7 +42,7 @@ class ServoCamera:
         if settings.mount_from_tf:
             self.static_mount = StaticMount(node, settings.base_frame, warn)
         self._settings, self._warn = settings, warn
-        self._begun_with: CameraModel | None = None
+        self._session = Session()
         self._other: tuple[CameraModel, int] | None = None  # heard in a run, and its stamp
         self._lens_check = LensCheck()
 
@@ -87,12 +87,12 @@ class ServoCamera:
             return ''
         camera, heard_ns = self._other
         recent = abs(seconds_between(heard_ns, stamp_ns)) <= DISTRUST_S
-        return camera_changed(camera) if recent and self.model == self._begun_with else ''
+        return camera_changed(camera) if recent and self.model == self._session.camera else ''
 
     def is_other(self, camera: CameraModel, state: ServoState) -> bool:
         """Return whether a run goes on that began with another; before, begin with this one."""
-        self._begun_with = camera_of_run(state, self._begun_with, camera)
-        return self._begun_with != camera
+        self._session = self._session.with_camera(camera, state)
+        return self._session.camera != camera
 
     def checked(
         self, message: PointCloud2, camera: CameraModel, state: ServoState

@@ -9,7 +9,7 @@ DISTRUST_S = 2.0  # after an image of another time: where one comes, others do t
 LAST = 1  # how many images ago the last one came
 
 
-class StillView:
+class FrozenImageCheck:
     """
     For how long images have been the very same while the robot was told to drive.
 

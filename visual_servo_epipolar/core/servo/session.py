@@ -1,8 +1,7 @@
-"""Interruptions of the servo from outside: orders, and tracks that do not come."""
+"""Session: what a run began with, and what interrupts it: orders, and tracks that do not come."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
-from typing import TypeVar
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.laws.command import HALT
@@ -10,7 +9,6 @@ from visual_servo_epipolar.core.laws.machine import interruption
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 
-Camera = TypeVar('Camera', bound=CameraModel)
 GOAL_CHANGED = (
     'the photograph has changed in mid-run: its tracks lead to another goal; send the one it '
     'began with, or reset'
@@ -80,26 +78,36 @@ def stop(state: ServoState) -> ServoState:
     return ServoState().changed(frame=state.view.frame, delay=state.identified.delay, sent=sent)
 
 
-class RunGoal:
-    """Goal of a run: the photograph that it began with, by its number."""
+@dataclass(frozen=True, slots=True)
+class Session:
+    """
+    What a run began with: its ``camera``, and its ``goal``, the photograph by its number.
 
-    def __init__(self) -> None:
-        self._begun_with: int | None = None
+    Both are None before the first. Others may come while a run goes on; it is not theirs.
+    """
 
-    def is_other(self, goal: int | None, state: ServoState) -> bool:
-        """Return whether a run goes on that began with another than ``goal``; None is any."""
-        if goal is None:
-            return False
-        if not state.phase.runs or self._begun_with is None:
-            self._begun_with = goal
-        return self._begun_with != goal
+    camera: CameraModel | None = None
+    goal: int | None = None
 
+    def with_camera(self, camera: CameraModel, state: ServoState) -> 'Session':
+        """Return the session where ``camera`` is that of the images: a run keeps its own."""
+        if state.phase.runs and self.camera is not None:
+            return self
+        return replace(self, camera=camera)
 
-def camera_of_run(state: ServoState, begun_with: Camera | None, camera: Camera) -> Camera:
-    """Return the camera that a run goes by: that which it began with, ``camera`` before it."""
-    if not state.phase.runs or begun_with is None:
-        return camera
-    return begun_with
+    def with_goal(self, goal: int | None, state: ServoState) -> 'Session':
+        """Return the session where ``goal`` is the photograph, None any: a run keeps its own."""
+        if goal is None or (state.phase.runs and self.goal is not None):
+            return self
+        return replace(self, goal=goal)
+
+    def other_camera(self, camera: CameraModel) -> str:
+        """Return in words that ``camera`` is not that of the run; or ''."""
+        return '' if camera == self.camera else camera_changed(camera)
+
+    def other_goal(self, goal: int | None) -> str:
+        """Return in words that ``goal`` is not that of the run; or ''."""
+        return '' if goal is None or goal == self.goal else GOAL_CHANGED
 
 
 def camera_changed(camera: CameraModel) -> str:

@@ -7,11 +7,10 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.servo.interruptions import (
-    camera_of_run,
+from visual_servo_epipolar.core.servo.session import (
     interrupted,
     Interruption,
-    RunGoal,
+    Session,
 )
 
 MOVE = Command(Twist(0.2, 0.1))
@@ -55,11 +54,13 @@ def test_who_holds_says_the_newest_reason_and_who_has_ended_his_own() -> None:
 
 @pytest.mark.parametrize('phase', PHASES)
 def test_a_run_keeps_to_the_goal_that_it_began_with(phase: Phase) -> None:
-    goal = RunGoal()
-    assert not goal.is_other(7, in_phase(Phase.WAITING))
-    assert not goal.is_other(None, in_phase(phase))  # nothing tells which: that is no other one
-    assert goal.is_other(8, in_phase(phase)) == (phase.runs)
-    assert not goal.is_other(7 if phase.runs else 8, in_phase(Phase.HOLDING))
+    begun = Session().with_goal(7, in_phase(Phase.WAITING))
+    assert begun.goal == 7
+    assert begun.with_goal(None, in_phase(phase)) == begun  # nothing tells which: no other one
+    assert begun.other_goal(None) == ''
+    after = begun.with_goal(8, in_phase(phase))
+    assert bool(after.other_goal(8)) == phase.runs
+    assert after.other_goal(7 if phase.runs else 8) == ''
 
 
 @pytest.mark.parametrize('phase', PHASES)
@@ -68,5 +69,7 @@ def test_a_run_keeps_to_the_camera_that_it_began_with(phase: Phase) -> None:
         Camera(640, 480, 500.0, 500.0, 320.0, 240.0),
         Camera(64, 48, 50.0, 50.0, 32, 24),
     )
-    assert camera_of_run(in_phase(phase), first, second) == (first if phase.runs else second)
-    assert camera_of_run(in_phase(phase), None, second) == second
+    after = Session(camera=first).with_camera(second, in_phase(phase))
+    assert after.camera == (first if phase.runs else second)
+    assert ('camera_info has changed' in after.other_camera(second)) == phase.runs
+    assert Session().with_camera(second, in_phase(phase)).camera == second
