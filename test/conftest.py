@@ -9,6 +9,7 @@ import tempfile
 from typing import TYPE_CHECKING
 
 from hypothesis import settings
+from hypothesis.vendor.pretty import for_type_by_name
 import pytest
 
 if TYPE_CHECKING:
@@ -22,6 +23,13 @@ LOG_DIR = Path(tempfile.mkdtemp(prefix='visual_servo_test_log_'))
 settings.register_profile('repeatable', deadline=None, max_examples=60, derandomize=True)
 settings.register_profile('search', deadline=None, max_examples=1000)
 settings.load_profile('repeatable')
+# Hypothesis prints what a dataclass holds, class variables as well: each phase knows all others.
+for kind in ('Phase', 'Event'):
+    for_type_by_name(
+        'visual_servo_epipolar.core.laws.phase',
+        kind,
+        lambda value, printer, cycle: printer.text(repr(value)),
+    )
 
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # a wrong type in a message is an error, not garbage
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'  # this process talks to itself alone
