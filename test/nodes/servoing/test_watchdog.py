@@ -36,7 +36,7 @@ def test_tracks_that_stay_away_are_lost(bench) -> None:
 
 
 def test_a_gap_late_in_a_phase_is_no_end_of_the_run(bench) -> None:
-    rig = Rig(bench, stale_timeout=0.3, holding_timeout=5.0)
+    rig = Rig(bench, stale_timeout=1.0, holding_timeout=5.0)
     pose = AWAY
     for _ in range(120):  # 10.9 s by the stamps
         rig.see(pose)
@@ -44,7 +44,7 @@ def test_a_gap_late_in_a_phase_is_no_end_of_the_run(bench) -> None:
     assert rig.node._state.phase.drives
     assert rig.stamp_ns - rig.node._state.run.phase_start_ns > 5.0e9  # longer than it may hold
     bench.until(lambda: rig.phase == 'holding', 'the robot to hold')
-    rig.stamp_ns += 600_000_000
+    rig.stamp_ns += 1_200_000_000
     for _ in range(RESUMING_FRAMES):
         assert rig.phase == 'holding'
         rig.see(pose)
