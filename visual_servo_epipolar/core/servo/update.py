@@ -23,7 +23,7 @@ def update(
     """
     Return the state updated by a ``perception`` ``dt`` [s] after the last, unclassified.
 
-    ``settings`` have what was identified of the base: see ``effective_settings``.
+    ``settings`` have what was identified of the base: see ``Identification.effective``.
     """
     drive = drive_since(state, perception, dt, settings)
     fusion = fuse(state, perception, drive.increment, dt, settings)

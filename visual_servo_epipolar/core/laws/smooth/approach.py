@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.laws.smooth.steering import (
     curvature,
     Gains,
     polar_pose,
+    PolarPose,
     rate_within,
     visible_aim,
 )
@@ -75,7 +76,11 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
 def _kappa(sight: Sight, look_ahead: float, measurement: Measurement) -> float:
     """Return the curvature of the path [1/m], with features in view; of no sharper look-ahead."""
     ahead = max(GAINS.look_aheads * look_ahead + min(sight.y, 0.0), 0.0)
-    pose = polar_pose(*sight, ahead=ahead)
+    return _visible_curvature(polar_pose(*sight, ahead=ahead), measurement)
+
+
+def _visible_curvature(pose: PolarPose, measurement: Measurement) -> float:
+    """Return the curvature of the path from ``pose`` [1/m] that keeps features in view."""
     left, right = measurement.view_margins
     held = visible_aim(aim(pose.phi, GAINS), pose.delta, (left - RESERVE, right - RESERVE))
     return curvature(pose, GAINS, delta_held=held)
@@ -148,9 +153,7 @@ def back_off(state: ServoState, measurement: Measurement, settings: ServoSetting
     turn, speed = 0.0, settings.retreat_speed
     pose = None if sight is None else polar_pose(-sight.x, -sight.y, sight.heading, ahead=RUN_UP)
     if pose is not None and max(abs(pose.delta), abs(pose.phi)) < BACKING:
-        margins = _swapped(measurement.view_margins)
-        held = visible_aim(aim(pose.phi, GAINS), pose.delta, margins)
-        kappa = curvature(pose, GAINS, delta_held=held)
+        kappa = _visible_curvature(pose, measurement)
         speed = min(speed, _steerable(kappa, settings))
         turn = kappa * speed
     else:
@@ -165,12 +168,6 @@ def back_off(state: ServoState, measurement: Measurement, settings: ServoSetting
         turn = angle / TURN_S
         speed *= max(1.0 - abs(angle), 0.0)
     return Twist(-speed, _within_view(turn, measurement, settings))
-
-
-def _swapped(margins: tuple[float, float]) -> tuple[float, float]:
-    """Return the margins of the view in reserve for a heading that is seen from behind."""
-    left, right = margins
-    return left - RESERVE, right - RESERVE
 
 
 def _steerable(kappa: float, settings: ServoSettings) -> float:
