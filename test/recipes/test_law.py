@@ -82,3 +82,9 @@ def test_its_words_and_colour_come_from_the_row() -> None:
         'pursuing: the robot curves onto the axis of the photograph; a straight line leads home'
     )
     assert sentence(Phase.MATCHING_FEATURES, CLOSE.value).endswith('; a straight line leads home')
+
+
+def test_a_broken_law_of_another_package_is_no_obstacle(install) -> None:
+    install('laws', 'a_broken_one', 'no_such_module:LAW')
+    assert phase_row('pursuing') is ROW
+    assert phase_row('of no law') is None

@@ -29,7 +29,7 @@ MEMORY = fresh_memory(SETTINGS)
 PHASES = tuple(TWO_STEPS.rows)
 DRIVING = tuple(phase for phase in PHASES if phase.drives)
 ENDED = tuple(phase for phase in PHASES if phase.ended)
-EVENTS = tuple(Event.known.values())
+EVENTS = tuple(value for value in vars(Event).values() if isinstance(value, Event))
 STEPS = (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)
 BEARINGS = Bearings(math.atan2(-1.0, math.tan(0.3)), math.atan2(math.tan(0.2), -1.0))
 

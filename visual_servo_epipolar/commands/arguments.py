@@ -10,6 +10,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.laws.names import law_names
 from visual_servo_epipolar.core.settings import alike
 from visual_servo_epipolar.simulation.choices import SOURCES
 
@@ -24,7 +25,6 @@ CAMERA_HELP = (
 )
 CROPPED_HELP = 'the images are cut out of larger ones: the principal point may lie anywhere'
 PACKAGE = 'visual_servo_epipolar'
-OWN_LAWS = ('paper', 'corrected', 'full', 'smooth')  # of the registry, which needs numpy
 
 
 def finite(text: str) -> float:
@@ -157,8 +157,8 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         '--law',
         type=law_expression,
         metavar='LAW',
-        help=f'control law: {", ".join(OWN_LAWS)}; departures from the paper are added and left '
-        'out as in paper+true_sigma or full-retreat',
+        help=f'control law: {", ".join(law_names())}; departures from the paper are added and '
+        'left out as in paper+true_sigma or full-retreat',
     )
     parser.add_argument('--estimator', metavar='NAME', help='estimator of the epipoles')
     parser.add_argument(

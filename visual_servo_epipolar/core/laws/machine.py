@@ -8,7 +8,7 @@ machine stops, loses its tracks and fails in the same way, whatever phases a law
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeAlias
+from typing import ClassVar, TYPE_CHECKING, TypeAlias
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Event, Phase
@@ -84,7 +84,13 @@ class PhaseRow:
 
 
 class StateMachine:
-    """State machine of a law: ``rows`` by phase, and the ``transitions`` between them."""
+    """
+    State machine of a law: ``rows`` by phase, and the ``transitions`` between them.
+
+    ``row_of_word`` has the rows of all machines by word, that of the first where several share it.
+    """
+
+    row_of_word: ClassVar[dict[str, PhaseRow]] = {}
 
     def __init__(
         self, rows: Iterable[PhaseRow], transitions: Mapping[tuple[Phase, Event], Phase]
@@ -98,6 +104,8 @@ class StateMachine:
                 f'there is no row for {", ".join(sorted(missing))}, to or from which transitions '
                 'lead; add a PhaseRow for each to the machine of the law'
             )
+        for phase, row in self.rows.items():
+            self.row_of_word.setdefault(phase.value, row)
 
     def row(self, phase: Phase) -> PhaseRow:
         """Return the row of ``phase``; for one of another law, one that loses it: it will hold."""

@@ -1,22 +1,20 @@
-"""
-Registry of laws, by name; those of other packages join by an entry point.
+"""Registry of laws, by name; those of other packages join by an entry point."""
 
-``LAWS`` is the only place that knows the names.
-"""
-
+from contextlib import suppress
 from functools import lru_cache
 import re
 
 from visual_servo_epipolar.core.laws.law import DEPARTURES, Law
 from visual_servo_epipolar.core.laws.machine import PhaseRow, StateMachine
+from visual_servo_epipolar.core.laws.names import LAW_GROUP, OWN_LAWS
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.smooth.phases import SMOOTH
 from visual_servo_epipolar.core.laws.two_steps import CORRECTED, FULL, PAPER, TWO_STEPS
 from visual_servo_epipolar.core.registry import Registry
 
 LAWS: Registry[Law] = Registry(
-    'visual_servo_epipolar.laws',
-    {'paper': PAPER, 'corrected': CORRECTED, 'full': FULL, 'smooth': SMOOTH},
+    LAW_GROUP,
+    dict(zip(OWN_LAWS, (PAPER, CORRECTED, FULL, SMOOTH), strict=True)),
     Law,
 )
 
@@ -69,11 +67,11 @@ def phase_named(word: str) -> Phase:
 
 def phase_row(word: str) -> PhaseRow | None:
     """Return the row of the first law that has a phase of this word; None if no law has one."""
-    for name in LAWS:
-        for phase, row in machine_of(LAWS[name]).rows.items():
-            if phase.value == word:
-                return row
-    return None
+    if word not in StateMachine.row_of_word:  # of a law that is not in use here
+        for name in LAWS:
+            with suppress(ValueError):  # broken, which says who asks for it by name
+                _ = LAWS[name]
+    return StateMachine.row_of_word.get(word)
 
 
 def phase_words(word: str) -> str:
