@@ -5,7 +5,7 @@ import math
 import pytest
 from servo_states import behind, in_phase, sight
 
-from visual_servo_epipolar.core.laws.decisions import classify
+from visual_servo_epipolar.core.laws.decisions import classify, is_settled
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.smooth.phases import APPROACHING, ONE_MOTION
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -38,6 +38,20 @@ def test_a_goal_that_comes_to_lie_beside_is_backed_off_from() -> None:
 @pytest.mark.parametrize('offset', [(0.0, 0.08), (0.08, -0.02)])
 def test_who_passed_the_goal_by_begins_anew(offset: tuple[float, float]) -> None:
     assert event(sight(offset=offset, offset_deviation=1e-3)) is Event.MISSED
+
+
+def test_it_ends_where_the_way_ends_though_aside_d_is_not_zero_there() -> None:
+    aside = sight(
+        offset=(0.027, 0.0),
+        offset_deviation=1e-3,
+        heading_error=0.0,
+        difference=4.6e-4,
+        difference_deviation=1e-5,
+        difference_slope=0.3,
+    )
+    state = in_phase(APPROACHING.phase).changed(measurement=aside)
+    assert is_settled(state, SETTINGS)
+    assert event(aside, settled=SETTINGS.arrival_frames) is Event.MISSED
 
 
 def test_an_image_that_tells_nothing_far_away_is_lost() -> None:

@@ -54,7 +54,7 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
     sight = seen_from(state, measurement, settings)
     if sight is None:
         return STANDSTILL
-    left = _way_left(measurement, state)
+    left = way_left(measurement, state)
     speed = min(
         rate_within(left, deceleration=BRAKING, delay=TAIL_S), _certain(measurement, settings)
     )
@@ -86,7 +86,7 @@ def _visible_curvature(pose: PolarPose, measurement: Measurement) -> float:
     return curvature(pose, GAINS, delta_held=held)
 
 
-def _way_left(measurement: Measurement, state: ServoState) -> float:
+def way_left(measurement: Measurement, state: ServoState) -> float:
     """Return the way that is left along the heading [m]; negative past the goal."""
     if measurement.offset is not None:
         x, y = measurement.offset

@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.laws.phases.bounds import (
     ends_by_pulses,
     facing_bound,
     is_matched,
+    matched_bound,
     PATIENCE_S,
     Trial,
     trial_of,
@@ -35,7 +36,7 @@ from visual_servo_epipolar.core.laws.phases.matching_features import MATCHING_FE
 from visual_servo_epipolar.core.laws.phases.orienting import ORIENTING
 from visual_servo_epipolar.core.laws.phases.retreating import has_run_up, RETREATING
 from visual_servo_epipolar.core.laws.phases.standing import ARRIVED, FAILED, HOLDING, WAITING
-from visual_servo_epipolar.core.laws.smooth.approach import approach, back_off
+from visual_servo_epipolar.core.laws.smooth.approach import approach, back_off, way_left
 from visual_servo_epipolar.core.laws.two_steps import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -101,8 +102,22 @@ def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) 
     turned = abs(measurement.heading_error) > facing_bound(measurement, settings, trial)
     if turned and not ends_by_pulses(measurement, settings, trial):
         return False
-    matched = is_matched(measurement, settings, trial)
-    return matched or is_near_enough(state, measurement, settings)
+    through = _is_through(state, measurement, settings, trial)
+    return through or is_near_enough(state, measurement, settings)
+
+
+def _is_through(
+    state: ServoState, measurement: Measurement, settings: ServoSettings, trial: Trial
+) -> bool:
+    """
+    Return whether the motion leads no farther: D is zero, or the way that is left.
+
+    Aside of the goal they are not zero at one place, and the motion stands where the way ends.
+    """
+    if is_matched(measurement, settings, trial):
+        return True
+    left = abs(way_left(measurement, state)) * measurement.difference_slope
+    return left <= matched_bound(measurement, settings, trial)
 
 
 def _trial_of(state: ServoState) -> Trial:
@@ -115,7 +130,7 @@ def _trial_of(state: ServoState) -> Trial:
 
 def _is_close(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     known = measurement.offset is not None
-    return known and is_matched(measurement, settings, trial_of(state, spent=True))
+    return known and _is_through(state, measurement, settings, trial_of(state, spent=True))
 
 
 def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
