@@ -113,6 +113,25 @@ os.wait()
 assert os.read(there, 1) == b''  # closed by all: the copy has ended
 """
 
+OUTLIVED = """
+import os
+import signal
+import time
+
+from visual_servo_epipolar.processes import begun, context, may_fork
+
+assert may_fork()
+there, here = os.pipe()
+if os.fork() == 0:  # one that is killed while its process looks after nothing but its work
+    begun(context(), 'worker', time.sleep, (20.0,))
+    os.kill(os.getpid(), signal.SIGKILL)
+os.close(here)
+os.wait()
+killed_s = time.monotonic()
+assert os.read(there, 1) == b''  # closed by all
+assert time.monotonic() - killed_s < 10.0
+"""
+
 forks = pytest.mark.skipif(not THREADS.is_dir(), reason='nothing is forked here')
 
 
@@ -148,6 +167,11 @@ def test_a_process_beside_leaves_ctrl_c_to_its_parent_from_its_first_moment() ->
 @forks
 def test_a_copy_tells_whether_its_work_was_done_and_ends_with_this_process() -> None:
     assert run(COPIED) == 'worked\n'
+
+
+@forks
+def test_a_process_beside_does_not_outlive_this_one_whatever_it_is_at() -> None:
+    run(OUTLIVED)
 
 
 def test_a_process_with_threads_is_not_copied() -> None:

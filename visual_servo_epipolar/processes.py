@@ -8,6 +8,7 @@ from multiprocessing.connection import Connection
 import os
 from pathlib import Path
 import signal
+from threading import current_thread, main_thread
 from typing import Any
 
 THREADS = Path('/proc/self/task')  # of Linux
@@ -40,6 +41,18 @@ def is_forked(beside: Any) -> bool:
     return bool(beside.get_start_method() == 'fork')
 
 
+def end_with(parent: int) -> bool:
+    """
+    Let this process be killed as soon as ``parent`` ends, however that comes; return if it lives.
+
+    Linux means the thread of it that has started this process; elsewhere nothing is killed.
+    """
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, 'prctl'):
+        libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    return os.getppid() == parent
+
+
 def copied(work: Callable[[], object]) -> Callable[[], bool]:
     """
     Begin ``work`` in a copy of this process, which may fork; return what waits for its end.
@@ -55,8 +68,7 @@ def copied(work: Callable[[], object]) -> Callable[[], bool]:
     if pid:
         return lambda: os.waitpid(pid, 0)[1] == 0
     try:
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() == parent:
+        if end_with(parent):
             work()
             os._exit(0)  # all that is open here is the parent's to close
     finally:
@@ -96,23 +108,32 @@ def begun(
     """
     Return a process of the context ``beside`` that runs ``target(*args)``, not longer than this.
 
-    Ctrl-C is left to this process.
+    It is killed with this process, where its main thread begins it: Linux would kill it with any
+    other thread. Ctrl-C is left to this process.
     ``ours`` are the ends of its pipes that stay here. It closes its copies, to hear when they are
     closed here; copies of this process that are made later have them until they end.
     """
-    given = (ours if is_forked(beside) else (), target, args)
+    parent = os.getpid() if current_thread() is main_thread() else None
+    given = (parent, ours if is_forked(beside) else (), target, args)
     process = beside.Process(target=_run, args=given, name=name, daemon=True)
     with without_interrupts(forked=is_forked(beside)):
         process.start()
     return process
 
 
-def _run(theirs: Sequence[Connection], target: Callable[..., None], args: Sequence[Any]) -> None:
+def _run(
+    parent: int | None,
+    theirs: Sequence[Connection],
+    target: Callable[..., None],
+    args: Sequence[Any],
+) -> None:
     ignore_interrupts()
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # what a command does then is not for its copy
     for end in theirs:
         end.close()
-    target(*args)
+    # A pipe that is closed is not heard where other work has the cores, and this one waits.
+    if parent is None or end_with(parent):
+        target(*args)
 
 
 def work_beside() -> None:

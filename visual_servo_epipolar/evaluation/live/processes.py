@@ -15,6 +15,7 @@ import rclpy
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.evaluation.live import child
 from visual_servo_epipolar.nodes.startup.executor import isolated_context, MessageExecutor
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.threads import ONE_THREAD
@@ -79,13 +80,25 @@ def start_nodes(
     """
     Start each node (a module's full name, or one of ours) with its arguments in ``folder``.
 
-    They are in sessions of their own, and end with ``stack``. With ``logs``, what each writes to
-    standard error is in NAME.log there.
+    They are in sessions of their own, and end as by ``start_module``. With ``logs``, what each
+    writes to standard error is in NAME.log there.
     """
     return {
-        name: _start(stack, name, arguments, folder, logs=logs)
+        name: _start_node(stack, name, arguments, folder, logs=logs)
         for name, arguments in nodes.items()
     }
+
+
+def start_module(stack: ExitStack, module: str, *arguments: str, **options: Any) -> Process:
+    """
+    Start a module with its arguments as ``python -m`` does, with ``options`` of Popen.
+
+    It ends with ``stack``, and with this process, however that ends.
+    """
+    command = [sys.executable, '-m', child.__name__, str(os.getpid()), module, *arguments]
+    process = stack.enter_context(subprocess.Popen(command, **options))
+    stack.callback(_end, process)
+    return process
 
 
 def costs(processes: Mapping[str, Process]) -> dict[str, Cost]:
@@ -114,7 +127,7 @@ def spent(stretches: Sequence[Stretch], frames: int) -> dict[str, dict[str, Any]
     }
 
 
-def _start(
+def _start_node(
     stack: ExitStack, name: str, arguments: Sequence[str], folder: Path, *, logs: bool
 ) -> Process:
     module = name if '.' in name else f'{NODES}.{name}'
@@ -124,15 +137,8 @@ def _start(
     if logs:
         environment['ROS_LOG_DIR'] = str(folder)
         said = stack.enter_context((folder / f'{name}.log').open('wb'))
-    process = subprocess.Popen(
-        [sys.executable, '-m', module, '--ros-args', *arguments],
-        cwd=folder,
-        env=environment,
-        stderr=said,
-        start_new_session=True,
-    )
-    stack.callback(_end, process)
-    return process
+    options = {'cwd': folder, 'env': environment, 'stderr': said, 'start_new_session': True}
+    return start_module(stack, module, '--ros-args', *arguments, **options)
 
 
 def _end(process: Process) -> None:

@@ -7,11 +7,11 @@ a first start.
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 import json
 import os
 from pathlib import Path
 import subprocess
-import sys
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
@@ -19,8 +19,10 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.evaluation.live.processes import start_module
 from visual_servo_epipolar.evaluation.tables import aligned
 
+PACKAGE = 'visual_servo_epipolar'
 VARIANTS: Mapping[str, tuple[str, ...]] = {
     'video and bag': (),
     'bag': ('--no-video',),
@@ -92,17 +94,16 @@ def _time_demo(arguments: tuple[str, ...], compiled: Path) -> Times:
     """
     environment = {**os.environ, 'PYTHONPYCACHEPREFIX': str(compiled)}
     environment.pop('PYTHONDONTWRITEBYTECODE', None)
-    with TemporaryDirectory(prefix='visual_servo_') as folder:
+    with TemporaryDirectory(prefix='visual_servo_') as folder, ExitStack() as stack:
         result = Path(folder, 'timed.json')
-        command = [sys.executable, '-m', 'visual_servo_epipolar', 'demo', *arguments]
-        command += ['--out', str(Path(folder, 'out')), '--json', str(result)]
+        given = *arguments, '--out', str(Path(folder, 'out')), '--json', str(result)
+        streams = {'stdout': subprocess.DEVNULL, 'stderr': subprocess.PIPE}
         before, began = os.times(), perf_counter()
-        process = subprocess.run(
-            command, capture_output=True, text=True, check=False, env=environment
-        )
+        process = start_module(stack, PACKAGE, 'demo', *given, env=environment, **streams)
+        _, errors = process.communicate()
         wall, after = perf_counter() - began, os.times()
         if not result.exists():
-            raise VisualServoError(f'the demo gave no result: {process.stderr.strip()}')
+            raise VisualServoError(f'the demo gave no result: {errors.decode().strip()}')
         simulated = float(json.loads(result.read_text())['duration_s'])
     spent = after.children_user + after.children_system
     return simulated, wall, spent - before.children_user - before.children_system
