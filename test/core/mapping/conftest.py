@@ -2,6 +2,12 @@
 
 from collections.abc import Callable
 
+from map_study import (
+    map_after_drive,
+    StudySettings,
+    StudyTrial,
+    trial,
+)
 import numpy as np
 import pytest
 
@@ -9,12 +15,6 @@ from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
 from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, Unknowns
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
-    map_after_drive,
-    StudySettings,
-    StudyTrial,
-    trial,
-)
 
 
 def at_truth(drive: StudyTrial, views: int = 14) -> Evaluation:

@@ -1,11 +1,11 @@
 """Two accounts of the way: who believes the other has the same memory, of another scale."""
 
+from map_study import StudyTrial, two_views
 import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudyTrial, two_views
 
 RATIO = 1.4
 SURE = MapSettings(scale_deviation=1e-3)

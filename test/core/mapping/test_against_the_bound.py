@@ -1,9 +1,8 @@
 """Against the bound: as exact as all views allow, and as sure as it is exact."""
 
+from map_bound import errors_of, TrialErrors
+from map_study import StudySettings
 import pytest
-
-from visual_servo_epipolar.evaluation.benchmarks.memory.bound import errors_of, TrialErrors
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudySettings
 
 TRIALS, FEW = 60, 16
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 import math
 
+from map_study import StudySettings, trial
 import numpy as np
 import pytest
 
@@ -22,7 +23,6 @@ from visual_servo_epipolar.core.mapping.initialization import (
     Start,
     triangulate,
 )
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudySettings, trial
 
 
 def start_at(view: np.ndarray, k: int, off: float = 0.0) -> Start:

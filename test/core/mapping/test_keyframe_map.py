@@ -5,6 +5,13 @@ import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from map_study import (
+    map_after_drive,
+    StudySettings,
+    StudyTrial,
+    trial,
+    two_views,
+)
 import numpy as np
 import pytest
 
@@ -19,13 +26,6 @@ from visual_servo_epipolar.core.mapping.feature_observations import (
 )
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap, MOST_REFUSED
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
-    map_after_drive,
-    StudySettings,
-    StudyTrial,
-    trial,
-    two_views,
-)
 
 DEVIATIONS = 4.0
 

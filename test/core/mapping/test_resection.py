@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+from map_bound import bound
+from map_study import StudyTrial
 import numpy as np
 import pytest
 
@@ -15,8 +17,6 @@ from visual_servo_epipolar.core.mapping.fitting import (
     nearest_view,
 )
 from visual_servo_epipolar.core.mapping.resection import NOTHING, resect
-from visual_servo_epipolar.evaluation.benchmarks.memory.bound import bound
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudyTrial
 
 
 def seen_by(drive: StudyTrial, geometry: Geometry, k: int) -> tuple[Anchors, MatchedFeatures]:

@@ -2,6 +2,12 @@
 
 from dataclasses import replace
 
+from map_study import (
+    map_after_drive,
+    StudySettings,
+    StudyTrial,
+    trial,
+)
 import numpy as np
 import pytest
 
@@ -12,12 +18,6 @@ from visual_servo_epipolar.core.mapping.resection import (
     NOTHING,
     Shrinkage,
     shrinkage_of,
-)
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
-    map_after_drive,
-    StudySettings,
-    StudyTrial,
-    trial,
 )
 
 NEAR = [[0.002, -0.01 + 0.0004 * k, 0.001] for k in range(25)]  # right, ahead [m], heading [rad]

@@ -20,7 +20,6 @@ from visual_servo_epipolar.nodes.startup.missing import remedy
 HERE = 'visual_servo_epipolar.evaluation.benchmarks'
 BENCHMARKS: Mapping[str, str] = {
     'estimation': f'{HERE}.estimation.benchmark',
-    'memory': f'{HERE}.memory.benchmark',
     'tracking': f'{HERE}.tracking.benchmark',
     'sweep': f'{HERE}.speed.sweep',
     'laws': f'{HERE}.arrivals.laws',

@@ -3,6 +3,10 @@
 from dataclasses import replace
 import math
 
+from map_study import (
+    map_after_drive as after_drive,
+)
+from map_study import StudySettings, trial
 import numpy as np
 import pytest
 from servo_states import in_phase, reading
@@ -29,10 +33,6 @@ from visual_servo_epipolar.core.servo.fusion.map_state import (
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.update import update
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
-    map_after_drive as after_drive,
-)
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudySettings, trial
 
 SETTINGS = ServoSettings()
 TWO_VIEWS, MEMORY = Bearings(-1.5, 0.1), reading().bearings

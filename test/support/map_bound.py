@@ -1,20 +1,20 @@
 """Bound: Fisher information of photograph and all views; and errors of the memory beside it."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
-import numpy as np
-
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.mapping.localization import MapLocalization
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
+from map_study import (
     map_after_drive,
     seen_from,
     StudySettings,
     StudyTrial,
     trial,
 )
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 
 STEP = 1e-6
 TINY, KNOWN = 1e-9, 1e-4
@@ -96,18 +96,6 @@ def _add_scale(information: FloatArray, trial: StudyTrial) -> None:
     row = np.zeros(len(information))
     row[: VIEW * len(places)].reshape(-1, VIEW)[:, :2] = slope
     information += np.outer(row, row)
-
-
-def bound_of_two_views(trial: StudyTrial) -> FloatArray:
-    """Return the bound of photograph and last view alone, told how far apart they are, (5, 5)."""
-    alone = replace(
-        trial,
-        views=trial.views[-1:],
-        pixels=trial.pixels[[0, -1]],
-        seen=trial.seen[-1:],
-        right=trial.right[-1:],
-    )
-    return bound(alone)
 
 
 PLANE = slice(0, 3)  # lateral, longitudinal, heading

@@ -1,1 +1,0 @@
-"""What a memory of views is worth: against the bound, two views, and OpenCV on one structure."""
