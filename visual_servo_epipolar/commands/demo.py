@@ -68,7 +68,7 @@ def demo(options: argparse.Namespace) -> int:
 def _assistant(scenario: Scenario) -> 'AbstractContextManager[Assistant | None]':
     from visual_servo_epipolar.simulation.camera_simulator import assistant_of
 
-    return assistant_of(scenario.camera)
+    return assistant_of(scenario.camera, scenario.light)
 
 
 def _nodes(

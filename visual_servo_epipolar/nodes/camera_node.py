@@ -20,6 +20,7 @@ from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import CameraFrames
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
+from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.run_monitor import period_ns
@@ -38,11 +39,13 @@ class CameraNode(Node):
         super().__init__('camera_node', **options)
         self._settings = parameters.declare(self, CameraSettings)
         self._disturbances = parameters.declare(self, DisturbanceSettings)
+        self._light = parameters.declare(self, LightSettings)
         self._names = parameters.declare(self, CameraFrames)
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
         parameters.watch(self, lambda: self._disturbances, self._disturb)
-        self._simulator = CameraSimulator(self._settings, self._disturbances)
+        parameters.watch(self, lambda: self._light, self._relight)
+        self._simulator = CameraSimulator(self._settings, self._disturbances, self._light)
         self._frame = 0
         self._last_ns: int | None = None
         self._image_pub = self.create_publisher(Image, 'image_raw', qos.STREAM)
@@ -73,6 +76,11 @@ class CameraNode(Node):
         if settings != self._disturbances:
             self._disturbances = settings
             self._simulator.disturb(settings)
+
+    def _relight(self, settings: LightSettings) -> None:
+        if settings != self._light:
+            self._light = settings
+            self._simulator.relight(settings)
 
     def _on_truth(self, message: Odometry) -> None:
         try:

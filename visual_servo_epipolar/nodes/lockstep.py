@@ -81,7 +81,9 @@ class Lockstep(AbstractContextManager['Lockstep']):
         )
         self.tracker = self._add(TrackerNode, scenario.tracker, {'camera_reliability': 'reliable'})
         self.unicycle = self._add(UnicycleNode, scenario.base, base, simulated_time=False)
-        self.camera = self._add(CameraNode, scenario.camera, asdict(scenario.disturbances))
+        self.camera = self._add(
+            CameraNode, scenario.camera, asdict(scenario.disturbances) | asdict(scenario.light)
+        )
         if self._assistant is not None:
             self.camera.assisted_by(self._assistant)
 

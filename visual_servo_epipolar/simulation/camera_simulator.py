@@ -9,15 +9,21 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
+from visual_servo_epipolar.simulation.light.exposure import Exposure
+from visual_servo_epipolar.simulation.light.lights import Light, LIGHTS
+from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME, Sensor, SensorSettings
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.view import View
 
 LARGEST_VIEW = 4  # of a lens that distorts, in images
+SENSORS = 4  # kept, each for one gain
+MAX_NOISE = 50.0  # of a sensor [grey levels]
 
 
 class CameraSimulator:
@@ -25,20 +31,23 @@ class CameraSimulator:
     Takes images in a seeded room: the photograph from the goal, then frame after frame.
 
     ``disturbances`` come between the room and the sensor; the photograph is taken without them.
-    Settings may be replaced by others that differ in what is not read-only.
+    ``light`` says by which light each is taken, and at which exposure. Settings may be replaced by
+    others that differ in what is not read-only.
     """
 
     def __init__(
-        self, settings: CameraSettings, disturbances: DisturbanceSettings | None = None
+        self,
+        settings: CameraSettings,
+        disturbances: DisturbanceSettings | None = None,
+        light: LightSettings | None = None,
     ) -> None:
         self._settings, rig = settings, new_rig(settings)
         self.camera = rig.camera
-        self.renderer = Renderer(room(settings.scene_seed, settings.scene), rig)
-        sensor = SensorSettings(
-            noise=settings.noise, gain_drift=settings.gain_drift, blur=settings.blur
-        )
-        self._sensor = Sensor((settings.width, settings.height), sensor, settings.seed)
-        self._last: tuple[bytes, Image] | None = None
+        self._scenes: dict[str, Scene] = {}  # by light
+        self.relight(LightSettings() if light is None else light)
+        self.renderer = Renderer(self._scene(self._light.light_of(settings.seed)), rig)
+        self._sensors: dict[float, Sensor] = {}  # by gain
+        self._last: tuple[bytes, Scene, Image] | None = None
         self.disturb(DisturbanceSettings() if disturbances is None else disturbances)
 
     @property
@@ -61,29 +70,74 @@ class CameraSimulator:
         """The disturbances of the images."""
         return self._disturbances.settings
 
+    def relight(self, settings: LightSettings) -> None:
+        """Let the light be as ``settings`` say from now on; the exposure settles anew."""
+        self._light, self._exposure = settings, Exposure(settings)
+
+    @property
+    def light(self) -> LightSettings:
+        """The light of photograph and run, and the exposure."""
+        return self._light
+
     def photograph(self) -> Image:
         """Return the desired image, shape (H, W), taken from the goal."""
         return self.capture(DESIRED_POSE, DESIRED_FRAME)
 
     def capture(self, pose: Pose, frame: int) -> Image:
-        """Return frame number ``frame``, shape (H, W), taken from ``pose``."""
+        """
+        Return frame number ``frame``, shape (H, W), taken from ``pose``.
+
+        Automatic exposure has settled on the photograph and on frame 0, and follows from there on.
+        """
+        light = self._light_at(frame)
+        self.renderer.scene = self._scene(light)
         image = self._render(pose, frame)
         if frame != DESIRED_FRAME and self._is_disturbed:
             image = self._disturbances.apply(image, frame)
-        return self._sensor.capture(image, frame)
+        if frame <= 0:
+            self._exposure.begin()
+        image, gain = self._exposure.take(image, light.level)
+        return self._sensor(gain).capture(image, frame)
+
+    def _light_at(self, frame: int) -> Light:
+        if frame == DESIRED_FRAME:
+            return LIGHTS[self._light.photograph_light]
+        return self._light.light_of(self.settings.seed)
+
+    def _scene(self, light: Light) -> Scene:
+        if light.name not in self._scenes:
+            settings = self.settings
+            self._scenes[light.name] = room(settings.scene_seed, settings.scene, light.name)
+        return self._scenes[light.name]
+
+    def _sensor(self, gain: float) -> Sensor:
+        """Return the sensor at that gain, which its noise grows with."""
+        if gain not in self._sensors:
+            if len(self._sensors) == SENSORS:
+                del self._sensors[next(iter(self._sensors))]
+            settings, size = self.settings, (self.settings.width, self.settings.height)
+            noise = min(gain * settings.noise, MAX_NOISE)
+            sensor = SensorSettings(
+                noise=noise, gain_drift=settings.gain_drift, blur=settings.blur
+            )
+            self._sensors[gain] = Sensor(size, sensor, settings.seed)
+        return self._sensors[gain]
 
     def _render(self, pose: Pose, frame: int) -> Image:
         """Return the image before the sensor: the last one, read-only, of a camera that stands."""
         placed = self.renderer.rig.camera_pose(pose, frame)
         place = placed.centre.tobytes() + placed.R_world_camera.tobytes()
-        if self._last is None or self._last[0] != place:
+        scene = self.renderer.scene
+        if self._last is None or self._last[0] != place or self._last[1] is not scene:
             image = self.renderer.render(pose, frame)
             image.setflags(write=False)
-            self._last = place, image
-        return self._last[1]
+            self._last = place, scene, image
+        return self._last[2]
 
 
-def assistant_of(settings: CameraSettings) -> AbstractContextManager[Assistant | None]:
+def assistant_of(
+    settings: CameraSettings, light: LightSettings | None = None
+) -> AbstractContextManager[Assistant | None]:
     """
     Return a process that draws half of each image of such a camera; None without a second core.
 
@@ -91,7 +145,8 @@ def assistant_of(settings: CameraSettings) -> AbstractContextManager[Assistant |
     """
     if cores() == 1:
         return nullcontext()
-    build = partial(room, settings.scene_seed, settings.scene)
+    name = (light or LightSettings()).light_of(settings.seed).name
+    build = partial(room, settings.scene_seed, settings.scene, name)
     return Assistant(build, LARGEST_VIEW * settings.width * settings.height)
 
 

@@ -18,6 +18,7 @@ from visual_servo_epipolar.simulation.bases.registry import (
     SimulatedBaseModel,
 )
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
+from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import (
     rig_name,
@@ -44,6 +45,7 @@ class Scenario:
     camera: CameraSettings = field(default_factory=CameraSettings)
     points: PointSettings = field(default_factory=PointSettings)
     disturbances: DisturbanceSettings = field(default_factory=DisturbanceSettings)
+    light: LightSettings = field(default_factory=LightSettings)
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     servo: ServoSettings = field(default_factory=ServoSettings)
 

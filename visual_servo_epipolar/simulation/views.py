@@ -15,9 +15,8 @@ def view_of(scenario: Scenario, source: str, seed: int) -> View:
     """Return what stands between world and servo; ``source`` is one of choices.SOURCES."""
     if source == 'features':
         return points_of(scenario, seed)
-    return ImageView(
-        CameraSimulator(scenario.camera, scenario.disturbances), Tracker(scenario.tracker)
-    )
+    simulator = CameraSimulator(scenario.camera, scenario.disturbances, scenario.light)
+    return ImageView(simulator, Tracker(scenario.tracker))
 
 
 def points_of(scenario: Scenario, seed: int) -> PointWorld:

@@ -85,6 +85,7 @@ NODES: Mapping[str, NodeRow] = {
         settings=(
             'simulation.mounts.camera_settings:CameraSettings',
             'simulation.disturbances.image:DisturbanceSettings',
+            'simulation.light.settings:LightSettings',
             'nodes.startup.settings:CameraFrames',
         ),
     ),

@@ -26,20 +26,22 @@ class Renderer:
     """
     Images of ``scene`` through the camera of a robot; equal inputs give equal bits.
 
-    ``rig`` may be replaced by another with an equal camera. ``pose`` is the robot's, and ``frame``
-    that for which the rig is asked where the camera is. An ``assistant`` with the same scene may
-    help.
+    ``rig`` may be replaced by another with an equal camera, ``scene`` by one in another light.
+    ``pose`` is the robot's, and ``frame`` that for which the rig is asked where the camera is. An
+    ``assistant`` with the same scene may help, as long as it is not replaced.
     """
 
     def __init__(self, scene: Scene, rig: SimulatedRig) -> None:
         self.scene, self.camera, self.rig = scene, rig.camera, rig
+        self._first = scene
         self.assistant: Assistant | None = None
         planar = rig.camera.planar
         self._drawing = Faces(rig.camera) if planar is None else _Canvas(planar)
 
     def render(self, pose: Pose, frame: int | None = None) -> Image:
         """Return the image taken from ``pose``, shape (H, W)."""
-        return self._drawing.render(self.scene, self.rig.camera_pose(pose, frame), self.assistant)
+        assistant = self.assistant if self.scene is self._first else None
+        return self._drawing.render(self.scene, self.rig.camera_pose(pose, frame), assistant)
 
     def project(
         self, points: FloatArray, pose: Pose, frame: int | None = None

@@ -7,15 +7,16 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.simulation.light.lights import Light
+from visual_servo_epipolar.simulation.light.sources import Box
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface
 from visual_servo_epipolar.simulation.rendering.textures import Texture
 from visual_servo_epipolar.simulation.rooms.textures import fractal_grain, Painting
 
 LEFT, RIGHT, REAR, HEIGHT = -5.5, 5.5, -13.0, 2.8  # the shell [m]
 DENSITY = 250.0  # texels a metre on furniture
-AMBIENT = 0.75  # share of the light that comes from everywhere
-LAMP_POWER = 1.9
 LIGHT_STEP = 0.15  # spacing of the points where the light is computed [m]
+SHADOW_STEP = 0.1  # the same, where something casts shadows [m]
 
 Painter = Callable[[Painting], None]
 Material = Callable[[Painting, float], None]
@@ -53,15 +54,56 @@ class Furniture:
         along = np.maximum(np.abs(offset @ back - 0.5 * depth) - 0.5 * depth, 0.0)
         return np.asarray(np.hypot(across, along))
 
+    @property
+    def box(self) -> Box:
+        """The box that casts its shadow."""
+        right, back = self.axes()
+        half = 0.5 * np.array(self.size)
+        middle = np.array([self.x, self.y, self.bottom + half[2]]) + half[1] * back
+        return Box(middle, np.array([right, back, [0.0, 0.0, 1.0]]), half)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Panel:
+    """A painted rectangle of a body, not lit yet; ``frame`` is its corner and its edges [m]."""
+
+    name: str
+    body: str
+    frame: tuple[FloatArray, FloatArray, FloatArray]
+    sheet: Painting
+    standing: Sequence[Furniture]
+
+    def lit(
+        self, light: Light, ceiling_lamps: Sequence[FloatArray], boxes: Sequence[Box]
+    ) -> Surface:
+        """Return the surface as it looks by ``light``."""
+        origin, edge_u, edge_v = self.frame
+        width, height = self.sheet.width, self.sheet.height
+        step = SHADOW_STEP if light.casts_shadows else LIGHT_STEP
+        u, v = _grid(width, step), _grid(height, step)
+        points = origin + u[None, :, None] * edge_u + v[:, None, None] * edge_v
+        field = light.on(points, np.cross(edge_v / height, edge_u / width), ceiling_lamps, boxes)
+        if self.body == ROOM:
+            field *= _corners(u * width, width)[None] * _corners(v * height, height)[:, None]
+        for piece in self.standing:
+            field *= 1.0 - 0.6 * np.exp(-piece.distances(points) / 0.16)
+        texture = Texture(self.sheet.lit(field))
+        return Surface(self.name, self.body, origin, edge_u, edge_v, texture)
+
 
 class Builder:
-    """Collects the surfaces of a room; ``lamps`` (x, y) and its ``end`` along y are in metres."""
+    """
+    Collects the painted panels of a room, to be seen by any light.
+
+    ``lamps`` on the ceiling (x, y) and its ``end`` along y are in metres.
+    """
 
     def __init__(
         self, rng: np.random.Generator, lamps: Sequence[tuple[float, float]], end: float
     ) -> None:
         self.rng, self.lamps, self.end = rng, lamps, end
-        self.surfaces: list[Surface] = []
+        self._panels: list[Panel] = []
+        self._boxes: list[Box] = []
         self._grain = fractal_grain(rng)
 
     def wall(self, side: str, paint: Painter, *, density: float = 220.0) -> None:
@@ -91,6 +133,7 @@ class Builder:
 
     def stand(self, piece: Furniture) -> None:
         """Put a piece of furniture in its place: all faces but the one it stands on."""
+        self._boxes.append(piece.box)
         right, back = piece.axes()
         width, depth, height = piece.size
         x, y, down = width * right, depth * back, np.array([0.0, 0.0, -height])
@@ -119,45 +162,28 @@ class Builder:
         density: float = DENSITY,
         standing: Sequence[Furniture] = (),
     ) -> None:
-        origin, edge_u, edge_v = frame
+        _, edge_u, edge_v = frame
         width, height = float(np.linalg.norm(edge_u)), float(np.linalg.norm(edge_v))
         sheet = Painting(width, height, density, self.rng, self._grain)
         paint(sheet)
-        points = (
-            origin + _grid(width)[None, :, None] * edge_u + _grid(height)[:, None, None] * edge_v
-        )
-        light = self._light(points, np.cross(edge_v / height, edge_u / width))
-        if body == ROOM:
-            light *= _corners(width)[None] * _corners(height)[:, None]
-        for piece in standing:
-            light *= 1.0 - 0.6 * np.exp(-piece.distances(points) / 0.16)
-        sheet.light(light)
-        self.surfaces.append(Surface(name, body, origin, edge_u, edge_v, Texture(sheet.image)))
+        self._panels.append(Panel(name, body, frame, sheet, standing))
 
-    def _light(self, points: FloatArray, normal: FloatArray) -> FloatArray:
-        """Light falling on ``points``, shape (H, W, 3): Lambert's, from lamps that face down."""
-        if normal[2] < -0.5:
-            return np.full(points.shape[:2], 1.05)  # lamps do not light the ceiling they hang on
-        light = np.full(points.shape[:2], AMBIENT)
-        for x, y in self.lamps:
-            towards = np.array([x, y, HEIGHT]) - points
-            square = (towards**2).sum(axis=-1) + 0.15
-            cosines = np.maximum(towards @ normal, 0.0) * np.maximum(towards[..., 2], 0.0)
-            light += LAMP_POWER * cosines / square**2
-        return light
+    def surfaces(self, light: Light) -> tuple[Surface, ...]:
+        """Return the surfaces of the room as they look by ``light``."""
+        lamps = [np.array([x, y, HEIGHT]) for x, y in self.lamps]
+        return tuple(panel.lit(light, lamps, self._boxes) for panel in self._panels)
 
 
 def _in_grey(material: Material, grey: float) -> Painter:
     return lambda sheet: material(sheet, grey)
 
 
-def _grid(length: float) -> FloatArray:
+def _grid(length: float, step: float) -> FloatArray:
     """Shares of an edge at which the light is computed, at the middles of equal cells."""
-    count = max(3, math.ceil(length / LIGHT_STEP))
+    count = max(3, math.ceil(length / step))
     return (np.arange(count) + 0.5) / count
 
 
-def _corners(length: float) -> FloatArray:
-    """Factor of light along an edge: corners of a room are darker."""
-    at = _grid(length) * length
+def _corners(at: FloatArray, length: float) -> FloatArray:
+    """Factor of light ``at`` places along an edge [m]: corners of a room are darker."""
     return np.asarray(1.0 - 0.22 * np.exp(-np.minimum(at, length - at) / 0.22))

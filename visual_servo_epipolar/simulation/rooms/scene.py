@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from visual_servo_epipolar.simulation.light.lights import CEILING, LIGHTS
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms import furniture as c
 from visual_servo_epipolar.simulation.rooms import materials as m
@@ -15,6 +16,7 @@ from visual_servo_epipolar.simulation.rooms.textures import Painting
 
 KINDS = ('room', 'wall', 'plain')
 END = {'room': 8.0, 'wall': 5.0, 'plain': 8.0}  # how far the front wall is from the goal [m]
+KEPT = 3  # lights by which a room is kept
 LAMPS = [(x, y) for y in (-11.0, -7.4, -3.8, -0.2, 3.4, 6.4) for x in (-2.9, 2.9)]
 
 # Name, middle of the front (x, y), size, front, sides, bottom [m]. Nothing stands in the way of
@@ -42,9 +44,9 @@ PIECES = (
 ASIDE = (c.bookcase, c.cupboard, c.crate, c.noticeboard)  # fronts along the side walls
 
 
-def room(seed: int, kind: str = 'room') -> Scene:
+def room(seed: int, kind: str = 'room', light: str = CEILING) -> Scene:
     """
-    Return a room; ``seed`` and ``kind`` fix every texel of it. The last one asked for is kept.
+    Return a room; all arguments together fix every texel of it. The last room is kept.
 
     Parameters
     ----------
@@ -54,6 +56,8 @@ def room(seed: int, kind: str = 'room') -> Scene:
         'room': furniture 3-8 m ahead of the goal (0, 0), looking along +y. 'wall': one wall 5 m
         ahead, full of pictures, over a floor with little texture. 'plain': painted walls with few
         pictures and little furniture, 3-8 m ahead, all of weak contrast.
+    light : str
+        A name in LIGHTS; the room is painted once for all lights, and lit once for each.
 
     Raises
     ------
@@ -63,17 +67,32 @@ def room(seed: int, kind: str = 'room') -> Scene:
     """
     if kind not in KINDS:
         raise ValueError(f'kind of room must be one of {", ".join(KINDS)}, got {kind!r}')
-    return _build_room(seed, kind)
+    return _painted_room(seed, kind).by(light)
+
+
+class PaintedRoom:
+    """A room, and how it looks by each light that was asked for."""
+
+    def __init__(self, builder: Builder) -> None:
+        self._builder, self._scenes = builder, dict[str, Scene]()
+
+    def by(self, light: str) -> Scene:
+        """Return the room as it looks by the light of that name; the last few are kept."""
+        scene = self._scenes.pop(light, None)
+        self._scenes[light] = scene or Scene(self._builder.surfaces(LIGHTS[light]))
+        if len(self._scenes) > KEPT:
+            del self._scenes[next(iter(self._scenes))]
+        return self._scenes[light]
 
 
 @lru_cache(maxsize=1)  # a room and its filtered pictures take some 200 MB
-def _build_room(seed: int, kind: str) -> Scene:
+def _painted_room(seed: int, kind: str) -> PaintedRoom:
     """Build a room, which takes one to two seconds."""
     rng = np.random.default_rng((seed, KINDS.index(kind)))
     lamps = [(x, y) for x, y in LAMPS if y < END[kind]]
     builder = Builder(rng, lamps, END[kind])
     BUILD[kind](builder)
-    return Scene(tuple(builder.surfaces))
+    return PaintedRoom(builder)
 
 
 def _furnish(builder: Builder) -> None:

@@ -35,7 +35,7 @@ class Painting:
     """
     A rectangle being painted: lengths in metres from the upper left corner, grey in 0..255.
 
-    Every method paints in place by its own random generator; ``image`` is the result.
+    Every method but ``lit`` paints in place by its own random generator.
     """
 
     def __init__(
@@ -45,11 +45,6 @@ class Painting:
         self.rng, self.grain = rng, grain
         shape = (max(2, round(height * density)), max(2, round(width * density)))
         self.pixels: Image = np.full(shape, 128, dtype=np.uint8)
-
-    @property
-    def image(self) -> Image:
-        """The paint, shape (H, W), softened so that no edge is sharper than a texel."""
-        return np.asarray(cv2.GaussianBlur(self.pixels, (5, 5), 0.6), dtype=np.uint8)
 
     def fill(self, grey: float) -> None:
         """Paint all of it."""
@@ -137,14 +132,17 @@ class Painting:
             patch = np.asarray(cv2.resize(patch, size, interpolation=cv2.INTER_CUBIC), np.uint8)
         return patch[: shape[0], : shape[1]]
 
-    def light(self, field: FloatArray) -> None:
-        """Multiply by a coarse ``field`` of light in 0..2, shape (H, W), over the whole sheet."""
+    def lit(self, field: FloatArray) -> Image:
+        """
+        Return the paint, shape (H, W), by a coarse ``field`` of light, shape (H, W), in 0..2.
+
+        It is softened so that no edge is sharper than a texel.
+        """
         coarse = np.clip(field * 127.5, 0.0, 255.0).astype(np.float32)
         rows, columns = self.pixels.shape
         full = cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_LINEAR)
-        self.pixels = np.asarray(
-            cv2.multiply(self.pixels, full, scale=1.0 / 127.5, dtype=cv2.CV_8U), dtype=np.uint8
-        )
+        pixels = cv2.multiply(self.pixels, full, scale=1.0 / 127.5, dtype=cv2.CV_8U)
+        return np.asarray(cv2.GaussianBlur(pixels, (5, 5), 0.6), dtype=np.uint8)
 
 
 def _level(grey: float) -> float:

@@ -1,0 +1,75 @@
+"""Named lights: what lights the room at noon, at dusk, by a lamp; a light is a row."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.simulation.light.sources import Box, Lamp, Window
+
+OVERHEAD = 1.4  # of the light from everywhere on what faces down: the floor throws it back
+Source = Lamp | Window
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """
+    A light of the room; by light 1 paint looks as grey as it is painted.
+
+    ``level`` is what a camera of fixed exposure sees of it: textures are lit without, so that
+    their eight bits hold a dim room as well as a bright one. ``ceiling`` is the power of each lamp
+    on the ceiling, all of which face down and cast no shadows.
+    """
+
+    name: str
+    what: str
+    level: float
+    ambient: float
+    ceiling: float = 0.0
+    sources: tuple[Source, ...] = ()
+
+    @property
+    def casts_shadows(self) -> bool:
+        """Whether something in the room makes shadows, whose edges ask for a finer grid."""
+        return bool(self.sources)
+
+    def on(
+        self,
+        points: FloatArray,
+        normal: FloatArray,
+        ceiling_lamps: Sequence[FloatArray],
+        boxes: Sequence[Box],
+    ) -> FloatArray:
+        """
+        Return the light, shape (H, W), on ``points``, shape (H, W, 3), by Lambert's law.
+
+        ``ceiling_lamps`` are where the lamps hang, shape (3,) each; ``boxes`` cast shadows.
+        """
+        shape, faces_down = points.shape[:2], normal[2] < -0.5
+        light = np.full(shape, OVERHEAD * self.ambient if faces_down else self.ambient)
+        for lamp in ceiling_lamps if self.ceiling and not faces_down else ():
+            towards = lamp - points
+            square = (towards**2).sum(axis=-1) + 0.15
+            cosines = np.maximum(towards @ normal, 0.0) * np.maximum(towards[..., 2], 0.0)
+            light += self.ceiling * cosines / square**2
+        for source in self.sources:
+            light += source.on(points.reshape(-1, 3), normal, boxes).reshape(shape)
+        return light
+
+
+CEILING = 'ceiling'  # the usual one: the lamps of the room
+NOON_WINDOW = Window((-5.5, 0.2, 1.75), (3.4, 1.6), sky=30.0, sun=1.2, sun_from=(-1.0, -0.7, 0.5))
+LAMP_RIGHT, LAMP_SIDE = Lamp((3.8, -0.8, 2.2), 36.0), Lamp((-5.2, 3.0, 2.3), 30.0)
+LAMP_BEHIND = Lamp((0.0, -9.0, 2.4), 60.0)
+DUSK_WINDOW = Window((-5.5, 0.2, 1.75), (3.4, 1.6), sky=60.0)
+ROWS = (
+    Light(CEILING, 'the lamps on the ceiling', 1.0, 0.75, ceiling=1.9),
+    Light('noon', 'daylight, and the sun through a window', 1.0, 0.55, sources=(NOON_WINDOW,)),
+    Light('dusk', 'what a window on the left has left', 0.465, 0.2, sources=(DUSK_WINDOW,)),
+    Light('lamp_right', 'one lamp on the right', 0.47, 0.15, sources=(LAMP_RIGHT,)),
+    Light('lamp_side', 'one lamp from the side', 0.555, 0.1, sources=(LAMP_SIDE,)),
+    Light('dark', 'one lamp far behind', 0.125, 0.3, sources=(LAMP_BEHIND,)),
+)
+LIGHTS: Mapping[str, Light] = MappingProxyType({light.name: light for light in ROWS})
