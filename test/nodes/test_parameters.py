@@ -26,12 +26,16 @@ from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSet
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode, UnicycleSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
+from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 CONFIG = Path(__file__).parents[2] / 'config'
 NODES = {
     'unicycle_node': (UnicycleNode, (UnicycleSettings, PioneerSettings)),
-    'camera_node': (CameraNode, (CameraSettings, DisturbanceSettings, CameraFrames)),
+    'camera_node': (
+        CameraNode,
+        (CameraSettings, DisturbanceSettings, LightSettings, CameraFrames),
+    ),
     'tracker_node': (TrackerNode, (TrackerNodeSettings, TrackerSettings)),
     'servo_node': (ServoNode, (ServoNodeSettings, ServoSettings)),
     'recorder_node': (RecorderNode, (RecorderNodeSettings, RecordSettings)),
