@@ -22,20 +22,18 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.evaluation.benchmarks.arrivals import laws
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_laws import (
-    is_behind,
+    ALIGN,
+    CLOSE,
+    DEPTH,
+    nearby_pose,
     never_resting,
-    PointGains,
+    POINT_GAIN,
     points,
     polar,
-    PolarGains,
-    TurningGains,
-)
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_steps import PEERS, PeerState
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.pose_measurement import (
-    nearby_pose,
     relative_distance,
     RelativePose,
 )
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_steps import PEERS, PeerState
 
 NEARLY = st.builds(Pose.from_start, floats(-0.02, 0.02), floats(-0.02, 0.02), floats(-0.5, 0.5))
 
@@ -93,12 +91,11 @@ def test_a_reading_says_where_the_goal_is_in_the_frame_of_the_robot(
 def test_the_polar_law_parks_from_everywhere_with_a_wrong_depth_too(
     x: float, y: float, heading: float, wrong: float
 ) -> None:
-    gains = PolarGains(close=1e-3)
     pose, dt = Pose.from_start(x, y, heading), 0.02
-    backwards = is_behind(reading_of(pose, 1.0))
+    backwards = reading_of(pose, 1.0).ahead < 0.0
     for _ in range(6000):
         # The depth that it believes in is off: the gain of the distance is, no more.
-        twist = polar(reading_of(pose, gains.depth * wrong), gains, backwards=backwards)
+        twist = polar(reading_of(pose, DEPTH * wrong), backwards=backwards, close=1e-3)
         pose = integrate(pose, twist, dt)
     assert pose.distance < 0.02
     assert abs(wrap_angle(pose.heading_error)) < 0.1
@@ -108,18 +105,17 @@ def test_the_polar_law_parks_from_everywhere_with_a_wrong_depth_too(
 def test_the_polar_law_decreases_its_lyapunov_function(
     distance: float, psi: float, heading: float
 ) -> None:
-    gains = PolarGains()
     pose = Pose(distance * math.cos(psi), distance * math.sin(psi), heading + math.pi / 2.0)
 
     def lyapunov(at: Pose) -> float:
         toward = wrap_angle(math.atan2(at.y, at.x) + math.pi - math.pi / 2.0)
         against = wrap_angle(toward - at.heading_error)
-        return 0.5 * (at.distance**2 + against**2 + gains.align * toward**2)
+        return 0.5 * (at.distance**2 + against**2 + ALIGN * toward**2)
 
-    twist = polar(reading_of(pose, gains.depth), gains)
+    twist = polar(reading_of(pose, DEPTH))
     before, after = lyapunov(pose), lyapunov(integrate(pose, twist, 1e-5))
     jumps = abs(after - before) > 1.0  # an angle passed pi
-    assert jumps or distance <= gains.close or after <= before + 1e-12
+    assert jumps or distance <= CLOSE or after <= before + 1e-12
 
 
 @given(floats(-1.0, 1.0), floats(-3.0, 1.0), floats(-20.0, 20.0), floats(0.0, 20.0))
@@ -129,16 +125,16 @@ def test_the_law_that_never_rests_never_takes_the_robot_away(
     pose, dt = Pose.from_start(x, y, heading), 1e-4
     if pose.distance < 1e-3:
         return
-    twist = never_resting(reading_of(pose, 5.0), TurningGains(), elapsed=elapsed)
+    twist = never_resting(reading_of(pose, 5.0), elapsed)
     moved = integrate(pose, twist, dt)
     # (e1^2 + e2^2)' = -2 k_v e1^2 / d*; the step adds half its square.
     assert moved.distance**2 <= pose.distance**2 + (twist.linear * dt) ** 2 + 1e-12
 
 
 def test_the_law_that_never_rests_comes_nearer_sideways_but_ever_more_slowly() -> None:
-    gains, pose, dt, left = TurningGains(), Pose.from_start(0.5, -1.0, 0.0), 0.05, []
+    pose, dt, left = Pose.from_start(0.5, -1.0, 0.0), 0.05, []
     for i in range(20_000):
-        twist = never_resting(reading_of(pose, 5.0), gains, elapsed=dt * i)
+        twist = never_resting(reading_of(pose, 5.0), dt * i)
         pose = integrate(pose, twist, dt)
         if i % 5000 == 4999:
             left.append(abs(pose.x))
@@ -155,26 +151,25 @@ def test_the_classical_law_is_right_along_what_the_robot_can_do(
     rng = np.random.default_rng(5)
     desired = rng.uniform(-0.6, 0.6, (30, 2))
     u, v = desired.T
-    gains = PointGains()
     turn = math.radians(0.1 * heading)
     # The image after a small move ahead and a small turn to the left, to first order.
     moved = np.stack(
         [
-            u + u * ahead * 0.1 / gains.depth + (1.0 + u * u) * turn,
-            v + v * ahead * 0.1 / gains.depth + u * v * turn,
+            u + u * ahead * 0.1 / DEPTH + (1.0 + u * u) * turn,
+            v + v * ahead * 0.1 / DEPTH + u * v * turn,
         ],
         axis=1,
     )
-    twist = points(moved, desired, gains)
+    twist = points(moved, desired)
     # The columns are those of the current image: second order in 6 mm rad and 26 mrad.
-    assert twist.linear == pytest.approx(-gains.gain * 0.1 * ahead, abs=0.01)
-    assert twist.angular == pytest.approx(-gains.gain * turn, abs=1e-3)
+    assert twist.linear == pytest.approx(-POINT_GAIN * 0.1 * ahead, abs=0.01)
+    assert twist.angular == pytest.approx(-POINT_GAIN * turn, abs=1e-3)
 
 
 def test_the_classical_law_cannot_remove_a_lateral_error_of_a_distant_wall() -> None:
     desired = np.random.default_rng(6).uniform(-0.6, 0.6, (200, 2))
     sideways = desired - [0.1, 0.0]  # as if 0.5 m to the right of the goal, at 5 m
-    twist = points(sideways, desired, PointGains())
+    twist = points(sideways, desired)
     assert twist.angular > 0.0  # it turns, which leaves the robot where it is
     assert abs(twist.linear) < 0.05
 

@@ -24,79 +24,132 @@ x' = x v / Z + (1 + x^2) w and y' = y v / Z + x y w for a ray (x, y). The robot 
 image asks sideways: where the error has no part along the two columns it stands still.
 """
 
-from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.motion import Twist, wrap_angle
-from visual_servo_epipolar.core.settings import setting, Settings
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.pose_measurement import RelativePose
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Twist, wrap_angle
+from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.measures import turned
+from visual_servo_epipolar.core.perception.observation import Observation
+
+DEPTH = 5.0  # of the scene from the goal, Z, as the laws take it [m]
+CLOSE = 0.05  # distance at which directions are noise [m]
+APPROACH, TURN, ALIGN = 0.3, 1.0, 1.5  # polar law: g and k [1/s], weight h of the final heading
+FORWARD, HEADING, SEARCH = 2.0, 0.2, 10.0  # law that never rests: k_v [m/s], k_w, k_s [1/s]
+PACE = 0.4  # of its turn, the angular frequency s [rad/s]
+POINT_GAIN = 0.3  # classical law: lambda [1/s]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PolarGains(Settings):
-    """Gains of the polar law, and the depth that it takes for the scene's."""
+class RelativePose(NamedTuple):
+    """
+    Pose of the robot from two views: its place in units of the depth of the scene, its heading.
 
-    depth: float = setting(5.0, 'Depth Z of the scene from the goal [m]', low=0.1, high=100.0)
-    close: float = setting(0.05, 'Distance at which directions are noise [m]', low=0.0, high=1.0)
-    approach: float = setting(0.3, 'Gain g of the distance [1/s]', low=0.01, high=5.0)
-    turn: float = setting(1.0, 'Gain k of the direction [1/s]', low=0.01, high=5.0)
-    align: float = setting(1.5, 'Weight h of the final heading', low=0.01, high=20.0)
+    ``distance`` is d / Z, Z the harmonic mean of the depths of the features from the goal, and
+    ``psi`` its direction [rad]; ``heading_error`` is theta - pi/2 [rad].
+    """
+
+    distance: float
+    psi: float
+    heading_error: float
+
+    @property
+    def ahead(self) -> float:
+        """The goal's place in the robot's frame, forward, in units of Z."""
+        return -self.distance * math.cos(self.psi - self.heading_error - HALF_PI)
+
+    @property
+    def left(self) -> float:
+        """The goal's place in the robot's frame, to the left, in units of Z."""
+        return -self.distance * math.sin(self.psi - self.heading_error - HALF_PI)
 
 
-def polar(pose: RelativePose, gains: PolarGains, *, backwards: bool = False) -> Twist:
+def relative_pose(measurement: Measurement, observation: Observation) -> RelativePose:
+    """Return the pose up to scale; close to the goal, without bearings, to first order."""
+    bearings, desired = measurement.bearings, image_points(observation.desired)
+    if bearings is None:
+        rotation = rotation_desired_current(measurement.heading_error)
+        close = nearby_pose(image_points(turned(observation.current, rotation)), desired)
+        return close._replace(heading_error=close.heading_error + measurement.heading_error)
+    scale = relative_distance(image_points(observation.current), desired, bearings)
+    return RelativePose(scale, bearings.psi, bearings.heading_error)
+
+
+def nearby_pose(current: FloatArray, desired: FloatArray) -> RelativePose:
+    """
+    Return the pose up to scale from rays, shape (N, 2) each, where it is nearly the goal's.
+
+    All features are taken to be at depth Z: a bias in proportion to the distance, which is to
+    become zero. Least squares over x, y, both by Z, and the heading error, with one reweighting.
+    """
+    u, v = desired.T
+    none, one = np.zeros_like(u), np.ones_like(u)
+    rows = np.concatenate(
+        [np.stack([-one, u, 1.0 + u * u], axis=1), np.stack([none, v, u * v], axis=1)]
+    )
+    error = (current - desired).T.reshape(-1)
+    weights: FloatArray = np.ones(len(error))
+    solution: FloatArray = np.zeros(3)
+    for _ in range(2):
+        fit = np.linalg.lstsq(rows * weights[:, None], error * weights, rcond=None)
+        solution = np.asarray(fit[0], dtype=np.float64)
+        residual = np.abs(error - rows @ solution)
+        weights = 1.0 / (1.0 + (residual / (3.0 * np.median(residual) + 1e-12)) ** 2)
+    x, y, heading = (float(value) for value in solution)
+    return RelativePose(math.hypot(x, y), math.atan2(y, x), heading)
+
+
+def relative_distance(current: FloatArray, desired: FloatArray, bearings: Bearings) -> float:
+    """
+    Return d / Z from rays, shape (N, 2): the parallax that the features show, by least squares.
+
+    With h the horizontal rays in the goal's axes and c the unit vector of psi, a feature at depth
+    Z has h_d x h_a = (d / Z) c x h_a: one line through zero, robust by its weights.
+    """
+    alpha = bearings.heading_error
+    cosine, sine = math.cos(alpha), math.sin(alpha)
+    x = cosine * current[:, 0] - sine
+    z = sine * current[:, 0] + cosine
+    parallax = desired[:, 0] * z - x
+    whole = math.cos(bearings.psi) * z - math.sin(bearings.psi) * x
+    weights, scale = np.ones(len(x)), 0.0
+    for _ in range(3):
+        scale = float((weights * parallax * whole).sum() / (weights * whole**2).sum())
+        residual = np.abs(parallax - scale * whole)
+        weights = 1.0 / (1.0 + (residual / (3.0 * np.median(residual) + 1e-12)) ** 2)
+    return max(scale, 0.0)
+
+
+def polar(pose: RelativePose, *, backwards: bool = False, close: float = CLOSE) -> Twist:
     """Return the twist of the polar law; ``backwards`` drives it with the robot's other end."""
-    if pose.distance * gains.depth < gains.close:
-        ahead = gains.approach * pose.ahead * gains.depth
-        return Twist(ahead, -gains.turn * pose.heading_error)
-    half_turn = math.pi if backwards else 0.0
-    toward = pose.psi + math.pi - half_turn  # the direction in which that end has to go
-    against_goal = wrap_angle(toward - 0.5 * math.pi)
+    if pose.distance * DEPTH < close:
+        return Twist(APPROACH * pose.ahead * DEPTH, -TURN * pose.heading_error)
+    toward = pose.psi + (0.0 if backwards else math.pi)  # where that end has to go
+    against_goal = wrap_angle(toward - HALF_PI)
     against_heading = wrap_angle(against_goal - pose.heading_error)
     cosine = math.cos(against_heading)
     sinc = math.sin(against_heading) / against_heading if against_heading else 1.0
-    pull = gains.approach * cosine * sinc * (against_heading + gains.align * against_goal)
-    speed = gains.approach * cosine * pose.distance * gains.depth
-    return Twist(-speed if backwards else speed, gains.turn * against_heading + pull)
+    pull = APPROACH * cosine * sinc * (against_heading + ALIGN * against_goal)
+    speed = APPROACH * cosine * pose.distance * DEPTH
+    return Twist(-speed if backwards else speed, TURN * against_heading + pull)
 
 
-def is_behind(pose: RelativePose) -> bool:
-    """Return whether the goal lies behind the robot, so that it is to be reached backwards."""
-    return pose.ahead < 0.0
+def never_resting(pose: RelativePose, elapsed: float) -> Twist:
+    """Return the twist of the homography-based law at ``elapsed`` [s] from the start."""
+    turn = SEARCH * abs(pose.left) * pose.left * math.sin(PACE * elapsed)
+    return Twist(FORWARD * pose.ahead, turn - HEADING * pose.heading_error)
 
 
-@dataclass(frozen=True, kw_only=True)
-class TurningGains(Settings):
-    """Gains of the law that never rests."""
-
-    forward: float = setting(2.0, 'Gain k_v of e1 [m/s]', low=0.01, high=20.0)
-    heading: float = setting(0.2, 'Gain k_w of e3 [1/s]', low=0.01, high=5.0)
-    search: float = setting(10.0, 'Gain k_s of the turn that never rests [1/s]', low=0.0, high=1e3)
-    pace: float = setting(0.4, 'Its angular frequency s [rad/s]', low=0.01, high=5.0)
-
-
-def never_resting(pose: RelativePose, gains: TurningGains, *, elapsed: float) -> Twist:
-    """Return the twist at ``elapsed`` [s] from the start."""
-    turn = gains.search * abs(pose.left) * pose.left * math.sin(gains.pace * elapsed)
-    return Twist(gains.forward * pose.ahead, turn - gains.heading * pose.heading_error)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PointGains(Settings):
-    """Gain of the classical law, and the depth that it takes for every point's."""
-
-    depth: float = setting(5.0, 'Depth Z of the points from the goal [m]', low=0.1, high=100.0)
-    gain: float = setting(0.3, 'Gain lambda [1/s]', low=0.01, high=5.0)
-
-
-def points(current: FloatArray, desired: FloatArray, gains: PointGains) -> Twist:
+def points(current: FloatArray, desired: FloatArray) -> Twist:
     """Return -lambda L^+ (s - s*) for rays, shape (N, 2) each."""
     x, y = current.T
-    forward = np.concatenate([x, y]) / gains.depth
-    turn = np.concatenate([1.0 + x * x, x * y])
-    matrix = np.stack([forward, turn], axis=1)
+    matrix = np.stack(
+        [np.concatenate([x, y]) / DEPTH, np.concatenate([1.0 + x * x, x * y])], axis=1
+    )
     error = (current - desired).T.reshape(-1)
-    linear, angular = -gains.gain * np.linalg.lstsq(matrix, error, rcond=None)[0]
+    linear, angular = -POINT_GAIN * np.linalg.lstsq(matrix, error, rcond=None)[0]
     return Twist(float(linear), float(angular))

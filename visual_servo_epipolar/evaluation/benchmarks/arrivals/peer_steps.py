@@ -15,15 +15,11 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_laws import (
-    is_behind,
     never_resting,
-    PointGains,
     points,
     polar,
-    PolarGains,
-    TurningGains,
+    relative_pose,
 )
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.pose_measurement import relative_pose
 from visual_servo_epipolar.simulation.closed_loop import Step
 
 MATCHED_PX, MATCHED_FRAMES = 0.7, 5  # median feature error at which a peer has arrived
@@ -42,28 +38,22 @@ class PeerState(ServoState):
 Law = Callable[[PeerState, Measurement, Observation], Twist]
 
 
-def position_based(gains: PolarGains) -> Law:
-    """Return the polar law; it decides at its first image which end goes first."""
-    return lambda state, measurement, observation: polar(
-        relative_pose(measurement, observation), gains, backwards=state.backwards
-    )
+def position_based(state: PeerState, measurement: Measurement, observation: Observation) -> Twist:
+    """Return the twist of the polar law; it decides at its first image which end goes first."""
+    return polar(relative_pose(measurement, observation), backwards=state.backwards)
 
 
-def homography_based(gains: TurningGains) -> Law:
-    """Return the law that never rests."""
-
-    def law(state: PeerState, measurement: Measurement, observation: Observation) -> Twist:
-        elapsed = seconds_between(state.run.run_start_ns, measurement.stamp_ns)
-        return never_resting(relative_pose(measurement, observation), gains, elapsed=elapsed)
-
-    return law
+def homography_based(
+    state: PeerState, measurement: Measurement, observation: Observation
+) -> Twist:
+    """Return the twist of the law that never rests."""
+    elapsed = seconds_between(state.run.run_start_ns, measurement.stamp_ns)
+    return never_resting(relative_pose(measurement, observation), elapsed)
 
 
-def image_based(gains: PointGains) -> Law:
-    """Return the classical law on points."""
-    return lambda state, measurement, observation: points(
-        image_points(observation.current), image_points(observation.desired), gains
-    )
+def image_based(state: PeerState, measurement: Measurement, observation: Observation) -> Twist:
+    """Return the twist of the classical law on points."""
+    return points(image_points(observation.current), image_points(observation.desired))
 
 
 def as_step(law: Law) -> Step:
@@ -100,7 +90,7 @@ def _take_in(state: PeerState, measurement: Measurement, observation: Observatio
     return state.changed(
         phase=Phase.MATCHING_FEATURES,
         run_start_ns=measurement.stamp_ns,
-        backwards=is_behind(relative_pose(measurement, observation)),
+        backwards=relative_pose(measurement, observation).ahead < 0.0,
     )
 
 
@@ -160,7 +150,7 @@ def _fail(state: PeerState, reason: str) -> PeerState:
 
 PEERS: Mapping[str, Step] = {
     'ours': step,
-    'position-based': as_step(position_based(PolarGains())),
-    'homography-based': as_step(homography_based(TurningGains())),
-    'image-based': as_step(image_based(PointGains())),
+    'position-based': as_step(position_based),
+    'homography-based': as_step(homography_based),
+    'image-based': as_step(image_based),
 }

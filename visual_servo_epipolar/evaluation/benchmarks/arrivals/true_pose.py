@@ -7,7 +7,6 @@ goal that keep features in view, that which limits of speed, turn and accelerati
 driven soonest.
 """
 
-from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -27,26 +26,17 @@ SLOWDOWN_M = 0.5  # slowdown_radius of Nav2 is 1.5 m, for 0.5 m/s and more
 POINTS = 200  # of a curve
 TANGENTS = np.geomspace(0.15, 4.0, 14)  # lengths of both ends' tangents, in distances
 MOST_TURNED = 0.7  # heading error at which features are still in view [rad]
+GAINS = Gains(2.0, 1.0)  # k_phi and k_delta of nav2_graceful_controller by default
+BETA, LAMBDA = 0.4, 2.0  # likewise
 
 
-@dataclass(frozen=True, slots=True)
-class GracefulGains:
-    """Defaults of nav2_graceful_controller: k_phi, k_delta, beta, lambda."""
-
-    phi: float = 2.0
-    delta: float = 1.0
-    beta: float = 0.4
-    curvature_exponent: float = 2.0
-
-
-def graceful(pose: Pose, settings: ServoSettings, gains: GracefulGains | None = None) -> Twist:
+def graceful(pose: Pose, settings: ServoSettings) -> Twist:
     """Return the velocity of Nav2's graceful controller at ``pose``."""
-    gains = gains or GracefulGains()
     at = polar_pose(pose.x, pose.y, pose.heading_error)
     if at.distance == 0.0:
         return Twist(0.0, 0.0)
-    kappa = curvature(at, Gains(gains.phi, gains.delta))
-    slow = 1.0 + gains.beta * abs(kappa) ** gains.curvature_exponent
+    kappa = curvature(at, GAINS)
+    slow = 1.0 + BETA * abs(kappa) ** LAMBDA
     speed = settings.max_linear * min(1.0 / slow, at.distance / SLOWDOWN_M)
     speed = min(speed, settings.max_angular / max(abs(kappa), 1e-9))
     return Twist(speed, kappa * speed)
