@@ -49,7 +49,7 @@ def page_with(codec: Codec, run_folder: Path, folder: Path) -> Path:
 
 @needs_pyav
 def test_a_small_video_is_inside_the_page(run_folder, tmp_path) -> None:
-    text = page_with(CODECS['.mp4'][0], run_folder, tmp_path).read_text(encoding='utf-8')
+    text = page_with(CODECS[0], run_folder, tmp_path).read_text(encoding='utf-8')
     content = (tmp_path / 'my run' / 'video.mp4').read_bytes()
     assert f'src="data:video/mp4;base64,{base64.b64encode(content).decode()}"' in text
     assert 'MB inside this page.' in text
@@ -59,7 +59,7 @@ def test_a_small_video_is_inside_the_page(run_folder, tmp_path) -> None:
 @needs_pyav
 @needs_browser
 def test_a_browser_plays_it_from_the_page(run_folder, tmp_path) -> None:
-    page = page_with(CODECS['.mp4'][0], run_folder, tmp_path)
+    page = page_with(CODECS[0], run_folder, tmp_path)
     _, logged = open_in_browser(page, tmp_path)
     assert 'CONSOLE' not in logged  # the policy of the page lets it be
     text = POLICY.sub('', page.read_text(encoding='utf-8')).replace('</body>', PROBE)
@@ -71,7 +71,7 @@ def test_a_browser_plays_it_from_the_page(run_folder, tmp_path) -> None:
 @needs_pyav
 def test_a_large_video_is_linked_from_where_it_lies(run_folder, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(on_page, 'EMBEDDED_BYTES', 100)
-    page = page_with(CODECS['.mp4'][0], run_folder, tmp_path)
+    page = page_with(CODECS[0], run_folder, tmp_path)
     text = page.read_text(encoding='utf-8')
     assert 'src="../my%20run/video.mp4"' in text
     assert 'not inside this page: it is loaded from ../my run/video.mp4' in text
@@ -85,17 +85,17 @@ def test_the_policy_of_the_page_lets_a_browser_load_a_linked_one(
     run_folder, tmp_path, monkeypatch
 ) -> None:
     monkeypatch.setattr(on_page, 'EMBEDDED_BYTES', 100)
-    page = page_with(CODECS['.mp4'][0], run_folder, tmp_path)
+    page = page_with(CODECS[0], run_folder, tmp_path)
     _, logged = open_in_browser(page, tmp_path)
     assert 'CONSOLE' not in logged
 
 
 def test_a_video_for_players_alone_is_named_in_words(run_folder, tmp_path) -> None:
-    text = page_with(CODECS['.mp4'][-1], run_folder, tmp_path).read_text(encoding='utf-8')
+    text = page_with(CODECS[-1], run_folder, tmp_path).read_text(encoding='utf-8')
     assert '<video' not in text.partition('</style>')[2]
     named = r'video\.mp4 \((FMP4|mp4v)\) plays in no browser: open it in a video player'
     assert re.search(named, text)  # FFmpeg has two names for the codec
-    assert CODECS['.mp4'][-1].library != PYAV
+    assert CODECS[-1].library != PYAV
     assert text.count('data:image/jpeg') >= 6
 
 

@@ -20,9 +20,9 @@ SIZE = 321, 200  # odd, and small: encoding is what takes time
 RED: Image = np.full((200, 321, 3), (40, 40, 220), dtype=np.uint8)
 
 
-def write(path: Path, samples: Sequence[Sample], stride: int = 1) -> VideoWriter:
+def write(path: Path, samples: Sequence[Sample]) -> VideoWriter:
     bounds = MapBounds.around(samples[0].pose)
-    with VideoWriter(path, 11.0, image_size=SIZE, bounds=bounds, stride=stride) as video:
+    with VideoWriter(path, 11.0, image_size=SIZE, bounds=bounds) as video:
         for sample in samples:
             video.add(RED, sample)
     return video
@@ -38,9 +38,8 @@ def frames(path: Path) -> list[Image]:
         frames.append(np.asarray(frame, dtype=np.uint8))
 
 
-@pytest.mark.parametrize('suffix', ['.mp4', '.webm', '.avi'])
-def test_video_can_be_read_again(log: RunLog, tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f'run{suffix}'
+def test_video_can_be_read_again(log: RunLog, tmp_path: Path) -> None:
+    path = tmp_path / 'run.mp4'
     video = write(path, log.samples[:12])
     read = frames(path)
     assert len(read) == video.frames == 12
@@ -50,11 +49,6 @@ def test_video_can_be_read_again(log: RunLog, tmp_path: Path, suffix: str) -> No
     assert np.abs(read[-1][400, 300].astype(int) - RED[0, 0]).max() < 25
     assert read[-1][HEADER + 4, -60:].min() > 200
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_stride_keeps_one_frame_of_so_many(log: RunLog, tmp_path: Path) -> None:
-    write(tmp_path / 'run.mp4', log.samples[:10], stride=3)
-    assert len(frames(tmp_path / 'run.mp4')) == 4
 
 
 def test_aborted_run_leaves_no_file(log: RunLog, tmp_path: Path) -> None:
@@ -74,18 +68,16 @@ def test_video_without_frames_is_no_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ('name', 'reason'), [('run.gif', 'must end in'), ('no/run.mp4', 'folder')]
-)
-def test_file_that_cannot_be_written_is_refused(tmp_path: Path, name: str, reason: str) -> None:
-    with pytest.raises(InputError, match=reason):
-        VideoWriter(tmp_path / name, 11.0, image_size=SIZE, bounds=MapBounds.around(DESIRED_POSE))
+def test_file_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    path, bounds = tmp_path / 'no' / 'run.mp4', MapBounds.around(DESIRED_POSE)
+    with pytest.raises(InputError, match='folder'):
+        VideoWriter(path, 11.0, image_size=SIZE, bounds=bounds)
 
 
 def test_missing_encoder_is_told_in_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    codecs = {'.mp4': (Codec(PYAV, 'none such'), Codec(OPENCV, 'zzzz'))}
+    codecs = Codec(PYAV, 'none such'), Codec(OPENCV, 'zzzz')
     monkeypatch.setattr('visual_servo_epipolar.report.images.encoders.CODECS', codecs)
     with pytest.raises(InputError, match=r'needs one of the encoders .*zzzz \(OpenCV\)'):
         VideoWriter(

@@ -64,26 +64,14 @@ _X264 = {
 }
 _OPENH264 = {'b': '1000000', 'g': '110'}
 _VPX = {'deadline': 'realtime', 'cpu-used': '8', 'row-mt': '1', 'crf': '46', 'b': '0', 'g': '110'}
-_VP8 = {'deadline': 'realtime', 'cpu-used': '8', 'b': '1200000', 'g': '110'}
 
-# Codecs to try for each kind of file, the best first.
-CODECS: Mapping[str, tuple[Codec, ...]] = MappingProxyType(
-    {
-        '.mp4': (
-            Codec(PYAV, 'libx264', options=_X264),
-            Codec(PYAV, 'libopenh264', options=_OPENH264),
-            Codec(PYAV, 'libvpx-vp9', options=_VPX),
-            Codec(OPENCV, 'avc1'),
-            Codec(OPENCV, 'mp4v', in_browsers=False),
-        ),
-        '.webm': (
-            Codec(PYAV, 'libvpx-vp9', options=_VPX),
-            Codec(PYAV, 'libvpx', options=_VP8),
-            Codec(OPENCV, 'VP80'),
-            Codec(OPENCV, 'VP90'),
-        ),
-        '.avi': (Codec(OPENCV, 'MJPG', in_browsers=False),),
-    }
+# Codecs to try, the best first.
+CODECS = (
+    Codec(PYAV, 'libx264', options=_X264),
+    Codec(PYAV, 'libopenh264', options=_OPENH264),
+    Codec(PYAV, 'libvpx-vp9', options=_VPX),
+    Codec(OPENCV, 'avc1'),
+    Codec(OPENCV, 'mp4v', in_browsers=False),
 )
 
 
@@ -91,26 +79,21 @@ def open_encoder(
     part: Path, path: Path, fps: float, size: tuple[int, int]
 ) -> tuple[Encoder, Codec]:
     """
-    Open the first encoder that works for the suffix of ``path``, writing to ``part``.
+    Open the first encoder that works for ``path``, an MP4, writing to ``part``.
 
     Raises InputError if none does.
     """
-    codecs = CODECS.get(path.suffix.lower())
-    if codecs is None:
-        raise InputError(
-            f'a video must end in {", ".join(CODECS)}, got {path.name!r}; rename the output'
-        )
     if not path.parent.is_dir():
         raise InputError(f'{path.parent} must be a folder to write {path.name} to; create it')
-    for codec in codecs:
+    for codec in CODECS:
         encoder = codec.open(part, fps, size)
         if encoder is not None:
             return encoder, codec
         part.unlink(missing_ok=True)
-    names = ', '.join(f'{codec.name} ({codec.library})' for codec in codecs)
+    names = ', '.join(f'{codec.name} ({codec.library})' for codec in CODECS)
     raise InputError(
-        f'{path} needs one of the encoders {names}, and none opened; choose another suffix, '
-        f'install PyAV ({WHAT_TO_INSTALL}), or check that the folder is writable'
+        f'{path} needs one of the encoders {names}, and none opened; install PyAV '
+        f'({WHAT_TO_INSTALL}), or check that the folder is writable'
     )
 
 
@@ -124,8 +107,7 @@ class AvEncoder:
         rate = Fraction(fps).limit_denominator(1000)
         self._time_base = 1 / rate
         # The index comes first, so that a page can play what it has so far.
-        options = {'movflags': '+faststart'} if path.suffix.lower() == '.mp4' else {}
-        self._container = av.open(str(path), 'w', options=options)
+        self._container = av.open(str(path), 'w', options={'movflags': '+faststart'})
         try:
             self._stream = self._container.add_stream(codec.name, rate=rate)
             self._stream.options, self._stream.pix_fmt = dict(codec.options), 'yuv420p'

@@ -50,7 +50,7 @@ class MapBounds:
         if not all(map(math.isfinite, sides)) or sides[0] > sides[1] or sides[2] > sides[3]:
             raise ValueError(
                 f'bounds must be finite and ordered, got x from {sides[0]} to {sides[1]} and y '
-                f'from {sides[2]} to {sides[3]}; use Bounds.around(start)'
+                f'from {sides[2]} to {sides[3]}; use MapBounds.around(start)'
             )
 
     @classmethod

@@ -1,6 +1,5 @@
 """Video of a run, written while it runs: the camera picture beside the live map."""
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -27,53 +26,24 @@ def view_size(image_size: tuple[int, int]) -> tuple[int, int]:
 
 class VideoWriter:
     """
-    Writer of a video, one frame a control step; the file appears when the run is complete.
+    Writer of an MP4, one frame a control step; the file appears when the run is complete.
 
     Use it as a context manager: if the block ends by an exception, the unfinished file is removed.
-
-    Parameters
-    ----------
-    path : path
-        Where to write; its suffix chooses the kind of file, see ``encoders.CODECS``.
-    fps : float
-        Frames a second of the video; with ``stride`` times fewer it plays faster than real time.
-    image_size : (int, int)
-        Width and height of the overlay pictures to come [px].
-    bounds : Bounds
-        What the map shows at first; it grows if the robot leaves it.
-    stride : int
-        Show one control step of so many; the path on the map still has them all.
-
-    Raises
-    ------
-    InputError
-        If no encoder here can write such a file there.
-    ValueError
-        If a number is out of its range.
-
+    ``image_size`` is that of the overlay pictures to come, width and height [px]; the map shows
+    ``bounds`` at first, and grows if the robot leaves it. Raises InputError if no encoder here can
+    write such a file there.
     """
 
     def __init__(
-        self,
-        path: Path | str,
-        fps: float,
-        *,
-        image_size: tuple[int, int],
-        bounds: MapBounds,
-        stride: int = 1,
+        self, path: Path, fps: float, *, image_size: tuple[int, int], bounds: MapBounds
     ) -> None:
-        if not (math.isfinite(fps) and fps > 0.0 and stride >= 1 and min(image_size) >= 1):
-            raise ValueError(
-                f'fps, stride and image size must be positive, got {fps}, {stride} and '
-                f'{image_size}; pass the camera rate and its image size'
-            )
-        self.path, self._image_size, self._stride = Path(path), image_size, stride
+        self.path, self._image_size = path, image_size
         self._view_width, _ = view = view_size(image_size)
         self._shown = Resized(image_size, view)
         self.size = self._view_width + WIDTH, HEIGHT
-        self._map, self._steps, self.frames = MapView(bounds, HEIGHT), 0, 0
-        self._part = part_of(self.path)
-        self._encoder, self.codec = open_encoder(self._part, self.path, fps, self.size)
+        self._map, self.frames = MapView(bounds, HEIGHT), 0
+        self._part = part_of(path)
+        self._encoder, self.codec = open_encoder(self._part, path, fps, self.size)
 
     def __enter__(self) -> 'VideoWriter':
         return self
@@ -87,7 +57,7 @@ class VideoWriter:
     @property
     def advice(self) -> str:
         """One line on what to install where no browser plays the video; empty where they do."""
-        if self.codec.in_browsers or self.path.suffix.lower() == '.avi':
+        if self.codec.in_browsers:
             return ''
         return (
             f'{self.path.name} is for video players: browsers play no {self.codec.name}; for one '
@@ -107,17 +77,11 @@ class VideoWriter:
                 f'shape {overlay.shape}; pass image_size as (width, height) of the overlays'
             )
         self._map.add(sample)
-        if self._steps % self._stride == 0:
-            self._encoder.write(self.compose(overlay))
-            self.frames += 1
-        self._steps += 1
-
-    def compose(self, overlay: Image) -> Image:
-        """Return the frame: camera picture left, map as of now right."""
         frame = np.empty((HEIGHT, self.size[0], 3), dtype=np.uint8)
         frame[:, : self._view_width] = self._shown.image(overlay)
         frame[:, self._view_width :] = self._map.picture()
-        return frame
+        self._encoder.write(frame)
+        self.frames += 1
 
     def close(self) -> None:
         """Finish the file and give it its name; without a single frame there will be none."""
