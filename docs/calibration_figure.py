@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from visual_servo_epipolar.evaluation.benchmarks.arrivals import calibration
-from visual_servo_epipolar.report.panels import legend_outside
+from visual_servo_epipolar.report.canvas import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS
 
 COLOURS = {'front': '#0072B2', 'beside': '#D55E00'}

@@ -28,7 +28,7 @@ from visual_servo_epipolar.evaluation.benchmarks.arrivals.mount_cells import (
     YAWS,
 )
 from visual_servo_epipolar.evaluation.tables import number
-from visual_servo_epipolar.report.panels import legend_outside
+from visual_servo_epipolar.report.canvas import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, text_colour_on
 
 COLOURS, SHARE = colormaps['cividis'], Normalize(0.0, 100.0)

@@ -5,19 +5,14 @@ from dataclasses import dataclass, field
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.servo.run_log import PhaseSpan
-from visual_servo_epipolar.report.panels import (
-    draw_strip,
-    legend_outside,
-    phase_patches,
-    robust_limit,
-)
+from visual_servo_epipolar.report.canvas import legend_outside, new_figure
+from visual_servo_epipolar.report.panels import draw_strip, phase_patches, robust_limit
 from visual_servo_epipolar.report.style import CURRENT_COLOUR, FIGURE_SETTINGS, INK
 
 RECORDED = '#9A9A9A'
@@ -62,8 +57,7 @@ def comparison(
     """
     if not len(replayed.times):
         raise ValueError('a replay must have steps to be drawn, got none; replay images or tracks')
-    figure = Figure(figsize=(7.2, 7.6), layout='constrained')
-    FigureCanvasAgg(figure)
+    figure = new_figure(7.2, 7.6)
     grid = figure.add_gridspec(2 + len(PANELS), 1, height_ratios=(0.2, 0.2, *[1.0] * len(PANELS)))
     strips = [figure.add_subplot(grid[0])]
     strips.append(figure.add_subplot(grid[1], sharex=strips[0]))

@@ -8,22 +8,22 @@ from types import MappingProxyType
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Patch, Polygon, Rectangle
+from matplotlib.patches import Circle, Patch, Rectangle
 import numpy as np
 
-from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.servo.run_log import end_s, phase_spans, RunLog, Sample, seconds
 from visual_servo_epipolar.files import whole
-from visual_servo_epipolar.report.panels import (
-    draw_strip,
+from visual_servo_epipolar.report.canvas import (
+    draw_field_of_view,
+    draw_robot,
+    GREY,
     legend_outside,
-    PANELS,
-    phase_patches,
-    shade,
+    new_figure,
 )
+from visual_servo_epipolar.report.panels import draw_strip, PANELS, phase_patches, shade
 from visual_servo_epipolar.report.style import (
     CURRENT_COLOUR,
     FIELD_OF_VIEW,
@@ -31,42 +31,28 @@ from visual_servo_epipolar.report.style import (
     INK,
     phase_colour,
     phase_label,
-    robot_body,
-    robot_nose,
-    view_wedge,
 )
 
 DOTS_PER_INCH = 150
 ZOOM = 0.1  # half the side of the close-up around the goal [m]
 WEDGE_REACH = 0.9  # [m]
-GREY = '#8C8C8C'
 LABELS_AT = -0.075  # left of the axes, of their width
 
 
 @rc_context(FIGURE_SETTINGS)
-def trajectory(log: RunLog, *, field_of_view: float = FIELD_OF_VIEW) -> Figure:
+def trajectory(log: RunLog) -> Figure:
     """
     Draw the path in the plane of the paper: x right, y up, in metres, and a close-up of the goal.
 
-    Parameters
-    ----------
-    log : RunLog
-        The run; without samples there is nothing to draw, and ValueError is raised.
-    field_of_view : float
-        Horizontal angle of the camera [rad], for the wedges at start and goal.
-
-    Returns
-    -------
-    Figure
-        Of 7.2 x 5.6 inches; the first axes hold the path, the last the close-up in millimetres.
-
+    The first axes hold the path, the last the close-up in millimetres. Raises ValueError if the
+    run has no samples.
     """
     _check(log)
-    figure = _new_figure(5.6)
+    figure = new_figure(7.2, 5.6)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1.0), height_ratios=(1.0, 1.1))
     plane, key = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
     close = figure.add_subplot(grid[1, 1])
-    _draw_plane(plane, log, field_of_view)
+    _draw_plane(plane, log)
     _draw_key(key, log)
     _draw_close_up(close, log)
     figure.suptitle(_verdict(log), fontsize=10.0, x=0.02, ha='left')
@@ -83,7 +69,7 @@ def signals(log: RunLog) -> Figure:
     Raises ValueError if the run has no samples.
     """
     _check(log)
-    figure = _new_figure(9.6)
+    figure = new_figure(7.2, 9.6)
     heights = (0.2, 1.4, *[1.0] * (len(PANELS) - 1))
     grid = figure.add_gridspec(1 + len(PANELS), 1, height_ratios=heights)
     spans, strip = phase_spans(log), figure.add_subplot(grid[0])
@@ -140,12 +126,6 @@ def _check(log: RunLog) -> None:
         raise ValueError('a run must have samples to be drawn, got none; record it first')
 
 
-def _new_figure(height: float) -> Figure:
-    figure = Figure(figsize=(7.2, height), layout='constrained')
-    FigureCanvasAgg(figure)
-    return figure
-
-
 def _verdict(log: RunLog) -> str:
     (x, y, heading), final = log.start, log.samples[-1].pose
     title = (
@@ -170,14 +150,13 @@ def _milestones(log: RunLog) -> list[Sample]:
     return milestones
 
 
-def _draw_plane(axes: Axes, log: RunLog, field_of_view: float) -> None:
-    _draw_robot(axes, DESIRED_POSE, GREY, dashed=True)
+def _draw_plane(axes: Axes, log: RunLog) -> None:
+    draw_robot(axes, DESIRED_POSE, dashed=True)
     for pose in (DESIRED_POSE, log.samples[0].pose):
-        wedge = view_wedge(pose, angle=field_of_view, reach=WEDGE_REACH)
-        axes.add_patch(Polygon(wedge, facecolor=GREY, alpha=0.15, edgecolor='none', zorder=1))
+        draw_field_of_view(axes, pose, FIELD_OF_VIEW, WEDGE_REACH)
     _draw_path(axes, log, 1.0)
     for sample in _milestones(log):
-        _draw_robot(axes, sample.pose, phase_colour(sample.phase.value))
+        draw_robot(axes, sample.pose, phase_colour(sample.phase.value))
     side = 2.0 * ZOOM
     axes.add_patch(Rectangle((-ZOOM, -ZOOM), side, side, fill=False, ec=INK, lw=0.7, zorder=5))
     axes.set(xlabel='x [m]', ylabel='y [m]')
@@ -195,15 +174,6 @@ def _draw_path(axes: Axes, log: RunLog, unit: float) -> None:
         colour, stretch = phase_colour(phases[first].value), slice(first, end + 1)
         label = phases[first].value
         axes.plot(x[stretch], y[stretch], color=colour, linewidth=2.0, label=label, zorder=3)
-
-
-def _draw_robot(axes: Axes, pose: Pose, colour: str, *, dashed: bool = False) -> None:
-    style, width, layer = ('--', 1.0, 2) if dashed else ('-', 1.1, 4)
-    body, nose = robot_body(pose), robot_nose(pose)
-    axes.add_patch(Polygon(body, fill=False, edgecolor=colour, ls=style, lw=width, zorder=layer))
-    face = 'none' if dashed else colour
-    axes.add_patch(Polygon(nose, facecolor=face, edgecolor=colour, lw=width, zorder=layer))
-    axes.update_datalim(body)
 
 
 def _draw_key(axes: Axes, log: RunLog) -> None:

@@ -1,12 +1,8 @@
 """Panels of the figure of signals: one quantity each, over time."""
 
-from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from collections.abc import Callable
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.legend import Legend
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 import numpy as np
@@ -28,8 +24,6 @@ MOST_STRIDES = 4.5  # from tick to tick on the axis of D
 STANDING, STANDING_AXIS = 0.02, 0.1  # range of velocities of a robot that stands [m/s, rad/s]
 MAX_EPIPOLE = 2000.0  # abscissae beyond are off any sensible axis [px]
 CHARACTER = 0.0108  # width of one character of a phase's name, of the width of a panel
-Place = Literal['upper left', 'upper center', 'lower center']
-PAD_PX = 6.0  # between the legend and the axes
 
 
 def column(log: RunLog, name: str) -> FloatArray:
@@ -197,31 +191,3 @@ PANELS: tuple[Panel, ...] = (
     _draw_error,
     _draw_distance,
 )
-
-
-def legend_outside(figure: Figure, handles: Sequence[Any], place: Place, *, ncols: int) -> Legend:
-    """
-    Draw a legend at an edge of ``figure``, whose axes make room for it; return it.
-
-    matplotlib itself has ``loc='outside ...'`` for this since 3.7; Ubuntu 24.04 has 3.6.
-
-    Parameters
-    ----------
-    figure : Figure
-        With constrained layout.
-    handles : sequence of artists
-        What the legend explains; their labels are its texts.
-    place : str
-        Where to put it, as in ``loc`` of matplotlib.
-    ncols : int
-        Columns of the legend.
-
-    """
-    legend: Legend = figure.legend(handles=list(handles), loc=place, ncols=ncols)
-    canvas: Any = FigureCanvasAgg(figure)
-    size = legend.get_window_extent(canvas.get_renderer())
-    share = min((size.height + 2.0 * PAD_PX) / figure.bbox.height, 0.5)
-    bottom = share if place.startswith('lower') else 0.0
-    layout: Any = figure.get_layout_engine()
-    layout.set(rect=(0.0, bottom, 1.0, 1.0 - share))
-    return legend

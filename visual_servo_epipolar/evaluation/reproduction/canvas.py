@@ -4,26 +4,22 @@ from collections.abc import Mapping
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
-from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.report.style import INK, robot_body, robot_nose
+from visual_servo_epipolar.report.canvas import new_figure
 
-GREY = '#8C8C8C'
 WIDTH = 7.2  # of a page between its margins [inches]
 
 
 def page(title: str, height: float, *, width: float = WIDTH) -> Figure:
     """Return an empty figure of ``width`` x ``height`` inches under ``title``."""
-    figure = Figure(figsize=(width, height), layout='constrained')
-    FigureCanvasAgg(figure)
+    figure = new_figure(width, height)
     figure.suptitle(title, fontsize=10.0, x=0.02, ha='left')
     return figure
 
 
-def new_figure(number: int, title: str, height: float, *, width: float = WIDTH) -> Figure:
+def numbered(number: int, title: str, height: float, *, width: float = WIDTH) -> Figure:
     """Return an empty figure of ``width`` x ``height`` inches under its number in the paper."""
     return page(f'Fig. {number} \N{EN DASH} {title}', height, width=width)
 
@@ -33,13 +29,6 @@ def label(axes: Axes, x: str, y: str, title: str = '') -> None:
     axes.set(xlabel=x, ylabel=y)
     if title:
         axes.set_title(title, fontsize=9.0)
-
-
-def draw_robot(axes: Axes, pose: Pose, colour: str = INK, *, dashed: bool = False) -> None:
-    """Draw the robot at ``pose``, or only its dashed outline."""
-    style, face = ('--', 'none') if dashed else ('-', colour)
-    axes.fill(*robot_body(pose).T, facecolor='none', edgecolor=colour, ls=style, lw=1.0)
-    axes.fill(*robot_nose(pose).T, facecolor=face, edgecolor=colour, ls=style, lw=1.0)
 
 
 def figure_data(figure: Figure) -> dict[str, Any]:

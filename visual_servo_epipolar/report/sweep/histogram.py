@@ -7,7 +7,6 @@ from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -16,7 +15,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.laws.registry import LAWS
-from visual_servo_epipolar.report.panels import legend_outside
+from visual_servo_epipolar.report.canvas import legend_outside, new_figure
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK
 
 # Colours of the laws in the order of their table; all are of Okabe and Ito's palette.
@@ -33,19 +32,9 @@ def errors(documents: Mapping[str, Mapping[str, Any]]) -> Figure:
     """
     Draw histograms of the absolute errors of the runs that arrived, one outline a law.
 
-    Parameters
-    ----------
-    documents : mapping
-        Law -> document as `visual_servo sweep` writes it.
-
-    Returns
-    -------
-    Figure
-        Of 7.2 x 3.2 inches: position error [mm], heading error [deg].
-
+    ``documents`` are law -> document as `visual_servo sweep` writes it.
     """
-    figure = Figure(figsize=(7.2, 3.2), layout='constrained')
-    FigureCanvasAgg(figure)
+    figure = new_figure(7.2, 3.2)
     panels = figure.subplots(1, len(QUANTITIES), squeeze=False)[0]
     for axes, (name, label, unit, limit) in zip(panels, QUANTITIES, strict=True):
         values = {law: _values(of['runs'], name, unit) for law, of in documents.items()}

@@ -6,26 +6,21 @@ from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PathCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI
-from visual_servo_epipolar.report.panels import legend_outside
-from visual_servo_epipolar.report.style import (
-    FIELD_OF_VIEW,
-    FIGURE_SETTINGS,
-    INK,
-    phase_colour,
-    robot_body,
-    robot_nose,
-    view_wedge,
+from visual_servo_epipolar.report.canvas import (
+    draw_field_of_view,
+    draw_robot,
+    legend_outside,
+    new_figure,
 )
+from visual_servo_epipolar.report.style import FIELD_OF_VIEW, FIGURE_SETTINGS, INK, phase_colour
 
 Run = Mapping[str, Any]
 ERRORS_MM = (0.1, 50.0)  # ends of the colour scale; beyond the upper one a run is wrong
@@ -35,7 +30,6 @@ WRONG_COLOUR = '#CC79A7'
 WEDGE_REACH = 1.0  # [m]
 PANEL_HEIGHT, PANEL_WIDTHS = 4.6, (2.5, 6.0)  # [in]; narrower ones have no room for a title
 LEAST_WIDTH = 5.0  # of the figure [in]: so wide is the key
-GREY = '#8C8C8C'
 LIMIT_M, LIMIT_DEG = 0.05, 2.0
 
 
@@ -46,21 +40,10 @@ def starts(
     """
     Draw the starts in the plane of the paper, in metres: colour for outcome and error.
 
-    Parameters
-    ----------
-    documents : mapping
-        Law -> document as `visual_servo sweep` writes it; one panel each, side by side.
-    field_of_view : float
-        Horizontal angle of the camera [rad], for the wedge at the goal.
-
-    Returns
-    -------
-    Figure
-        The first axes are the panels, in the order of ``documents``; then the colour bar.
-
+    ``documents`` are law -> document as `visual_servo sweep` writes it, one panel each, in their
+    order, before the colour bar. ``field_of_view`` is the camera's horizontal angle [rad].
     """
-    figure = Figure(figsize=_size(documents), layout='constrained')
-    FigureCanvasAgg(figure)
+    figure = new_figure(*_size(documents))
     panels = figure.subplots(1, len(documents), sharex=True, sharey=True, squeeze=False)[0]
     for axes, (law, document) in zip(panels, documents.items(), strict=True):
         coloured = _draw_panel(axes, document['runs'], field_of_view)
@@ -93,7 +76,8 @@ def _size(documents: Mapping[str, Mapping[str, Any]]) -> tuple[float, float]:
 
 
 def _draw_panel(axes: Axes, runs: Sequence[Run], field_of_view: float) -> PathCollection:
-    _draw_goal(axes, field_of_view)
+    draw_field_of_view(axes, DESIRED_POSE, field_of_view, WEDGE_REACH)
+    draw_robot(axes, DESIRED_POSE)
     size = float(np.clip(900.0 / len(runs), 5.0, 30.0))  # of a marker [pt^2]
     groups = {
         name: [run for run in runs if kind(run) == name]
@@ -139,14 +123,6 @@ def _draw_headings(axes: Axes, runs: Sequence[Run], colour: Any) -> None:
 
 def _places(runs: Sequence[Run]) -> FloatArray:
     return np.array([run['start'][:2] for run in runs], dtype=np.float64).reshape(-1, 2)
-
-
-def _draw_goal(axes: Axes, field_of_view: float) -> None:
-    wedge = view_wedge(DESIRED_POSE, angle=field_of_view, reach=WEDGE_REACH)
-    axes.add_patch(Polygon(wedge, facecolor=GREY, alpha=0.15, edgecolor='none', zorder=1))
-    for shape, face in ((robot_body(DESIRED_POSE), 'none'), (robot_nose(DESIRED_POSE), GREY)):
-        axes.add_patch(Polygon(shape, facecolor=face, edgecolor=GREY, lw=1.1, zorder=1))
-    axes.update_datalim(wedge)
 
 
 def _title(law: str, document: Mapping[str, Any]) -> str:

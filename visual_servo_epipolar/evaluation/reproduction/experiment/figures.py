@@ -13,14 +13,10 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, seconds
-from visual_servo_epipolar.evaluation.reproduction.canvas import (
-    draw_robot,
-    GREY,
-    label,
-    new_figure,
-)
+from visual_servo_epipolar.evaluation.reproduction.canvas import label, numbered
 from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import Experiment
 from visual_servo_epipolar.evaluation.reproduction.fits import Decay, decay
+from visual_servo_epipolar.report.canvas import draw_robot
 from visual_servo_epipolar.report.style import (
     CURRENT_COLOUR,
     DESIRED_COLOUR,
@@ -63,7 +59,7 @@ def difference_decay(log: RunLog) -> Decay:
 @rc_context(FIGURE_SETTINGS)
 def epipoles(experiment: Experiment) -> Figure:
     """Draw figure 17: both epipoles in the first step."""
-    figure = new_figure(17, 'experiment, first step: epipoles', 3.2)
+    figure = numbered(17, 'experiment, first step: epipoles', 3.2)
     count = split(experiment.log)
     time = np.array(seconds(experiment.log)[:count])
     whole, close = figure.subplots(1, 2)
@@ -86,7 +82,7 @@ def epipoles(experiment: Experiment) -> Figure:
 @rc_context(FIGURE_SETTINGS)
 def difference(experiment: Experiment) -> Figure:
     """Draw figure 18: D in the second step."""
-    figure = new_figure(18, 'experiment, second step: mean difference D of squared norms', 3.2)
+    figure = numbered(18, 'experiment, second step: mean difference D of squared norms', 3.2)
     log, first = experiment.log, split(experiment.log)
     time = np.array(seconds(log)[first:])
     time, values = time - time[0], signal(log, 'feature_difference')[first:]
@@ -110,7 +106,7 @@ def difference(experiment: Experiment) -> Figure:
 def snapshots(experiment: Experiment, number: int) -> Figure:
     """Draw figure 19 or 20: six moments of a step, from above and on the desired image."""
     word, key = ('first', KEY + EPIPOLES) if number == 19 else ('second', KEY)
-    figure = new_figure(number, f'experiment, {word} step: six snapshots\n{key}', 6.0)
+    figure = numbered(number, f'experiment, {word} step: six snapshots\n{key}', 6.0)
     count = split(experiment.log)
     rows = range(count) if number == 19 else range(count, len(experiment.log.samples))
     moments = evenly_moved(experiment.log, rows)
@@ -137,7 +133,7 @@ def _draw_plane(axes: Axes, log: RunLog, moment: int) -> None:
     way = np.array([(sample.pose.x, sample.pose.y) for sample in log.samples])
     sample = log.samples[moment]
     axes.plot(*way[: moment + 1].T, color=DESIRED_COLOUR, lw=1.0, label='way')
-    draw_robot(axes, DESIRED_POSE, GREY, dashed=True)
+    draw_robot(axes, DESIRED_POSE, dashed=True)
     draw_robot(axes, sample.pose, INK)
     low, high = way.min(axis=0) - 0.4, way.max(axis=0) + 0.4
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))

@@ -9,17 +9,12 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
-from visual_servo_epipolar.evaluation.reproduction.canvas import (
-    draw_robot,
-    GREY,
-    label,
-    new_figure,
-    page,
-)
+from visual_servo_epipolar.evaluation.reproduction.canvas import label, numbered, page
 from visual_servo_epipolar.evaluation.reproduction.fits import decay
 from visual_servo_epipolar.evaluation.reproduction.simulations.camera import PointCamera
 from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import Course, Instant
 from visual_servo_epipolar.evaluation.reproduction.simulations.runs import PERIOD_S, Simulation1
+from visual_servo_epipolar.report.canvas import draw_robot
 from visual_servo_epipolar.report.style import (
     CURRENT_COLOUR,
     DESIRED_COLOUR,
@@ -37,7 +32,7 @@ MILLI = 1000.0
 @rc_context(FIGURE_SETTINGS)
 def epipoles(course: Course, number: int) -> Figure:
     """Draw figure 7 or 14: both epipoles in the first step."""
-    figure = new_figure(number, f'{course.case.name}, first step: epipoles', 3.0)
+    figure = numbered(number, f'{course.case.name}, first step: epipoles', 3.0)
     whole, close, logarithmic = figure.subplots(1, 3)
     time = course.column('time', 1)
     lines = (
@@ -64,7 +59,7 @@ def epipoles(course: Course, number: int) -> Figure:
 @rc_context(FIGURE_SETTINGS)
 def velocities(course: Course, number: int) -> Figure:
     """Draw figure 8: linear and angular velocity in the first step."""
-    figure = new_figure(number, f'{course.case.name}, first step: velocities of the robot', 5.0)
+    figure = numbered(number, f'{course.case.name}, first step: velocities of the robot', 5.0)
     time = course.column('time', 1)
     grid = figure.subplots(2, 2)
     for row, end in zip(grid, (TRANSIENT * course.zeroed_at, SHOWN_S), strict=True):
@@ -87,14 +82,14 @@ def velocities(course: Course, number: int) -> Figure:
 def path(course: Course, number: int, step: int) -> Figure:
     """Draw figure 9, 12 or 15: the trajectory of one step in the plane."""
     word = 'first' if step == 1 else 'second'
-    figure = new_figure(number, f'{course.case.name}, {word} step: trajectory', 4.6, width=4.4)
+    figure = numbered(number, f'{course.case.name}, {word} step: trajectory', 4.6, width=4.4)
     axes = figure.subplots()
     colour = FIRST if step == 1 else SECOND
     instants = [instant for instant in course.instants if instant.step == step]
     x, y = course.column('x', step), course.column('y', step)
     axes.plot(x, y, color=colour, lw=2.0, label=f'{word} step')
     axes.plot(0.0, 0.0, '+', color=INK, markersize=10.0)
-    draw_robot(axes, DESIRED_POSE, GREY, dashed=True)
+    draw_robot(axes, DESIRED_POSE, dashed=True)
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     for part in np.linspace(0.0, way[-1], 5):
         draw_robot(axes, instants[int(np.searchsorted(way, part))].pose, colour)
@@ -108,7 +103,7 @@ def path(course: Course, number: int, step: int) -> Figure:
 @rc_context(FIGURE_SETTINGS)
 def distance(course: Course, number: int) -> Figure:
     """Draw figure 10: the distance to the goal in the second step."""
-    figure = new_figure(number, f'{course.case.name}, second step: distance d to the goal', 3.0)
+    figure = numbered(number, f'{course.case.name}, second step: distance d to the goal', 3.0)
     time, values = second_step(course, 'distance')
     linear, logarithmic = figure.subplots(1, 2)
     fit = decay(time[len(time) // 2 :], values[len(time) // 2 :])
@@ -125,7 +120,7 @@ def distance(course: Course, number: int) -> Figure:
 @rc_context(FIGURE_SETTINGS)
 def linear_velocity(course: Course, number: int) -> Figure:
     """Draw figure 11: the linear velocity in the second step."""
-    figure = new_figure(number, f'{course.case.name}, second step: linear velocity', 3.0)
+    figure = numbered(number, f'{course.case.name}, second step: linear velocity', 3.0)
     time, values = second_step(course, 'linear')
     linear, logarithmic = figure.subplots(1, 2)
     linear.plot(time, values, color=SECOND, label='$u_1$')
@@ -139,7 +134,7 @@ def linear_velocity(course: Course, number: int) -> Figure:
 @rc_context(FIGURE_SETTINGS)
 def feature_motion(course: Course, number: int) -> Figure:
     """Draw figure 13: the features in the image plane, from + to *, and how far they are."""
-    figure = new_figure(number, f'{course.case.name}: motion of the features', 4.4)
+    figure = numbered(number, f'{course.case.name}: motion of the features', 4.4)
     plane, gap = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     camera = PointCamera(course.case.focal, course.case.focal_guess)
     images = np.stack([camera.image(instant.pose) for instant in course.instants])
@@ -189,7 +184,7 @@ def printed_sign(runs: Simulation1) -> Figure:
         (runs.corrected.instants, runs.sampled_corrected, runs.behind_corrected.instants),
         strict=True,
     ):
-        draw_robot(axes, DESIRED_POSE, GREY, dashed=True)
+        draw_robot(axes, DESIRED_POSE, dashed=True)
         _draw(axes, corrected, DESIRED_COLOUR, 2.4, 'true sigma')
         _draw(axes, printed, CURRENT_COLOUR, 1.1, 'as printed')
         draw_robot(axes, printed[0].pose, INK)
