@@ -248,7 +248,7 @@ def test_bearings_are_those_of_the_base_where_the_yaw_is_told(photographs: Path)
 def test_a_mount_that_is_no_angle_is_bad_input(photographs: Path, capsys) -> None:
     with pytest.raises(SystemExit):
         inspect(photographs, 'current', '--tilt', 'nan')
-    assert 'no angle of -90 to 90 deg' in capsys.readouterr().err
+    assert 'not an angle from -90 to 90 deg' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

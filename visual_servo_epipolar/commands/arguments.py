@@ -1,7 +1,7 @@
 """Arguments of the command line: what words may be, and the options that commands share."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 import math
 import os
@@ -19,11 +19,6 @@ if TYPE_CHECKING:
 
 MAX_SEED, MAX_RUNS, MAX_SCENES = 2**31 - 1, 1_000_000, 10_000
 FARTHEST, FULL_TURN = 100.0, 360.0  # start [m], [deg]: nothing drives home from farther
-CAMERA_HELP = (
-    'camera file of camera_calibration, OpenCV, Kalibr, COLMAP or nerfstudio, or a camera_info '
-    'as ros2 topic echo prints it; FILE#cam1 where it has several cameras'
-)
-CROPPED_HELP = 'the images are cut out of larger ones: the principal point may lie anywhere'
 PACKAGE = 'visual_servo_epipolar'
 
 
@@ -42,14 +37,39 @@ def duration(text: str) -> float:
     """Parse a time above zero [s]."""
     value = finite(text)
     if value <= 0.0:
-        raise argparse.ArgumentTypeError(f'{text!r} is no time above 0 s')
+        raise argparse.ArgumentTypeError(f'{text!r} is not a time above 0 s')
+    return value
+
+
+def angle(text: str) -> float:
+    """Parse an angle of at most a right one [deg]."""
+    value = finite(text)
+    if abs(value) > 90.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is not an angle from -90 to 90 deg')
+    return value
+
+
+def tolerance(text: str) -> float:
+    """Parse how far numbers may differ."""
+    value = finite(text)
+    if value < 0.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is negative')
     return value
 
 
 def seed(text: str) -> int:
     """Parse a seed."""
-    if not text.isdecimal() or int(text) > MAX_SEED:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 to {MAX_SEED}')
+    return _whole(text, 0, MAX_SEED)
+
+
+def count(text: str) -> int:
+    """Parse a number of runs or of processes."""
+    return _whole(text, 1, MAX_RUNS)
+
+
+def _whole(text: str, low: int, high: int) -> int:
+    if not text.isdecimal() or not low <= int(text) <= high:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from {low} to {high}')
     return int(text)
 
 
@@ -62,13 +82,6 @@ def law_expression(text: str) -> str:
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return text
-
-
-def count(text: str) -> int:
-    """Parse a number of runs or of processes."""
-    if not text.isdecimal() or not 1 <= int(text) <= MAX_RUNS:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 to {MAX_RUNS}')
-    return int(text)
 
 
 def laws(text: str) -> tuple[str, ...]:
@@ -91,25 +104,6 @@ def scenes(text: str) -> tuple[int, ...]:
     return tuple(seeds)
 
 
-def angle(text: str) -> float:
-    """Return an angle [deg], or raise what argparse turns into a message."""
-    try:
-        degrees = float(text)
-    except ValueError:
-        degrees = math.nan
-    if not abs(degrees) <= 90.0:
-        raise argparse.ArgumentTypeError(f'{text!r} is no angle of -90 to 90 deg')
-    return degrees
-
-
-def tolerance(text: str) -> float:
-    """Parse how far numbers may differ."""
-    value = finite(text)
-    if value < 0.0:
-        raise argparse.ArgumentTypeError(f'{text!r} is negative')
-    return value
-
-
 class StartAction(argparse.Action):
     """Take a start that lies where a robot may be."""
 
@@ -125,6 +119,19 @@ class StartAction(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
+def add_words(parser: Any, rows: Mapping[str, str], **more: Any) -> None:
+    """Add options that take words: name and placeholder -> help; ``more`` is for argparse."""
+    for names, text in rows.items():
+        option, placeholder = names.split(' ', 1)
+        parser.add_argument(option, metavar=placeholder, help=text, **more)
+
+
+def add_flags(parser: argparse.ArgumentParser, rows: Mapping[str, str]) -> None:
+    """Add options without a word: name -> help."""
+    for option, text in rows.items():
+        parser.add_argument(option, action='store_true', help=text)
+
+
 def add_start(parser: argparse.ArgumentParser, default: tuple[float, float, float] | None) -> None:
     """Add --start."""
     default_text = '' if default is None else f' (default {" ".join(f"{v:g}" for v in default)})'
@@ -136,8 +143,8 @@ def add_start(parser: argparse.ArgumentParser, default: tuple[float, float, floa
         metavar=('X', 'Y', 'DEG'),
         required=default is None,
         default=default,
-        help='start in the plane of the paper: x right and y ahead of the goal [m], so that '
-        f'y is negative behind it; heading error [deg], left positive{default_text}',
+        help='start in the plane of the paper: X to the right of the goal and Y ahead of it [m], '
+        f'negative behind it; DEG heading error [deg], left positive{default_text}',
     )
 
 
@@ -147,35 +154,35 @@ def add_source(parser: argparse.ArgumentParser) -> None:
         '--source',
         choices=SOURCES,
         default='features',
-        help='what the servo sees: noisy point features, or rendered images (default features)',
+        help='input of the servo: noisy point features, or rendered images (default features)',
     )
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add what every closed loop takes: law, estimator, scenario, scene, seed, --json."""
-    parser.add_argument(
-        '--law',
-        type=law_expression,
-        metavar='LAW',
-        help=f'control law: {", ".join(law_names())}; departures from the paper are added and '
-        'left out as in paper+true_sigma or full-retreat',
+    law = (
+        f'control law: {", ".join(law_names())}; + adds a departure from the paper, - removes '
+        'one, as in paper+true_sigma or full-retreat'
     )
-    parser.add_argument('--estimator', metavar='NAME', help='estimator of the epipoles')
-    parser.add_argument(
-        '--scenario', metavar='FILE', help='scenario file, or the name of one that is installed'
-    )
-    parser.add_argument(
-        '--scene', type=seed, metavar='N', help='seed of the room in images (default 1)'
-    )
-    parser.add_argument('--seed', type=seed, default=0, metavar='N', help='seed (default 0)')
+    add_words(parser, {'--law LAW': law}, type=law_expression)
+    words = {
+        '--estimator NAME': 'estimator of the epipoles',
+        '--scenario FILE': 'scenario file, or the name of an installed one',
+    }
+    add_words(parser, words)
+    add_words(parser, {'--scene N': 'seed of the room in images (default 1)'}, type=seed)
+    add_seed(parser)
     add_json(parser)
+
+
+def add_seed(parser: argparse.ArgumentParser) -> None:
+    """Add --seed."""
+    add_words(parser, {'--seed N': 'seed of all random numbers (default 0)'}, type=seed, default=0)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add --json."""
-    parser.add_argument(
-        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
-    )
+    add_words(parser, {'--json FILE': 'write the result as JSON to FILE; - is standard output'})
 
 
 def scenario_of(options: argparse.Namespace) -> 'Scenario':

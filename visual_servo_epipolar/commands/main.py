@@ -27,12 +27,9 @@ PACKAGE = 'visual_servo_epipolar'
 SUCCESS, FAILURE, BAD_INPUT, UNREAD = 0, 1, 2, 141
 # Tools that no robot needs: each is a module with add_options(parser), imported when it is called.
 EVALUATION: Mapping[str, tuple[str, str]] = {
-    'reproduce': ('reproduction.command', "the paper's figures, and the paper against us"),
-    'bench': ('benchmarks.command', 'accuracy and speed beside the peers'),
-    'faults': (
-        'faults.command',
-        'closed loops with faults in them: does the robot stand, or arrive right?',
-    ),
+    'reproduce': ('reproduction.command', "reproduce the paper's figures and statements"),
+    'bench': ('benchmarks.command', 'measure accuracy and speed, beside other methods'),
+    'faults': ('faults.command', 'inject faults, and judge whether the robot stays safe'),
 }
 
 
@@ -78,7 +75,7 @@ def parser() -> Parser:
     """Return the parser of the whole command line."""
     top = Parser(
         prog='visual_servo',
-        description='Drive a unicycle robot to the pose of a photograph by epipolar geometry.',
+        description='Drive a robot back to where a photograph was taken, by epipolar geometry.',
     )
     top.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     kinds = top.add_subparsers(dest='command', required=True, metavar='COMMAND')

@@ -1,18 +1,18 @@
 """Options of the commands of the product, and which function runs each; loads no library."""
 
-import argparse
+from argparse import ArgumentParser
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 
 from visual_servo_epipolar.commands.arguments import (
+    add_flags,
     add_json,
     add_run_options,
     add_source,
     add_start,
+    add_words,
     angle,
-    CAMERA_HELP,
     count,
-    CROPPED_HELP,
     finite,
     laws,
     scenes,
@@ -29,14 +29,18 @@ EXCLUDED = {'tracks': ('*image_raw',), 'images': ('*overlay/image_raw',)}
 MOUNT_DEVIATION = 1.0  # of a tilt and roll that are given [deg]
 # As the settings of the servo have it, which take four times as long to load as all of this.
 PHASE_TIMEOUT, PHASE_TIMEOUT_HELP = 120.0, 'Longest stay in one phase [s], 1 to 3600 (default 120)'
-BAG_KINDS = 'rosbag2 folder, .mcap, .db3, or ROS 1 .bag'
+CAMERA = (
+    'camera file of camera_calibration, OpenCV, Kalibr, COLMAP or nerfstudio, or a camera_info '
+    'as printed by ros2 topic echo; FILE#cam1 picks one of several cameras'
+)
+CROPPED = {'--cropped': 'images are crops: accept a principal point anywhere'}
 ROLES = (
     'image, camera_info, desired, tracks, cmd_vel, epipoles, diagnostics, ground_truth, '
     'tracker_settings, servo_settings, tracker_events, servo_events'
 )
 
 
-def add_demo(parser: argparse.ArgumentParser) -> None:
+def add_demo(parser: ArgumentParser) -> None:
     """Add the options of ``demo``."""
     add_start(parser, DEMO_START)
     parser.add_argument(
@@ -45,205 +49,143 @@ def add_demo(parser: argparse.ArgumentParser) -> None:
         default=DEMO_FOLDER,
         help=f'folder for result.json, figures, video and bag (default {DEMO_FOLDER})',
     )
-    parser.add_argument('--no-video', action='store_true', help='leave out the video')
     parser.add_argument(
         '--bag',
         choices=('none', *EXCLUDED),
         default='tracks',
-        help='what to record: tracks is everything but images, images is both, 400 MB '
-        '(default tracks)',
+        help='what the bag holds: nothing, all topics but images, or images as well, which take '
+        '400 MB (default tracks)',
     )
-    parser.add_argument(
-        '--visible',
-        action='store_true',
-        help='let other processes on this machine see the topics; any base driver that listens '
-        'to cmd_vel will then drive',
-    )
+    flags = {
+        '--no-video': 'make no video',
+        '--visible': 'show the topics to other processes on this machine; a real base driver '
+        'that listens to cmd_vel will then drive',
+    }
+    add_flags(parser, flags)
     add_run_options(parser)
 
 
-def add_simulate(parser: argparse.ArgumentParser) -> None:
+def add_simulate(parser: ArgumentParser) -> None:
     """Add the options of ``simulate``."""
     add_start(parser, None)
     add_source(parser)
-    parser.add_argument('--out', metavar='DIR', help='folder for result, samples and figures')
+    add_words(parser, {'--out DIR': 'folder for result, samples and figures'})
     add_run_options(parser)
 
 
-def add_sweep(parser: argparse.ArgumentParser) -> None:
+def add_sweep(parser: ArgumentParser) -> None:
     """Add the options of ``sweep``."""
     parser.epilog = (
-        'Runs are kept in DIR as they end. The same command, given again after it was '
-        'interrupted or killed, goes on where it was; with more --runs it adds to them.'
+        'Each run is kept in DIR as soon as it ends. After an interruption the same command '
+        'goes on from there; with a larger --runs it adds runs.'
     )
-    parser.add_argument('--region', choices=REGIONS, required=True, help='where to start')
     parser.add_argument(
-        '--runs', type=count, required=True, metavar='N', help='starts, for each law'
+        '--region',
+        choices=REGIONS,
+        required=True,
+        help='start in front of the goal, beside it, or anywhere in view',
     )
+    add_words(parser, {'--runs N': 'number of starts for each law'}, type=count, required=True)
     add_source(parser)
     add_run_options(parser)
-    parser.add_argument(
-        '--compare', type=laws, metavar='LAW,LAW', help='several laws from the same starts'
-    )
-    parser.add_argument(
-        '--scenes', type=scenes, metavar='N-M', help='rooms to take turns in, such as 101-110'
-    )
+    add_words(parser, {'--compare LAW,LAW': 'drive several laws from the same starts'}, type=laws)
+    add_words(parser, {'--scenes N-M': 'use these rooms in turn, such as 101-110'}, type=scenes)
     where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        '--jobs', type=count, metavar='J', help='worker processes (default one a core)'
-    )
-    where.add_argument(
-        '--scheduler', metavar='ADDRESS', help='Dask scheduler to use, such as tcp://host:8786'
-    )
-    parser.add_argument(
-        '--out',
-        metavar='DIR',
-        help=f'folder for runs, table and maps (default {SWEEP_FOLDER}/ and a name made of '
-        'the parameters)',
-    )
+    add_words(where, {'--jobs J': 'worker processes (default one per core)'}, type=count)
+    add_words(where, {'--scheduler ADDRESS': 'Dask scheduler, such as tcp://host:8786'})
+    folder = f'folder for runs, tables and maps (default a new one in {SWEEP_FOLDER}/)'
+    add_words(parser, {'--out DIR': folder})
 
 
-def add_inspect(parser: argparse.ArgumentParser) -> None:
+def add_inspect(parser: ArgumentParser) -> None:
     """Add the options of ``inspect``."""
     parser.add_argument('desired', metavar='DESIRED.png', help='photograph taken at the goal')
     parser.add_argument('current', metavar='CURRENT.png', help='photograph taken elsewhere')
-    parser.add_argument(
-        '--camera',
-        metavar='FILE',
-        required=True,
-        help=f'{CAMERA_HELP}; scaled to photographs of other size',
-    )
-    parser.add_argument(
-        '--rectified',
-        action='store_true',
-        help='the photographs are rectified: projection_matrix holds, the distortion does not',
-    )
-    parser.add_argument('--cropped', action='store_true', help=CROPPED_HELP)
-    parser.add_argument('--out', metavar='OVERLAY.png', help='picture of the matches')
-    parser.add_argument('--estimator', metavar='NAME', help='estimator of the epipoles')
-    for name, what in (
-        (
-            'tilt',
-            'camera, down positive; without it tilt and roll are estimated, and general motions '
-            'are given in axes of the cameras',
-        ),
-        ('roll', 'camera, clockwise; with --tilt alone it is zero'),
-        ('yaw', 'camera on the base, to the left: bearings are then those of the base'),
-    ):
-        parser.add_argument(
-            f'--{name}', type=angle, metavar='DEG', help=f'{name} of the {what} [deg]'
-        )
-    parser.add_argument(
-        '--mount-deviation',
-        type=angle,
-        metavar='DEG',
-        default=MOUNT_DEVIATION,
-        help=f'how well tilt and roll are known (default {MOUNT_DEVIATION:g} deg)',
-    )
+    camera = f'{CAMERA}; it is scaled to the size of the photographs'
+    add_words(parser, {'--camera FILE': camera}, required=True)
+    rectified = 'photographs are rectified: use projection_matrix, ignore the distortion'
+    add_flags(parser, {'--rectified': rectified, **CROPPED})
+    words = {
+        '--out OVERLAY.png': 'write a picture of the matches',
+        '--estimator NAME': 'estimator of the epipoles',
+    }
+    add_words(parser, words)
+    angles = {
+        '--tilt DEG': 'tilt of the camera [deg], down positive; without it tilt and roll are '
+        'estimated, and a motion that is not planar is given in camera axes',
+        '--roll DEG': 'roll of the camera [deg], clockwise; 0 if only --tilt is given',
+        '--yaw DEG': 'yaw of the camera on the base [deg], left positive; bearings are then '
+        'those of the base',
+    }
+    add_words(parser, angles, type=angle)
+    known = f'standard deviation of tilt and roll [deg] (default {MOUNT_DEVIATION:g})'
+    add_words(parser, {'--mount-deviation DEG': known}, type=angle, default=MOUNT_DEVIATION)
     add_json(parser)
 
 
-def add_gains(parser: argparse.ArgumentParser) -> None:
+def add_gains(parser: ArgumentParser) -> None:
     """Add the options of ``gains``."""
     for item in fields(Circumstances):
         limits, option = range_of(item), f'--{item.name.replace("_", "-")}'
         if isinstance(item.default, bool):
-            parser.add_argument(option, action='store_true', help=limits.text)
+            add_flags(parser, {option: limits.text})
             continue
-        parser.add_argument(
-            option,
-            type=finite,
-            default=item.default,
-            metavar=item.name.upper(),
-            help=f'{limits.text}, {limits.low:g} to {limits.high:g} (default {item.default:g})',
+        text = f'{limits.text}, {limits.low:g} to {limits.high:g} (default {item.default:g})'
+        add_words(
+            parser, {f'{option} {item.name.upper()}': text}, type=finite, default=item.default
         )
-    parser.add_argument(
-        '--phase-timeout',
-        type=finite,
-        default=PHASE_TIMEOUT,
-        metavar='PHASE_TIMEOUT',
-        help=PHASE_TIMEOUT_HELP,
-    )
+    timeout = {'--phase-timeout PHASE_TIMEOUT': PHASE_TIMEOUT_HELP}
+    add_words(parser, timeout, type=finite, default=PHASE_TIMEOUT)
     add_json(parser)
 
 
-def add_replay(parser: argparse.ArgumentParser) -> None:
+def add_replay(parser: ArgumentParser) -> None:
     """Add the options of ``replay``."""
-    _add_bag(parser, 'BAG', BAG_KINDS)
-    parser.add_argument(
-        '--out', metavar='DIR', help='folder for replay.json and a figure of both runs'
+    _add_bag(parser, 'BAG', 'rosbag2 folder, .mcap, .db3, or ROS 1 .bag')
+    add_words(parser, {'--out DIR': 'folder for replay.json and a figure of both runs'})
+    most = (
+        'largest difference that counts as equal, in the unit of the number, relative above 1 '
+        '(default 0 if telemetry of the servo was recorded, else any)'
     )
-    parser.add_argument(
-        '--tolerance',
-        type=tolerance,
-        metavar='T',
-        help='how far numbers may differ, in their units and relative above 1 (default 0 where '
-        'the servo was recorded, otherwise any)',
-    )
+    add_words(parser, {'--tolerance T': most}, type=tolerance)
     add_json(parser)
 
 
-def add_report(parser: argparse.ArgumentParser) -> None:
+def add_report(parser: ArgumentParser) -> None:
     """Add the options of ``report``."""
-    kinds = '--out folder of demo or simulate, the run.json in it, or a bag'
-    _add_bag(parser, 'RUN_OR_BAG', kinds)
-    parser.add_argument(
-        '--out',
-        metavar='DIR',
-        help='folder for report.html, made if need be (default: that of the run, or NAME_report '
-        'beside a bag NAME)',
+    _add_bag(parser, 'RUN_OR_BAG', '--out folder of demo or simulate, its run.json, or a bag')
+    folder = (
+        'folder for report.html (default the folder of the run, or NAME_report beside bag NAME)'
     )
+    add_words(parser, {'--out DIR': folder})
 
 
-def _add_bag(parser: argparse.ArgumentParser, metavar: str, kinds: str) -> None:
+def _add_bag(parser: ArgumentParser, metavar: str, kinds: str) -> None:
     """Add the options of a bag: which, and how to read and replay it."""
     parser.add_argument('bag', metavar=metavar, help=kinds)
-    for option, example, text in (
-        (
-            '--set',
-            'SECTION.NAME=VALUE',
-            'replay with other settings, such as servo.k1=0.1 or tracker.max_features=80',
-        ),
-        ('--topics', 'ROLE=NAME', f'topics of other names; roles: {ROLES}'),
-    ):
-        parser.add_argument(
-            option, nargs='+', action='extend', default=[], metavar=example, help=text
-        )
-    parser.add_argument('--params', metavar='FILE', help='such settings from a ROS parameter file')
-    parser.add_argument(
-        '--namespace',
-        metavar='NAME',
-        help='robot whose topics are read, such as /bot1, where the bag has several',
-    )
-    parser.add_argument(
-        '--desired',
-        metavar='FILE|STAMP',
-        help='photograph of the goal: an image file, or the stamp [s] of an image in the bag; '
-        '+S counts from the first one',
-    )
-    parser.add_argument(
-        '--camera', metavar='FILE', help=f'for a bag without camera_info: {CAMERA_HELP}'
-    )
-    _add_flags(parser)
-
-
-def _add_flags(parser: argparse.ArgumentParser) -> None:
-    """Add how the images of a bag are to be taken, and what to do with the bag."""
-    for option, text in (
-        ('--cropped', CROPPED_HELP),
-        (
-            '--rectified',
-            'the images are rectified: P of camera_info holds, the distortion does not; known of '
-            'a bag that has the settings of the nodes',
-        ),
-        ('--tracks', 'replay the recorded tracks instead of the images'),
-        (
-            '--repair',
-            'first complete a bag that is damaged, or that a crash left open: all that can be '
-            'read is kept, and the old file as NAME.damaged',
-        ),
-    ):
-        parser.add_argument(option, action='store_true', help=text)
+    several = {
+        '--set SECTION.NAME=VALUE': 'replay with other settings, such as servo.k1=0.1 or '
+        'tracker.max_features=80',
+        '--topics ROLE=NAME': f'names of topics by role; roles are {ROLES}',
+    }
+    add_words(parser, several, nargs='+', action='extend', default=[])
+    words = {
+        '--params FILE': 'replay with the settings in a ROS parameter file',
+        '--namespace NAME': 'robot to replay, such as /bot1, if the bag has several',
+        '--desired FILE|STAMP': 'photograph of the goal: an image file, or the stamp [s] of an '
+        'image in the bag; +S counts from the first image',
+        '--camera FILE': f'use this instead of camera_info: {CAMERA}',
+    }
+    add_words(parser, words)
+    flags = {
+        **CROPPED,
+        '--rectified': 'images are rectified: use P of camera_info, ignore the distortion; '
+        'needless if the bag has the settings of the nodes',
+        '--tracks': 'replay the recorded tracks, not the images',
+        '--repair': 'repair a damaged or unfinished bag first; the old file is kept as '
+        'NAME.damaged',
+    }
+    add_flags(parser, flags)
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,53 +194,54 @@ class CommandRow:
 
     summary: str
     description: str
-    add_options: Callable[[argparse.ArgumentParser], None]
+    add_options: Callable[[ArgumentParser], None]
     function: str
 
 
 COMMANDS: Mapping[str, CommandRow] = {
     'demo': CommandRow(
-        'the four real nodes in lockstep, with pictures',
-        'The four real nodes in lockstep; leaves result, figures, video, bag.',
+        'drive a simulated robot with the four real nodes',
+        'Drive a simulated robot home with the four real nodes, in lockstep; write result, '
+        'figures, video and bag.',
         add_demo,
         'demo:demo',
     ),
     'simulate': CommandRow(
-        'one closed loop in memory, without ROS',
-        'One closed loop in memory, without ROS.',
+        'simulate one run in memory, without ROS',
+        'Simulate one run in memory, without ROS.',
         add_simulate,
         'simulate:simulate',
     ),
     'sweep': CommandRow(
-        'many starts through the closed loop: arrivals, errors, maps',
-        'Many starts through the closed loop, here or on a cluster.',
+        'simulate many starts: arrivals, errors, maps',
+        'Simulate many starts, on this machine or on a cluster; write tables and maps.',
         add_sweep,
         'sweep:sweep',
     ),
     'inspect': CommandRow(
-        'two photographs: epipoles, bearings, trust',
-        'Two photographs, their epipoles, and whether to believe them.',
+        'find the epipoles of two photographs',
+        'Find the epipoles of two photographs, and tell whether they can be trusted.',
         add_inspect,
         'inspect:inspect_and_report',
     ),
     'replay': CommandRow(
-        'a bag through the same tracker and servo',
-        'A bag through the same tracker and servo, with any parameters; tells where its commands '
-        'differ from those recorded.',
+        'replay a bag, with the same or other settings',
+        'Replay a bag through the same tracker and servo, with any settings, and tell where the '
+        'commands differ from the recorded ones.',
         add_replay,
         'replay.run:replay_and_report',
     ),
     'report': CommandRow(
-        'a run or a bag as one HTML page',
-        'A run or a bag as one HTML page that needs no network.',
+        'write an HTML page on a run or a bag',
+        'Write one HTML page on a run or a bag; the page needs no network.',
         add_report,
         'report.run:report',
     ),
     'gains': CommandRow(
-        'gains derived from distance, rate and limits',
-        'The gains of section IV-C from what is known before the robot moves: a table of the '
-        'gains and of what they promise, and lines to paste into the file of servo_node. Warns '
-        'where they need longer than a phase of the servo may last.',
+        'derive gains from distance, image rate and speed limits',
+        'Derive the gains of section IV-C from what is known before the robot moves. Print what '
+        'they achieve and the lines for servo_node.yaml; warn where a phase may exceed its '
+        'timeout.',
         add_gains,
         'gains:derive_and_print',
     ),

@@ -1,4 +1,4 @@
-"""``visual_servo bench``: accuracy and speed, with the peers beside us in one run."""
+"""``visual_servo bench``: measure accuracy and speed, with other methods in the same run."""
 
 import argparse
 from collections.abc import Mapping
@@ -8,7 +8,13 @@ from pkgutil import resolve_name
 import sys
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import duration, seed
+from visual_servo_epipolar.commands.arguments import (
+    add_flags,
+    add_json,
+    add_seed,
+    add_words,
+    duration,
+)
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.output import check_json, write_json
 from visual_servo_epipolar.core.errors import InputError
@@ -44,31 +50,23 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'which',
         nargs='*',
         metavar='WHICH',
-        help=f'any of {", ".join(BENCHMARKS)} (default all but {", ".join(ON_REQUEST)}); '
-        'after real a FOLDER of photographs with truth.json, simulated ones without',
+        help=f'any of {", ".join(BENCHMARKS)} (default all but {", ".join(ON_REQUEST)}); after '
+        'real the FOLDER of photographs with truth.json, else simulated photographs are taken',
     )
-    parser.add_argument('--quick', action='store_true', help='few trials, to see that it runs')
-    parser.add_argument('--seed', type=seed, default=0, metavar='N', help='seed (default 0)')
+    add_flags(parser, {'--quick': 'run a few trials only, to see that it works'})
+    add_seed(parser)
     parser.add_argument(
         '--nodes',
         choices=LATENCY_NODES,
         default=LATENCY_NODES[0],
-        help='processes of the latency: all four, or those alone that a robot has (default all)',
+        help='processes that latency starts: all four, or tracker and servo only, as on a robot '
+        '(default all)',
     )
-    parser.add_argument(
-        '--seconds',
-        type=duration,
-        metavar='S',
-        help='seconds a row of the latency (default 60), or of the soak (default 1800)',
-    )
-    parser.add_argument(
-        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
-    )
-    parser.add_argument(
-        '--history',
-        metavar='FILE',
-        help='append the figures to FILE, and say what got worse on this machine',
-    )
+    seconds = 'duration of each row of latency (default 60), or of soak (default 1800)'
+    add_words(parser, {'--seconds S': seconds}, type=duration)
+    add_json(parser)
+    history = 'append the figures to FILE, and tell which got worse on this machine'
+    add_words(parser, {'--history FILE': history})
     parser.set_defaults(run=run)
 
 

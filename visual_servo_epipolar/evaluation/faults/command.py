@@ -1,4 +1,4 @@
-"""``visual_servo faults``: closed loops on images with faults in them, judged by ground truth."""
+"""``visual_servo faults``: inject faults into closed loops; ground truth judges each run."""
 
 import argparse
 from collections.abc import Mapping
@@ -7,7 +7,13 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import count, seed
+from visual_servo_epipolar.commands.arguments import (
+    add_flags,
+    add_json,
+    add_seed,
+    add_words,
+    count,
+)
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.output import publish, write_whole
 from visual_servo_epipolar.core.errors import InputError
@@ -18,24 +24,23 @@ from visual_servo_epipolar.processes import cores
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the subcommand."""
     parser.epilog = (
-        'Exit code 0 only if every run is safe: arrived right, or at rest with a reason. A '
-        'run is repeated alone by its --only and --seed.'
+        'The exit code is 0 only if every run is safe: the robot arrived right, or it stands and '
+        'says why. --only and --seed repeat one run.'
     )
-    parser.add_argument('--runs', type=count, metavar='N', help='runs (default one a fault)')
-    parser.add_argument('--seed', type=seed, default=0, metavar='S', help='seed (default 0)')
-    parser.add_argument(
-        '--only',
-        metavar='NAME,...',
-        help='these faults alone; simulated or processes for all such',
-    )
-    parser.add_argument('--list', action='store_true', help='list the faults, and run nothing')
-    parser.add_argument(
-        '--jobs', type=count, metavar='J', help='worker processes (default one a core)'
-    )
-    parser.add_argument(
-        '--json', metavar='FILE', help='write each run as JSON to FILE, - for standard output'
-    )
-    parser.add_argument('--table', metavar='FILE', help='write the table to FILE as well')
+    numbers = {
+        '--runs N': 'number of runs (default one per fault)',
+        '--jobs J': 'worker processes (default one per core)',
+    }
+    add_words(parser, numbers, type=count)
+    add_seed(parser)
+    words = {
+        '--only NAME,...': 'inject these faults only; simulated or processes stands for all of '
+        'that kind',
+        '--table FILE': 'write the table to FILE as well',
+    }
+    add_words(parser, words)
+    add_flags(parser, {'--list': 'list the faults, and run nothing'})
+    add_json(parser)
     parser.set_defaults(run=faults)
 
 

@@ -1,9 +1,10 @@
-"""``visual_servo reproduce``: the paper's figures, and a table of the paper against us."""
+"""``visual_servo reproduce``: draw the paper's figures, and compare its statements with ours."""
 
 import argparse
 from contextlib import closing
 
 from visual_servo_epipolar import __version__
+from visual_servo_epipolar.commands.arguments import add_json, add_words
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.output import output_folder, publish
 
@@ -14,14 +15,10 @@ SUCCESS, FAILURE = 0, 1
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the subcommand."""
     parser.add_argument(
-        'which', choices=(*PARTS, 'all'), help='simulation 1 or 2, experiment, all'
+        'which', choices=(*PARTS, 'all'), help='simulation 1, simulation 2, experiment, or all'
     )
-    parser.add_argument(
-        '--out', metavar='DIR', required=True, help='where the figures and the table go'
-    )
-    parser.add_argument(
-        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
-    )
+    add_words(parser, {'--out DIR': 'folder for the figures and the table'}, required=True)
+    add_json(parser)
     parser.set_defaults(run=reproduce)
 
 
