@@ -29,18 +29,18 @@ HEADER = ('| parameter | default | range | what | |', '|---|---|---|---|---|')
 HEAD = """\
 # Parameters
 
-All parameters of all nodes, in the order of [`config/*.yaml`](../config), under the class that
-declares them. Written by `python docs/parameters.py` from those classes; a test compares.
+This page lists all parameters of all nodes, in the order of [`config/*.yaml`](../config), under the class
+that declares them. `python docs/parameters.py` writes it from those classes; a test compares the two.
 
-* A double is written with a point: `1.0`, never `1`. A value out of range is refused at the start,
-  and so is a name that a node does not have; a file under `/**:` may hold those of several nodes,
-  as [`robot.yaml`](../config/robot.yaml) does.
-* *fixed* says that a parameter can be set at the start alone. The others follow
-  `ros2 param set /servo_node look_ahead 0.3` while the robot drives.
-* Scenario files know the names of the servo, the tracker, the base, the camera and the
-  disturbances in sections called so, and those at the end of this page;
-  `visual_servo replay --set servo.look_ahead=0.3` knows the servo's and the tracker's.
-* Every node takes `use_sim_time` as well, as all ROS nodes do.
+* Write a double with a point: `1.0`, not `1`. A node refuses values out of range, and names that it does
+  not have. A file under `/**:` may hold the parameters of several nodes, as
+  [`robot.yaml`](../config/robot.yaml) does.
+* *fixed* marks parameters that can be set at the start only. The others can be changed while the robot
+  drives: `ros2 param set /servo_node look_ahead 0.3`.
+* Scenario files accept these names in sections `servo`, `tracker`, `base`, `camera` and `disturbances`, and
+  the names at the end of this page. `visual_servo replay --set servo.look_ahead=0.3` accepts those of servo
+  and tracker.
+* Every node also takes `use_sim_time`, as all ROS nodes do.
 """
 
 
