@@ -1,5 +1,7 @@
 """A photograph that changes in mid-run: the goal is another, and nobody drives there silently."""
 
+from dataclasses import replace
+
 from bagmaker import Message, new_listener, write_bag
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
@@ -12,8 +14,9 @@ from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
-from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
@@ -44,7 +47,8 @@ class Servo:
         """Send tracks of ``goal``, wait until they are taken in, and return the state."""
         self.stamp_ns += PERIOD_NS
         features = Features() if blank else self._world.observe(AWAY, 0)
-        self._send(write.features(features, self.stamp_ns, 'camera', goal))
+        features = replace(features, goal=goal)
+        self._send(write.features(features, self.stamp_ns, 'camera'))
         self.bench.until(lambda: self.node._run.stamp_ns == self.stamp_ns, 'tracks to arrive')
         self.bench.settle()
         return self.node._state

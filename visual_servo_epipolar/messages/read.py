@@ -20,9 +20,10 @@ from visual_servo_epipolar.core.cameras.registry import (
     with_intrinsics,
 )
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
+from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL, Passing
+from visual_servo_epipolar.core.tracking.features import Features, Passing
 from visual_servo_epipolar.messages.images.encodings import GrayReader
 
 NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
@@ -177,6 +178,7 @@ def features(message: Any) -> Features:
             np.stack([passing['u'], passing['v']], axis=1).astype(np.float64),
             passing['age'].astype(np.int64),
         ),
+        goal=_of_first_row(message, 'goal') or NO_GOAL,
     )
 
 
@@ -208,12 +210,11 @@ def _layout_of_tracks(message: Any) -> np.dtype[np.void]:
 
 def goal(message: Any) -> int | None:
     """
-    Return the number of the photograph that tracks are of, None where nothing tells it.
+    Return the id of the goal that tracks are of, None where nothing tells it.
 
     Other trackers have no such field, and empty tracks no row.
     """
-    number = _of_first_row(message, 'goal')
-    return number if number != NO_GOAL else None
+    return _of_first_row(message, 'goal') or None
 
 
 def has_photograph(message: Any) -> bool:

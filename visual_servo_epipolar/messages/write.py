@@ -15,8 +15,9 @@ from std_msgs.msg import Header, String
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose, quaternion_from_yaw, Twist
+from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL
+from visual_servo_epipolar.core.tracking.features import Features
 
 TRACK_LAYOUT = np.dtype(
     [
@@ -129,21 +130,15 @@ def _covariance(measured: FloatArray, axes: tuple[int, ...]) -> FloatArray:
 
 
 def features(
-    value: Features,
-    stamp_ns: int,
-    frame_id: str,
-    goal: int = NO_GOAL,
-    *,
-    repeats: int = 0,
-    back: int = 0,
+    value: Features, stamp_ns: int, frame_id: str, *, repeats: int = 0, back: int = 0
 ) -> PointCloud2:
     """
-    Return tracks of the photograph ``goal`` as a sensor_msgs/PointCloud2, a row a feature.
+    Return tracks as a sensor_msgs/PointCloud2, a row a feature.
 
-    Features that it does not show come last, with desired_u, desired_v and error nan. The height
-    is 0 where there is no photograph, also of empty tracks, which have no row to tell its number.
-    ``repeats``: how many images in a row have been the very same; ``back``: how many images ago
-    it came last, 0 if it is new.
+    Features that the photograph does not show come last, with desired_u, desired_v and error nan.
+    The height is 0 where there is no photograph, also of empty tracks, which have no row to tell
+    its goal. ``repeats``: how many images in a row have been the very same; ``back``: how many
+    images ago it came last, 0 if it is new.
     """
     passing = value.passing
     rows = np.empty(len(value) + len(passing), TRACK_LAYOUT)
@@ -155,8 +150,8 @@ def features(
         unshown['id'], unshown['age'] = passing.ids, passing.ages
         unshown['u'], unshown['v'] = passing.current.T
         unshown['desired_u'] = unshown['desired_v'] = unshown['error'] = np.nan
-    rows['goal'], rows['repeats'], rows['back'] = goal, repeats, back
-    height = int(goal != NO_GOAL or len(rows) > 0)
+    rows['goal'], rows['repeats'], rows['back'] = value.goal, repeats, back
+    height = int(value.goal != NO_GOAL or len(rows) > 0)
     message = PointCloud2(header=header(stamp_ns, frame_id), height=height, width=len(rows))
     message.fields = [PointField(**field) for field in TRACK_FIELDS]
     message.is_dense, message.point_step = not len(passing), TRACK_LAYOUT.itemsize

@@ -9,6 +9,7 @@ from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
+from visual_servo_epipolar.core.servo.session import change_goal
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import decide
@@ -212,7 +213,8 @@ class ServoNode(ManagedNode):
             self._warn(unusable)
         observation = self._wheels.told(observe(features, camera, read.stamp_ns(message.header)))
         age = self._commands.age
-        state = decide(self._state, observation, self._settings, since_command=age)
+        state = change_goal(self._state, features.goal)
+        state = decide(state, observation, self._settings, since_command=age)
         if unusable and state.phase is Phase.HOLDING:
             state = state.changed(reason=unusable)
         self._run.advance(state, observation.stamp_ns, message.header.frame_id)

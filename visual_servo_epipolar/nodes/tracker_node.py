@@ -80,7 +80,7 @@ class TrackerNode(ManagedNode):
         """Tell the servo at once that there are no tracks any more; photograph and camera stay."""
         if self._stamp_ns is not None:
             nothing = write.features(
-                Features(), self._stamp_ns + 1, self._frame_id, self._tracker.goal
+                Features(goal=self._tracker.goal.id), self._stamp_ns + 1, self._frame_id
             )
             self._tracks_pub.publish(nothing)
             self._tracks_pub.wait_for_all_acked(Duration(seconds=LAST_WORD_S))
@@ -173,10 +173,9 @@ class TrackerNode(ManagedNode):
     def _publish(self, features: Features) -> None:
         assert self._stamp_ns is not None
         tracks = write.features(
-            features,
+            replace(features, goal=self._tracker.goal.id),
             self._stamp_ns,
             self._frame_id,
-            self._tracker.goal,
             repeats=self._repetition.count,
             back=self._repetition.back,
         )

@@ -5,11 +5,15 @@ from servo_states import DRIVING, in_phase, PHASES, sight
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.goal import Goal, NO_GOAL
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.servo.fusion.map_state import MapState
 from visual_servo_epipolar.core.servo.session import (
+    change_goal,
     interrupted,
     Interruption,
+    other_goal,
     Session,
 )
 
@@ -54,13 +58,22 @@ def test_who_holds_says_the_newest_reason_and_who_has_ended_his_own() -> None:
 
 @pytest.mark.parametrize('phase', PHASES)
 def test_a_run_keeps_to_the_goal_that_it_began_with(phase: Phase) -> None:
-    begun = Session().with_goal(7, in_phase(Phase.WAITING))
-    assert begun.goal == 7
-    assert begun.with_goal(None, in_phase(phase)) == begun  # nothing tells which: no other one
-    assert begun.other_goal(None) == ''
-    after = begun.with_goal(8, in_phase(phase))
-    assert bool(after.other_goal(8)) == phase.runs
-    assert after.other_goal(7 if phase.runs else 8) == ''
+    begun = change_goal(in_phase(phase, measurement=sight(30)), 7)
+    assert begun.view.goal.id == 7
+    assert begun.view.measurement is not None  # the first to be told is no change
+    assert change_goal(begun, NO_GOAL) is begun
+    assert not other_goal(begun, None)
+    after = change_goal(begun, 8)
+    assert bool(other_goal(begun, 8)) == phase.runs
+    assert after.view.goal.id == (7 if phase.runs else 8)
+    assert (after is begun) == phase.runs
+
+
+def test_another_goal_has_no_map_yet() -> None:
+    learnt = in_phase(Phase.WAITING, goal=Goal(7, map=MapState(few_s=3.0)), measurement=sight(30))
+    after = change_goal(learnt, 8)
+    assert (after.view.goal, after.measurement) == (Goal(8), None)
+    assert change_goal(learnt, 7).view.map.few_s == 3.0
 
 
 @pytest.mark.parametrize('phase', PHASES)

@@ -1,5 +1,6 @@
 """Docking from end to end: requests, a real servo, a base; a failure, a retry, a cancel."""
 
+from dataclasses import replace
 import math
 
 from action_msgs.msg import GoalStatus
@@ -100,7 +101,7 @@ class Robot:
         if self.with_odometry:  # without, the dock node has no path, and looks at no tracks
             told = write.odometry(self.pose, STANDSTILL, stamp_ns, 'odom', 'base_link')
             self.odometry(told)
-        self.tracks(write.features(seen, stamp_ns, 'camera', GOAL))
+        self.tracks(write.features(replace(seen, goal=GOAL), stamp_ns, 'camera'))
         self.bench.until(lambda: self.servo._run.stamp_ns == stamp_ns, 'tracks to arrive')
         if active:
             ended = lambda: self.servo._state.ended  # noqa: E731

@@ -1,5 +1,7 @@
 """An order to start lapses: nothing drives minutes later, when what was missing comes."""
 
+from dataclasses import replace
+
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
@@ -36,8 +38,7 @@ class Armed(Rig):
     def show(self, features=None, goal: int = GOAL) -> None:
         """Let tracks arrive; by default those of the photograph in view."""
         seen = WORLD.observe(AWAY, 0) if features is None else features
-        arguments = (goal,) if goal else ()
-        self.tell(write.features(seen, self.stamp_ns, 'camera', *arguments))
+        self.tell(write.features(replace(seen, goal=goal), self.stamp_ns, 'camera'))
         self.stamp_ns += 90_909_091
 
     def order(self):

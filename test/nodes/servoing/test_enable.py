@@ -96,7 +96,7 @@ def test_a_hold_for_want_of_it_ends_as_any_other(bench) -> None:
 
 def lost(rig: Rig) -> None:
     """Hold by tracks that show nothing."""
-    rig.tell(write.features(Features(), rig.stamp_ns, 'camera', 1))
+    rig.tell(write.features(Features(goal=1), rig.stamp_ns, 'camera'))
     rig.stamp_ns += 90_909_091
     assert rig.phase == 'holding'
 

@@ -85,7 +85,7 @@ def test_who_stops_a_run_is_told_of(bench) -> None:
 def test_a_hold_is_no_result(bench) -> None:
     heard = results(bench)
     rig = Rig(bench, stale_timeout=60.0).drive()
-    rig.tell(write.features(Features(), rig.stamp_ns, 'camera', 1))
+    rig.tell(write.features(Features(goal=1), rig.stamp_ns, 'camera'))
     assert rig.phase == 'holding'
     for _ in range(4):
         rig.stamp_ns += 90_909_091

@@ -1,5 +1,7 @@
 """Why the robot stands, as the servo says it: the nearest cause, and no other in its place."""
 
+from dataclasses import replace
+
 import pytest
 from servo_rig import AWAY, HandSetClock, PERIOD_NS, Rig, WORLD
 
@@ -70,7 +72,7 @@ def test_a_hold_that_images_end_has_the_reason_of_the_last_of_them(bench, count)
     columns = (seen.ids, seen.current, seen.desired, seen.ages, seen.errors)
     few = Features(*(column[:count] for column in columns))
     while rig.phase == 'holding':
-        rig.tell(write.features(few, rig.stamp_ns, 'camera', 1))
+        rig.tell(write.features(replace(few, goal=1), rig.stamp_ns, 'camera'))
         rig.stamp_ns += PERIOD_NS
     text = f'tracks lost or untrusted for 1 s: {count} features, 12 needed, 0.0 s ago'
     assert (rig.phase, rig.node._state.reason) == ('failed', text)
@@ -79,10 +81,12 @@ def test_a_hold_that_images_end_has_the_reason_of_the_last_of_them(bench, count)
 def test_a_photograph_that_changed_stays_the_reason_of_a_hold(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0, holding_timeout=1.0)
     for goal in (1, 1, 2):
-        rig.tell(write.features(WORLD.observe(AWAY, 0), rig.stamp_ns, 'camera', goal))
+        rig.tell(
+            write.features(replace(WORLD.observe(AWAY, 0), goal=goal), rig.stamp_ns, 'camera')
+        )
         rig.stamp_ns += PERIOD_NS
     while rig.phase == 'holding':
-        rig.tell(write.features(WORLD.observe(AWAY, 0), rig.stamp_ns, 'camera', 2))
+        rig.tell(write.features(replace(WORLD.observe(AWAY, 0), goal=2), rig.stamp_ns, 'camera'))
         rig.stamp_ns += PERIOD_NS
     assert rig.phase == 'failed'
     assert 'the photograph has changed in mid-run' in rig.node._state.reason

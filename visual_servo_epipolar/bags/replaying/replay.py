@@ -25,8 +25,10 @@ from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.session import (
+    change_goal,
     interrupted,
     Interruption,
+    other_goal,
     Session,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -109,8 +111,8 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
         for entry in events.due(tracked.key[0]):
             state = _after(state, entry)
         camera = tracked.camera
-        session = session.with_camera(camera, state).with_goal(tracked.goal, state)
-        other = session.other_goal(tracked.goal) or session.other_camera(camera)
+        session = session.with_camera(camera, state)
+        other = other_goal(state, tracked.goal) or session.other_camera(camera)
         if other:
             tracked = replace(tracked, features=Features(), warning=other)
         recorded = run.telemetry.get(tracked.key, {})
@@ -118,6 +120,7 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
         observation = observe(tracked.features, camera, tracked.key[0])
         observation = replace(observation, odometry=odometry_of(recorded))
         settings = value_at(plan.servo, tracked.key[0])
+        state = change_goal(state, tracked.features.goal)
         state = step(state, observation, settings, since_command=since_command)
         outcome = Step(tracked.key, tracked.log_ns, state.phase, state.reason, telemetry(state))
         steps.append(outcome)
@@ -167,7 +170,7 @@ class ReplayTracker:
         if not isinstance(camera, str):
             features, untrusted = validation.checked_features(features, camera)
             warning = untrusted or warning
-        goal = self._tracker.goal or None
+        goal = self._tracker.goal.id or None
         return TrackedImage(key, item.log_ns, camera, features, result.image, warning, goal)
 
     def _set_desired(self, photograph: Image) -> None:

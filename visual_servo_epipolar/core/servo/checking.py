@@ -95,9 +95,10 @@ def _undone(state: ServoState, measurement: Measurement) -> ServoState:
     if state.known is None:
         return state
     before = state.known[0]
+    lost_map = replace(before.map, views=None, place=None)  # nobody knows the way since
     extrinsics = before.extrinsics and changed(before.extrinsics, placed=False)
     return state.changed(
-        map=replace(before.map, views=None, place=None),  # nobody knows the way since
+        goal=changed(state.view.goal, map=lost_map),
         extrinsics=extrinsics,
         curvature=before.curvature,
         dead_band=before.dead_band,

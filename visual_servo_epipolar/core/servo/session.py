@@ -4,10 +4,11 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.machine import interruption
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.state import ServoState, ViewState
 
 GOAL_CHANGED = (
     'the photograph has changed in mid-run: its tracks lead to another goal; send the one it '
@@ -81,13 +82,12 @@ def stop(state: ServoState) -> ServoState:
 @dataclass(frozen=True, slots=True)
 class Session:
     """
-    What a run began with: its ``camera``, and its ``goal``, the photograph by its number.
+    What a run began with: its ``camera``, None before the first.
 
-    Both are None before the first. Others may come while a run goes on; it is not theirs.
+    Another may come while a run goes on; it is not its own.
     """
 
     camera: CameraModel | None = None
-    goal: int | None = None
 
     def with_camera(self, camera: CameraModel, state: ServoState) -> 'Session':
         """Return the session where ``camera`` is that of the images: a run keeps its own."""
@@ -95,19 +95,31 @@ class Session:
             return self
         return replace(self, camera=camera)
 
-    def with_goal(self, goal: int | None, state: ServoState) -> 'Session':
-        """Return the session where ``goal`` is the photograph, None any: a run keeps its own."""
-        if goal is None or (state.phase.runs and self.goal is not None):
-            return self
-        return replace(self, goal=goal)
-
     def other_camera(self, camera: CameraModel) -> str:
         """Return in words that ``camera`` is not that of the run; or ''."""
         return '' if camera == self.camera else camera_changed(camera)
 
-    def other_goal(self, goal: int | None) -> str:
-        """Return in words that ``goal`` is not that of the run; or ''."""
-        return '' if goal is None or goal == self.goal else GOAL_CHANGED
+
+def other_goal(state: ServoState, goal: int | None) -> str:
+    """Return in words that the features of ``goal`` are not of the goal of a run; or ''."""
+    changes = state.phase.runs and state.view.goal.differs(goal or NO_GOAL)
+    return GOAL_CHANGED if changes else ''
+
+
+def change_goal(state: ServoState, goal: int) -> ServoState:
+    """
+    Return the state that drives to ``goal``, by its id: what was seen of another is forgotten.
+
+    A run keeps the goal that it began with: see ``other_goal``.
+    """
+    view = state.view
+    if goal in (NO_GOAL, view.goal.id) or (state.phase.runs and view.goal.differs(goal)):
+        return state
+    after = view.goal.followed_by(goal)
+    if view.goal.differs(goal):
+        view = ViewState(goal=after, period=view.period, frame=view.frame)
+        return state.changed(view=view, known=None)
+    return state.changed(goal=after)
 
 
 def camera_changed(camera: CameraModel) -> str:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.gains import Gains
 from visual_servo_epipolar.core.laws.phase import Phase
@@ -28,6 +29,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.values import changed
 
 StateT = TypeVar('StateT', bound='ServoState')
+NO_MAP = MapState()
 
 
 class Known(NamedTuple):
@@ -49,19 +51,25 @@ class ViewState:
     """
     What is seen: ``measurement``, the last one, and ``memory``, what perception carries on.
 
-    Both are None before the first. ``map`` is that of keyframes; ``period``, the time between two
-    images [s], smoothed, nan before the second; ``rotation_bias``, what the best rotation is off
-    in heading [rad], nan while unknown; ``trusted_heading``, the heading error of the last
-    measurement by which it drove [rad], nan before; ``frame``, the number of steps.
+    Both are None before the first. ``goal`` is where it drives, with the map of keyframes around
+    it; ``period``, the time between two images [s], smoothed, nan before the second;
+    ``rotation_bias``, what the best rotation is off in heading [rad], nan while unknown;
+    ``trusted_heading``, the heading error of the last measurement by which it drove [rad], nan
+    before; ``frame``, the number of steps.
     """
 
     measurement: Measurement | None = None
     memory: PerceptionMemory | None = None
-    map: MapState = MapState()
+    goal: Goal[MapState] = Goal()
     period: float = math.nan
     rotation_bias: float = math.nan
     trusted_heading: float = math.nan
     frame: int = 0
+
+    @property
+    def map(self) -> MapState:
+        """Map of the goal's surroundings."""
+        return self.goal.map or NO_MAP
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ from visual_servo_epipolar.core.servo.pulse_turn import pulse_turn, turns_by_pul
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.update import update
+from visual_servo_epipolar.core.values import changed
 
 MAX_START_STEPS = 1.5  # usual times between two images that a robot speeds up at first
 LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
@@ -90,7 +91,7 @@ def update_map(state: ServoState, *, noise: bool = True) -> ServoState:
         memory = with_wrong_matches(memory, views)
     elif memory is state.view.memory:
         return state
-    return state.changed(map=views, memory=memory)
+    return state.changed(goal=changed(state.view.goal, map=views), memory=memory)
 
 
 def advance(

@@ -15,6 +15,7 @@ from visual_servo_epipolar.core.servo.identify import identify
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import settle
 from visual_servo_epipolar.core.servo.state import ServoState, ViewState
+from visual_servo_epipolar.core.values import changed
 
 
 def update(
@@ -44,7 +45,7 @@ def _see(state: ServoState, fusion: Fusion, dt: float, settings: ServoSettings) 
     return ViewState(
         measurement=fusion.measurement,
         memory=fusion.memory,
-        map=fusion.map,
+        goal=changed(state.view.goal, map=fusion.map),
         period=usual_period(state.view.period, dt),
         rotation_bias=fusion.rotation_bias,
         trusted_heading=_trusted_heading(state, fusion.measurement, settings),

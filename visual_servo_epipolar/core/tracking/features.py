@@ -12,8 +12,8 @@ from visual_servo_epipolar.core.arrays import (
     frozen,
     IntArray,
 )
+from visual_servo_epipolar.core.goal import NO_GOAL
 
-NO_GOAL = 0  # number of no photograph
 FIRST_PASSING = 1 << 24  # least id of a feature that no photograph shows
 
 
@@ -73,7 +73,8 @@ class Features:
     ``ids``, shape (N,), never change their meaning within one desired view. ``current`` and
     ``desired``, shape (N, 2), are pixels (u, v) in the two images; ``ages``, shape (N,), frames
     since (re)detection; ``errors``, shape (N,), residuals of the alignment [grey levels].
-    ``passing`` are features that the photograph does not show; they do not count.
+    ``passing`` are features that the photograph does not show; they do not count. ``goal`` is the
+    id of the goal to which all of them belong.
     """
 
     ids: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
@@ -82,6 +83,7 @@ class Features:
     ages: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     errors: FloatArray = field(default_factory=lambda: np.empty(0))
     passing: Passing = NOTHING_PASSING
+    goal: int = NO_GOAL
 
     def __post_init__(self) -> None:
         ids = np.asarray(self.ids, dtype=np.int64).reshape(-1)
@@ -103,6 +105,7 @@ class Features:
         ages: IntArray,
         errors: FloatArray,
         passing: Passing = NOTHING_PASSING,
+        goal: int = NO_GOAL,
     ) -> 'Features':
         """
         Return features of columns that fit and that nobody will write: neither copied nor checked.
@@ -115,6 +118,7 @@ class Features:
             column.setflags(write=False)
             object.__setattr__(features, name, column)
         object.__setattr__(features, 'passing', passing)
+        object.__setattr__(features, 'goal', goal)
         return features
 
     def __len__(self) -> int:

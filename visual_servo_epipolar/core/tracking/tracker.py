@@ -6,12 +6,11 @@ image, so that small errors do not add up to drift. Lost features are predicted 
 and when too few remain the whole image is matched anew.
 """
 
-from zlib import crc32
-
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, Image
 from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.tracking.alignment.sampling import (
     float_image,
     FloatImage,
@@ -20,7 +19,7 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
-from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL, Passing
+from visual_servo_epipolar.core.tracking.features import Features, Passing
 from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matchers.registry import MATCHERS
 from visual_servo_epipolar.core.tracking.matching import (
@@ -49,7 +48,7 @@ class Tracker:
 
     ``track`` returns no features before ``set_desired``. The id of a feature is its number in the
     desired view and never changes; a feature that was lost may come back under its id. ``goal``
-    is a number made of the desired image, NO_GOAL before there is one.
+    is what the features lead to, without views before there is a desired image.
     ``matchings`` counts matchings of whole images; ``reason`` says why the last one failed.
     """
 
@@ -63,7 +62,7 @@ class Tracker:
         self._predictions, self._is_prepared = Predictions(), True
         self._passing = PassingFeatures()
         self._frame = 0
-        self.goal = NO_GOAL
+        self.goal: Goal[None] = Goal()
         self._match_frame: int | None = None
         self.matchings = 0
         self.reason = 'no desired image yet; nothing is tracked until one is given or captured'
@@ -85,7 +84,7 @@ class Tracker:
         """
         view = desired_view(image, MATCHERS[self.settings.matcher])
         self._view, self._anchor = view, Anchor(view.image)
-        self.goal = goal_of(view.image)
+        self.goal = Goal.of(view.image)
         self.redetect()
 
     def redetect(self) -> None:
@@ -263,12 +262,8 @@ class Tracker:
     def _features(self, passing: Passing) -> Features:
         warps, ages, residuals = self._tracked.warps, self._tracked.ages, self._tracked.residuals
         # The border of the image is where every position was tested: all are finite.
-        return Features.owning(warps.ids, warps.current, warps.desired, ages, residuals, passing)
-
-
-def goal_of(image: Image) -> int:
-    """Return the number made of a desired image, never NO_GOAL."""
-    return crc32(image.tobytes()) or NO_GOAL + 1
+        columns = warps.ids, warps.current, warps.desired, ages, residuals
+        return Features.owning(*columns, passing, self.goal.id)
 
 
 def _size(image: Image) -> str:

@@ -8,7 +8,7 @@ from sensor_msgs.msg import PointCloud2
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.decisions import too_few_features
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.servo.session import Session
+from visual_servo_epipolar.core.servo.session import other_goal
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes.servoing.enable import Enable
@@ -39,7 +39,7 @@ class Admission:
     ) -> None:
         self._node, self._settings, self._run = node, settings, run
         self.rivals, self._enable = rivals, enable
-        self._session, self._still = Session(), FrozenImageCheck()
+        self._still = FrozenImageCheck()
         self.goal: int | None = None  # the photograph, by its number, once it was in view
         self._has_photograph: bool | None = None  # by the last tracks, if any came
         self._tracks = PointCloud2()  # these
@@ -127,6 +127,4 @@ class Admission:
 
     def other_goal(self, message: PointCloud2) -> str:
         """Return that the photograph is not the one that the run began with; or ''."""
-        goal = read.goal(message)
-        self._session = self._session.with_goal(goal, self._run.state)
-        return self._session.other_goal(goal)
+        return other_goal(self._run.state, read.goal(message))

@@ -17,7 +17,7 @@ import yaml
 
 from visual_servo_epipolar.core.arrays import as_gray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.tracking.tracker import goal_of
+from visual_servo_epipolar.core.goal import goal_id
 from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.messages import camera_file
 from visual_servo_epipolar.messages.calibrations.calibration import entry, text, whole_number
@@ -87,7 +87,7 @@ def check(path: Path) -> None:
 
 def keep(path: Path, photograph: Photograph) -> None:
     """Keep a photograph in place of the former one; raises OSError if that cannot be done."""
-    goal = goal_of(photograph.image)
+    goal = goal_id(photograph.image)
     picture = path.with_name(f'{path.stem}-{goal:08x}.png')
     document = {
         'photograph': picture.name,
@@ -112,7 +112,7 @@ def _check_picture(image: Image | None, camera: CameraModel, document: Any) -> I
         raise ValueError(
             f'its picture has {width}x{height} px, its camera {camera.width}x{camera.height}'
         )
-    if goal_of(image) != entry(document, 'goal'):
+    if goal_id(image) != entry(document, 'goal'):
         raise ValueError(f'its picture {document["photograph"]} is another one')
     return image
 

@@ -7,6 +7,7 @@ import pytest
 from servo_states import MEMORY, reading, sight
 
 from visual_servo_epipolar.commands.arguments import scenario_path
+from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.perception import validated
 from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
@@ -72,7 +73,7 @@ def test_where_the_memory_fails_two_views_are_estimated_at_once(driven) -> None:
         it for it in driven if it[0].view.memory and it[0].view.memory.two_view_skip
     )
     assert perceive(seen, servo, state.view.frame, state.view.memory).measurement.bearings is None
-    after = step(state.changed(map=MapState()), seen, servo)
+    after = step(state.changed(goal=Goal()), seen, servo)
     assert after.measurement is not None
     assert after.measurement.bearings is not None
     assert not after.measurement.remembered
