@@ -29,17 +29,18 @@ HEADER = ('| parameter | default | range | what | |', '|---|---|---|---|---|')
 HEAD = """\
 # Parameters
 
-This page lists all parameters of all nodes, in the order of [`config/*.yaml`](../config), under the class
-that declares them. `python docs/parameters.py` writes it from those classes; a test compares the two.
+This page lists all parameters of all nodes, in the order of [`config/*.yaml`](../config), under
+the class that declares them. `python docs/parameters.py` writes it from those classes; a test
+compares the two.
 
-* Write a double with a point: `1.0`, not `1`. A node refuses values out of range, and names that it does
-  not have. A file under `/**:` may hold the parameters of several nodes, as
+* Write a double with a point: `1.0`, not `1`. A node refuses values out of range, and names that
+  it does not have. A file under `/**:` may hold the parameters of several nodes, as
   [`robot.yaml`](../config/robot.yaml) does.
-* *fixed* marks parameters that can be set at the start only. The others can be changed while the robot
-  drives: `ros2 param set /servo_node look_ahead 0.3`.
-* Scenario files accept these names in sections `servo`, `tracker`, `base`, `camera` and `disturbances`, and
-  the names at the end of this page. `visual_servo replay --set servo.look_ahead=0.3` accepts those of servo
-  and tracker.
+* *fixed* marks parameters that can be set at the start only. The others can be changed while the
+  robot drives: `ros2 param set /servo_node look_ahead 0.3`.
+* Scenario files accept these names in sections `servo`, `tracker`, `base`, `camera` and
+  `disturbances`, and the names at the end of this page.
+  `visual_servo replay --set servo.look_ahead=0.3` accepts those of servo and tracker.
 * Every node also takes `use_sim_time`, as all ROS nodes do.
 """
 
