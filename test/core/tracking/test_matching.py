@@ -8,7 +8,7 @@ import pytest
 
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.core.tracking.matchers.sift import detect, DETECTORS
+from visual_servo_epipolar.core.tracking.matchers.sift import detect, ENOUGH
 from visual_servo_epipolar.core.tracking.matching import desired_view, match
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
@@ -33,8 +33,8 @@ def photograph(settings: CameraSettings) -> np.ndarray:
 @pytest.mark.parametrize('halved', [False, True])
 def test_a_sliver_of_an_image_has_no_keypoints(shape: tuple[int, int], halved: bool) -> None:
     image = np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)
-    for detector in DETECTORS:
-        assert len(detect(image, limit=100, detector=detector, halved=halved)) == 0
+    for enlargement in (1, 2):
+        assert len(detect(image, limit=100, enlargement=enlargement, halved=halved)) == 0
 
 
 def test_an_image_that_is_too_long_to_be_sampled_is_refused() -> None:
@@ -43,16 +43,32 @@ def test_an_image_that_is_too_long_to_be_sampled_is_refused() -> None:
         desired_view(image)
 
 
-def test_a_photograph_with_much_texture_keeps_the_usual_detector() -> None:
-    assert desired_view(photograph(SMALL)).keypoints.tuning == DETECTORS[0]
-
-
-def test_a_poor_photograph_shows_enough_by_a_weaker_detector() -> None:
+def test_a_poor_photograph_shows_enough_at_twice_its_size() -> None:
     image = photograph(POOR)
     view = desired_view(image)
-    assert len(detect(image, limit=4000)) < 150
-    assert view.keypoints.tuning != DETECTORS[0]
-    assert len(view.keypoints) >= 500
+    assert len(detect(image, limit=4000)) < ENOUGH <= len(view.keypoints)
+
+
+def lit(image: np.ndarray, share: float, noise: float, seed: int = 0) -> np.ndarray:
+    """Return the image with a share of its light, and noise of its own."""
+    noisy = share * image + noise * np.random.default_rng(seed).standard_normal(image.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(('share', 'noise'), [(0.15, 1.0), (0.3, 2.0), (0.3, 0.0)])
+def test_a_dim_image_shows_the_photograph_as_a_bright_one_does(share: float, noise: float) -> None:
+    view = desired_view(photograph(SMALL))
+    perfect = world(SMALL).renderer.render(START)
+    bright = len(match(view, lit(perfect, 1.0, 2.0)).indices)
+    assert len(match(view, lit(perfect, share, noise)).indices) > 0.4 * bright
+
+
+@pytest.mark.parametrize('deviation', [0.0, 0.5, 2.0, 8.0])
+@pytest.mark.parametrize('grey', [12, 128])
+def test_a_blank_wall_is_no_photograph_however_noisy(grey: int, deviation: float) -> None:
+    wall = np.full((480, 640), grey) + np.linspace(0.0, 10.0, 640)  # nearer to a lamp on the right
+    with pytest.raises(TrackingError, match='take the photograph where there is texture'):
+        desired_view(lit(wall, 1.0, deviation))
 
 
 @pytest.mark.parametrize('quick', [False, True])

@@ -11,6 +11,9 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 
 RADIUS, LEAST_RADIUS = 10, 6  # patches have 2 radius + 1 pixels a side
 USUAL_SIZE = 640 * 480  # of an image: the radius shrinks with smaller ones [px]
+NOISE_ROWS, NOISE_COLUMNS = 96, 128  # pixels of an image from which its noise is told
+NORMAL = 1.4826  # standard deviation over median absolute deviation
+LEAST_NOISE = 0.5  # of rounding, and of a picture that was compressed [grey levels]
 FloatImage: TypeAlias = NDArray[np.float32]  # for interpolation, shape (H, W)
 
 
@@ -28,6 +31,28 @@ def patch_radius(shape: tuple[int, ...]) -> int:
 def float_image(image: Image) -> FloatImage:
     """Return ``image`` as float32, which OpenCV interpolates without rounding."""
     return np.asarray(image.astype(np.float32))
+
+
+def noise(image: Image) -> float:
+    """
+    Return the deviation of the noise of ``image``, uint8 of shape (H, W) [grey levels].
+
+    By the median of second differences (Immerkaer 1996), which few edges reach, of pixels that
+    are neither black nor white; never less than LEAST_NOISE.
+    """
+    height, width = image.shape
+    if min(height, width) < 3:
+        return LEAST_NOISE
+    rows = np.arange(1, height - 1, max((height - 2) // NOISE_ROWS, 1))[:, None]
+    columns = np.arange(1, width - 1, max((width - 2) // NOISE_COLUMNS, 1))
+    total = np.zeros((len(rows), len(columns)), np.int32)
+    for down, weight in ((-1, 1), (0, -2), (1, 1)):
+        for right, share in ((-1, 1), (0, -2), (1, 1)):
+            total += weight * share * image[rows + down, columns + right].astype(np.int32)
+    centre = image[rows, columns]
+    differences = np.abs(total[(centre > 0) & (centre < 255)])
+    deviation = NORMAL / 6.0 * float(np.median(differences)) if len(differences) else 0.0
+    return max(deviation, LEAST_NOISE)
 
 
 def bilinear(image: FloatImage, x: FloatImage, y: FloatImage) -> FloatImage:

@@ -1,67 +1,65 @@
-"""SIFT (Lowe 2004): keypoints, ratio test, mutual nearest neighbours."""
+"""
+RootSIFT (Lowe 2004; Arandjelovic and Zisserman 2012): ratio test, mutual nearest neighbours.
 
-from dataclasses import dataclass, replace
+The least contrast of a keypoint follows the noise of each image, so that a dim image shows what a
+bright one does, and noise shows nothing.
+"""
+
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import Image, IntArray
-from visual_servo_epipolar.core.tracking.alignment.sampling import inside_border
+from visual_servo_epipolar.core.tracking.alignment.sampling import (
+    inside_border,
+    LEAST_NOISE,
+    noise,
+)
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 
 RATIO = 0.8  # of the nearest to the second nearest distance (Lowe 2004)
 BLOCK = 256  # compared at a time with all of the other image: their distances stay in the cache
-ENOUGH = 500  # keypoints of a photograph with which its detector is good enough
+FEW, ENOUGH = 8, 500  # keypoints of a photograph that is worth being enlarged: from, below
+ENLARGEMENT, LARGEST_ENLARGED = 2, 640 * 480  # of such a photograph, and its largest size [px]
 LEAST_SIDE = 16  # of an image [px]: SIFT needs a pyramid
-LARGEST_ENLARGED = 640 * 480  # image that is worth being enlarged [px]
 PIXEL_STRIDE = 1 << 20  # more than the side of any image, enlarged
-
-
-@dataclass(frozen=True, slots=True)
-class Detector:
-    """Detector: SIFT with a least ``contrast``, in the image times ``enlargement``."""
-
-    contrast: float
-    enlargement: int
-
-
-# OpenCV's own contrast first; a photograph with little texture takes the weaker ones.
-DETECTORS = Detector(0.04, 1), Detector(0.01, 1), Detector(0.01, 2)
+LAYERS = 3  # of an octave
+# Least difference of Gaussians, over the deviation of the noise: a blank wall shows nothing.
+CONTRAST = 0.4
+DESCRIPTOR_NORM = 512.0  # of whole numbers, as OpenCV has them
 
 
 class Sift:
-    """Matcher by SIFT, with the first detector that finds enough in the photograph."""
+    """Matcher by SIFT, of images at twice their size where the photograph shows little."""
 
     def describe(self, image: Image, *, limit: int, border: float) -> Keypoints:
-        """Return the keypoints by the first detector that finds enough, or by the last one."""
-        keypoints = Keypoints.empty()
-        for detector in DETECTORS:
-            if detector.enlargement > 1 and image.size > LARGEST_ENLARGED:
-                break
-            keypoints = detect(image, limit=limit, detector=detector)
-            keypoints = keypoints.take(inside_border(keypoints.pixels, image.shape, border))
-            keypoints = replace(keypoints, tuning=detector)
-            if len(keypoints) >= ENOUGH:
-                break
+        """Return the keypoints, of a small photograph that shows few those of it enlarged."""
+        keypoints = self._described(image, limit, border, 1)
+        if FEW <= len(keypoints) < ENOUGH and image.size <= LARGEST_ENLARGED:
+            keypoints = self._described(image, limit, border, ENLARGEMENT)
         return keypoints
+
+    def _described(self, image: Image, limit: int, border: float, enlargement: int) -> Keypoints:
+        keypoints = detect(image, limit=limit, enlargement=enlargement)
+        keypoints = keypoints.take(inside_border(keypoints.pixels, image.shape, border))
+        return replace(keypoints, tuning=enlargement)
 
     def correspond(
         self, desired: Keypoints, image: Image, *, limit: int, quick: bool
     ) -> tuple[Keypoints, IntArray]:
         """Return the keypoints of ``image``, and index pairs; from a halved image if ``quick``."""
-        detector = desired.tuning
-        assert isinstance(detector, Detector)
-        keypoints = detect(image, limit=limit, detector=detector, halved=quick)
+        enlargement = desired.tuning
+        assert isinstance(enlargement, int)
+        keypoints = detect(image, limit=limit, enlargement=enlargement, halved=quick)
         return keypoints, mutual_nearest(desired.descriptors, keypoints.descriptors)
 
 
 SIFT = Sift()
 
 
-def detect(
-    image: Image, *, limit: int, detector: Detector = DETECTORS[0], halved: bool = False
-) -> Keypoints:
+def detect(image: Image, *, limit: int, enlargement: int = 1, halved: bool = False) -> Keypoints:
     """
     Detect at most ``limit`` SIFT keypoints of ``image``, uint8 of shape (H, W), one a pixel.
 
@@ -71,8 +69,10 @@ def detect(
     """
     if min(image.shape) < LEAST_SIDE:
         return Keypoints.empty()
-    scale = 0.5 * detector.enlargement if halved else float(detector.enlargement)
-    sift = cv2.SIFT_create(nfeatures=limit, contrastThreshold=detector.contrast)
+    scale = 0.5 * enlargement if halved else float(enlargement)
+    deviation = max(noise(image) * min(scale, 1.0), LEAST_NOISE)
+    least = LAYERS * CONTRAST * deviation / 255.0
+    sift = cv2.SIFT_create(nfeatures=limit, contrastThreshold=least)
     points, descriptors = sift.detectAndCompute(_scaled(image, scale), None)
     if descriptors is None:
         return Keypoints.empty()
@@ -86,7 +86,15 @@ def detect(
     _, first = np.unique(columns * PIXEL_STRIDE + rows, return_index=True)
     # A pixel of a small image is centred between two of a large one.
     pixels, sizes = pixels / scale + (0.5 / scale - 0.5), sizes / scale
-    return Keypoints(pixels, sizes, np.radians(angles), descriptors).take(order[np.sort(first)])
+    roots = _roots(descriptors)
+    return Keypoints(pixels, sizes, np.radians(angles), roots).take(order[np.sort(first)])
+
+
+def _roots(descriptors: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the roots of ``descriptors``, shape (N, 128), whole numbers of one norm."""
+    total = np.maximum(descriptors.sum(axis=1, keepdims=True), 1.0)
+    roots = np.rint(DESCRIPTOR_NORM * np.sqrt(descriptors / total))
+    return np.asarray(roots, dtype=np.float32)
 
 
 def _scaled(image: Image, scale: float) -> Image:
