@@ -6,6 +6,7 @@ from typing import Any
 import cv2
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
+import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import MarkerArray
@@ -126,7 +127,8 @@ class CameraNode(Node):
     def _message(self, image: Pixels, stamp_ns: int) -> Image:
         encoding = self._settings.encoding
         if encoding == 'bgr8':
-            image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+            colours = [cv2.convertScaleAbs(image, alpha=it) for it in self._simulator.colours]
+            image = np.asarray(cv2.merge(colours), np.uint8)
         return write.image(image, encoding, stamp_ns, self._names.camera)
 
 

@@ -9,9 +9,9 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
-from visual_servo_epipolar.simulation.light.exposure import Exposure
+from visual_servo_epipolar.simulation.light.exposure import Exposure, Sight
 from visual_servo_epipolar.simulation.light.lights import Light, LIGHTS
-from visual_servo_epipolar.simulation.light.settings import LightSettings
+from visual_servo_epipolar.simulation.light.settings import LightSettings, SAME
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME, Sensor, SensorSettings
@@ -23,6 +23,7 @@ from visual_servo_epipolar.simulation.view import View
 
 LARGEST_VIEW = 4  # of a lens that distorts, in images
 SENSORS = 4  # kept, each for one gain
+WHITE = (1.0, 1.0, 1.0)
 MAX_NOISE = 50.0  # of a sensor [grey levels]
 
 
@@ -43,9 +44,11 @@ class CameraSimulator:
     ) -> None:
         self._settings, rig = settings, new_rig(settings)
         self.camera = rig.camera
-        self._scenes: dict[str, Scene] = {}  # by light
-        self.relight(LightSettings() if light is None else light)
-        self.renderer = Renderer(self._scene(self._light.light_of(settings.seed)), rig)
+        self._scenes: dict[tuple[str, tuple[str, bool]], Scene] = {}  # by light and thing
+        self._light = LightSettings() if light is None else light
+        self._exposure = Exposure(self._light, has_colours=settings.encoding == 'bgr8')
+        scene = self._scene(self._light.light_of(settings.seed), has_changed=True)
+        self.renderer = Renderer(scene, rig)
         self._sensors: dict[float, Sensor] = {}  # by gain
         self._last: tuple[bytes, Scene, Image] | None = None
         self.disturb(DisturbanceSettings() if disturbances is None else disturbances)
@@ -71,8 +74,8 @@ class CameraSimulator:
         return self._disturbances.settings
 
     def relight(self, settings: LightSettings) -> None:
-        """Let the light be as ``settings`` say from now on; the exposure settles anew."""
-        self._light, self._exposure = settings, Exposure(settings)
+        """Let the light be as ``settings`` say; an automatic exposure follows from where it is."""
+        self._light = self._exposure.settings = settings
 
     @property
     def light(self) -> LightSettings:
@@ -89,26 +92,39 @@ class CameraSimulator:
 
         Automatic exposure has settled on the photograph and on frame 0, and follows from there on.
         """
-        light = self._light_at(frame)
-        self.renderer.scene = self._scene(light)
+        is_photograph = frame == DESIRED_FRAME
+        passes = not is_photograph and self._disturbances.passes(frame)
+        light = self._light_of(is_photograph, passes)
+        self.renderer.scene = self._scene(light, has_changed=not is_photograph)
         image = self._render(pose, frame)
-        if frame != DESIRED_FRAME and self._is_disturbed:
+        if not is_photograph and self._is_disturbed:
             image = self._disturbances.apply(image, frame)
         if frame <= 0:
             self._exposure.begin()
-        image, gain = self._exposure.take(image, light.level)
+        factor = self._light.passing_exposure if passes else 1.0
+        sight = Sight(image, light, frame / self.settings.frame_rate, factor)
+        image, gain = self._exposure.take(sight)
         return self._sensor(gain).capture(image, frame)
 
-    def _light_at(self, frame: int) -> Light:
-        if frame == DESIRED_FRAME:
+    @property
+    def colours(self) -> tuple[float, ...]:
+        """Blue, green and red of the last image over its grey."""
+        balance = self._exposure.balance
+        return WHITE if balance is None else tuple(balance.colours.tolist())
+
+    def _light_of(self, is_photograph: bool, passes: bool) -> Light:
+        if is_photograph:
             return LIGHTS[self._light.photograph_light]
+        if passes and self._light.passing_light != SAME:
+            return LIGHTS[self._light.passing_light]
         return self._light.light_of(self.settings.seed)
 
-    def _scene(self, light: Light) -> Scene:
-        if light.name not in self._scenes:
-            settings = self.settings
-            self._scenes[light.name] = room(settings.scene_seed, settings.scene, light.name)
-        return self._scenes[light.name]
+    def _scene(self, light: Light, *, has_changed: bool) -> Scene:
+        settings, thing = self.settings, self._light.changed
+        key = light.name, (thing, has_changed and thing != 'none')
+        if key not in self._scenes:
+            self._scenes[key] = room(settings.scene_seed, settings.scene, *key)
+        return self._scenes[key]
 
     def _sensor(self, gain: float) -> Sensor:
         """Return the sensor at that gain, which its noise grows with."""
@@ -145,8 +161,10 @@ def assistant_of(
     """
     if cores() == 1:
         return nullcontext()
-    name = (light or LightSettings()).light_of(settings.seed).name
-    build = partial(room, settings.scene_seed, settings.scene, name)
+    light = light or LightSettings()
+    thing = light.changed, light.changed != 'none'
+    name = light.light_of(settings.seed).name
+    build = partial(room, settings.scene_seed, settings.scene, name, thing)
     return Assistant(build, LARGEST_VIEW * settings.width * settings.height)
 
 

@@ -1,11 +1,21 @@
 """Exposure: fixed, or as it follows the light within its steps and limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.light.exposure import Exposure, HYSTERESIS, STOP
+from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
+from visual_servo_epipolar.simulation.light.exposure import (
+    brightened,
+    Exposure,
+    HYSTERESIS,
+    Sight,
+    STOP,
+)
+from visual_servo_epipolar.simulation.light.lights import LIGHTS
 from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
@@ -16,15 +26,19 @@ SCENE = np.tile(np.linspace(20, 180, 64).astype(np.uint8), (64, 1))  # mean grey
 AUTO = LightSettings(exposure='auto')
 
 
+def sight(level: float, **changes: float) -> Sight:
+    return Sight(SCENE, replace(LIGHTS['ceiling'], level=level), 0.0, **changes)
+
+
 def test_a_fixed_exposure_leaves_the_usual_light_alone() -> None:
-    taken, gain = Exposure(LightSettings()).take(SCENE, 1.0)
+    taken, gain = Exposure(LightSettings()).take(sight(1.0))
     assert taken is SCENE
     assert gain == 1.0
 
 
 @pytest.mark.parametrize('light', [0.3, 0.6, 1.0, 2.0])
 def test_it_has_settled_on_the_first_image(light: float) -> None:
-    taken, gain = Exposure(AUTO).take(SCENE, light)
+    taken, gain = Exposure(AUTO).take(sight(light))
     assert 100.0 * 2.0 ** (-HYSTERESIS / STOP) <= taken.mean() + 0.5
     assert taken.mean() - 0.5 <= 100.0 * 2.0 ** (HYSTERESIS / STOP)
     assert (gain > 1.0) == (light < 1.0)
@@ -32,8 +46,8 @@ def test_it_has_settled_on_the_first_image(light: float) -> None:
 
 def test_it_follows_a_change_by_its_step_at_most_and_one_image_late() -> None:
     exposure = Exposure(AUTO)
-    exposure.take(SCENE, 1.0)
-    means = [exposure.take(SCENE, 0.25)[0].mean() for _ in range(12)]
+    exposure.take(sight(1.0))
+    means = [exposure.take(sight(0.25))[0].mean() for _ in range(12)]
     ratios = np.array(means[1:]) / means[:-1]
     assert means[0] == pytest.approx(25.0, abs=1.0)
     assert ratios.max() < 2.0 ** (AUTO.exposure_step + 1.0 / STOP)
@@ -42,7 +56,7 @@ def test_it_follows_a_change_by_its_step_at_most_and_one_image_late() -> None:
 
 
 def test_its_gain_ends_at_the_limit() -> None:
-    taken, gain = Exposure(AUTO).take(SCENE, 0.05)
+    taken, gain = Exposure(AUTO).take(sight(0.05))
     assert gain == 4.0
     assert taken.mean() == pytest.approx(20.0, abs=1.0)
 
@@ -63,3 +77,37 @@ def test_equal_inputs_give_equal_images() -> None:
         np.testing.assert_array_equal(
             one.capture(DESIRED_POSE, frame), other.capture(DESIRED_POSE, frame)
         )
+
+
+def test_a_leap_of_the_exposure_is_made_good_by_an_automatic_one() -> None:
+    fixed, auto = Exposure(LightSettings()), Exposure(AUTO)
+    auto.take(sight(1.0))
+    fixed_means, means = (
+        [it.take(sight(1.0, factor=0.5))[0].mean() for _ in range(8)] for it in (fixed, auto)
+    )
+    assert max(fixed_means) < 51.0
+    assert means[0] < 55.0
+    assert means[-1] > 85.0
+
+
+def test_a_window_stays_white_in_a_short_exposure() -> None:
+    image = np.array([[255, 254, 100]], np.uint8)
+    assert brightened(image, 0.25, glare=True).tolist() == [[255, 64, 25]]
+    assert brightened(image, 0.25).tolist() == [[64, 64, 25]]
+
+
+def test_an_exposure_that_is_set_live_goes_on_from_where_it_is() -> None:
+    simulator = CameraSimulator(CAMERA, None, AUTO)
+    means = [simulator.capture(DESIRED_POSE, 0).mean()]
+    simulator.relight(replace(AUTO, light='dark'))
+    means += [simulator.capture(DESIRED_POSE, frame).mean() for frame in range(1, 4)]
+    assert means[1] < 0.3 * means[0]
+    assert means[1] < means[2] < means[3] < 0.6 * means[0]
+
+
+def test_a_light_passes_when_the_disturbances_do() -> None:
+    passing = DisturbanceSettings(disturbed_from=1, disturbed_for=2)
+    light = LightSettings(passing_light='dark')
+    simulator = CameraSimulator(CAMERA, passing, light)
+    means = [simulator.capture(DESIRED_POSE, frame).mean() for frame in range(4)]
+    assert [mean < 30.0 for mean in means] == [False, True, True, False]

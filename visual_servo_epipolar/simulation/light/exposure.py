@@ -1,17 +1,32 @@
 """Exposure: how bright a sensor takes an image, fixed or as it follows the light."""
 
 import math
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.simulation.light.flicker import flicker
+from visual_servo_epipolar.simulation.light.lights import Light
 from visual_servo_epipolar.simulation.light.settings import LightSettings
+from visual_servo_epipolar.simulation.light.white_balance import WhiteBalance
 
 STOP = 12  # steps in which the exposure is set, a factor of two [1]
 LEAST = -6 * STOP  # the shortest exposure: 1/64 of the fixed one
 HYSTERESIS = 2  # steps off the target at which the exposure begins to follow
 SPACING = 4  # of the pixels that are metered [px]
+WHITE = 255  # of a window: what is drawn so is GLARE times as bright, however short the exposure
+GLARE = 16.0
+
+
+class Sight(NamedTuple):
+    """What a sensor is to take: the image by its light, and when [s]."""
+
+    image: Image
+    light: Light
+    time: float
+    factor: float = 1.0  # of the exposure, by which it is set wrong
 
 
 class Exposure:
@@ -19,11 +34,13 @@ class Exposure:
     The exposure of a camera, from image to image; 1 is the fixed one.
 
     An automatic one is set by the image before, by a step at most, and has settled on the first
-    image. Up to 1 it is a shorter shutter, and beyond it is gain, which the noise grows with.
+    image. Up to 1 it is a shorter shutter, and beyond it is gain, which the noise grows with. A
+    camera has colours or not; what it takes is grey.
     """
 
-    def __init__(self, settings: LightSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: LightSettings, *, has_colours: bool = False) -> None:
+        self.settings = settings
+        self.balance = WhiteBalance() if has_colours else None
         self._steps: int | None = None  # in STOPs, None as long as there was no image
 
     def begin(self) -> None:
@@ -35,33 +52,38 @@ class Exposure:
         """Brightness over that of the fixed exposure."""
         return float(2.0 ** ((self._steps or 0) / STOP))
 
-    def take(self, image: Image, light: float) -> tuple[Image, float]:
-        """
-        Return ``image``, shape (H, W), as it is exposed, and the gain, which noise grows with.
+    def take(self, sight: Sight) -> tuple[Image, float]:
+        """Return the image, shape (H, W), as it is exposed, and the gain, which noise grows by."""
+        is_first, light = self._steps is None, sight.light.level * sight.factor
+        if self.balance is not None:
+            if self.settings.white_balance == 'auto' and is_first:
+                self.balance.settle(sight.light.colour)
+            light *= self.balance.take(sight.light.colour)
+            if self.settings.white_balance == 'auto':
+                self.balance.follow(sight.light.colour)
+        glare = sight.light.casts_shadows
+        if is_first:
+            self._settle(sight.image, light, glare)
+        exposure = self.factor if self.settings.exposure == 'auto' else 1.0
+        taken = brightened(sight.image, light * exposure, glare=glare)
+        self._follow(sight.image, light, glare)
+        taken = flicker(taken, self.settings, sight.time, min(exposure, 1.0))
+        return taken, max(exposure, 1.0)
 
-        The light is ``light`` times that in which it was drawn.
-        """
-        if self._settings.exposure == 'fixed':
-            return brightened(image, light), 1.0
-        metered = np.ascontiguousarray(image[::SPACING, ::SPACING])
-        if self._steps is None:
-            self._settle(metered, light)
-        taken, gain = brightened(image, light * self.factor), max(self.factor, 1.0)
-        self._follow(metered, light)
-        return taken, gain
-
-    def _settle(self, metered: Image, light: float) -> None:
+    def _settle(self, image: Image, light: float, glare: bool) -> None:
         self._steps, last = 0, None
         while self._steps != last:
             last = self._steps
-            self._follow(metered, light)
+            self._follow(image, light, glare)
 
-    def _follow(self, metered: Image, light: float) -> None:
+    def _follow(self, image: Image, light: float, glare: bool) -> None:
         """Set the next exposure by what this one takes."""
-        assert self._steps is not None
-        settings = self._settings
-        grey = max(float(cv2.mean(brightened(metered, light * self.factor))[0]), 1.0)
-        off = STOP * math.log2(settings.target_grey / grey)
+        settings = self.settings
+        if self._steps is None or settings.exposure != 'auto':
+            return
+        metered = np.ascontiguousarray(image[::SPACING, ::SPACING])
+        taken = brightened(metered, light * self.factor, glare=glare)
+        off = STOP * math.log2(settings.target_grey / max(float(cv2.mean(taken)[0]), 1.0))
         if abs(off) < HYSTERESIS:
             return
         most = max(1, round(STOP * settings.exposure_step))
@@ -70,8 +92,12 @@ class Exposure:
         self._steps = min(max(self._steps + step, LEAST), highest)
 
 
-def brightened(image: Image, factor: float) -> Image:
-    """Return ``image``, shape (H, W), ``factor`` times as bright."""
+def brightened(image: Image, factor: float, *, glare: bool = False) -> Image:
+    """Return ``image``, shape (H, W), ``factor`` times as bright, what glares by far more."""
     if factor == 1.0:
         return image
-    return np.asarray(cv2.convertScaleAbs(image, alpha=factor), dtype=np.uint8)
+    if not glare:
+        return np.asarray(cv2.convertScaleAbs(image, alpha=factor), dtype=np.uint8)
+    levels = np.arange(256.0) * factor
+    levels[WHITE] *= GLARE
+    return np.asarray(cv2.LUT(image, np.rint(np.minimum(levels, 255.0)).astype(np.uint8)))

@@ -20,7 +20,8 @@ class Light:
 
     ``level`` is what a camera of fixed exposure sees of it: textures are lit without, so that
     their eight bits hold a dim room as well as a bright one. ``ceiling`` is the power of each lamp
-    on the ceiling, all of which face down and cast no shadows.
+    on the ceiling, all of which face down and cast no shadows. ``colour`` is red, green and blue
+    of what is grey; the grey of a camera without colours does not depend on it.
     """
 
     name: str
@@ -29,6 +30,12 @@ class Light:
     ambient: float
     ceiling: float = 0.0
     sources: tuple[Source, ...] = ()
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    @property
+    def windows(self) -> list[Window]:
+        """The windows among its sources."""
+        return [source for source in self.sources if isinstance(source, Window)]
 
     @property
     def casts_shadows(self) -> bool:
@@ -63,13 +70,16 @@ CEILING = 'ceiling'  # the usual one: the lamps of the room
 NOON_WINDOW = Window((-5.5, 0.2, 1.75), (3.4, 1.6), sky=30.0, sun=1.2, sun_from=(-1.0, -0.7, 0.5))
 LAMP_RIGHT, LAMP_SIDE = Lamp((3.8, -0.8, 2.2), 36.0), Lamp((-5.2, 3.0, 2.3), 30.0)
 LAMP_BEHIND = Lamp((0.0, -9.0, 2.4), 60.0)
+OPENED = Window((-0.6, 8.0, 2.0), (3.6, 1.4), sky=20.0, normal=(0.0, -1.0, 0.0))
 DUSK_WINDOW = Window((-5.5, 0.2, 1.75), (3.4, 1.6), sky=60.0)
+BLUE, WARM = (0.85, 1.0, 1.35), (1.35, 0.95, 0.45)
 ROWS = (
     Light(CEILING, 'the lamps on the ceiling', 1.0, 0.75, ceiling=1.9),
     Light('noon', 'daylight, and the sun through a window', 1.0, 0.55, sources=(NOON_WINDOW,)),
-    Light('dusk', 'what a window on the left has left', 0.465, 0.2, sources=(DUSK_WINDOW,)),
-    Light('lamp_right', 'one lamp on the right', 0.47, 0.15, sources=(LAMP_RIGHT,)),
-    Light('lamp_side', 'one lamp from the side', 0.555, 0.1, sources=(LAMP_SIDE,)),
-    Light('dark', 'one lamp far behind', 0.125, 0.3, sources=(LAMP_BEHIND,)),
+    Light('dusk', 'a window on the left', 0.465, 0.2, sources=(DUSK_WINDOW,), colour=BLUE),
+    Light('lamp_right', 'one lamp on the right', 0.47, 0.15, sources=(LAMP_RIGHT,), colour=WARM),
+    Light('lamp_side', 'one lamp from the side', 0.555, 0.1, sources=(LAMP_SIDE,), colour=WARM),
+    Light('dark', 'one lamp far behind', 0.125, 0.3, sources=(LAMP_BEHIND,), colour=WARM),
+    Light('window', 'lamps, and a bright window ahead', 1.0, 0.75, ceiling=1.9, sources=(OPENED,)),
 )
 LIGHTS: Mapping[str, Light] = MappingProxyType({light.name: light for light in ROWS})

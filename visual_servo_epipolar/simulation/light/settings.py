@@ -6,12 +6,16 @@ from visual_servo_epipolar.core.settings import fixed, setting, Settings
 from visual_servo_epipolar.simulation.light.lights import CEILING, Light, LIGHTS
 
 DAY = ('noon', 'ceiling', 'dusk', 'lamp_right', 'lamp_side')
-EACH = 'each'  # of DAY in turn, by the seed
+SAME, EACH = 'same', 'each'  # each: of DAY in turn, by the seed
 
 
 @dataclass(frozen=True, kw_only=True)
 class LightSettings(Settings):
-    """Light of the photograph and of the run, and how the camera's exposure follows it."""
+    """
+    Light of the photograph and of the run, what changed in the room, and how a camera follows.
+
+    What passes does so when the disturbances of the image do.
+    """
 
     light: str = setting(
         CEILING,
@@ -19,6 +23,17 @@ class LightSettings(Settings):
         choices=(*LIGHTS, EACH),
     )
     photograph_light: str = fixed(CEILING, 'Light of the photograph', choices=tuple(LIGHTS))
+    passing_light: str = setting(
+        SAME, 'Light that passes; same: none does', choices=(SAME, *LIGHTS)
+    )
+    passing_exposure: float = setting(
+        1.0, 'Factor of the exposure that passes', low=0.1, high=10.0
+    )
+    changed: str = fixed(
+        'none',
+        'What is another in the run: a monitor shows something else, a door stands open',
+        choices=('none', 'monitor', 'door'),
+    )
     exposure: str = setting(
         'fixed', 'Exposure: fixed, or auto as it follows the light', choices=('fixed', 'auto')
     )
@@ -30,6 +45,15 @@ class LightSettings(Settings):
     )
     exposure_step: float = setting(
         0.25, 'Largest step of the exposure from image to image [stops]', low=0.1, high=4.0
+    )
+    white_balance: str = setting(
+        'fixed', 'White balance of a camera of colours', choices=('fixed', 'auto')
+    )
+    flicker: float = setting(0.0, 'Share of the light that flickers', low=0.0, high=1.0)
+    flicker_rate: float = setting(100.0, 'Rate of the flicker [Hz]', low=1.0, high=1000.0)
+    shutter: float = setting(0.01, 'Time of the fixed exposure [s]', low=1e-5, high=1.0)
+    readout: float = setting(
+        0.0, 'Time from the first row to the last; 0: global shutter [s]', low=0.0, high=0.1
     )
 
     def light_of(self, seed: int) -> Light:

@@ -72,7 +72,7 @@ class Lamp:
 @dataclass(frozen=True, slots=True)
 class Window:
     """
-    A window in the left wall: its middle and size (along the wall, and height) [m].
+    A window: its middle, its size along the wall and up [m], the unit normal into the room.
 
     ``sky`` is the light on a surface that saw nothing else; ``sun`` that on a surface across its
     rays, which come from the direction ``sun_from``, where the window lets them through.
@@ -83,25 +83,30 @@ class Window:
     sky: float
     sun: float = 0.0
     sun_from: Point = (-1.0, -0.5, 0.9)
+    normal: Point = (1.0, 0.0, 0.0)
+
+    @property
+    def edges(self) -> FloatArray:
+        """Its edges to the right, for who looks out, and down [m], shape (2, 3)."""
+        x, y, _ = self.normal
+        return np.asarray(
+            [[-y * self.size[0], x * self.size[0], 0.0], [0.0, 0.0, -self.size[1]]], np.float64
+        )
 
     def on(self, points: FloatArray, normal: FloatArray, boxes: Sequence[Box]) -> FloatArray:
         """Return the light on ``points``, shape (N, 3), of a surface with that unit ``normal``."""
-        light = self._sky(points, normal, boxes) + self._sun(points, normal, boxes)
-        offset = np.abs(points - np.array(self.middle))
-        glass = (offset[:, 0] < SKIN) & (offset[:, 1] < 0.5 * self.size[0])
-        glass &= offset[:, 2] < 0.5 * self.size[1]
-        return np.where(glass, self.sky, light)
+        return self._sky(points, normal, boxes) + self._sun(points, normal, boxes)
 
     def _sky(self, points: FloatArray, normal: FloatArray, boxes: Sequence[Box]) -> FloatArray:
         share = self.sky * self.size[0] * self.size[1] / PANES**2 / math.pi
         light = np.zeros(len(points))
-        for along, up in np.ndindex(PANES, PANES):
-            place = (np.array([along, up]) + 0.5) / PANES - 0.5
-            pane = np.array(self.middle) + np.array([0.0, *(place * self.size)])
-            towards = pane - points
+        for pane in np.ndindex(PANES, PANES):
+            place = (np.array(pane) + 0.5) / PANES - 0.5
+            towards = np.array(self.middle) + place @ self.edges - points
             square = (towards**2).sum(axis=1) + SOFT
-            # Lambert's cosine on the surface, and that of the pane, which faces along x.
-            cosines = np.maximum(towards @ normal, 0.0) * np.maximum(-towards[:, 0], 0.0) / square
+            # Lambert's cosines, on the surface and at the pane
+            leaving = np.maximum(-towards @ np.array(self.normal), 0.0)
+            cosines = np.maximum(towards @ normal, 0.0) * leaving / square
             light += _shadowed(share * cosines / square, points, towards, boxes)
         return light
 
@@ -110,8 +115,8 @@ class Window:
         cosine = float(normal @ rays)
         if self.sun == 0.0 or cosine <= 0.0:
             return np.zeros(len(points))
-        offset = np.array(self.middle) - points
-        towards = offset[:, :1] / rays[0] * rays
-        miss = np.abs(towards - offset)
-        through = (miss[:, 1] < 0.5 * self.size[0]) & (miss[:, 2] < 0.5 * self.size[1])
+        offset, out = np.array(self.middle) - points, np.array(self.normal)
+        towards = (offset @ out)[:, None] / (rays @ out) * rays
+        along, up = np.abs(((towards - offset) @ self.edges.T) / np.square(self.size)).T
+        through = (along < 0.5) & (up < 0.5)
         return _shadowed(np.where(through, self.sun * cosine, 0.0), points, towards, boxes)

@@ -4,9 +4,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
 
+import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.simulation.light.lights import Light
 from visual_servo_epipolar.simulation.light.sources import Box
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface
@@ -16,6 +17,7 @@ from visual_servo_epipolar.simulation.rooms.textures import fractal_grain, Paint
 LEFT, RIGHT, REAR, HEIGHT = -5.5, 5.5, -13.0, 2.8  # the shell [m]
 DENSITY = 250.0  # texels a metre on furniture
 LIGHT_STEP = 0.15  # spacing of the points where the light is computed [m]
+PANE_DENSITY, WHITE, FRAME = 100.0, 255, 70  # of windows: texels a metre, grey of panes and frame
 SHADOW_STEP = 0.1  # the same, where something casts shadows [m]
 
 Painter = Callable[[Painting], None]
@@ -28,7 +30,7 @@ class Furniture:
     A box that stands on the floor or hangs ``bottom`` [m] above it.
 
     (x, y) is the middle of its front, ``size`` its width, depth and height [m]; at a ``turn``
-    [rad] of 0 the front looks along -y, at the goal.
+    [rad] of 0 the front looks along -y, at the goal. What ``glows`` has a front of its own light.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Furniture:
     sides: Material
     bottom: float = 0.0
     turn: float = 0.0
+    glows: bool = False
 
     def axes(self) -> tuple[FloatArray, FloatArray]:
         """Return unit vectors, shape (3,), to the right of its front, and along its depth."""
@@ -65,19 +68,28 @@ class Furniture:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Panel:
-    """A painted rectangle of a body, not lit yet; ``frame`` is its corner and its edges [m]."""
+    """
+    A painted rectangle of a body, not lit yet; ``frame`` is its corner and its edges [m].
+
+    What ``glows`` looks the same by any light.
+    """
 
     name: str
     body: str
     frame: tuple[FloatArray, FloatArray, FloatArray]
     sheet: Painting
-    standing: Sequence[Furniture]
+    standing: Sequence[Furniture] = ()
+    glows: bool = False
 
     def lit(
         self, light: Light, ceiling_lamps: Sequence[FloatArray], boxes: Sequence[Box]
     ) -> Surface:
         """Return the surface as it looks by ``light``."""
         origin, edge_u, edge_v = self.frame
+        most = WHITE - light.casts_shadows  # white is for windows, which glare
+        if self.glows:
+            texture = Texture(self.sheet.lit(np.full((2, 2), 1.0 / light.level), most))
+            return Surface(self.name, self.body, origin, edge_u, edge_v, texture)
         width, height = self.sheet.width, self.sheet.height
         step = SHADOW_STEP if light.casts_shadows else LIGHT_STEP
         u, v = _grid(width, step), _grid(height, step)
@@ -87,7 +99,7 @@ class Panel:
             field *= _corners(u * width, width)[None] * _corners(v * height, height)[:, None]
         for piece in self.standing:
             field *= 1.0 - 0.6 * np.exp(-piece.distances(points) / 0.16)
-        texture = Texture(self.sheet.lit(field))
+        texture = Texture(self.sheet.lit(field, most))
         return Surface(self.name, self.body, origin, edge_u, edge_v, texture)
 
 
@@ -103,7 +115,7 @@ class Builder:
     ) -> None:
         self.rng, self.lamps, self.end = rng, lamps, end
         self._panels: list[Panel] = []
-        self._boxes: list[Box] = []
+        self.boxes: list[Box] = []
         self._grain = fractal_grain(rng)
 
     def wall(self, side: str, paint: Painter, *, density: float = 220.0) -> None:
@@ -133,7 +145,7 @@ class Builder:
 
     def stand(self, piece: Furniture) -> None:
         """Put a piece of furniture in its place: all faces but the one it stands on."""
-        self._boxes.append(piece.box)
+        self.boxes.append(piece.box)
         right, back = piece.axes()
         width, depth, height = piece.size
         x, y, down = width * right, depth * back, np.array([0.0, 0.0, -height])
@@ -150,7 +162,8 @@ class Builder:
         grey = float(self.rng.uniform(80.0, 170.0))
         for name, frame in faces.items():
             material = piece.front if name == 'front' else piece.sides
-            self._add(f'{piece.name} {name}', piece.name, frame, _in_grey(material, grey))
+            paint, glows = _in_grey(material, grey), piece.glows and name == 'front'
+            self._add(f'{piece.name} {name}', piece.name, frame, paint, glows=glows)
 
     def _add(
         self,
@@ -161,17 +174,44 @@ class Builder:
         *,
         density: float = DENSITY,
         standing: Sequence[Furniture] = (),
+        glows: bool = False,
     ) -> None:
         _, edge_u, edge_v = frame
         width, height = float(np.linalg.norm(edge_u)), float(np.linalg.norm(edge_v))
         sheet = Painting(width, height, density, self.rng, self._grain)
         paint(sheet)
-        self._panels.append(Panel(name, body, frame, sheet, standing))
+        self._panels.append(Panel(name, body, frame, sheet, standing, glows))
 
-    def surfaces(self, light: Light) -> tuple[Surface, ...]:
-        """Return the surfaces of the room as they look by ``light``."""
+    def surfaces(self, light: Light, boxes: Sequence[Box] | None = None) -> list[Surface]:
+        """
+        Return the surfaces of the room as they look by ``light``.
+
+        Shadows are cast by ``boxes``, or else by what stands in the room.
+        """
         lamps = [np.array([x, y, HEIGHT]) for x, y in self.lamps]
-        return tuple(panel.lit(light, lamps, self._boxes) for panel in self._panels)
+        boxes = self.boxes if boxes is None else boxes
+        return [panel.lit(light, lamps, boxes) for panel in self._panels]
+
+    def panes(self, light: Light) -> list[Surface]:
+        """Return the windows that are part of ``light``, right in front of their walls."""
+        surfaces = []
+        for number, window in enumerate(light.windows):
+            across, down = window.edges
+            origin = np.array(window.middle) - 0.5 * (across + down)
+            origin += 0.01 * np.array(window.normal)
+            texture, name = Texture(_glass(*window.size)), f'window {number}'
+            surfaces.append(Surface(name, name, origin, across, down, texture))
+        return surfaces
+
+
+def _glass(width: float, height: float) -> Image:
+    """Return a window of white panes in a dark frame, shape (H, W)."""
+    rows, columns = round(height * PANE_DENSITY), round(width * PANE_DENSITY)
+    image: Image = np.full((rows, columns), WHITE, np.uint8)
+    cv2.rectangle(image, (0, 0), (columns - 1, rows - 1), FRAME, 7)
+    cv2.line(image, (columns // 2, 0), (columns // 2, rows), FRAME, 5)
+    cv2.line(image, (0, rows // 3), (columns, rows // 3), FRAME, 4)
+    return image
 
 
 def _in_grey(material: Material, grey: float) -> Painter:

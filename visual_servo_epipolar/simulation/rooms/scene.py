@@ -6,16 +6,18 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.simulation.light.lights import CEILING, LIGHTS
+from visual_servo_epipolar.simulation.light.lights import CEILING, Light, LIGHTS
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms import furniture as c
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms import plain
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, LEFT, REAR, RIGHT
+from visual_servo_epipolar.simulation.rooms.changes import CHANGES
 from visual_servo_epipolar.simulation.rooms.textures import Painting
 
 KINDS = ('room', 'wall', 'plain')
 END = {'room': 8.0, 'wall': 5.0, 'plain': 8.0}  # how far the front wall is from the goal [m]
+NOTHING = ('none', False)
 KEPT = 3  # lights by which a room is kept
 LAMPS = [(x, y) for y in (-11.0, -7.4, -3.8, -0.2, 3.4, 6.4) for x in (-2.9, 2.9)]
 
@@ -44,7 +46,9 @@ PIECES = (
 ASIDE = (c.bookcase, c.cupboard, c.crate, c.noticeboard)  # fronts along the side walls
 
 
-def room(seed: int, kind: str = 'room', light: str = CEILING) -> Scene:
+def room(
+    seed: int, kind: str = 'room', light: str = CEILING, thing: tuple[str, bool] = NOTHING
+) -> Scene:
     """
     Return a room; all arguments together fix every texel of it. The last room is kept.
 
@@ -58,6 +62,8 @@ def room(seed: int, kind: str = 'room', light: str = CEILING) -> Scene:
         pictures and little furniture, 3-8 m ahead, all of weak contrast.
     light : str
         A name in LIGHTS; the room is painted once for all lights, and lit once for each.
+    thing : tuple of str and bool
+        A name in CHANGES, or 'none', and whether it has changed since the photograph.
 
     Raises
     ------
@@ -67,22 +73,33 @@ def room(seed: int, kind: str = 'room', light: str = CEILING) -> Scene:
     """
     if kind not in KINDS:
         raise ValueError(f'kind of room must be one of {", ".join(KINDS)}, got {kind!r}')
-    return _painted_room(seed, kind).by(light)
+    return _painted_room(seed, kind).by(light, thing)
 
 
 class PaintedRoom:
     """A room, and how it looks by each light that was asked for."""
 
     def __init__(self, builder: Builder) -> None:
-        self._builder, self._scenes = builder, dict[str, Scene]()
+        self._builder, self._scenes = builder, dict[tuple[str, tuple[str, bool]], Scene]()
 
-    def by(self, light: str) -> Scene:
-        """Return the room as it looks by the light of that name; the last few are kept."""
-        scene = self._scenes.pop(light, None)
-        self._scenes[light] = scene or Scene(self._builder.surfaces(LIGHTS[light]))
+    def by(self, light: str, thing: tuple[str, bool]) -> Scene:
+        """Return the room by the light of that name, with a thing; the last few are kept."""
+        key = light, thing
+        kept = key in self._scenes
+        self._scenes[key] = self._scenes.pop(key) if kept else self._build(LIGHTS[light], *thing)
         if len(self._scenes) > KEPT:
             del self._scenes[next(iter(self._scenes))]
-        return self._scenes[light]
+        return self._scenes[key]
+
+    def _build(self, light: Light, thing: str, has_changed: bool) -> Scene:
+        base = self._builder
+        surfaces = base.surfaces(light)
+        if thing in CHANGES:
+            # By chance of its own, so that the room around it is the same.
+            extra = Builder(np.random.default_rng(int(has_changed)), base.lamps, base.end)
+            CHANGES[thing][has_changed](extra)
+            surfaces += extra.surfaces(light, base.boxes)
+        return Scene((*surfaces, *base.panes(light)))
 
 
 @lru_cache(maxsize=1)  # a room and its filtered pictures take some 200 MB

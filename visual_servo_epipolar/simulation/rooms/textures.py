@@ -132,16 +132,18 @@ class Painting:
             patch = np.asarray(cv2.resize(patch, size, interpolation=cv2.INTER_CUBIC), np.uint8)
         return patch[: shape[0], : shape[1]]
 
-    def lit(self, field: FloatArray) -> Image:
+    def lit(self, field: FloatArray, most: int = 255) -> Image:
         """
         Return the paint, shape (H, W), by a coarse ``field`` of light, shape (H, W), in 0..2.
 
-        It is softened so that no edge is sharper than a texel.
+        It is no brighter than ``most``, and softened so that no edge is sharper than a texel.
         """
         coarse = np.clip(field * 127.5, 0.0, 255.0).astype(np.float32)
         rows, columns = self.pixels.shape
         full = cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_LINEAR)
         pixels = cv2.multiply(self.pixels, full, scale=1.0 / 127.5, dtype=cv2.CV_8U)
+        if most < 255:
+            pixels = cv2.min(pixels, most)
         return np.asarray(cv2.GaussianBlur(pixels, (5, 5), 0.6), dtype=np.uint8)
 
 
