@@ -110,6 +110,7 @@ def add_inspect(parser: ArgumentParser) -> None:
         '--estimator NAME': 'estimator of the epipoles',
     }
     add_words(parser, words)
+    add_matcher(parser)
     angles = {
         '--tilt DEG': 'tilt of the camera [deg], down positive; without it tilt and roll are '
         'estimated, and a motion that is not planar is given in camera axes',
@@ -121,6 +122,13 @@ def add_inspect(parser: ArgumentParser) -> None:
     known = f'standard deviation of tilt and roll [deg] (default {MOUNT_DEVIATION:g})'
     add_words(parser, {'--mount-deviation DEG': known}, type=angle, default=MOUNT_DEVIATION)
     add_json(parser)
+
+
+def add_matcher(parser: ArgumentParser) -> None:
+    """Add how photographs are matched, as the tracker's parameters of these names say it."""
+    add_words(parser, {'--matcher NAME': 'matcher (default sift)'}, default='sift')
+    model = 'ONNX file of keypoints and descriptors, for --matcher onnx'
+    add_words(parser, {'--matcher-model FILE.onnx': model}, default='')
 
 
 def add_gains(parser: ArgumentParser) -> None:

@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_geometr
 CORNER_WINDOW = 15  # side of the window of the corner measure [px]
 BORDER = 2  # so much farther than a patch's radius from the border of the desired image [px]
 LARGEST_SIDE = 32766  # of an image [px]: cv2.remap has limits
+AROUND, MOST_AROUND = 8, 400  # matches that tell a scale, and of how many they are taken
 CHANCE = -2.0  # log10 of the false alarms of a geometry that are expected at most
 
 
@@ -112,9 +113,26 @@ def match(view: DesiredView, image: Image, *, limit: int = 4000, quick: bool = F
             'agree on one geometry, no more than by chance; turn the robot towards it, or take a '
             'photograph of this place'
         )
-    pairs = pairs[inliers]
-    scales = keypoints.sizes[pairs[:, 1]] / view.keypoints.sizes[pairs[:, 0]]
-    return Matches(pairs[:, 0], keypoints.pixels[pairs[:, 1]], scales)
+    return Matches(
+        pairs[inliers, 0],
+        current.pixels[inliers],
+        _scales(current.take(inliers), desired.take(inliers)),
+    )
+
+
+def _scales(current: Keypoints, desired: Keypoints) -> FloatArray:
+    """Return the size in the current over that in the desired image of each match, shape (N,)."""
+    if np.ptp(current.sizes) or np.ptp(desired.sizes):
+        return np.asarray(current.sizes / desired.sizes)
+    # Sizes are not told: as much as the distances from matches around it.
+    few = np.arange(0, len(current), max(len(current) // MOST_AROUND, 1))
+    before, after = (
+        np.linalg.norm(each[:, None] - each[few], axis=2)
+        for each in (desired.pixels, current.pixels)
+    )
+    near = np.argsort(before + (before == 0.0) * before.max(), axis=1)[:, :AROUND]
+    before, after = (np.take_along_axis(each, near, axis=1) for each in (before, after))
+    return np.asarray(np.median(after / np.maximum(before, 1.0), axis=1))
 
 
 def _frames(keypoints: Keypoints) -> FloatArray:

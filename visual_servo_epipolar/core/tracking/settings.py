@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from visual_servo_epipolar.core.settings import setting, Settings
-from visual_servo_epipolar.core.tracking.matchers.registry import MATCHERS
+from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,19 +40,17 @@ class TrackerSettings(Settings):
     )
     matcher: str = setting(
         'sift',
-        'Matcher of whole images with the photograph: sift, or one of another package',
+        'Matcher of whole images with the photograph: sift, onnx, or one of another package',
         read_only=True,
+    )
+    matcher_model: str = setting(
+        '', 'ONNX file of keypoints and descriptors, for the matcher onnx', read_only=True
     )
     overlay: bool = setting(True, 'Publish the image with features drawn on it')
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        try:
-            MATCHERS[self.matcher]  # a broken one is refused here, not at the first image
-        except KeyError:
-            raise ValueError(
-                f'matcher must be one of {", ".join(MATCHERS)}, got {self.matcher!r}'
-            ) from None
+        matcher_of(self.matcher, self.matcher_model)  # refused here, not at the first image
         if self.min_features > self.max_features:
             raise ValueError(
                 f'min_features must not exceed max_features, got {self.min_features} and '

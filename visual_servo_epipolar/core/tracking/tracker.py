@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.features import Features, Passing
 from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame, OpenCVError
-from visual_servo_epipolar.core.tracking.matchers.registry import MATCHERS
+from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 from visual_servo_epipolar.core.tracking.matching import (
     desired_view,
     DesiredView,
@@ -82,7 +82,8 @@ class Tracker:
 
         Raises ValueError or TrackingError, and keeps the former view, if it cannot be used.
         """
-        view = desired_view(image, MATCHERS[self.settings.matcher])
+        matcher = matcher_of(self.settings.matcher, self.settings.matcher_model)
+        view = desired_view(image, matcher)
         self._view, self._anchor = view, Anchor(view.image)
         self.goal = Goal.of(view.image)
         self.redetect()

@@ -15,6 +15,8 @@ from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
+from visual_servo_epipolar.core.tracking.matchers.base import Matcher
+from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
 from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView, match, Matches
 
 REFINEMENT = 15  # iterations of the alignment after the match
@@ -27,15 +29,16 @@ def inspect(
     desired_camera: CameraModel,
     current_camera: CameraModel,
     settings: PerceptionSettings,
+    matcher: Matcher = SIFT,
 ) -> Inspection:
     """
-    Compare two photographs, uint8 of shape (H, W) each, of any size.
+    Compare two photographs, uint8 of shape (H, W) each, of any size, matched by ``matcher``.
 
     Never raises for what the photographs show: a blank one, or one of another place, is an
     inspection that is not trusted.
     """
     try:
-        view = desired_view(desired)
+        view = desired_view(desired, matcher)
         pixels_current, pixels_desired = _aligned(view, match(view, current), current)
     except TrackingError as error:
         return Inspection(False, str(error))

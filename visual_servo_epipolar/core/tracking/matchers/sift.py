@@ -18,9 +18,8 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
     noise,
 )
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
+from visual_servo_epipolar.core.tracking.matchers.nearest import mutual_nearest
 
-RATIO = 0.8  # of the nearest to the second nearest distance (Lowe 2004)
-BLOCK = 256  # compared at a time with all of the other image: their distances stay in the cache
 FEW, ENOUGH = 8, 500  # keypoints of a photograph that is worth being enlarged: from, below
 ENLARGEMENT, LARGEST_ENLARGED = 2, 640 * 480  # of such a photograph, and its largest size [px]
 LEAST_SIDE = 16  # of an image [px]: SIFT needs a pyramid
@@ -104,32 +103,3 @@ def _scaled(image: Image, scale: float) -> Image:
     size = int(scale * width), int(scale * height)
     kind = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_CUBIC
     return np.asarray(cv2.resize(image, size, interpolation=kind), dtype=np.uint8)
-
-
-def mutual_nearest(desired: NDArray[np.float32], current: NDArray[np.float32]) -> IntArray:
-    """
-    Return index pairs (desired, current) that are each other's nearest, and by far, (M, 2).
-
-    By matrix products: several times as fast as two brute-force matchings. SIFT gives whole
-    numbers, so that sums are exact and blocks decide no bit.
-    """
-    if len(desired) < 2 or len(current) < 2:
-        return np.empty((0, 2), np.int64)
-    nearest, distinct = np.empty(len(desired), np.int64), np.empty(len(desired), bool)
-    least, back = np.full(len(current), np.inf, np.float32), np.zeros(len(current), np.int64)
-    twice, lengths = (-2.0 * current).T, np.einsum('nk,nk->n', current, current)
-    for first in range(0, len(desired), BLOCK):
-        block = desired[first : first + BLOCK]
-        squared = block @ twice
-        squared += np.einsum('nk,nk->n', block, block)[:, None]
-        squared += lengths
-        nearer = np.flatnonzero(squared.min(axis=0) < least)
-        candidates = squared[:, nearer]
-        back[nearer], least[nearer] = first + candidates.argmin(axis=0), candidates.min(axis=0)
-        rows = np.arange(len(block))
-        nearest[first + rows] = columns = squared.argmin(axis=1)
-        best = squared[rows, columns]
-        squared[rows, columns] = np.inf
-        distinct[first + rows] = best < RATIO**2 * squared.min(axis=1)
-    mutual = np.flatnonzero(distinct & (back[nearest] == np.arange(len(desired))))
-    return np.stack([mutual, nearest[mutual]], axis=1).astype(np.int64)

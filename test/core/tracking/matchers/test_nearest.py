@@ -1,4 +1,4 @@
-"""SIFT: mutual nearest ones, as if all distances were looked at together."""
+"""Mutual nearest ones, as if all distances were looked at together."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.arrays import IntArray
-from visual_servo_epipolar.core.tracking.matchers import sift
-from visual_servo_epipolar.core.tracking.matchers.sift import mutual_nearest, RATIO
+from visual_servo_epipolar.core.tracking.matchers import nearest
+from visual_servo_epipolar.core.tracking.matchers.nearest import mutual_nearest, RATIO
 
 
 def by_all_distances(desired: np.ndarray, current: np.ndarray) -> IntArray:
@@ -37,7 +37,7 @@ def test_blocks_give_the_pairs_of_all_distances(
     )
     current[: min(counts) // 2] = desired[: min(counts) // 2]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sift, 'BLOCK', block)
+        patch.setattr(nearest, 'BLOCK', block)
         pairs = mutual_nearest(desired, current)
     np.testing.assert_array_equal(pairs, by_all_distances(desired, current))
 

@@ -1,0 +1,60 @@
+"""Files of small networks, written without the package onnx: convolutions over cells of pixels."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+FLOAT, OPSET, IR = 1, 16, 8
+INT, INTS = 2, 7  # types of attributes
+
+
+def cells(path: Path, kernels: Mapping[str, np.ndarray], side: int = 8) -> Path:
+    """Write a network whose outputs are convolutions of cells, (C, side, side) each, by name."""
+    graph = _text(2, 'cells') + _field(11, _value('image', [1, 1, 'height', 'width']))
+    for name, kernel in kernels.items():
+        attributes = _ints('kernel_shape', [side, side]) + _ints('strides', [side, side])
+        inputs = _text(1, 'image') + _text(1, f'{name}_kernel')
+        graph += _field(
+            1, inputs + _text(2, name) + _text(3, name) + _text(4, 'Conv') + attributes
+        )
+        graph += _field(5, _tensor(f'{name}_kernel', kernel[:, None]))
+        graph += _field(12, _value(name, [1, len(kernel), 'rows', 'columns']))
+    path.write_bytes(
+        _number(1, IR) + _field(7, graph) + _field(8, _text(1, '') + _number(2, OPSET))
+    )
+    return path
+
+
+def _varint(value: int) -> bytes:
+    low, high = value & 0x7F, value >> 7
+    return bytes([low | 0x80]) + _varint(high) if high else bytes([low])
+
+
+def _number(tag: int, value: int) -> bytes:
+    return _varint(tag << 3) + _varint(value)
+
+
+def _field(tag: int, content: bytes) -> bytes:
+    return _varint(tag << 3 | 2) + _varint(len(content)) + content
+
+
+def _text(tag: int, content: str) -> bytes:
+    return _field(tag, content.encode())
+
+
+def _ints(name: str, values: list[int]) -> bytes:
+    numbers = b''.join(_number(8, value) for value in values)
+    return _field(5, _text(1, name) + numbers + _number(20, INTS))
+
+
+def _tensor(name: str, values: np.ndarray) -> bytes:
+    sides = b''.join(_number(1, side) for side in values.shape)
+    return sides + _number(2, FLOAT) + _text(8, name) + _field(9, values.astype('<f4').tobytes())
+
+
+def _value(name: str, sides: list[int | str]) -> bytes:
+    shape = b''.join(
+        _field(1, _text(2, side) if isinstance(side, str) else _number(1, side)) for side in sides
+    )
+    return _text(1, name) + _field(2, _field(1, _number(1, FLOAT) + _field(2, shape)))
