@@ -27,6 +27,7 @@ HERE = 'visual_servo_epipolar.evaluation.benchmarks'
 BENCHMARKS: Mapping[str, str] = {
     'estimation': f'{HERE}.estimation.benchmark',
     'tracking': f'{HERE}.tracking.benchmark',
+    'matching': f'{HERE}.tracking.matching',
     'sweep': f'{HERE}.speed.sweep',
     'laws': f'{HERE}.arrivals.laws',
     'loop': f'{HERE}.speed.demo',
@@ -41,7 +42,8 @@ BENCHMARKS: Mapping[str, str] = {
     'real': f'{HERE}.estimation.real',
 }
 LATENCY_NODES = ('unicycle,camera,tracker,servo', 'tracker,servo')
-ON_REQUEST = ('mounts_images', 'soak', 'real')  # too long to be run unless they are named
+# Too long to be run unless they are named.
+ON_REQUEST = ('mounts_images', 'soak', 'real', 'matching')
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -64,6 +66,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     seconds = 'duration of each row of latency (default 60), or of soak (default 1800)'
     add_words(parser, {'--seconds S': seconds}, type=duration)
+    model = 'network that matching measures beside SIFT'
+    add_words(parser, {'--matcher-model FILE.onnx': model}, default='')
     add_json(parser)
     history = 'append the figures to FILE, and tell which got worse on this machine'
     add_words(parser, {'--history FILE': history})
