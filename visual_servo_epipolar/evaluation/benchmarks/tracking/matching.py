@@ -1,7 +1,7 @@
 """Matching benchmark: photographs of the simulated room in other light, inspected."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from time import process_time
 from typing import Any
@@ -26,13 +26,9 @@ OPTIONS = ('matcher_model',)
 RIGHT, WRONG = 1.0, 3.0  # larger error of both bearings of a right pair, and of a wrong one [deg]
 NOON = 'noon'
 LIGHTS = (*DAY, 'dark')
-SMALL = {
-    'width': 640,
-    'height': 480,
-    'focal_length': 384.6,
-    'principal_u': 319.5,
-    'principal_v': 239.5,
-}
+CAMERA = CameraSettings(
+    width=640, height=480, focal_length=384.6, principal_u=319.5, principal_v=239.5
+)
 HEAD = 'matcher | light | exposure | n | trusted | right | wrong | error, median / p95 [deg] | ms'
 
 
@@ -72,7 +68,7 @@ def measure(
         say(f'room {scene}')
         rng = np.random.default_rng((seed, scene))
         poses = [_start(rng) for _ in range(plan.views)]
-        camera = CameraSettings(**SMALL, scene=plan.scene, scene_seed=scene, seed=seed + scene)
+        camera = replace(CAMERA, scene=plan.scene, scene_seed=scene, seed=seed + scene)
         world = CameraSimulator(camera, None, LightSettings(photograph_light=NOON, light=NOON))
         desired = world.photograph()
         for light, exposure in _cells(plan):
