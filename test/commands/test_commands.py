@@ -233,26 +233,3 @@ def test_the_demo_equals_the_simulation_in_memory(tmp_path, scenario) -> None:
         frames += 1
     video.release()
     assert frames >= 20  # two seconds at 11 Hz
-
-
-def test_the_demo_can_do_without_a_video(tmp_path, scenario) -> None:
-    pytest.importorskip('rclpy')
-    pytest.importorskip('matplotlib')
-    (tmp_path / 'out').mkdir()
-    (tmp_path / 'out' / 'video.mp4').touch()  # of an earlier demo
-    ended = visual_servo(
-        'demo', *CLOSE, '--scenario', scenario, '--no-video', '--out', 'out', cwd=tmp_path
-    )
-    assert ended.returncode == 1
-    assert {path.name for path in (tmp_path / 'out').iterdir()} == {
-        'bag',
-        'result.json',
-        'run.json',
-        'trajectory.png',
-        'signals.png',
-    }
-    assert ended.stdout.splitlines()[-1] == (
-        'written to out: bag, result.json, run.json, signals.png, trajectory.png'
-    )
-    assert 'failed after' in ended.stdout
-    assert 'Traceback' not in ended.stderr

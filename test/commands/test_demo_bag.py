@@ -35,9 +35,14 @@ def topics(bag: Path) -> set[str]:
     return {topic for topic, _, _ in read_back(bag)}
 
 
-def test_a_bag_without_images_is_the_default_and_replaces_the_one_before(tmp_path) -> None:
+def test_a_bag_without_images_is_the_default_and_replaces_the_one_before(tmp_path, capsys) -> None:
     bag = earlier(tmp_path)
+    (tmp_path / 'out/video.mp4').touch()
     assert demo(tmp_path) == 1
+    files = ('bag', 'result.json', 'run.json', 'signals.png', 'trajectory.png')
+    assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == list(files)
+    shown = capsys.readouterr().out.splitlines()[-1]
+    assert shown == f'written to {tmp_path / "out"}: {", ".join(files)}'
     assert {path.name for path in bag.iterdir()} == {'metadata.yaml', 'bag_0.mcap'}
     assert topics(bag) >= {'/tracks', '/camera_info', '/cmd_vel', '/epipoles', '/ground_truth'}
     assert not any(topic.endswith('image_raw') for topic in topics(bag))
@@ -51,12 +56,6 @@ def test_a_bag_with_images_is_replayed_from_images(tmp_path, capsys) -> None:
     capsys.readouterr()
     assert main(['replay', str(bag), '--out', str(tmp_path / 'replayed')]) == 0
     assert 'image' in capsys.readouterr().out
-
-
-def test_a_demo_can_do_without_a_bag_and_leaves_none_of_before(tmp_path) -> None:
-    bag = earlier(tmp_path)
-    assert demo(tmp_path, '--bag', 'none') == 1
-    assert not bag.exists()
 
 
 def test_a_folder_that_is_no_bag_is_left_alone(tmp_path, capsys) -> None:

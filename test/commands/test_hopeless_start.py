@@ -27,10 +27,13 @@ def test_a_simulation_ends_with_the_reason(tmp_path: Path, source: str) -> None:
     failed(path)
 
 
-def test_the_demo_ends_with_the_reason(tmp_path: Path) -> None:
+def test_the_demo_ends_with_the_reason_and_leaves_nothing_of_before(tmp_path: Path) -> None:
     pytest.importorskip('rclpy')
     pytest.importorskip('matplotlib')
     (tmp_path / 'video.mp4').write_bytes(b'that of an earlier run')
+    (tmp_path / 'bag').mkdir()
+    (tmp_path / 'bag/bag_0.mcap').touch()
     assert main(['demo', *AWAY, '--no-video', '--bag', 'none', '--out', str(tmp_path)]) == 1
     failed(tmp_path / 'result.json')
     assert not (tmp_path / 'video.mp4').exists()
+    assert not (tmp_path / 'bag').exists()

@@ -76,8 +76,8 @@ def test_a_run_that_breaks_leaves_no_file_and_no_process(tmp_path) -> None:
 
 def test_a_film_that_cannot_be_written_is_refused_before_the_run(tmp_path) -> None:
     with (
-        pytest.raises(InputError, match='must end in'),
-        Film(tmp_path / 'film.txt', FPS, bounds=BOUNDS, camera=CAMERA) as film,
+        pytest.raises(InputError, match='must be a folder'),
+        Film(tmp_path / 'no' / 'film.mp4', FPS, bounds=BOUNDS, camera=CAMERA) as film,
     ):
         pytest.fail(f'the run begins, with {film.advice!r}')
 
