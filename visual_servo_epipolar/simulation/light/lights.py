@@ -19,7 +19,7 @@ class Light:
     A light of the room; by light 1 paint looks as grey as it is painted.
 
     ``level`` is what a camera of fixed exposure sees of it: textures are lit without, so that
-    their eight bits hold a dim room as well as a bright one. ``ceiling`` is the power of each lamp
+    their eight bits hold a room that is all but black. ``ceiling`` is the power of each lamp
     on the ceiling, all of which face down and cast no shadows. ``colour`` is red, green and blue
     of what is grey; the grey of a camera without colours does not depend on it.
     """
@@ -68,18 +68,18 @@ class Light:
 
 CEILING = 'ceiling'  # the usual one: the lamps of the room
 NOON_WINDOW = Window((-5.5, 0.2, 1.75), (3.4, 1.6), sky=30.0, sun=1.2, sun_from=(-1.0, -0.7, 0.5))
-LAMP_RIGHT, LAMP_SIDE = Lamp((3.8, -0.8, 2.2), 36.0), Lamp((-5.2, 3.0, 2.3), 30.0)
-LAMP_BEHIND = Lamp((0.0, -9.0, 2.4), 60.0)
+LAMP_RIGHT, LAMP_SIDE = Lamp((3.8, -0.8, 2.2), 17.0), Lamp((-5.2, 3.0, 2.3), 16.6)
+LAMP_BEHIND = Lamp((0.0, -9.0, 2.4), 30.0)
 OPENED = Window((-0.6, 8.0, 2.0), (3.6, 1.4), sky=20.0, normal=(0.0, -1.0, 0.0))
-DUSK_WINDOW = Window((-5.5, 0.2, 1.75), (3.4, 1.6), sky=60.0)
+DUSK_WINDOW = Window((-5.5, 0.2, 1.75), (3.4, 1.6), sky=27.9)
 BLUE, WARM = (0.85, 1.0, 1.35), (1.35, 0.95, 0.45)
 ROWS = (
     Light(CEILING, 'the lamps on the ceiling', 1.0, 0.75, ceiling=1.9),
     Light('noon', 'daylight, and the sun through a window', 1.0, 0.55, sources=(NOON_WINDOW,)),
-    Light('dusk', 'a window on the left', 0.465, 0.2, sources=(DUSK_WINDOW,), colour=BLUE),
-    Light('lamp_right', 'one lamp on the right', 0.47, 0.15, sources=(LAMP_RIGHT,), colour=WARM),
-    Light('lamp_side', 'one lamp from the side', 0.555, 0.1, sources=(LAMP_SIDE,), colour=WARM),
-    Light('dark', 'one lamp far behind', 0.125, 0.3, sources=(LAMP_BEHIND,), colour=WARM),
+    Light('dusk', 'a window on the left', 1.0, 0.093, sources=(DUSK_WINDOW,), colour=BLUE),
+    Light('lamp_right', 'one lamp on the right', 1.0, 0.07, sources=(LAMP_RIGHT,), colour=WARM),
+    Light('lamp_side', 'one lamp from the side', 1.0, 0.055, sources=(LAMP_SIDE,), colour=WARM),
+    Light('dark', 'one lamp far behind', 0.25, 0.15, sources=(LAMP_BEHIND,), colour=WARM),
     Light('window', 'lamps, and a bright window ahead', 1.0, 0.75, ceiling=1.9, sources=(OPENED,)),
 )
 LIGHTS: Mapping[str, Light] = MappingProxyType({light.name: light for light in ROWS})
