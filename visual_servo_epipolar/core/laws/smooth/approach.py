@@ -21,15 +21,15 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
 GAINS = Gains()
-BRAKING = 0.25  # at which it closes in [m/s^2]: less than the ramps allow
+BRAKING = 1.6  # of max_acceleration, at which it closes in: the ramps slow down by 2
 TAIL_S = 0.25  # time constant of the last centimetre, and of the turn at its end
-STEERING_S = 0.5  # look-ahead in time: what is steered within less, a late loop swings by
-CONVERGING_S = 0.4  # the same, where the rest aside decides on the speed
+STEERING_S = 0.35  # look-ahead in time: what is steered within less, a late loop swings by
+CONVERGING_S = 0.25  # the same, where the rest aside decides on the speed
 LEAST_LOOK_AHEAD = 0.02  # [m]
 RESIDUAL = 3e-4  # what steering may leave aside [m]
 RESERVE = 0.05  # of the margins of the view [rad]
 TURN_S = 0.5  # time constant of turns to where features stay in view
-FACING_FROM, FACING_AT = 0.012, 0.003  # way left at which the heading alone counts, at last [m]
+FACING_FROM, FACING_AT = 0.02, 0.006  # way left at which the heading alone counts, at last [m]
 UNCERTAIN = 0.06  # deviation of the bearings at which the robot drives at half speed [rad]
 NEAR = 0.35  # way left on which the rest aside is steered to zero [m]
 CALM = 0.5  # share of the last turn in the next, near the goal: noise is no reason to turn
@@ -55,13 +55,14 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
     if sight is None:
         return STANDSTILL
     left = way_left(measurement, state)
+    braking = BRAKING * settings.max_acceleration
     speed = min(
-        rate_within(left, deceleration=BRAKING, delay=TAIL_S), _certain(measurement, settings)
+        rate_within(left, deceleration=braking, delay=TAIL_S), _certain(measurement, settings)
     )
     if measurement.offset is None:
         speed = min(speed, max(settings.k_t * abs(measurement.difference), _least(measurement)))
     elif speed > 0.0:
-        speed = min(speed, _converging(sight, left))
+        speed = min(speed, _converging(sight, left, braking))
     kappa = _kappa(sight, max(STEERING_S * abs(speed), LEAST_LOOK_AHEAD), measurement)
     speed = min(speed, _steerable(kappa, settings))
     turn = kappa * speed if speed > 0.0 else 0.0
@@ -96,7 +97,7 @@ def way_left(measurement: Measurement, state: ServoState) -> float:
     return believed_distance(state) * math.cos(measurement.bearings.current)
 
 
-def _converging(sight: Sight, left: float) -> float:
+def _converging(sight: Sight, left: float, braking: float) -> float:
     """
     Return the speed at which what is aside decays on the way that is ``left`` [m/s].
 
@@ -111,7 +112,7 @@ def _converging(sight: Sight, left: float) -> float:
         return math.inf
     near = min(left, NEAR)
     speed = max(LINE_DAMPING * near / (decays * CONVERGING_S), min(CREEP, near / TAIL_S))
-    return math.sqrt(speed * speed + 2.0 * BRAKING * (left - near))
+    return math.sqrt(speed * speed + 2.0 * braking * (left - near))
 
 
 def seen_from(

@@ -6,6 +6,7 @@ the paper's second step: a memory of views is what carries one motion through to
 """
 
 from dataclasses import replace
+import math
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
@@ -18,8 +19,8 @@ from visual_servo_epipolar.core.laws.phases.arrival import (
 )
 from visual_servo_epipolar.core.laws.phases.bounds import (
     ends_by_pulses,
+    FACING,
     facing_bound,
-    is_matched,
     matched_bound,
     PATIENCE_S,
     Trial,
@@ -36,7 +37,12 @@ from visual_servo_epipolar.core.laws.phases.matching_features import MATCHING_FE
 from visual_servo_epipolar.core.laws.phases.orienting import ORIENTING
 from visual_servo_epipolar.core.laws.phases.retreating import has_run_up, RETREATING
 from visual_servo_epipolar.core.laws.phases.standing import ARRIVED, FAILED, HOLDING, WAITING
-from visual_servo_epipolar.core.laws.smooth.approach import approach, back_off, way_left
+from visual_servo_epipolar.core.laws.smooth.approach import (
+    approach,
+    back_off,
+    TAIL_S,
+    way_left,
+)
 from visual_servo_epipolar.core.laws.two_steps import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -99,25 +105,50 @@ def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) 
     if measurement.offset is None:
         return False
     trial = _trial_of(state)
-    turned = abs(measurement.heading_error) > facing_bound(measurement, settings, trial)
+    rest = 1.0 / _decay(state, settings, trial)
+    turned = abs(measurement.heading_error) > rest * _heading_bound(measurement, settings, trial)
     if turned and not ends_by_pulses(measurement, settings, trial):
         return False
-    through = _is_through(state, measurement, settings, trial)
+    through = _is_through(state, measurement, settings, trial, rest=rest)
     return through or is_near_enough(state, measurement, settings)
 
 
+def _decay(state: ServoState, settings: ServoSettings, trial: Trial) -> float:
+    """
+    Return the share of what is left now that is left when the last frame has settled.
+
+    It decays with TAIL_S, so that who is on the way to the end need not be there to settle: each
+    frame asks for less, the last one for nothing beyond the bounds. A base with a dead band stops
+    where it is.
+    """
+    if max(settings.dead_band_linear, settings.dead_band_angular) > 0.0:
+        return 1.0
+    frames = max(settings.arrival_frames - 1 - state.settling.settled, 0)
+    return math.exp(-frames * trial.frame_s / TAIL_S)
+
+
+def _heading_bound(measurement: Measurement, settings: ServoSettings, trial: Trial) -> float:
+    """Return the largest heading error [rad] that counts as zero: that which is not known."""
+    known = min(measurement.heading_deviation, FACING, settings.arrival_heading)
+    return max(facing_bound(measurement, settings, trial), known)
+
+
 def _is_through(
-    state: ServoState, measurement: Measurement, settings: ServoSettings, trial: Trial
+    state: ServoState,
+    measurement: Measurement,
+    settings: ServoSettings,
+    trial: Trial,
+    *,
+    rest: float = 1.0,
 ) -> bool:
     """
     Return whether the motion leads no farther: D is zero, or the way that is left.
 
     Aside of the goal they are not zero at one place, and the motion stands where the way ends.
     """
-    if is_matched(measurement, settings, trial):
-        return True
+    bound = rest * matched_bound(measurement, settings, trial)
     left = abs(way_left(measurement, state)) * measurement.difference_slope
-    return left <= matched_bound(measurement, settings, trial)
+    return min(abs(measurement.difference), left) <= bound
 
 
 def _trial_of(state: ServoState) -> Trial:
