@@ -12,7 +12,10 @@ from visual_servo_epipolar.core.estimators.machinery.attitude_prior import (
     levelled,
     plausible_matches,
 )
-from visual_servo_epipolar.core.estimators.machinery.conclusion import Conclusion
+from visual_servo_epipolar.core.estimators.machinery.conclusion import (
+    balances_in_front,
+    Conclusion,
+)
 from visual_servo_epipolar.core.estimators.machinery.gaussian import Posterior, posterior
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     INLIER_DEVIATIONS,
@@ -52,10 +55,11 @@ from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
     TILT,
     TILT_JUMP,
 )
-from visual_servo_epipolar.core.geometry.cheirality import balances_ahead, oriented
+from visual_servo_epipolar.core.geometry.cheirality import oriented
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamentals
 
 MIN_MATCHES = 5
+REFITS = 3  # without those that lie behind a camera
 BOTH = slice(TILT, ROLL + 1, ROLL - TILT)  # tilt and roll
 
 
@@ -127,12 +131,16 @@ def _by_fives(rays: Rays, prior: Prior) -> Fit:
 def _refined_modes(
     starts: FloatArray, rays: Rays, prior: Prior, *, least_scale: float = 0.0
 ) -> Fit:
-    return refined_modes(
+    fits = refined_modes(
         starts,
         problem_of(matrices, table_of(rays), attitude_prior(prior.attitude)),
         negligible=float(NEGLIGIBLE * rays.mean_noise),
         scale=max(least_scale, float(widening(prior.attitude.jitter, rays))),
     )
+    agree = fits.squared <= INLIER_DEVIATIONS**2
+    _, in_front = in_front_of(rays, agree, fits.parameters)
+    dear = np.where(agree & ~in_front, INLIER_DEVIATIONS**2 - fits.squared, 0.0).sum(axis=-1)
+    return fits._replace(costs=fits.costs + dear)
 
 
 def with_bearings(mean: FloatArray, angles: FloatArray) -> FloatArray:
@@ -154,25 +162,50 @@ def _estimate(
     prior: Prior,
     alternative: Bearings | None = None,
 ) -> Estimate:
+    conclusion, behind = _concluded(rays, matches, fit, prior)
+    for _ in range(REFITS):
+        if not behind.any():
+            break
+        matches = matches & ~behind
+        fit = refined(
+            fit.parameters,
+            problem_of(matrices, table_of(rays, matches), attitude_prior(prior.attitude)),
+            negligible=float(NEGLIGIBLE * rays.mean_noise),
+            scale=1.0,
+        )
+        conclusion, behind = _concluded(rays, matches, fit, prior)
+    return estimate_of(conclusion, prior, alternative)
+
+
+def _concluded(
+    rays: Rays, matches: BoolArray, fit: Fit, prior: Prior
+) -> tuple[Conclusion, BoolArray]:
+    """Return what is concluded, and which matches agree but lie behind a camera, (N,)."""
     after = posterior(fit.parameters, fit.covariance(), prior.angles, prior.deviation)
     agree = matches & (fit.squared <= INLIER_DEVIATIONS**2)
-    return estimate_of(conclude(rays, agree, after), prior, alternative)
+    conclusion = conclude(rays, agree, after)
+    return conclusion, agree & ~conclusion.inliers
 
 
 def conclude(rays: Rays, agree: BoolArray, after: Posterior) -> Conclusion:
     """Return the oriented geometry, shape (...), of matches that ``agree``, (..., N)."""
-    angles = after.parameters
+    phasors = phasors_of(after.parameters)
+    bearings, both = phasors[..., : PHI + 1], cameras(phasors)
+    balance, inliers = in_front_of(rays, agree, after.parameters)
+    planar = fundamentals(bearings, balance)
+    fundamental = both[..., 0, :, :].swapaxes(-2, -1) @ planar @ both[..., 1, :, :]
+    return Conclusion(*after, inliers, balance, fundamental)
+
+
+def in_front_of(
+    rays: Rays, agree: BoolArray, angles: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Return the vote of matches in front of the cameras, (...), and which they are, (..., N)."""
     upright = levelled(
         rays, angles[..., TILT], angles[..., ROLL], angles[..., TILT_JUMP], angles[..., ROLL_JUMP]
     )
     inliers = agree & plausible(upright, INLIER_DEVIATIONS * rays.noise)
-    phasors = phasors_of(angles)
-    bearings, both = phasors[..., : PHI + 1], cameras(phasors)
-    planes = (upright.x_a, upright.z_a), (upright.x_d, upright.z_d)
-    balance, inliers = balances_ahead(bearings, *planes, inliers, rays.noise)
-    planar = fundamentals(bearings, balance)
-    fundamental = both[..., 0, :, :].swapaxes(-2, -1) @ planar @ both[..., 1, :, :]
-    return Conclusion(*after, inliers, balance, fundamental)
+    return balances_in_front(np.exp(1j * angles[..., : PHI + 1]), upright, inliers)
 
 
 def estimate_of(

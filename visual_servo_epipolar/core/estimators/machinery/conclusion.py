@@ -2,8 +2,14 @@
 
 from typing import NamedTuple
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray
 from visual_servo_epipolar.core.estimators.machinery.gaussian import undetermined
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays
+from visual_servo_epipolar.core.geometry.cheirality import AHEAD_SHARE, balances_ahead
+
+DEPTH_DEVIATIONS = 3.0  # of parallax, and of the way to the epipole: a depth has its sign then
 
 
 class Conclusion(NamedTuple):
@@ -30,3 +36,43 @@ class Conclusion(NamedTuple):
         """Raise DegenerateGeometryError where one geometry is not determined."""
         if not self.determined:
             raise undetermined()
+
+
+def balances_in_front(
+    bearings: ComplexArray, upright: Rays, voting: BoolArray
+) -> tuple[FloatArray, BoolArray]:
+    """
+    Return the balance of the matches that lie in front, (...), and which of the voting: (..., N).
+
+    ``bearings`` are exp(i psi) and exp(i phi), shape (..., 2). Where more than a few have a depth
+    of the wrong sign, the geometry is in doubt, not they.
+    """
+    planes = (upright.x_a, upright.z_a), (upright.x_d, upright.z_d)
+    balance, ahead = balances_ahead(bearings, *planes, voting, upright.noise)
+    in_front = ahead & ~_behind(bearings, upright, balance)
+    kept = in_front.sum(axis=-1) >= AHEAD_SHARE * voting.sum(axis=-1)
+    return balance, np.where(kept[..., None], in_front, ahead)
+
+
+def _behind(bearings: ComplexArray, upright: Rays, balance: FloatArray) -> BoolArray:
+    """
+    Return which matches, (..., N), lie along the reverse of a ray, by more than noise.
+
+    On its epipolar line a match is displaced away from the epipole ahead. An epipole that comes to
+    lie between the two images of a wrong match, or upon one of them, would be fixed by it alone.
+    """
+    psi, phi = bearings[..., :1], bearings[..., 1:]
+    desired = psi.conj() * (upright.x_d + 1j * upright.z_d)
+    current = 1j * phi.conj() * (upright.x_a + 1j * upright.z_a)
+    # Along the baseline, and across it: y is the other direction across.
+    along_d, along_a = desired.real, -current.real
+    sine_d = np.sqrt(desired.imag * desired.imag + upright.y_d * upright.y_d)
+    sine_a = np.sqrt(current.imag * current.imag + upright.y_a * upright.y_a)
+    both = upright.y_d * upright.y_a - desired.imag * current.imag
+    noise = upright.noise
+    least = DEPTH_DEVIATIONS * noise
+    # Sine of the parallax as each ray has it, less where it is near the epipole.
+    seen_d = (along_a * sine_d * sine_d - along_d * both) / np.hypot(sine_d, least)
+    seen_a = (along_a * both - along_d * sine_a * sine_a) / np.hypot(sine_a, least)
+    sign = np.where(balance < 0.0, -1.0, 1.0)[..., None]
+    return np.asarray(np.maximum(sign * seen_d, sign * seen_a) > 1.4142 * least)

@@ -29,6 +29,7 @@ ANNEALING = 3  # steps until a wide start has narrowed to the noise
 SHORT_ANNEALING = 2  # the number where the start is near the truth
 ITERATIONS = 9
 ROUGH, MODES = 3, 3  # steps with all modes, and how many may go on
+LEVERAGE, LEAST_SPARE = 0.5, 1e-4  # of a match that nothing speaks for; what others leave it
 RIDGE = 1e-3  # information that keeps normal matrices regular: a deviation of 30 rad
 GOOD_COST = 1.8  # of a match, in squared deviations: noise, and outliers fewer than one in six
 
@@ -60,21 +61,38 @@ class Fit(NamedTuple):
     Refined parameters, (..., P), their information, (..., P, P), and their costs, (...).
 
     ``squared`` distances, (..., N), and costs are in deviations of the noise; a cost is the sum of
-    the truncated ones, and the price of leaving the prior.
+    the truncated ones, and the price of leaving the prior. ``slopes``, (..., P, N), are the
+    derivatives of distances, each by the root of its match's weight.
     """
 
     parameters: FloatArray
     information: FloatArray
     costs: FloatArray
     squared: FloatArray
+    slopes: FloatArray
 
     def take(self, rows: Any) -> 'Fit':
         """Return the fits chosen by index or mask."""
         return Fit(*(part[rows] for part in self))
 
     def covariance(self) -> FloatArray:
-        """Return the covariance of the parameters, shape (..., P, P)."""
-        return np.asarray(np.linalg.inv(self.information), dtype=np.float64)
+        """
+        Return the covariance of the parameters, shape (..., P, P).
+
+        Where one match has more than half a parameter to itself, nothing speaks for it: what it
+        alone fixes, such as an epipole on top of it, counts as not known (Huber 1981, 7.2).
+        """
+        covariance = np.asarray(np.linalg.inv(self.information), dtype=np.float64)
+        moves = covariance @ self.slopes
+        leverage = (moves * self.slopes).sum(axis=-2)
+        lonely = leverage > LEVERAGE
+        if not lonely.any():
+            return covariance
+        room = np.where(lonely, np.maximum(1.0 - leverage, LEAST_SPARE), np.inf)
+        moves /= np.sqrt(room)[..., None, :]
+        growth = (moves[..., :2, :] * moves[..., :2, :]).sum(axis=-2)
+        move = np.take_along_axis(moves, growth.argmax(axis=-1)[..., None, None], axis=-1)
+        return np.asarray(covariance + move * move.swapaxes(-1, -2))
 
     def of_all(self, plausible: BoolArray) -> 'Fit':
         """Return the fit with infinite distances of the matches that it was made without."""
@@ -162,13 +180,15 @@ class Step(NamedTuple):
     """
     One step of Gauss-Newton: new parameters, (..., P), and what it found before.
 
-    Information, (..., P, P), ``squared`` distances, (..., N), the ``deviation`` from the mean of
-    the prior, (..., P); ``length`` is the largest change of a parameter, (...).
+    Information, (..., P, P), ``squared`` distances, (..., N), ``slopes``, (..., P, N), as a Fit has
+    them, the ``deviation`` from the mean of the prior, (..., P); ``length`` is the largest change of
+    a parameter, (...).
     """
 
     parameters: FloatArray
     information: FloatArray
     squared: FloatArray
+    slopes: FloatArray
     deviation: FloatArray
     length: FloatArray
 
@@ -180,7 +200,7 @@ class Step(NamedTuple):
         """Return the fits after the step, with the costs before it."""
         costs = np.minimum(self.squared / (width * width), INLIER_DEVIATIONS**2).sum(axis=-1)
         costs += (self.deviation * _pull(problem.prior, self.deviation)).sum(axis=-1)
-        return Fit(self.parameters, self.information, costs, self.squared)
+        return Fit(self.parameters, self.information, costs, self.squared, self.slopes)
 
 
 def gauss_newton_step(problem: Problem, parameters: FloatArray, width: FloatArray | float) -> Step:
@@ -189,16 +209,16 @@ def gauss_newton_step(problem: Problem, parameters: FloatArray, width: FloatArra
     rows, squared_gradient = linearised(problem.model(parameters), problem.table)
     squared = rows[..., 0, :] * rows[..., 0, :] / squared_gradient
     weight = np.maximum(1.0 - squared / (TUKEY * TUKEY * width * width), 0.0)
-    weight *= weight
-    weight /= squared_gradient
-    normal = (rows * weight[..., None, :]) @ rows.swapaxes(-2, -1)
+    # Tukey's weight is the square of this
+    rows *= (weight / np.sqrt(squared_gradient))[..., None, :]
+    normal = rows @ rows.swapaxes(-2, -1)
     deviation = parameters - prior.mean
     information = normal[..., 1:, 1:] + problem.ridge
     change = _solved(information, normal[..., 1:, 0] + _pull(prior, deviation))
     length = np.maximum.reduce(np.abs(change), axis=-1)
     if (length > LARGEST_STEP).any():
         change = np.clip(change, -LARGEST_STEP, LARGEST_STEP)
-    return Step(parameters - change, information, squared, deviation, length)
+    return Step(parameters - change, information, squared, rows[..., 1:, :], deviation, length)
 
 
 def _pull(prior: GaussianPrior, deviation: FloatArray) -> FloatArray:
