@@ -231,6 +231,9 @@ def perception(
 ) -> Perception:
     """Return the measurement of one observation; its rays were corrected as ``before`` knew."""
     geometry, quality = estimate.estimate, estimate.quality
+    covariance = UNKNOWN_COVARIANCE
+    if geometry is not None and quality is not None:
+        covariance = geometry.whole_covariance * quality.growth**2
     measurement = Measurement(
         observation.stamp_ns,
         len(observation),
@@ -238,7 +241,7 @@ def perception(
         estimate.memory.noise,
         bearings=estimate.bearings,
         deviation=math.nan if quality is None else quality.deviation,
-        covariance=UNKNOWN_COVARIANCE if geometry is None else geometry.whole_covariance,
+        covariance=covariance,
         jump=0.0 if geometry is None else geometry.jump,
         confidence=0.0 if geometry is None else geometry.confidence,
         inliers=0 if quality is None else quality.inliers,

@@ -76,7 +76,11 @@ def validated_estimate(
     except DegenerateGeometryError as error:
         return ValidatedEstimate(memory, str(error))
     quality = fit_quality(
-        geometry, observation.current, observation.desired, observation.resolution
+        geometry,
+        observation.current,
+        observation.desired,
+        observation.resolution,
+        memory.noise,
     )
     lesson = lesson_of(observation, rotation, memory, settings, geometry, quality)
     return concluded([lesson], [quality])[0]

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median, medians
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
@@ -19,6 +19,9 @@ FEW_INLIERS, FEW_SHARE = 12, 0.8  # fewer may agree by chance, if they are not m
 MOTION_PARAMETERS, LEAST_SPARE = 5, 3.0  # of a general one; matches beyond them, at least
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 TINY = 1e-30
+SCALES = np.array([1.0, 1.4, 2.0, 2.8, 4.0])  # noises that are compared, of what it is taken for
+RIGHT, ANYWHERE_PX = 0.8, 60.0  # share of matches that are right; among how many px others are
+ROOT_2_PI = math.sqrt(2.0 * math.pi)
 NEXT, AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])  # of three axes: np.cross is slow
 MOUNT_DEVIATIONS = 2.0  # within which a camera is mounted as it is believed to be
 LEAST_PROMISED = math.radians(3.0)  # and within this of an attitude that is known
@@ -34,27 +37,61 @@ class FitQuality:
     """
     How well an estimate fits: number of ``inliers``, their angular ``extent`` [rad].
 
-    ``deviation`` is the larger one of psi and phi [rad], nan if there is none, ``residual`` the
-    median Sampson distance of all matches [px].
+    ``residual`` is the median Sampson distance of all matches [px]; ``growth`` is by how much
+    bearings are less certain than the covariance of the estimate says, ``deviation`` the larger
+    one of psi and phi with that [rad], nan if there is none.
     """
 
     inliers: int
     extent: float
-    deviation: float
     residual: float
+    growth: float
+    deviation: float
 
 
 def fit_quality(
-    estimate: Estimate, current: FloatArray, desired: FloatArray, resolution: FloatArray
+    estimate: Estimate,
+    current: FloatArray,
+    desired: FloatArray,
+    resolution: FloatArray,
+    noise: float,
 ) -> FitQuality:
-    """Return how well ``estimate`` fits unit rays, (N, 3), with angles of a pixel, (N, 2)."""
-    variance = np.maximum(estimate.covariance[0, 0], estimate.covariance[1, 1])
-    return FitQuality(
-        int(np.count_nonzero(estimate.inliers)),
-        float(angular_extent(desired, estimate.inliers)),
-        float(np.sqrt(np.maximum(variance, 0.0))),
-        float(median_residual(estimate.fundamental, current, desired, resolution)),
-    )
+    """
+    Return how well ``estimate`` fits unit rays, (N, 3), with angles of a pixel, (N, 2).
+
+    It took the noise of a coordinate for ``noise`` [px].
+    """
+    distances = np.abs(sampson_distance(estimate.fundamental, current, desired, resolution))
+    residual, inliers = median(distances), int(np.count_nonzero(estimate.inliers))
+    shown = max(likeliest_noise(distances, noise), noise_of_residual(residual, len(distances)))
+    growth = max(shown / noise, 1.0) * tails_of_few(inliers)
+    variance = max(estimate.covariance[0, 0], estimate.covariance[1, 1], 0.0)
+    extent = float(angular_extent(desired, estimate.inliers))
+    return FitQuality(inliers, extent, residual, growth, growth * math.sqrt(variance))
+
+
+def tails_of_few(inliers: int) -> float:
+    """
+    Return by how much the deviation of Student's distribution is larger than that of a normal one.
+
+    A few matches do not show how large their noise is: errors have its tails, of as many degrees
+    of freedom as there are inliers beyond a motion's parameters.
+    """
+    spare = max(inliers - MOTION_PARAMETERS, LEAST_SPARE)
+    return math.sqrt(spare / (spare - 2.0))
+
+
+def likeliest_noise(distances: FloatArray, noise: float) -> float:
+    """
+    Return the deviation [px], ``noise`` or more, by which ``distances``, (N,) [px], are likeliest.
+
+    The others are anywhere. A fit of many parameters to few matches leaves out those that do not
+    suit it: as wrong ones, if noise is taken for small. They would lie farther off than they do.
+    """
+    scales = noise * SCALES
+    squared = (distances / scales[:, None]) ** 2
+    density = RIGHT / (scales * ROOT_2_PI)[:, None] * np.exp(-0.5 * squared)
+    return float(scales[np.log(density + (1.0 - RIGHT) / ANYWHERE_PX).sum(axis=1).argmax()])
 
 
 def median_residual(
@@ -112,22 +149,9 @@ def rejection_reason(
         return f'the cheirality vote is undecided ({estimate.confidence:.3f})'
     if estimate.jump > MAX_JUMP * settings.floor_jitter:
         return f'the camera tilted by {math.degrees(estimate.jump):.1f} deg between the views'
-    deviation = honest_deviation(quality, count, memory.noise)
-    if deviation > settings.max_deviation:
-        return f'the bearings are uncertain by {math.degrees(deviation):.1f} deg'
+    if quality.deviation > settings.max_deviation:
+        return f'the bearings are uncertain by {math.degrees(quality.deviation):.1f} deg'
     return _contradiction(estimate, memory, settings)
-
-
-def honest_deviation(quality: FitQuality, matches: int, noise: float) -> float:
-    """
-    Return the deviation of the bearings as residuals show it, who took noise for ``noise`` [px].
-
-    A few matches do not show how large their noise is: errors have the tails of Student's
-    distribution, of as many degrees of freedom as there are inliers beyond a motion's parameters.
-    """
-    spare = max(quality.inliers - MOTION_PARAMETERS, LEAST_SPARE)
-    larger = max(noise_of_residual(quality.residual, matches) / noise, 1.0)
-    return quality.deviation * larger * math.sqrt(spare / (spare - 2.0))
 
 
 def noise_of_residual(residual: float, matches: int) -> float:
