@@ -153,7 +153,8 @@ def _residual(
 
 
 def _with_noise(memory: PerceptionMemory, still: Still, residual: float) -> PerceptionMemory:
-    noise = _noise(residual, still.observation, memory.noise, still.first_noise)
+    now = noise_of_residual(residual, len(still.observation))
+    noise = _noise(now, memory.noise, still.first_noise)
     return changed(memory, noise=noise, unlearnt=None)
 
 
@@ -191,13 +192,12 @@ def lesson_of(
         memory,
         geometry,
         reason,
-        noise=_noise(quality.residual, observation, memory.noise, settings.pixel_noise),
+        noise=_noise(quality.noise, memory.noise, settings.pixel_noise),
         parallax=rotation.parallax * observation.focal,
     )
 
 
-def _noise(residual: float, observation: Observation, before: float, first: float) -> float:
-    """Return the deviation of a coordinate [px], slowly following the median ``residual`` [px]."""
-    now = noise_of_residual(residual, len(observation))
+def _noise(now: float, before: float, first: float) -> float:
+    """Return the deviation of a coordinate [px], slowly following what it is ``now``."""
     followed = before + NOISE_ADAPTION * (now - before)
     return min(max(followed, NOISE_RANGE[0] * first), NOISE_RANGE[1] * first)

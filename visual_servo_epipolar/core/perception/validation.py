@@ -19,7 +19,9 @@ FEW_INLIERS, FEW_SHARE = 12, 0.8  # fewer may agree by chance, if they are not m
 MOTION_PARAMETERS, LEAST_SPARE = 5, 3.0  # of a general one; matches beyond them, at least
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 TINY = 1e-30
-SCALES = np.array([1.0, 1.4, 2.0, 2.8, 4.0])  # noises that are compared, of what it is taken for
+STEP = 1.25  # between the noises that are compared
+SCALES = STEP ** np.arange(-4.0, 8.0)  # of what it is taken for
+SPENT = 4  # parameters that the fit spends on noise
 RIGHT, ANYWHERE_PX = 0.8, 60.0  # share of matches that are right; among how many px others are
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
 NEXT, AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])  # of three axes: np.cross is slow
@@ -37,14 +39,14 @@ class FitQuality:
     """
     How well an estimate fits: number of ``inliers``, their angular ``extent`` [rad].
 
-    ``residual`` is the median Sampson distance of all matches [px]; ``growth`` is by how much
+    ``noise`` is the deviation of a coordinate that residuals show [px]; ``growth`` is by how much
     bearings are less certain than the covariance of the estimate says, ``deviation`` the larger
     one of psi and phi with that [rad], nan if there is none.
     """
 
     inliers: int
     extent: float
-    residual: float
+    noise: float
     growth: float
     deviation: float
 
@@ -62,12 +64,12 @@ def fit_quality(
     It took the noise of a coordinate for ``noise`` [px].
     """
     distances = np.abs(sampson_distance(estimate.fundamental, current, desired, resolution))
-    residual, inliers = median(distances), int(np.count_nonzero(estimate.inliers))
-    shown = max(likeliest_noise(distances, noise), noise_of_residual(residual, len(distances)))
+    inliers = int(np.count_nonzero(estimate.inliers))
+    shown = likeliest_noise(distances, noise)
     growth = max(shown / noise, 1.0) * tails_of_few(inliers)
     variance = max(estimate.covariance[0, 0], estimate.covariance[1, 1], 0.0)
     extent = float(angular_extent(desired, estimate.inliers))
-    return FitQuality(inliers, extent, residual, growth, growth * math.sqrt(variance))
+    return FitQuality(inliers, extent, shown, growth, growth * math.sqrt(variance))
 
 
 def tails_of_few(inliers: int) -> float:
@@ -83,7 +85,7 @@ def tails_of_few(inliers: int) -> float:
 
 def likeliest_noise(distances: FloatArray, noise: float) -> float:
     """
-    Return the deviation [px], ``noise`` or more, by which ``distances``, (N,) [px], are likeliest.
+    Return the deviation [px] by which ``distances``, (N,) [px], are likeliest, near ``noise``.
 
     The others are anywhere. A fit of many parameters to few matches leaves out those that do not
     suit it: as wrong ones, if noise is taken for small. They would lie farther off than they do.
@@ -91,7 +93,13 @@ def likeliest_noise(distances: FloatArray, noise: float) -> float:
     scales = noise * SCALES
     squared = (distances / scales[:, None]) ** 2
     density = RIGHT / (scales * ROOT_2_PI)[:, None] * np.exp(-0.5 * squared)
-    return float(scales[np.log(density + (1.0 - RIGHT) / ANYWHERE_PX).sum(axis=1).argmax()])
+    losses = -np.log(density + (1.0 - RIGHT) / ANYWHERE_PX).sum(axis=1)
+    best = min(max(int(losses.argmin()), 1), len(SCALES) - 2)
+    before, least, after = losses[best - 1 : best + 2].tolist()
+    curvature = before - 2.0 * least + after
+    aside = 0.5 * (before - after) / curvature if curvature > 0.0 else 0.0
+    spare = max(len(distances) - SPENT, 1)
+    return float(scales[best]) * STEP ** min(max(aside, -1.0), 1.0) * math.sqrt(len(distances)/spare)
 
 
 def median_residual(
