@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from visual_servo_epipolar.core.perception.batch import perceive_each
-from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.simulation.closed_loop import look, Loop, run_many
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
@@ -74,7 +73,7 @@ def perceptions_on_the_way(ratio: float, start: tuple[float, float, float]) -> l
         seeded.loop(start, 1), view_of(seeded, 'features', 1), seeded.camera.nominal_camera
     )
     while not loop.monitor.done:
-        perceptions.append(perceive_each(look([loop]))[0])
+        perceptions.append(perceive(*look([loop])[0]))
         loop.decide(perceptions[-1])
         loop.record()
         loop.drive()

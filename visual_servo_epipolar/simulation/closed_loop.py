@@ -11,9 +11,9 @@ from visual_servo_epipolar.core.geometry.motion import (
     quaternion_from_yaw,
     yaw_from_quaternion,
 )
-from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
+from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation, observe, observe_each
-from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -23,6 +23,7 @@ from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, period_ns, RunMonitor
 from visual_servo_epipolar.simulation.view import View
 
+RobotView = tuple[Observation, ServoSettings, int, PerceptionMemory | None]
 Step = Callable[[ServoState, Observation, ServoSettings], ServoState]
 
 PARTS = ('world', 'perception', 'servo', 'record', 'base')  # of a round of many runs
@@ -58,12 +59,8 @@ class Loop:
 
     def robot_view(self, observation: Observation) -> RobotView:
         """Return what is to be perceived."""
-        return RobotView(
-            self._reckoned(observation),
-            self._servo,
-            self._state.view.frame,
-            self._state.view.memory,
-        )
+        view = self._state.view
+        return self._reckoned(observation), self._servo, view.frame, view.memory
 
     def decide(self, perception: Perception) -> None:
         """Take in what was perceived; its noise is learnt with the next perception of all."""
@@ -156,7 +153,7 @@ def run_many(
     while going:
         robot_views = look(going)
         lap('world')
-        perceptions = perceive_each(robot_views)
+        perceptions = [perceive(*robot_view) for robot_view in robot_views]
         lap('perception')
         for loop, perception in zip(going, perceptions, strict=True):
             loop.decide(perception)

@@ -10,7 +10,7 @@ import pytest
 from strategies import floats
 
 from visual_servo_epipolar.core.estimators.base import Attitude, MOST_CORRELATED
-from visual_servo_epipolar.core.perception.memory import KNOWN_DEVIATION, learnt_attitudes
+from visual_servo_epipolar.core.perception.memory import KNOWN_DEVIATION, learnt_attitude
 
 WIDE = Attitude(tilt_deviation=math.radians(15.0), roll_deviation=math.radians(5.0))
 ABOVE = 0.01  # of deviations: the floor never counts [rad]
@@ -25,10 +25,6 @@ def informed(before: Attitude, information: np.ndarray) -> Attitude:
 def information_of(first: float, second: float, correlation: float) -> np.ndarray:
     """Return the information of measured tilt and roll by their deviations [rad]."""
     return np.linalg.inv(Attitude(0.0, 0.0, first, second, 0.0, correlation).covariance)
-
-
-def learnt_attitude(before: Attitude, after: Attitude) -> Attitude:
-    return learnt_attitudes([(before, after)])[0]
 
 
 def told(before: Attitude, information: np.ndarray, times: int = PAIRS) -> Attitude:

@@ -1,16 +1,13 @@
 """Observations through any lens: what it cannot place is dropped, and D is of the sphere."""
 
 from dataclasses import replace
-import math
 
 import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.cameras.pinhole import Camera
-from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
-from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
 from visual_servo_epipolar.core.perception.measures import (
     difference_deviation,
     feature_difference,
@@ -20,8 +17,6 @@ from visual_servo_epipolar.core.perception.observation import observe, observe_e
 from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
-from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 SIZE = {'width': 1280, 'height': 1024}
 FOLDING = Camera(**SIZE, fx=769.0, fy=769.0, cx=635.0, cy=512.0, distortion=(-0.45, 0.0, 0.0, 0.0))
@@ -118,18 +113,3 @@ def test_the_stated_deviation_of_d_is_what_noise_makes() -> None:
         values.append(float(usual_difference(*both, True)))
     stated = float(difference_deviation(desired, desired, 1e-3, True))
     assert float(np.std(values)) == pytest.approx(stated, rel=0.1)
-
-
-def test_robots_with_different_lenses_perceive_beside_others_as_alone() -> None:
-    pose, settings, views = Pose.from_start(0.5, -3.0, 5.0), ServoSettings(), []
-    for camera in (FISHEYE, replace(FOLDING, distortion=())):
-        world = PointWorld(PointSettings(), FixedRig(camera), seed=0)
-        views.append(observe(world.observe(pose, 0), camera, 0))
-    beside = perceive_each([RobotView(view, settings, 0) for view in views])
-    for view, perception in zip(views, beside, strict=True):
-        alone = perceive(view, settings, 0)
-        assert alone.measurement.difference == perception.measurement.difference
-        assert (
-            alone.measurement.difference_deviation == perception.measurement.difference_deviation
-        )
-    assert math.isfinite(beside[0].measurement.difference)

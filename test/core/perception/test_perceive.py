@@ -22,7 +22,6 @@ from visual_servo_epipolar.core.perception.measures import (
     difference_deviation,
     feature_difference,
     IN_FRONT,
-    margins_of_view,
     turned,
     view_margins,
 )
@@ -287,19 +286,7 @@ def test_the_deviation_of_d_is_that_of_the_features_it_is_taken_over() -> None:
 def test_a_camera_that_sees_all_round_may_turn_without_end() -> None:
     current, _ = panorama(BEHIND, count=30)
     everything = np.ones(30, bool)
-    margins = view_margins(current, everything, np.array([-math.pi, math.pi]), 20)
-    assert [float(margin) for margin in margins] == [math.inf, math.inf]
-
-
-@pytest.mark.parametrize('keep', [1, 7, 100])
-@pytest.mark.parametrize('edge', [0.6, 2.5, math.pi])
-@pytest.mark.parametrize('share', [0.0, 0.5, 1.0])
-def test_margins_of_one_view_are_those_of_many(keep: int, edge: float, share: float) -> None:
-    current, _ = panorama(BEHIND, count=30)
-    counted = np.arange(30) < 30 * share
-    many = view_margins(current[None], counted[None], np.array([[-edge, edge]]), np.array([keep]))
-    one = margins_of_view(current, counted, (-edge, edge), keep)
-    assert list(one) == [float(margin[0]) for margin in many]
+    assert view_margins(current, everything, (-math.pi, math.pi), 20) == (math.inf, math.inf)
 
 
 @pytest.mark.parametrize('turn', [0.0, 1.0, 2.0, math.pi])

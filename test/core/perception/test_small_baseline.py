@@ -10,11 +10,10 @@ from strategies import CAMERA, matches
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.geometry.small_baseline import fundamental_of_small_baseline
-from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
-from visual_servo_epipolar.core.perception.validated import noise_learnt, noises_learnt
+from visual_servo_epipolar.core.perception.validated import noise_learnt
 from visual_servo_epipolar.core.perception.validation import median_residual
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
@@ -63,17 +62,6 @@ def test_no_twist_waits_for_the_noise() -> None:
     assert [each.noise_px for each in later] == [memory.noise] * 2
 
 
-def test_the_noise_of_many_robots_is_that_of_each_alone_to_the_last_bit() -> None:
-    views = [seen(pose, 0.3, frame) for frame, pose in enumerate([*POSES, *POSES])]
-    fewer = [replace(view, current=view.current[:70], desired=view.desired[:70]) for view in views]
-    memories = [perceive(view, SETTINGS, 0).memory for view in (*views, *fewer[:4])]
-    memories.append(noise_learnt(memories[0]))  # has nothing left to learn
-    alone = [noise_learnt(memory) for memory in memories]
-    assert noises_learnt(memories) == alone
-    assert len({memory.noise for memory in alone}) == len(views) + 4
-    assert noises_learnt([]) == []
-
-
 def test_through_an_unknown_lens_nothing_is_learnt_of_a_turn() -> None:
     settings = replace(SETTINGS, focal_deviation=1.0)
     assert learnt(POSES[0], 0.1, settings).noise == SETTINGS.pixel_noise
@@ -102,15 +90,6 @@ def test_degenerate_rays_are_no_error(rays: str) -> None:
     else:
         current[:, 1] = desired[:, 1] = 0.0
     assert np.isfinite(fundamental_of_small_baseline(np.eye(3), current, desired)).all()
-
-
-def test_beside_others_a_view_without_baseline_is_what_it_is_alone() -> None:
-    views = [seen(pose, 0.2, 0) for pose in POSES * 2 + [Pose(0.5, -2.0, HALF_PI)] * 2]
-    alone = [perceive(view, SETTINGS, 0) for view in views]
-    together = perceive_each([RobotView(view, SETTINGS, 0) for view in views])
-    for one, other in zip(alone, together, strict=True):
-        assert one.memory.noise == other.memory.noise
-        assert one.measurement.difference == other.measurement.difference
 
 
 def test_d_counts_what_agrees_on_one_geometry() -> None:

@@ -11,19 +11,20 @@ import pytest
 from strategies import bearings, floats
 
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, UNKNOWN_COVARIANCE
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, cross_matrix
 from visual_servo_epipolar.core.geometry.rays import unit_rays
 from visual_servo_epipolar.core.perception.memory import (
     fresh_memory,
     KNOWN_DEVIATION,
     Lesson,
     PerceptionMemory,
-    updated_memories,
+    updated_memory,
 )
 from visual_servo_epipolar.core.perception.validation import (
     fit_quality,
     FitQuality,
     innovation,
+    likeliest_noise,
     MAX_REJECTIONS,
     rejection_reason,
     rolled_over,
@@ -46,15 +47,14 @@ GOOD = Estimate(
 )
 
 
-def updated_memory(
+def memory_after(
     memory: PerceptionMemory, estimate: Estimate, reason: str, *, noise: float, parallax: float
 ) -> PerceptionMemory:
-    return updated_memories([Lesson(memory, estimate, reason, noise, parallax)])[0]
+    return updated_memory(Lesson(memory, estimate, reason, noise, parallax))
 
 
 def quality_of(estimate: Estimate = GOOD, rays: np.ndarray = RAYS) -> FitQuality:
-    """Return the quality of an estimate that leaves the noise alone."""
-    return replace(fit_quality(estimate, rays, rays, PIXEL), residual=0.6 * FRESH.noise)
+    return fit_quality(estimate, rays, rays, PIXEL, FRESH.noise)
 
 
 def reason(memory: PerceptionMemory = FRESH, rays: np.ndarray = RAYS, **changes: object) -> str:
@@ -80,7 +80,7 @@ def test_a_good_estimate_is_trusted() -> None:
         ({'confidence': 0.01}, r'cheirality vote is undecided \(0.010\)'),
         ({'confidence': 0.39}, r'cheirality vote is undecided \(0.390\)'),
         ({'jump': 0.1}, 'the camera tilted by 5.7 deg between the views'),
-        ({'covariance': 0.04 * np.eye(2)}, 'the bearings are uncertain by 12.5 deg'),
+        ({'covariance': 0.04 * np.eye(2)}, 'the bearings are uncertain by 11.9 deg'),
         ({'alternative': Bearings(-1.0, 2.5)}, 'two geometries fit the features'),
     ],
 )
@@ -124,7 +124,7 @@ def test_bearings_that_turn_otherwise_than_the_features_are_doubted(apart, doubt
 def test_an_estimator_without_covariance_is_not_doubted_for_it() -> None:
     assert reason(covariance=UNKNOWN_COVARIANCE) == ''
     blind = replace(GOOD, covariance=UNKNOWN_COVARIANCE)
-    assert math.isnan(fit_quality(blind, RAYS, RAYS, PIXEL).deviation)
+    assert math.isnan(fit_quality(blind, RAYS, RAYS, PIXEL, 0.3).deviation)
 
 
 def test_a_rival_is_no_doubt_where_the_last_bearings_decide() -> None:
@@ -144,18 +144,33 @@ def test_a_rival_counts_again_once_the_last_bearings_are_given_up() -> None:
 def test_few_matches_have_a_larger_deviation_than_their_noise_makes(
     count: int, doubted: bool
 ) -> None:
-    quality = quality_of()
-    quality = replace(quality, inliers=count, deviation=0.9 * SETTINGS.max_deviation)
-    said = rejection_reason(GOOD, quality, FRESH, SETTINGS)
+    variance = (0.9 * SETTINGS.max_deviation) ** 2 * np.eye(2)
+    said = reason(inliers=some(count), covariance=variance)
     assert said.startswith('the bearings are uncertain by') == doubted
 
 
+@pytest.mark.parametrize('noise', [0.15, 0.3, 0.6, 1.0])
+@pytest.mark.parametrize('wrong', [0.0, 0.3])
+def test_noise_is_told_from_what_is_wrong(noise: float, wrong: float) -> None:
+    rng, told = np.random.default_rng(3), []
+    for _ in range(100):
+        distances = np.abs(rng.normal(0.0, noise, 20))
+        elsewhere = rng.uniform(0.0, 40.0, 20)
+        told.append(
+            likeliest_noise(np.where(rng.uniform(size=20) < wrong, elsewhere, distances), 0.3)
+        )
+    spent = math.sqrt(20 / 16)  # which the fit has taken from real distances
+    assert np.median(told) == pytest.approx(spent * noise, rel=0.15)
+
+
 def test_residuals_above_the_noise_enlarge_the_deviation() -> None:
-    quality = quality_of()
-    quality = replace(quality, deviation=0.5 * SETTINGS.max_deviation)
-    assert rejection_reason(GOOD, quality, FRESH, SETTINGS) == ''
-    noisy = replace(quality, residual=2.0 * FRESH.noise)
-    assert 'are uncertain by' in rejection_reason(GOOD, noisy, FRESH, SETTINGS)
+    sideways = replace(GOOD, fundamental=cross_matrix(np.array([1.0, 0.0, 0.0])))
+    up_and_down = np.resize([1.0, -1.0], (30, 1)) * [0.0, 1.0, 0.0]
+    deviations = [
+        fit_quality(sideways, RAYS, RAYS + away * 1e-3 * up_and_down, PIXEL, 0.3).deviation
+        for away in (0.0, 1.2)  # px
+    ]
+    assert deviations[1] > 1.5 * deviations[0]
 
 
 def test_a_leap_is_doubted_until_it_is_seen_three_times() -> None:
@@ -163,10 +178,10 @@ def test_a_leap_is_doubted_until_it_is_seen_three_times() -> None:
     for _ in range(MAX_REJECTIONS - 1):
         said = reason(memory)
         assert 'the bearings leapt by 28.6 deg in one frame' in said
-        memory = updated_memory(memory, GOOD, said, noise=0.3, parallax=50.0)
+        memory = memory_after(memory, GOOD, said, noise=0.3, parallax=50.0)
         assert memory.bearings == Bearings(-1.0, 3.0)
     assert reason(memory) == ''
-    memory = updated_memory(memory, GOOD, '', noise=0.3, parallax=50.0)
+    memory = memory_after(memory, GOOD, '', noise=0.3, parallax=50.0)
     assert (memory.bearings, memory.consecutive_rejections) == (BEARINGS, 0)
 
 
@@ -179,7 +194,7 @@ def test_a_leap_is_the_larger_change_and_knows_of_full_turns(
 
 
 def test_the_attitude_is_learnt_where_the_parallax_is_informative() -> None:
-    memory = updated_memory(FRESH, GOOD, '', noise=0.3, parallax=50.0)
+    memory = memory_after(FRESH, GOOD, '', noise=0.3, parallax=50.0)
     assert (memory.attitude.tilt, memory.attitude.roll) == (0.02, 0.01)
     assert memory.attitude.tilt_deviation == KNOWN_DEVIATION  # however sure the estimate is
     assert memory.attitude.roll_deviation == 2e-3
@@ -187,29 +202,29 @@ def test_the_attitude_is_learnt_where_the_parallax_is_informative() -> None:
 
 
 def test_the_attitude_is_kept_where_the_parallax_says_little() -> None:
-    memory = updated_memory(FRESH, GOOD, '', noise=0.3, parallax=3.0)
+    memory = memory_after(FRESH, GOOD, '', noise=0.3, parallax=3.0)
     assert memory.attitude == FRESH.attitude
 
 
 def test_the_attitude_is_kept_by_an_estimator_that_has_none() -> None:
     found = replace(GOOD, attitude=None)
-    assert updated_memory(FRESH, found, '', noise=0.3, parallax=50.0).attitude == FRESH.attitude
+    assert memory_after(FRESH, found, '', noise=0.3, parallax=50.0).attitude == FRESH.attitude
 
 
 def test_the_attitude_is_never_known_too_well() -> None:
     sure = replace(GOOD, attitude=Attitude(0.02, 0.01, 1e-9, 1e-9, 0.0))
-    attitude = updated_memory(FRESH, sure, '', noise=0.3, parallax=50.0).attitude
+    attitude = memory_after(FRESH, sure, '', noise=0.3, parallax=50.0).attitude
     assert attitude.tilt_deviation == attitude.roll_deviation == KNOWN_DEVIATION
 
 
 def test_a_doubted_estimate_teaches_nothing_but_a_rejection() -> None:
     memory = replace(FRESH, bearings=BEARINGS)
-    after = updated_memory(memory, GOOD, 'some reason', noise=0.7, parallax=50.0)
+    after = memory_after(memory, GOOD, 'some reason', noise=0.7, parallax=50.0)
     assert after == replace(memory, consecutive_rejections=1)
 
 
 def test_the_noise_is_that_of_the_residuals() -> None:
-    assert updated_memory(FRESH, GOOD, '', noise=0.7, parallax=50.0).noise == 0.7
+    assert memory_after(FRESH, GOOD, '', noise=0.7, parallax=50.0).noise == 0.7
 
 
 @pytest.mark.parametrize('degrees', [0.0, 60.0, -110.0, 180.0])

@@ -1,10 +1,16 @@
 """Two degrees of freedom: planar motion, known focal length, upright camera."""
 
+from functools import partial
+
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
-from visual_servo_epipolar.core.estimators.machinery.conclusion import Conclusion
+from visual_servo_epipolar.core.estimators.machinery.conclusion import (
+    balances_in_front,
+    Conclusion,
+    estimate_in_front,
+)
 from visual_servo_epipolar.core.estimators.machinery.gaussian import (
     GaussianPrior,
     Posterior,
@@ -31,7 +37,7 @@ from visual_servo_epipolar.core.estimators.machinery.refinement import (
     refined_modes,
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
-from visual_servo_epipolar.core.geometry.cheirality import balances_ahead, oriented
+from visual_servo_epipolar.core.geometry.cheirality import oriented
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamentals
 
 MIN_MATCHES = 3
@@ -67,12 +73,7 @@ def planar_2dof(
     matches = plausible(rays, INLIER_DEVIATIONS * rays.noise)
     count = int(matches.sum())
     if prior.bearings is not None and count >= MIN_MATCHES:
-        fit = refined(
-            prior.angles,
-            problem_of(model, table_of(rays, matches), NO_PRIOR),
-            negligible=float(NEGLIGIBLE * rays.mean_noise),
-            scale=1.0,
-        )
+        fit = _refined(rays, matches, prior.angles)
         if is_consistent(fit, prior.angles, prior.deviation, count):
             return _estimate(rays, matches, fit, prior)
     return search(rays, matches, prior)
@@ -109,16 +110,27 @@ def _estimate(
     prior: Prior,
     alternative: Bearings | None = None,
 ) -> Estimate:
-    after = posterior(fit.parameters, fit.covariance(), prior.angles, prior.deviation)
-    agree = matches & (fit.squared <= INLIER_DEVIATIONS**2)
-    return estimate_of(conclude(rays, agree, after), alternative)
+    def concluded(matches: BoolArray, fit: Fit) -> Estimate:
+        after = posterior(fit.parameters, fit.covariance(), prior.angles, prior.deviation)
+        agree = matches & (fit.squared <= INLIER_DEVIATIONS**2)
+        return estimate_of(conclude(rays, agree, after), alternative)
+
+    return estimate_in_front(matches, fit, concluded, partial(_refined, rays))
+
+
+def _refined(rays: Rays, matches: BoolArray, start: FloatArray) -> Fit:
+    return refined(
+        start,
+        problem_of(model, table_of(rays, matches), NO_PRIOR),
+        negligible=float(NEGLIGIBLE * rays.mean_noise),
+        scale=1.0,
+    )
 
 
 def conclude(rays: Rays, agree: BoolArray, after: Posterior) -> Conclusion:
     """Return the oriented geometry, shape (...), of matches that ``agree``, (..., N)."""
     phasors = np.exp(1j * after.parameters)
-    planes = (rays.x_a, rays.z_a), (rays.x_d, rays.z_d)
-    balance, ahead = balances_ahead(phasors, *planes, agree, rays.noise)
+    balance, ahead = balances_in_front(phasors, rays, agree)
     return Conclusion(*after, ahead, balance, fundamentals(phasors, balance))
 
 

@@ -1,18 +1,10 @@
-"""The estimators by the names that settings give them, for one pair of views or for many."""
-
-from collections.abc import Callable, Sequence
+"""The estimators by the names that settings give them."""
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Estimate, Estimator, Prior
 from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
-from visual_servo_epipolar.core.estimators.machinery.batch import Answer, answer_of
-from visual_servo_epipolar.core.estimators.many_views import (
-    planar_2dof_each,
-    soft_planar_each,
-    soft_uncalibrated_each,
-)
 from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
 from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
@@ -29,13 +21,8 @@ ESTIMATORS: Registry[Estimator] = Registry('visual_servo_epipolar.estimators', O
 DEFAULT_ESTIMATOR = 'soft_planar'
 # The variants for a focal length that is not known.
 UNCALIBRATED: dict[str, Estimator] = {'soft_planar': soft_uncalibrated}
-# Those that take many pairs of views at once, and need no chance.
-EACH: dict[str, Callable[..., list[Answer]]] = {
-    'planar_2dof': planar_2dof_each,
-    'soft_planar': soft_planar_each,
-}
+WITHOUT_CHANCE = ('planar_2dof', 'soft_planar')
 UNDRAWN = np.random.default_rng(0)  # for those
-EACH_UNCALIBRATED = {'soft_planar': soft_uncalibrated_each}
 
 
 def may_learn_focal(name: str) -> bool:
@@ -69,32 +56,5 @@ def estimate(
     if not prior.lens.calibrated:
         estimator = UNCALIBRATED.get(name, estimator)
     # To make a source of chance takes as long as two steps of a refinement.
-    rng = UNDRAWN if name in EACH else np.random.default_rng(seed)
+    rng = UNDRAWN if name in WITHOUT_CHANCE else np.random.default_rng(seed)
     return estimator(current, desired, noise=noise, prior=prior, rng=rng)
-
-
-def estimates(
-    name: str,
-    current: FloatArray,
-    desired: FloatArray,
-    *,
-    noise: FloatArray,
-    priors: Sequence[Prior],
-    seeds: Sequence[tuple[int, int]],
-) -> list[Answer]:
-    """
-    Return what estimator ``name`` finds in each pair of views, or the error that says why not.
-
-    Unit rays have shape (B, N, 3), ``noise`` (B,) or (B, N, 2); the ``seeds`` fix every random
-    choice. Either all cameras are calibrated or none is. Each answer is, to the last bit, what
-    ``estimate`` gives.
-    """
-    if not priors[0].lens.calibrated and name in EACH_UNCALIBRATED:
-        return EACH_UNCALIBRATED[name](current, desired, noise=noise, priors=priors)
-    if name in EACH:
-        return EACH[name](current, desired, noise=noise, priors=priors)
-    rows = zip(current, desired, noise, priors, seeds, strict=True)
-    return [
-        answer_of(estimate, name, a, d, noise=deviation, prior=prior, seed=seed)
-        for a, d, deviation, prior, seed in rows
-    ]

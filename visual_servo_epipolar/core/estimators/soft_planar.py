@@ -1,5 +1,6 @@
 """Planar motion with a camera that is nearly upright: tilt, roll and floor jitter have priors."""
 
+from functools import partial
 import math
 
 import numpy as np
@@ -15,6 +16,7 @@ from visual_servo_epipolar.core.estimators.machinery.attitude_prior import (
 from visual_servo_epipolar.core.estimators.machinery.conclusion import (
     balances_in_front,
     Conclusion,
+    estimate_in_front,
 )
 from visual_servo_epipolar.core.estimators.machinery.gaussian import Posterior, posterior
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
@@ -59,7 +61,6 @@ from visual_servo_epipolar.core.geometry.cheirality import oriented
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamentals
 
 MIN_MATCHES = 5
-REFITS = 3  # without those that lie behind a camera
 BOTH = slice(TILT, ROLL + 1, ROLL - TILT)  # tilt and roll
 
 
@@ -90,13 +91,9 @@ def soft_planar(
     matches = plausible_matches(rays, prior.attitude)
     count = int(matches.sum())
     if prior.bearings is not None and count >= MIN_MATCHES:
-        before = attitude_prior(prior.attitude)
-        fit = refined(
-            with_bearings(before.mean, prior.angles),
-            problem_of(matrices, table_of(rays, matches), before),
-            negligible=float(NEGLIGIBLE * rays.mean_noise),
-            scale=float(widening(prior.attitude.jitter, rays)),
-        )
+        start = with_bearings(attitude_prior(prior.attitude).mean, prior.angles)
+        scale = float(widening(prior.attitude.jitter, rays))
+        fit = _refined(rays, matches, start, scale, prior=prior)
         if is_consistent(fit, prior.angles, prior.deviation, count):
             return _estimate(rays, matches, fit, prior)
     return search(rays, matches, prior)
@@ -162,29 +159,24 @@ def _estimate(
     prior: Prior,
     alternative: Bearings | None = None,
 ) -> Estimate:
-    conclusion, behind = _concluded(rays, matches, fit, prior)
-    for _ in range(REFITS):
-        if not behind.any():
-            break
-        matches = matches & ~behind
-        fit = refined(
-            fit.parameters,
-            problem_of(matrices, table_of(rays, matches), attitude_prior(prior.attitude)),
-            negligible=float(NEGLIGIBLE * rays.mean_noise),
-            scale=1.0,
-        )
-        conclusion, behind = _concluded(rays, matches, fit, prior)
-    return estimate_of(conclusion, prior, alternative)
+    def concluded(matches: BoolArray, fit: Fit) -> Estimate:
+        after = posterior(fit.parameters, fit.covariance(), prior.angles, prior.deviation)
+        agree = matches & (fit.squared <= INLIER_DEVIATIONS**2)
+        return estimate_of(conclude(rays, agree, after), prior, alternative)
+
+    return estimate_in_front(matches, fit, concluded, partial(_refined, rays, prior=prior))
 
 
-def _concluded(
-    rays: Rays, matches: BoolArray, fit: Fit, prior: Prior
-) -> tuple[Conclusion, BoolArray]:
-    """Return what is concluded, and which matches agree but lie behind a camera, (N,)."""
-    after = posterior(fit.parameters, fit.covariance(), prior.angles, prior.deviation)
-    agree = matches & (fit.squared <= INLIER_DEVIATIONS**2)
-    conclusion = conclude(rays, agree, after)
-    return conclusion, agree & ~conclusion.inliers
+def _refined(
+    rays: Rays, matches: BoolArray, start: FloatArray, scale: float = 1.0, *, prior: Prior
+) -> Fit:
+    """Return the fit to ``matches``, (N,), from a ``start``, the noise ``scale`` times wider."""
+    return refined(
+        start,
+        problem_of(matrices, table_of(rays, matches), attitude_prior(prior.attitude)),
+        negligible=float(NEGLIGIBLE * rays.mean_noise),
+        scale=scale,
+    )
 
 
 def conclude(rays: Rays, agree: BoolArray, after: Posterior) -> Conclusion:
@@ -197,9 +189,7 @@ def conclude(rays: Rays, agree: BoolArray, after: Posterior) -> Conclusion:
     return Conclusion(*after, inliers, balance, fundamental)
 
 
-def in_front_of(
-    rays: Rays, agree: BoolArray, angles: FloatArray
-) -> tuple[FloatArray, BoolArray]:
+def in_front_of(rays: Rays, agree: BoolArray, angles: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return the vote of matches in front of the cameras, (...), and which they are, (..., N)."""
     upright = levelled(
         rays, angles[..., TILT], angles[..., ROLL], angles[..., TILT_JUMP], angles[..., ROLL_JUMP]

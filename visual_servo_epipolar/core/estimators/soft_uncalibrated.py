@@ -6,6 +6,7 @@ How a wrong camera matrix changes E is in ``machinery.wrong_lens``.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 import math
 from typing import NamedTuple
 
@@ -16,7 +17,10 @@ from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery.attitude_prior import (
     plausible_matches,
 )
-from visual_servo_epipolar.core.estimators.machinery.conclusion import Conclusion
+from visual_servo_epipolar.core.estimators.machinery.conclusion import (
+    Conclusion,
+    estimate_in_front,
+)
 from visual_servo_epipolar.core.estimators.machinery.gaussian import (
     Posterior,
     posterior,
@@ -106,12 +110,9 @@ def soft_uncalibrated(
     count = int(matches.sum())
     if prior.bearings is not None and count >= MIN_MATCHES:
         before = lens_prior(prior.attitude, np.array(prior.lens.known))
-        fit = refined(
-            with_bearings(before.mean, prior.angles),
-            problem_of(model, table_of(rays, matches, image_axes), before),
-            negligible=float(NEGLIGIBLE * rays.mean_noise),
-            scale=float(widening(prior.attitude.jitter, rays)),
-        )
+        start = with_bearings(before.mean, prior.angles)
+        scale = float(widening(prior.attitude.jitter, rays))
+        fit = _refined(rays, matches, start, scale, prior=prior)
         if is_consistent(fit, prior.angles, prior.deviation, count):
             return _estimate(rays, matches, fit, prior)
     return search(rays, matches, prior)
@@ -180,11 +181,6 @@ class LensConclusion(NamedTuple):
     slope: FloatArray
     covariance: FloatArray
 
-    def rows(self) -> list['LensConclusion']:
-        """Return many geometries, shape (B,), one by one."""
-        calibrated, *lens = self
-        return [LensConclusion(*row) for row in zip(calibrated.rows(), *lens, strict=True)]
-
 
 def _estimate(
     rays: Rays,
@@ -193,9 +189,24 @@ def _estimate(
     prior: Prior,
     alternative: Bearings | None = None,
 ) -> Estimate:
-    after = posterior(fit.parameters, fit.covariance(), prior.angles, prior.deviation)
-    conclusion = conclude(rays, matches, fit, after)
-    return estimate_of(conclusion, prior, alternative)
+    def concluded(matches: BoolArray, fit: Fit) -> Estimate:
+        after = posterior(fit.parameters, fit.covariance(), prior.angles, prior.deviation)
+        return estimate_of(conclude(rays, matches, fit, after), prior, alternative)
+
+    return estimate_in_front(matches, fit, concluded, partial(_refined, rays, prior=prior))
+
+
+def _refined(
+    rays: Rays, matches: BoolArray, start: FloatArray, scale: float = 1.0, *, prior: Prior
+) -> Fit:
+    """Return the fit to ``matches``, (N,), from a ``start``, the noise ``scale`` times wider."""
+    before = lens_prior(prior.attitude, np.array(prior.lens.known))
+    return refined(
+        start,
+        problem_of(model, table_of(rays, matches, image_axes), before),
+        negligible=float(NEGLIGIBLE * rays.mean_noise),
+        scale=scale,
+    )
 
 
 def conclude(rays: Rays, matches: BoolArray, fit: Fit, after: Posterior) -> LensConclusion:

@@ -38,11 +38,6 @@ class RotationFits(NamedTuple):
     heading_error: FloatArray
     parallax: FloatArray
 
-    def each(self) -> 'list[RotationFit]':
-        """Return those of single views, of a stack of them."""
-        turns = zip(self.heading_error.tolist(), self.parallax.tolist(), strict=True)
-        return [RotationFit(self.rotation[k], *turn) for k, turn in enumerate(turns)]
-
 
 def fit_rotation(current: FloatArray, desired: FloatArray) -> RotationFit:
     """

@@ -14,7 +14,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import (
     BoolArray,
     FloatArray,
-    IntArray,
     medians,
     packed,
 )
@@ -94,34 +93,15 @@ def turned(rays: FloatArray, rotation: FloatArray) -> FloatArray:
 
 
 def view_margins(
-    current: FloatArray, counted: BoolArray, edges: FloatArray, keep: IntArray | int
-) -> tuple[FloatArray, FloatArray]:
+    current: FloatArray, counted: BoolArray, edges: tuple[float, float], keep: int
+) -> tuple[float, float]:
     """
     Return how far a camera may turn left and right until ``keep`` features remain [rad].
 
-    ``current`` rays have shape (..., N, 3), and ``counted``, shape (..., N), says which of them
-    count; ``edges``, shape (..., 2), are the bearings of the left and the right edge of the image
-    [rad], right positive; ``keep`` and both results have shape (...). A camera that sees all round
-    may turn without end.
+    ``current`` rays have shape (N, 3), and ``counted``, shape (N,), says which of them count;
+    ``edges`` are the bearings of the left and the right edge of the image [rad], right positive.
+    A camera that sees all round may turn without end.
     """
-    counts = counted.sum(axis=-1)
-    keep = np.asarray(np.minimum(keep, counts))
-    bearings = np.arctan2(packed(current[..., 0]), packed(current[..., 2]))
-    ordered = np.sort(np.where(counted, bearings, np.inf), axis=-1)
-    # A left turn moves features to the right.
-    first = _taken(ordered, np.maximum(keep, 1) - 1)
-    last = _taken(ordered, np.maximum(counts - keep, 0))
-    some = keep > 0
-    left = np.where(some, np.maximum(edges[..., 1] - first, 0.0), 0.0)
-    right = np.where(some, np.maximum(last - edges[..., 0], 0.0), 0.0)
-    all_round = edges[..., 1] - edges[..., 0] >= FULL_CIRCLE
-    return np.where(all_round, np.inf, left), np.where(all_round, np.inf, right)
-
-
-def margins_of_view(
-    current: FloatArray, counted: BoolArray, edges: tuple[float, float], keep: int
-) -> tuple[float, float]:
-    """Return what ``view_margins`` does of one view: rays (N, 3), ``counted`` (N,), in numbers."""
     left, right = edges
     if right - left >= FULL_CIRCLE:
         return np.inf, np.inf
@@ -133,12 +113,6 @@ def margins_of_view(
         return 0.0, 0.0
     first, last = float(ordered[keep - 1]), float(ordered[len(ordered) - keep])
     return max(right - first, 0.0), max(last - left, 0.0)
-
-
-def _taken(values: FloatArray, place: IntArray) -> FloatArray:
-    """Return the element at ``place``, shape (...), of ``values``, shape (..., N)."""
-    rows = values.reshape(-1, values.shape[-1])
-    return np.asarray(rows[np.arange(len(rows)), place.ravel()].reshape(place.shape))
 
 
 def _difference(

@@ -1,12 +1,11 @@
 """What perception carries from frame to frame: the camera's attitude, noise, the last bearings."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.lens import CALIBRATED, learnt, Lens, unknown_lens
@@ -78,63 +77,44 @@ class Lesson(NamedTuple):
         return not self.reason and self.parallax > INFORMATIVE_PARALLAX * self.noise
 
 
-def updated_memories(lessons: Sequence[Lesson]) -> list[PerceptionMemory]:
-    """Return the memories after lessons, one of each robot: none depends on the others."""
-    attitudes = {
-        k: (lesson.memory.attitude, lesson.estimate.attitude)
-        for k, lesson in enumerate(lessons)
-        if lesson.informative and lesson.estimate.attitude is not None
-    }
-    learnt_ones = dict(zip(attitudes, learnt_attitudes(list(attitudes.values())), strict=True))
-    return [
-        _after(lesson, learnt_ones.get(k, lesson.memory.attitude))
-        for k, lesson in enumerate(lessons)
-    ]
-
-
-def _after(lesson: Lesson, attitude: Attitude) -> PerceptionMemory:
-    """Return the memory after a ``lesson``, with the ``attitude`` as it is known then."""
+def updated_memory(lesson: Lesson) -> PerceptionMemory:
+    """Return the memory after a ``lesson``."""
     memory, estimate = lesson.memory, lesson.estimate
     if lesson.reason:
         return replace(memory, consecutive_rejections=memory.consecutive_rejections + 1)
-    lens = learnt(memory.lens, estimate.lens) if lesson.informative else memory.lens
+    attitude, lens = memory.attitude, memory.lens
+    if lesson.informative:
+        lens = learnt(lens, estimate.lens)
+        if estimate.attitude is not None:
+            attitude = learnt_attitude(attitude, estimate.attitude)
     return PerceptionMemory(attitude, lesson.noise, estimate.bearings, lens=lens)
 
 
-def learnt_attitudes(pairs: Sequence[tuple[Attitude, Attitude]]) -> list[Attitude]:
+def learnt_attitude(before: Attitude, after: Attitude) -> Attitude:
     """
-    Return the attitudes before, of one robot each, corrected by those of one more pair of views.
+    Return the attitude as it was known ``before``, corrected by that of one more pair of views.
 
     Every pair has the same photograph: what its noise did to one estimate it does to the next as
     well. No number of pairs tells more than twice what one does.
     """
-    if not pairs:
-        return []
-    moments = np.array([(before.moments, after.moments) for before, after in pairs])
-    covariances, anew = _combined(moments[:, 0], moments[:, 1])
-    return [
-        replace(after, jitter=before.jitter)
-        if is_anew
-        else Attitude(after.tilt, after.roll, jitter=before.jitter).known_to(covariance)
-        for (before, after), covariance, is_anew in zip(
-            pairs, covariances, anew.tolist(), strict=True
-        )
-    ]
+    covariance, is_anew = _combined(before.covariance, after.covariance)
+    known = after if is_anew else after.known_to(covariance)
+    return replace(known, jitter=before.jitter)
 
 
-def _combined(before: FloatArray, after: FloatArray) -> tuple[FloatArray, BoolArray]:
+def _combined(before: FloatArray, after: FloatArray) -> tuple[FloatArray, bool]:
     """
-    Return covariances after one more pair of views, (B, 2, 2), and where it begins anew, (B,).
+    Return the covariance after one more pair of views, (2, 2), and whether it begins anew.
 
-    There ``after`` was not estimated from what was known ``before``.
+    Then ``after`` was not estimated from what was known ``before``.
     """
     root = np.linalg.cholesky(before)
     # What this pair tells, in units of what was known, along directions that do not mix.
-    told, axes = np.linalg.eigh(root.swapaxes(-2, -1) @ np.linalg.inv(after) @ root - IDENTITY)
+    told, axes = np.linalg.eigh(root.T @ np.linalg.inv(after) @ root - IDENTITY)
     known = np.maximum(np.minimum(1.0 + told, 2.0 * told), 1.0)
     axes = root @ axes
-    covariance = (axes / known[:, None, :]) @ axes.swapaxes(-2, -1)
+    covariance = (axes / known) @ axes.T
     least = KNOWN_DEVIATION * KNOWN_DEVIATION
     for k in range(2):
-        np.maximum(covariance[:, k, k], least, out=covariance[:, k, k])
-    return covariance, told[:, 0] < -ROUNDING
+        covariance[k, k] = max(covariance[k, k], least)
+    return covariance, bool(told[0] < -ROUNDING)

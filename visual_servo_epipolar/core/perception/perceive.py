@@ -1,9 +1,4 @@
-"""
-Perception of one view: observe, estimate, validate, measure.
-
-``perceive`` is the robot's way. Many views at once, for sweeps, are in ``batch``: to the last bit
-what this module gives.
-"""
+"""Perception of one view: observe, estimate, validate, measure."""
 
 from dataclasses import dataclass, replace
 import math
@@ -109,7 +104,7 @@ def of_few(
         return blank.measurement
     if rays is not None:
         every, keep = np.ones(len(rays), bool), settings.keep_features
-        margins = measures.margins_of_view(rays, every, observation.edges, keep)
+        margins = measures.view_margins(rays, every, observation.edges, keep)
         return replace(blank.measurement, view_margins=margins)
     nothing = ValidatedEstimate(memory, blank.measurement.reason)
     rotation = fit_rotation(observation.current, observation.desired)
@@ -151,7 +146,7 @@ def _measures(
         difference,
         deviation,
         median(measures.distances(current, desired)),
-        measures.margins_of_view(current, counted, observation.edges, settings.keep_features),
+        measures.view_margins(current, counted, observation.edges, settings.keep_features),
     )
 
 

@@ -1,9 +1,6 @@
 """Validated estimates: the geometry of one pair of views, or why there is none to act on."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
@@ -16,7 +13,7 @@ from visual_servo_epipolar.core.perception.memory import (
     Lesson,
     PerceptionMemory,
     Still,
-    updated_memories,
+    updated_memory,
 )
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
@@ -83,7 +80,7 @@ def validated_estimate(
         memory.noise,
     )
     lesson = lesson_of(observation, rotation, memory, settings, geometry, quality)
-    return concluded([lesson], [quality])[0]
+    return ValidatedEstimate(updated_memory(lesson), lesson.reason, geometry, quality)
 
 
 def no_baseline(parallax_px: float, settings: PerceptionSettings) -> str:
@@ -122,57 +119,15 @@ def noise_learnt(memory: PerceptionMemory) -> PerceptionMemory:
     if still is None:
         return memory
     seen = still.observation
-    residual = _residual(still.rotation, seen.current, seen.desired, seen.resolution)
-    return _with_noise(memory, still, float(residual))
-
-
-def noises_learnt(memories: Sequence[PerceptionMemory]) -> list[PerceptionMemory]:
-    """Return ``memories`` with the noise learnt, to the last bit as each alone."""
-    alike: dict[int, list[tuple[int, Still]]] = {}
-    for k, memory in enumerate(memories):
-        if memory.unlearnt is not None:
-            alike.setdefault(len(memory.unlearnt.observation), []).append((k, memory.unlearnt))
-    after = list(memories)
-    for views in alike.values():
-        columns = [
-            (still.rotation, seen.current, seen.desired, seen.resolution)
-            for still, seen in ((still, still.observation) for _, still in views)
-        ]
-        residuals = _residual(*(np.array(column) for column in zip(*columns, strict=True)))
-        for (k, still), residual in zip(views, residuals.tolist(), strict=True):
-            after[k] = _with_noise(memories[k], still, residual)
-    return after
-
-
-def _residual(
-    rotation: FloatArray, current: FloatArray, desired: FloatArray, resolution: FloatArray
-) -> FloatArray:
-    """Return the median residual, (...) [px], of views without a baseline."""
-    fundamental = fundamental_of_small_baseline(rotation, current, desired)
-    return median_residual(fundamental, current, desired, resolution)
-
-
-def _with_noise(memory: PerceptionMemory, still: Still, residual: float) -> PerceptionMemory:
-    now = noise_of_residual(residual, len(still.observation))
-    noise = _noise(now, memory.noise, still.first_noise)
-    return changed(memory, noise=noise, unlearnt=None)
+    fundamental = fundamental_of_small_baseline(still.rotation, seen.current, seen.desired)
+    residual = median_residual(fundamental, seen.current, seen.desired, seen.resolution)
+    now = noise_of_residual(float(residual), len(seen))
+    return changed(memory, noise=_noise(now, memory.noise, still.first_noise), unlearnt=None)
 
 
 def prior_of(memory: PerceptionMemory, settings: PerceptionSettings) -> Prior:
     """Return what an estimator may know beforehand."""
     return Prior(memory.attitude, memory.bearings, settings.max_leap, memory.lens, settings.mount)
-
-
-def concluded(
-    lessons: Sequence[Lesson], qualities: Sequence[FitQuality]
-) -> list[ValidatedEstimate]:
-    """Return the estimates of lessons with their verdicts, and the memories after them."""
-    return [
-        ValidatedEstimate(memory, lesson.reason, lesson.estimate, quality)
-        for memory, lesson, quality in zip(
-            updated_memories(lessons), lessons, qualities, strict=True
-        )
-    ]
 
 
 def lesson_of(

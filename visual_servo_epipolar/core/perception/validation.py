@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median, medians
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
@@ -19,8 +19,8 @@ FEW_INLIERS, FEW_SHARE = 12, 0.8  # fewer may agree by chance, if they are not m
 MOTION_PARAMETERS, LEAST_SPARE = 5, 3.0  # of a general one; matches beyond them, at least
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 TINY = 1e-30
-STEP = 1.25  # between the noises that are compared
-SCALES = STEP ** np.arange(-4.0, 8.0)  # of what it is taken for
+FIRST, STEP = -4, 1.25  # power of the least noise that is compared, and ratio to the next
+SCALES = STEP ** np.arange(FIRST, 8.0)  # of what it is taken for
 SPENT = 4  # parameters that the fit spends on noise
 RIGHT, ANYWHERE_PX = 0.8, 60.0  # share of matches that are right; among how many px others are
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
@@ -98,8 +98,8 @@ def likeliest_noise(distances: FloatArray, noise: float) -> float:
     before, least, after = losses[best - 1 : best + 2].tolist()
     curvature = before - 2.0 * least + after
     aside = 0.5 * (before - after) / curvature if curvature > 0.0 else 0.0
-    spare = max(len(distances) - SPENT, 1)
-    return float(scales[best]) * STEP ** min(max(aside, -1.0), 1.0) * math.sqrt(len(distances)/spare)
+    spent = len(distances) / max(len(distances) - SPENT, 1)
+    return noise * float(STEP ** (FIRST + best + min(max(aside, -1.0), 1.0))) * math.sqrt(spent)
 
 
 def median_residual(

@@ -10,7 +10,6 @@ from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.perception import validated
-from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at, UNKNOWN
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, with_difference
@@ -145,16 +144,12 @@ def test_the_next_estimate_begins_where_the_memory_is() -> None:
 def test_d_is_left_out_where_a_memory_is_expected_to_know_it(driven) -> None:
     state, seen, servo = first_spared(driven)
     found = perceive(seen, servo, state.view.frame, state.view.memory)
-    beside = perceive_each([RobotView(seen, servo, state.view.frame, state.view.memory)])[0]
-    for each in (found, beside):
-        assert np.isnan(each.measurement.difference)
-        after = with_difference(each, servo)
-        whole = perceive(
-            seen, servo, state.view.frame, replace(state.view.memory, two_view_skip=0)
-        )
-        # The heading of two views is another than that of the best rotation.
-        assert after.difference == pytest.approx(whole.measurement.difference, abs=0.05)
-        assert after.difference_deviation == pytest.approx(
-            whole.measurement.difference_deviation, rel=0.1
-        )
+    assert np.isnan(found.measurement.difference)
+    after = with_difference(found, servo)
+    whole = perceive(seen, servo, state.view.frame, replace(state.view.memory, two_view_skip=0))
+    # The heading of two views is another than that of the best rotation.
+    assert after.difference == pytest.approx(whole.measurement.difference, abs=0.05)
+    assert after.difference_deviation == pytest.approx(
+        whole.measurement.difference_deviation, rel=0.1
+    )
     assert measurement_of(found, None, VIEWS, servo).difference == after.difference

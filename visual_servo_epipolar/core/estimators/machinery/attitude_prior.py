@@ -1,12 +1,11 @@
 """What the attitude known before says of parameters, and of which matches are plausible."""
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.estimators.base import Attitude, Prior
+from visual_servo_epipolar.core.arrays import BoolArray
+from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.estimators.machinery.gaussian import GaussianPrior
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     INLIER_DEVIATIONS,
@@ -26,30 +25,7 @@ LEAST_JITTER = 1e-4  # [rad]
 JITTER_SHARE = 0.7  # of the jitter that shows as noise where jumps are not estimated
 
 
-class Attitudes(NamedTuple):
-    """The fields of many attitudes, shape (B,) each."""
-
-    tilt: FloatArray
-    roll: FloatArray
-    tilt_deviation: FloatArray
-    roll_deviation: FloatArray
-    jitter: FloatArray
-    correlation: FloatArray
-
-
-AnyAttitude: TypeAlias = Attitude | Attitudes
-
-
-def attitudes_of(priors: Sequence[Prior]) -> Attitudes:
-    """Return the attitudes of many ``priors``."""
-    rows = [
-        (a.tilt, a.roll, a.tilt_deviation, a.roll_deviation, a.jitter, a.correlation)
-        for a in (prior.attitude for prior in priors)
-    ]
-    return Attitudes(*np.array(rows).T)
-
-
-def attitude_prior(attitude: AnyAttitude) -> GaussianPrior:
+def attitude_prior(attitude: Attitude) -> GaussianPrior:
     """Return what is known of psi, phi, tilt, roll and their jumps, of six parameters."""
     tilt, roll = np.asarray(attitude.tilt_deviation), np.asarray(attitude.roll_deviation)
     jump = np.maximum(JITTER_DEVIATIONS * np.asarray(attitude.jitter), LEAST_JITTER)
@@ -65,7 +41,7 @@ def attitude_prior(attitude: AnyAttitude) -> GaussianPrior:
     return GaussianPrior(mean, information)
 
 
-def plausible_matches(rays: Rays, attitude: AnyAttitude, stretch: Any = 1.0) -> BoolArray:
+def plausible_matches(rays: Rays, attitude: Attitude, stretch: Any = 1.0) -> BoolArray:
     """
     Return the matches, (..., N), on one side of the horizon, as far as the attitude is known.
 

@@ -1,14 +1,18 @@
 """What is concluded from refined parameters: inliers, the vote on the sign, F."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray
+from visual_servo_epipolar.core.estimators.base import Estimate
 from visual_servo_epipolar.core.estimators.machinery.gaussian import undetermined
-from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import INLIER_DEVIATIONS, Rays
+from visual_servo_epipolar.core.estimators.machinery.refinement import Fit
 from visual_servo_epipolar.core.geometry.cheirality import AHEAD_SHARE, balances_ahead
 
+REFITS = 3  # without matches that lie behind a camera
 DEPTH_DEVIATIONS = 3.0  # of parallax, and of the way to the epipole: a depth has its sign then
 
 
@@ -28,14 +32,32 @@ class Conclusion(NamedTuple):
     balance: FloatArray
     fundamental: FloatArray
 
-    def rows(self) -> list['Conclusion']:
-        """Return many geometries, shape (B,), one by one."""
-        return [Conclusion(*row) for row in zip(*self, strict=True)]
-
     def require_determined(self) -> None:
         """Raise DegenerateGeometryError where one geometry is not determined."""
         if not self.determined:
             raise undetermined()
+
+
+def estimate_in_front(
+    matches: BoolArray,
+    fit: Fit,
+    conclude: Callable[[BoolArray, Fit], Estimate],
+    refine: Callable[[BoolArray, FloatArray], Fit],
+) -> Estimate:
+    """
+    Return what ``conclude`` says of the ``matches``, (N,), refined without those behind a camera.
+
+    They agree by chance; an epipole that lies on one of them is fixed by nothing else.
+    """
+    estimate = conclude(matches, fit)
+    for _ in range(REFITS):
+        behind = matches & (fit.squared <= INLIER_DEVIATIONS**2) & ~estimate.inliers
+        if not behind.any():
+            break
+        matches = matches & ~behind
+        fit = refine(matches, fit.parameters)
+        estimate = conclude(matches, fit)
+    return estimate
 
 
 def balances_in_front(

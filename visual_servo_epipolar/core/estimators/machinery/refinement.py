@@ -40,18 +40,13 @@ class Problem(NamedTuple):
     """What is minimised: ``model`` on the ``table`` of matches, and the ``prior``."""
 
     model: Model
-    table: FloatArray  # shape (9, 5 N), or (B, 9, 5 N) for as many geometries
+    table: FloatArray  # shape (9, 5 N)
     prior: GaussianPrior
-    ridge: FloatArray  # shape (P, P) or (B, P, P): the information of the prior, never zero
-
-    def take(self, rows: BoolArray) -> 'Problem':
-        """Return the geometries chosen by a mask."""
-        prior = GaussianPrior(self.prior.mean[rows], self.prior.information[rows])
-        return Problem(self.model, self.table[rows], prior, self.ridge[rows])
+    ridge: FloatArray  # shape (P, P): the information of the prior, never zero
 
 
 def problem_of(model: Model, table: FloatArray, prior: GaussianPrior) -> Problem:
-    """Return what is minimised, with leading axes for many geometries."""
+    """Return what is minimised."""
     ridge = prior.information + RIDGE * np.eye(prior.information.shape[-1])
     return Problem(model, table, prior, ridge)
 
@@ -180,9 +175,9 @@ class Step(NamedTuple):
     """
     One step of Gauss-Newton: new parameters, (..., P), and what it found before.
 
-    Information, (..., P, P), ``squared`` distances, (..., N), ``slopes``, (..., P, N), as a Fit has
-    them, the ``deviation`` from the mean of the prior, (..., P); ``length`` is the largest change of
-    a parameter, (...).
+    Information, (..., P, P), ``squared`` distances, (..., N), and ``slopes``, (..., P, N), are as
+    a Fit has them; ``deviation`` is that from the mean of the prior, (..., P), ``length`` the
+    largest change of a parameter, (...).
     """
 
     parameters: FloatArray
@@ -191,10 +186,6 @@ class Step(NamedTuple):
     slopes: FloatArray
     deviation: FloatArray
     length: FloatArray
-
-    def take(self, rows: BoolArray) -> 'Step':
-        """Return the steps chosen by a mask."""
-        return Step(*(part[rows] for part in self))
 
     def fit(self, problem: Problem, width: FloatArray | float) -> Fit:
         """Return the fits after the step, with the costs before it."""

@@ -10,11 +10,8 @@ element by r to the power of 2, 1 or 0, then h / r times the first row and colum
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, packed
-from visual_servo_epipolar.core.estimators.base import Prior
-from visual_servo_epipolar.core.estimators.machinery.attitude_prior import (
-    AnyAttitude,
-    attitude_prior,
-)
+from visual_servo_epipolar.core.estimators.base import Attitude, Prior
+from visual_servo_epipolar.core.estimators.machinery.attitude_prior import attitude_prior
 from visual_servo_epipolar.core.estimators.machinery.gaussian import GaussianPrior
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import matrices
@@ -32,7 +29,7 @@ def stretch(prior: Prior) -> float:
     return float(np.exp(REACH * prior.lens.ratio_deviation))
 
 
-def lens_prior(attitude: AnyAttitude, lens: FloatArray) -> GaussianPrior:
+def lens_prior(attitude: Attitude, lens: FloatArray) -> GaussianPrior:
     """
     Return what is known of all nine parameters.
 
