@@ -37,7 +37,10 @@ class PerceptionSettings(Settings):
         True, 'False: no law may take D from features turned to the desired heading'
     )
     min_parallax: float = setting(
-        2.5, 'Parallax below which there is no baseline [px]', low=0.0, high=100.0
+        2.5,
+        'Parallax below which there is no baseline, at a noise of pixel_noise [px]',
+        low=0.0,
+        high=100.0,
     )
     min_features: int = setting(12, 'Features below which the servo holds', low=8, high=1000)
     keep_features: int = setting(

@@ -56,7 +56,7 @@ def validated_estimate(
     frame: int,
 ) -> ValidatedEstimate:
     """Estimate the geometry of one pair of views with their best rotation, and validate."""
-    reason = no_baseline(rotation.parallax * observation.focal, settings)
+    reason = no_baseline(rotation.parallax * observation.focal, memory.noise, settings)
     if reason:
         return without_baseline(observation, rotation.rotation, memory, settings, reason)
     if memory.two_view_skip:
@@ -83,9 +83,14 @@ def validated_estimate(
     return ValidatedEstimate(updated_memory(lesson), lesson.reason, geometry, quality)
 
 
-def no_baseline(parallax_px: float, settings: PerceptionSettings) -> str:
-    """Return why a parallax [px] shows no epipoles, in words; empty if it does."""
-    if parallax_px < settings.min_parallax:
+def no_baseline(parallax_px: float, noise: float, settings: PerceptionSettings) -> str:
+    """
+    Return why a parallax [px] shows no epipoles, in words; empty if it does.
+
+    Below eight deviations of the ``noise`` [px], as the defaults have it, covariances mean
+    nothing: a search finds a baseline in noise alone. Above, they decide.
+    """
+    if parallax_px < settings.min_parallax * noise / settings.pixel_noise:
         return f'a parallax of {parallax_px:.2f} px is too small for epipoles'
     return ''
 
