@@ -49,6 +49,8 @@ class CameraSimulator:
         self._exposure = Exposure(self._light, has_colours=settings.encoding == 'bgr8')
         scene = self._scene(self._light.light_of(settings.seed), has_changed=True)
         self.renderer = Renderer(scene, rig)
+        if self._light.passing_light != SAME:  # lit beforehand: that takes a second or two
+            self._scene(LIGHTS[self._light.passing_light], has_changed=True)
         self._sensors: dict[float, Sensor] = {}  # by gain
         self._last: tuple[bytes, Scene, Image] | None = None
         self.disturb(DisturbanceSettings() if disturbances is None else disturbances)

@@ -16,6 +16,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.simulation.disturbances.occluders import Board, Occluder, Person
+from visual_servo_epipolar.simulation.light.exposure import brightened
 from visual_servo_epipolar.simulation.mounts.sensor import Sensor, SensorSettings
 
 OPAQUE = 255
@@ -91,7 +92,8 @@ class Disturbances:
     def apply(self, image: Image, frame: int) -> Image:
         """Return a disturbed copy of ``image``, shape (H, W), for ``frame``: 0, 1, ..."""
         settings, progress = self.settings, self._progress(frame)
-        image = light_up(as_gray(image), light(settings, frame))
+        lit = brightened(as_gray(image), light(settings, frame))
+        image = lit.copy() if lit is image else lit
         if progress is not None:
             if settings.shadow > 0.0:
                 image = shade(image, self._shade, progress)
@@ -152,13 +154,6 @@ def light(settings: DisturbanceSettings, frame: int) -> float:
     stepped = 1.0 + (settings.light_step if frame >= settings.disturbed_from else 0.0)
     wave = math.sin(2.0 * math.pi * frame / settings.light_period)
     return stepped * (1.0 + settings.light_wave * wave)
-
-
-def light_up(image: Image, factor: float) -> Image:
-    """Return a copy of ``image``, shape (H, W), under ``factor`` times the light."""
-    if factor == 1.0:
-        return image.copy()
-    return np.asarray(cv2.convertScaleAbs(image, alpha=factor), dtype=np.uint8)
 
 
 def shadow_band(size: tuple[int, int], depth: float, width: float) -> Image:
