@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
-from visual_servo_epipolar.simulation.light.exposure import Exposure, Sight
+from visual_servo_epipolar.simulation.light.exposure import Exposure, LitView
 from visual_servo_epipolar.simulation.light.lights import Light, LIGHTS
 from visual_servo_epipolar.simulation.light.settings import LightSettings, SAME
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
@@ -104,8 +104,8 @@ class CameraSimulator:
         if frame <= 0:
             self._exposure.begin()
         factor = self._light.passing_exposure if passes else 1.0
-        sight = Sight(image, light, frame / self.settings.frame_rate, factor)
-        image, gain = self._exposure.take(sight)
+        view = LitView(image, light, frame / self.settings.frame_rate, factor)
+        image, gain = self._exposure.take(view)
         return self._sensor(gain).capture(image, frame)
 
     @property

@@ -14,7 +14,6 @@ from visual_servo_epipolar.evaluation.faults.catalogue import (
     calibration,
     clocks,
     images,
-    lights,
     nodes,
     odometry,
     orders,
@@ -32,7 +31,6 @@ from visual_servo_epipolar.sweeping.provenance import commit
 GROUPS = (
     streams,
     images,
-    lights,
     scenes,
     tracks,
     calibration,

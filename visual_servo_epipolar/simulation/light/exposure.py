@@ -20,7 +20,7 @@ WHITE = 255  # of a window: what is drawn so is GLARE times as bright, however s
 GLARE = 16.0
 
 
-class Sight(NamedTuple):
+class LitView(NamedTuple):
     """What a sensor is to take: the image by its light, and when [s]."""
 
     image: Image
@@ -52,22 +52,22 @@ class Exposure:
         """Brightness over that of the fixed exposure."""
         return float(2.0 ** ((self._steps or 0) / STOP))
 
-    def take(self, sight: Sight) -> tuple[Image, float]:
+    def take(self, view: LitView) -> tuple[Image, float]:
         """Return the image, shape (H, W), as it is exposed, and the gain, which noise grows by."""
-        is_first, light = self._steps is None, sight.light.level * sight.factor
+        is_first, light = self._steps is None, view.light.level * view.factor
         if self.balance is not None:
             if self.settings.white_balance == 'auto' and is_first:
-                self.balance.settle(sight.light.colour)
-            light *= self.balance.take(sight.light.colour)
+                self.balance.settle(view.light.colour)
+            light *= self.balance.take(view.light.colour)
             if self.settings.white_balance == 'auto':
-                self.balance.follow(sight.light.colour)
-        glare = sight.light.casts_shadows
+                self.balance.follow(view.light.colour)
+        glare = view.light.casts_shadows
         if is_first:
-            self._settle(sight.image, light, glare)
+            self._settle(view.image, light, glare)
         exposure = self.factor if self.settings.exposure == 'auto' else 1.0
-        taken = brightened(sight.image, light * exposure, glare=glare)
-        self._follow(sight.image, light, glare)
-        taken = flicker(taken, self.settings, sight.time, min(exposure, 1.0))
+        taken = brightened(view.image, light * exposure, glare=glare)
+        self._follow(view.image, light, glare)
+        taken = flicker(taken, self.settings, view.time, min(exposure, 1.0))
         return taken, max(exposure, 1.0)
 
     def _settle(self, image: Image, light: float, glare: bool) -> None:
