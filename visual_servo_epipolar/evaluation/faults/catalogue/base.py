@@ -5,7 +5,7 @@ import math
 from geometry_msgs.msg import Twist as TwistMessage
 
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
-    ALWAYS,
+    always,
     Fault,
     Faults,
     Strike,
@@ -72,17 +72,15 @@ FAULTS: Faults = {
     'commands_dropped': Fault(
         'up to half of the commands lost', drop_some(COMMANDS), base_alone=True
     ),
-    'base_deaf': Fault(
+    'base_deaf': always(
         'commands do not arrive',
         lambda scene: scene.lose(COMMANDS, scene.spell(3.0, 10.0)),
-        phases=ALWAYS,
         base_alone=True,
     ),
     'joystick': Fault('a joystick at 20 Hz on cmd_vel for 4 s', _joystick),
-    'commands_garbage': Fault('nan and inf on cmd_vel by somebody else', _garbage, phases=ALWAYS),
-    'two_servos': Fault(
+    'commands_garbage': always('nan and inf on cmd_vel by somebody else', _garbage),
+    'two_servos': always(
         'two servos on one cmd_vel',
         lambda scene: scene.world.start('servo_node', alias='servo_two'),
-        phases=ALWAYS,
     ),
 }

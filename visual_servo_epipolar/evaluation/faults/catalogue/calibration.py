@@ -9,8 +9,8 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
-    ALWAYS,
-    AT_FIRST,
+    always,
+    at_first,
     EVERYWHERE,
     Fault,
     Faults,
@@ -114,30 +114,22 @@ def taken(camera: CameraSettings, pose: Pose) -> Pixels:
 
 
 FAULTS: Faults = {
-    'focal_wrong': Fault(
-        'focal length told 15 to 25 % wrong', prepare=_wrong_focal, phases=AT_FIRST
+    'focal_wrong': at_first('focal length told 15 to 25 % wrong', prepare=_wrong_focal),
+    'lens_wrong': at_first(
+        'told a distortion that is not there', _lens('plumb_bob', -0.35, 0.12, 0.0, 0.0, 0.0)
     ),
-    'lens_wrong': Fault(
-        'told a distortion that is not there',
-        _lens('plumb_bob', -0.35, 0.12, 0.0, 0.0, 0.0),
-        phases=AT_FIRST,
+    'lens_fisheye': at_first('told a fisheye', _lens('equidistant', 0.0, 0.0, 0.0, 0.0)),
+    'matrix_transposed': at_first('K column by column', _info(_transpose)),
+    'matrix_scaled': at_first(
+        'K, or its focal length alone, of 1/4 to 4 times the size', _scale_matrix
     ),
-    'lens_fisheye': Fault(
-        'told a fisheye', _lens('equidistant', 0.0, 0.0, 0.0, 0.0), phases=AT_FIRST
-    ),
-    'matrix_transposed': Fault('K column by column', _info(_transpose), phases=AT_FIRST),
-    'matrix_scaled': Fault(
-        'K, or its focal length alone, of 1/4 to 4 times the size', _scale_matrix, phases=AT_FIRST
-    ),
-    'info_missing': Fault('no camera_info', lambda scene: scene.lose(INFO), phases=ALWAYS),
-    'info_uncalibrated': Fault('K[0] of camera_info is 0', _focal(0.0), phases=ALWAYS),
-    'info_nan': Fault('K[0] is nan', _focal(np.nan), phases=ALWAYS),
+    'info_missing': always('no camera_info', lambda scene: scene.lose(INFO)),
+    'info_uncalibrated': always('K[0] of camera_info is 0', _focal(0.0)),
+    'info_nan': always('K[0] is nan', _focal(np.nan)),
     'info_changes': Fault('another focal length in mid-run', _info(_longer), phases=EVERYWHERE),
-    'info_flickers': Fault('two cameras in turns', _flickering, phases=ALWAYS),
-    'info_larger': Fault('camera_info of larger images', _info(_larger), phases=ALWAYS),
-    'photograph_other_room': Fault(
-        'a photograph of another room', photograph(_other_room), phases=ALWAYS
-    ),
+    'info_flickers': always('two cameras in turns', _flickering),
+    'info_larger': always('camera_info of larger images', _info(_larger)),
+    'photograph_other_room': always('a photograph of another room', photograph(_other_room)),
     'photograph_other_pose': Fault('another photograph in mid-run', photograph(_other_pose)),
-    'photograph_black': Fault('a black photograph', photograph(_black), phases=ALWAYS),
+    'photograph_black': always('a black photograph', photograph(_black)),
 }

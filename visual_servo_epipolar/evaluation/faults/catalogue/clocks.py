@@ -6,9 +6,8 @@ from typing import Any
 
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
-    ALWAYS,
-    AT_FIRST,
-    Fault,
+    always,
+    at_first,
     Faults,
     Prepare,
     Strike,
@@ -68,23 +67,15 @@ def _freeze(scene: StruckRun) -> None:
 
 SIMULATED = world_change(simulated_time=True)
 FAULTS: Faults = {
-    'clock_forward': Fault(
-        'the wall clock leaps 1 to 300 s ahead', _leap(1.0, 300.0), phases=ALWAYS
+    'clock_forward': always('the wall clock leaps 1 to 300 s ahead', _leap(1.0, 300.0)),
+    'clock_back': always('the wall clock leaps 0.1 to 900 s back', _leap(-900.0, -0.1)),
+    'clock_stops': always(
+        '/clock stands still', lambda scene: scene.lose(CLOCK, scene.spell(0.5, 10.0)), SIMULATED
     ),
-    'clock_back': Fault(
-        'the wall clock leaps 0.1 to 900 s back', _leap(-900.0, -0.1), phases=ALWAYS
-    ),
-    'clock_stops': Fault(
-        '/clock stands still',
-        lambda scene: scene.lose(CLOCK, scene.spell(0.5, 10.0)),
-        SIMULATED,
-        phases=ALWAYS,
-    ),
-    'clock_freezes': Fault(
+    'clock_freezes': at_first(
         'the /clock of the servo stands still, and images go on',
         _freeze,
         world_change(more={'servo_node': {'use_sim_time': True}}),
-        phases=AT_FIRST,
     ),
-    'clock_restarts': Fault('/clock begins anew', _restart, SIMULATED, phases=ALWAYS),
+    'clock_restarts': always('/clock begins anew', _restart, SIMULATED),
 }

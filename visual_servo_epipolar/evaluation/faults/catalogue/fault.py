@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 import math
 from typing import Any
 
@@ -94,3 +95,4 @@ class Fault:
 
 
 Faults = Mapping[str, Fault]
+always, at_first = partial(Fault, phases=ALWAYS), partial(Fault, phases=AT_FIRST)

@@ -10,8 +10,8 @@ from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.evaluation.faults.catalogue.calibration import photograph, taken
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
-    ALWAYS,
-    AT_FIRST,
+    always,
+    at_first,
     Fault,
     Faults,
     Strike,
@@ -187,17 +187,13 @@ FAULTS: Faults = {
     'camera_hangs': Fault('the same image again and again, stamp and all', _frozen(stamps=False)),
     'images_swapped': Fault('images of other times of the run', _swap),
     'bag_loop': Fault('images of a bag in a loop, with its stamps', _loop),
-    'images_black': Fault('black images', BLACK, phases=ALWAYS),
+    'images_black': always('black images', BLACK),
     'images_saturated': Fault('white images', WHITE),
-    'images_garbage': Fault('noise for images', NOISE, phases=ALWAYS),
+    'images_garbage': always('noise for images', NOISE),
     'images_mirrored': Fault('mirrored images', _seen(_mirror)),
     'images_upside_down': Fault('images upside down', _seen(_upside_down)),
-    'camera_mirrored': Fault(
-        'a driver that mirrors all images', _remount(_mirror), phases=AT_FIRST
-    ),
-    'camera_upside_down': Fault(
-        'a camera mounted upside down', _remount(_upside_down), phases=AT_FIRST
-    ),
+    'camera_mirrored': at_first('a driver that mirrors all images', _remount(_mirror)),
+    'camera_upside_down': at_first('a camera mounted upside down', _remount(_upside_down)),
     'images_covered': Fault('a fifth of the image is covered', _cover),
     'images_lying_size': Fault('images of a height that lies', _damage(_lying_size)),
     'images_truncated': Fault('images without their end', _damage(_truncate)),

@@ -4,8 +4,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
-    ALWAYS,
-    Fault,
+    always,
     Faults,
     Strike,
     StruckRun,
@@ -70,17 +69,14 @@ KINDS: Mapping[str, tuple[str, Callable[[str], Strike]]] = {
     'restarted': ('is gone, and comes back', _restart),
 }
 FAULTS: Faults = {
-    f'{name.removesuffix("_node")}_{kind}': Fault(
-        f'{name} {words}',
-        strike(name),
-        phases=ALWAYS,
-        base_alone=name == 'servo_node' and kind != 'ended',
+    f'{name.removesuffix("_node")}_{kind}': always(
+        f'{name} {words}', strike(name), base_alone=name == 'servo_node' and kind != 'ended'
     )
     for name in NODES
     for kind, (words, strike) in KINDS.items()
 } | {
-    f'{name.removesuffix("_node")}_transitions': Fault(
-        f'{name} is taken through its states', _transitions(name), phases=ALWAYS
+    f'{name.removesuffix("_node")}_transitions': always(
+        f'{name} is taken through its states', _transitions(name)
     )
     for name in NODES
     if is_managed(name)

@@ -14,8 +14,8 @@ from visual_servo_epipolar.core.settings import range_of, Settings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.evaluation.faults.catalogue.clocks import tick
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
-    ALWAYS,
-    AT_FIRST,
+    always,
+    at_first,
     Fault,
     Faults,
     Prepare,
@@ -136,7 +136,7 @@ def _waits_without_clock(settings: WorldSettings, rng: np.random.Generator) -> W
 
 def _arming(what: str, strike: Strike, prepare: Prepare = _waits) -> Fault:
     """Return the fault of an order to start where something is missing."""
-    return Fault(f'~/start, and a minute later {what}', strike, prepare, phases=AT_FIRST)
+    return at_first(f'~/start, and a minute later {what}', strike, prepare)
 
 
 def _carry(scene: StruckRun) -> None:
@@ -191,24 +191,22 @@ def _drawn(item: Any, now: Any, scene: StruckRun) -> Any:
 
 FAULTS: Faults = {
     **{
-        f'order_{name}': Fault(f'~/{service}', partial(call, service=path), phases=ALWAYS)
+        f'order_{name}': always(f'~/{service}', partial(call, service=path))
         for name, (service, path) in zip(
             ('start', 'stop', 'reset', 'capture', 'redetect'),
             ((path.rsplit('/', 1)[1], path) for path in SERVICES),
             strict=True,
         )
     },
-    'order_stop_and_start': Fault(
-        '~/stop, and ~/start a little later', _stop_then_start, phases=ALWAYS
-    ),
-    'order_storm': Fault('30 services in 3 s, then ~/stop', _storm, phases=ALWAYS),
-    'order_button': Fault('the stop button is pressed, and released', _press, phases=ALWAYS),
-    'order_two_buttons': Fault('one of two stop buttons is pressed', _two_buttons, phases=ALWAYS),
+    'order_stop_and_start': always('~/stop, and ~/start a little later', _stop_then_start),
+    'order_storm': always('30 services in 3 s, then ~/stop', _storm),
+    'order_button': always('the stop button is pressed, and released', _press),
+    'order_two_buttons': always('one of two stop buttons is pressed', _two_buttons),
     'arming_camera': _arming('the camera comes', _started_too_early('camera_node')),
     'arming_tracker': _arming('the tracker comes', _started_too_early('tracker_node')),
     'arming_photograph': _arming('a photograph comes', _started_without_photograph),
     'arming_clock': _arming('/clock comes', _started_without_clock, _waits_without_clock),
-    'carried': Fault('somebody carries the robot', _carry, phases=ALWAYS),
+    'carried': always('somebody carries the robot', _carry),
     'limits_lowered': Fault('max_linear, max_angular lowered', _limits),
     'parameters_servo': Fault(
         'parameters of the servo', _parameters('servo_node', ServoSettings())

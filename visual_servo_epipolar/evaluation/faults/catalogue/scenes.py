@@ -12,12 +12,7 @@ from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.evaluation.faults.catalogue.calibration import DESIRED, taken
 from visual_servo_epipolar.evaluation.faults.catalogue.clocks import world_change
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
-    AT_FIRST,
-    Fault,
-    Faults,
-    StruckRun,
-)
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import at_first, Faults, StruckRun
 from visual_servo_epipolar.evaluation.faults.catalogue.streams import IMAGES
 from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
 from visual_servo_epipolar.evaluation.live.world import WorldSettings
@@ -110,10 +105,8 @@ def _leap(scene: StruckRun) -> None:
 FOLLOWING = world_change(more={CAMERA: {'exposure': 'auto'}})
 COMPRESSING = world_change(more={'tracker_node': {'transport': 'compressed'}})
 FAULTS: Faults = {
-    'scene_deep': Fault('a scene 60 to 200 m deep', _look_far, _deep, phases=AT_FIRST),
-    'jpeg_damaged': Fault(
-        'JPEGs damaged in the middle', _jpeg_damaged, COMPRESSING, phases=AT_FIRST
-    ),
+    'scene_deep': at_first('a scene 60 to 200 m deep', _look_far, _deep),
+    'jpeg_damaged': at_first('JPEGs damaged in the middle', _jpeg_damaged, COMPRESSING),
     'light_off': Fault('light off for 2 s', _off_and_on),
     'light_off_auto': Fault(
         'the light goes off, and on after 2 s; the exposure follows',

@@ -5,7 +5,7 @@ from typing import Any
 
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
-    ALWAYS,
+    always,
     Fault,
     Faults,
     Strike,
@@ -81,15 +81,15 @@ OF_TOMORROW = _restamp(lambda stamp_ns, scene: stamp_ns + 86_400 * NANOSECONDS)
 OF_CHANCE = _restamp(lambda stamp_ns, scene: stamp_ns + round(scene.draw(-2.0, 2.0) * NANOSECONDS))
 FAULTS: Faults = {
     'images_dropped': Fault('up to half of the images are lost', drop_some(IMAGES)),
-    'images_gap': Fault('no images for 0.3 to 8 s', _gap, phases=ALWAYS),
-    'images_end': Fault('no image any more', lambda scene: scene.lose(IMAGES), phases=ALWAYS),
+    'images_gap': always('no images for 0.3 to 8 s', _gap),
+    'images_end': always('no image any more', lambda scene: scene.lose(IMAGES)),
     'images_late': Fault('images 0.1 to 0.5 s late', late(IMAGES, 0.1, 0.5)),
     'images_very_late': Fault('images 1.5 to 4 s late', late(IMAGES, 1.5, 4.0)),
     'images_uneven': Fault('each image 0 to 0.5 s late', _uneven),
     'images_out_of_order': Fault('images overtake each other', _out_of_order),
     'images_repeated': Fault('each image comes three times', _repeat),
     'stamps_1970': Fault('stamps of 1970, in order', OF_1970),
-    'stamps_zero': Fault('stamps of 0', OF_ZERO, phases=ALWAYS),
+    'stamps_zero': always('stamps of 0', OF_ZERO),
     'stamps_future': Fault('stamps of tomorrow', OF_TOMORROW),
     'stamps_random': Fault('stamps 2 s off, in any order', OF_CHANCE),
 }

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
-    ALWAYS,
+    always,
     Fault,
     Faults,
     Strike,
@@ -84,10 +84,10 @@ FAULTS: Faults = {
         'half of the tracks 25 px aside', _change_rows(_half_shifted, true=True)
     ),
     'tracks_nan': Fault('nan and inf in tracks', _change_rows(_nan, true=True)),
-    'tracks_empty': Fault('no features', NONE, phases=ALWAYS),
+    'tracks_empty': always('no features', NONE),
     'tracks_few': Fault('a few features', FEW),
     'tracks_one_point': Fault('all features at one point', _change_rows(_one_point)),
-    'tracks_lying': Fault('clouds whose size lies', _lying, phases=ALWAYS),
+    'tracks_lying': always('clouds whose size lies', _lying),
     'tracks_dropped': Fault('up to half of the tracks lost', drop_some(TRACKS)),
     'tracks_late': Fault('tracks 0.1 to 0.5 s late', late(TRACKS, 0.1, 0.5)),
 }
