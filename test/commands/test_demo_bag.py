@@ -64,5 +64,5 @@ def test_a_folder_that_is_no_bag_is_left_alone(tmp_path, capsys) -> None:
     mine.write_text('kept')
     assert demo(tmp_path) == 2
     error = capsys.readouterr().err.splitlines()[-1]
-    assert 'must be the bag of an earlier run, to be replaced, but has mine.txt' in error
+    assert 'must be the bag of an earlier run, to be replaced, but holds mine.txt' in error
     assert mine.read_text() == 'kept'

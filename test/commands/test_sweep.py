@@ -275,7 +275,7 @@ def test_a_run_that_raised_is_named_and_the_sweep_ends_with_1(
         (['--runs', '1', '--compare', ''], 'law must be one of'),
         (['--runs', '1', '--law', 'full', '--compare', 'full'], 'exclude each other'),
         (['--runs', '1', '--jobs', '1', '--scheduler', 'tcp://x'], 'not allowed with'),
-        (['--runs', '1', '--scenes', '7-8'], '--scenes is for --source images'),
+        (['--runs', '1', '--scenes', '7-8'], '--scenes needs --source images'),
         (['--runs', '1', '--scenes', '8-7'], 'not a range'),
         (['--runs', '1', '--scenes', '7,x'], 'not a whole number'),
         (['--runs', '1', '--scenario', 'other'], 'no scenario file'),

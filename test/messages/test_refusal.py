@@ -118,7 +118,7 @@ def test_truncated_tracks_are_refused() -> None:
 def test_tracks_of_no_known_datatype_are_refused(datatype) -> None:
     message = tracks()
     message.fields[1].datatype = datatype
-    with pytest.raises(ValueError, match='no known datatype: u;'):
+    with pytest.raises(ValueError, match='unknown datatype: u;'):
         read.features(message)
 
 

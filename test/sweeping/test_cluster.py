@@ -135,7 +135,7 @@ def test_a_cluster_is_refused_unless_it_can_work(
         swept_on(real.address, tmp_path)
     real.stop(lacking)
     real.worker(OTHER)
-    with pytest.raises(InputError, match=r'has other code .*\(other there, .* here\)'):
+    with pytest.raises(InputError, match=r'runs different code .*\(other there, .* here\)'):
         swept_on(real.address, tmp_path)
 
 
@@ -151,7 +151,7 @@ def test_a_sweep_outlives_a_worker_but_not_the_last_one(
         if len(seen) in (1, 5):
             real.stop(crew.pop())
 
-    with pytest.raises(VisualServoError, match='has no workers any more; what had ended is kept'):
+    with pytest.raises(VisualServoError, match='has lost all its workers; finished runs are kept'):
         swept_on(real.address, tmp_path / 'out', MANY, watch)
     with Store(tmp_path / 'out', plan_of(MANY)) as store:
         assert len(seen) >= 5 and len(store.results) == sum(seen)

@@ -128,7 +128,7 @@ def _clear(bag: Path) -> None:
         foreign = [item.name for item in bag.iterdir() if not bag_file.fullmatch(item.name)]
         if foreign:
             raise InputError(
-                f'{bag} must be the bag of an earlier run, to be replaced, but has '
+                f'{bag} must be the bag of an earlier run, to be replaced, but holds '
                 f'{", ".join(sorted(foreign))}; name another folder by --out'
             )
         shutil.rmtree(bag)

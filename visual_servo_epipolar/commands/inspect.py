@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 def inspect_and_report(options: argparse.Namespace) -> int:
     """Inspect, write, print; return 0 if the result can be trusted."""
     if options.out and not cv2.haveImageWriter(options.out):
-        raise InputError(f'{options.out}: no such image format; call it .png or .jpg')
+        raise InputError(f'{options.out}: unknown image format; use .png or .jpg')
     desired = read_photograph(Path(options.desired))
     current = read_photograph(Path(options.current))
     height, width = current.shape

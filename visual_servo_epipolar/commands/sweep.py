@@ -50,7 +50,9 @@ def _plan(options: argparse.Namespace) -> SweepPlan:
     if options.law and options.compare:
         raise InputError('--law and --compare exclude each other; give one of them')
     if options.scenes and (options.scene is not None or options.source != 'images'):
-        raise InputError('--scenes is for --source images, without --scene; leave one of them out')
+        raise InputError(
+            '--scenes needs --source images and excludes --scene; leave one of them out'
+        )
     scenario = scenario_of(options)
     return SweepPlan(
         region=options.region,

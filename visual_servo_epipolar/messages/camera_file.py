@@ -73,7 +73,7 @@ def _cameras(parsed: list[Any]) -> Cameras:
     known: list[Any] = []
     for index, document in enumerate(parsed):
         if not isinstance(document, Mapping):
-            raise ValueError(f'a camera file must map names to values; read are {KINDS}')
+            raise ValueError(f'a camera file must map names to values; supported are {KINDS}')
         content = {key: value for key, value in document.items() if key != 'header'}
         if content in known:
             continue
@@ -84,7 +84,7 @@ def _cameras(parsed: list[Any]) -> Cameras:
                 found |= {name or str(index + 1): camera for name, camera in cameras.items()}
                 break
     if not found:
-        raise ValueError(f"camera file lacks 'camera_matrix'; read are {KINDS}")
+        raise ValueError(f"camera file lacks 'camera_matrix'; supported are {KINDS}")
     return found
 
 
@@ -93,7 +93,7 @@ def _chosen(cameras: Cameras, name: str) -> Calibration:
     if name not in cameras and (name or len(cameras) > 1):
         names = ', '.join([*cameras][:NAMED]) + (', ...' if len(cameras) > NAMED else '')
         raise ValueError(
-            f'the file has the cameras {names}, got {name or "no name"}; say which, as in '
+            f'the file has the cameras {names}, got {name or "no name"}; choose one, as in '
             f'FILE#{next(iter(cameras))}'
         )
     return cameras[name or next(iter(cameras))]()

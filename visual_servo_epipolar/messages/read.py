@@ -61,7 +61,7 @@ def camera(message: Any, *, rectified: bool = False, cropped: bool = False) -> C
     if rectified:
         if projection[0] == 0.0:
             raise ValueError(
-                'P of camera_info must hold where images are rectified, got P[0] = 0; '
+                'P of camera_info must be set if images are rectified, got P[0] = 0; '
                 'calibrate the camera, or set rectified: false for raw images'
             )
         k, lens = checked_matrix(projection, 'P').ravel().tolist(), ((), 'plumb_bob')
@@ -71,7 +71,9 @@ def camera(message: Any, *, rectified: bool = False, cropped: bool = False) -> C
     except ValueError as error:
         if _is_whole(message):
             raise
-        raise ValueError(f'{error}; K is of the image before region and binning') from None
+        raise ValueError(
+            f'{error}; K must be that of the image before region and binning'
+        ) from None
     return full if _is_whole(message) else _in_the_image(message, full)
 
 
@@ -126,7 +128,7 @@ def odometry(message: Any) -> Pose:
     if not abs(length - 1.0) < UNIT:
         raise ValueError(
             f'the orientation of odom must be a quaternion of length 1, got length {length:g}; '
-            'mend who publishes it'
+            'correct its publisher'
         )
     return pose(message)
 
@@ -140,7 +142,7 @@ def transform(message: Any) -> tuple[FloatArray, FloatArray]:
     if not (np.isfinite(origin).all() and abs(length - 1.0) < UNIT):
         raise ValueError(
             f'the transform to {message.child_frame_id} must be finite, with a quaternion of '
-            f'length 1, got length {length:g}; mend who publishes it'
+            f'length 1, got length {length:g}; correct its publisher'
         )
     x, y, z, w = (quaternion / length).tolist()
     rotation = [
@@ -194,7 +196,7 @@ def _layout_of_tracks(message: Any) -> np.dtype[np.void]:
     unsupported = [name for name in TRACK_FIELDS if columns[name].datatype not in NUMPY_TYPES]
     if unsupported:
         raise ValueError(
-            f'tracks have fields of no known datatype: {", ".join(unsupported)}; connect the '
+            f'tracks have fields of unknown datatype: {", ".join(unsupported)}; connect the '
             'tracks of a tracker_node'
         )
     order = '>' if message.is_bigendian else '<'

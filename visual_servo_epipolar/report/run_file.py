@@ -65,7 +65,9 @@ def load_run(folder: Path) -> RunFile:
         raise InputError(f'{path}: run cannot be read: {error.strerror}') from None
     except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         text = ' '.join(str(error).split())
-        raise InputError(f'{path}: not a run: {text}; write it anew by demo or simulate') from None
+        raise InputError(
+            f'{path}: not a run: {text}; create it again by demo or simulate'
+        ) from None
 
 
 def _document(run: RunFile) -> dict[str, Any]:

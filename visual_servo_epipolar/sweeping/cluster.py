@@ -15,7 +15,7 @@ from visual_servo_epipolar.sweeping.provenance import digest
 
 CONNECT_S = 10.0
 NO_DASK = 'Dask cannot be imported ({}); pip install "visual_servo_epipolar[dask]"'
-KEPT = 'what had ended is kept, and the same command goes on from there'
+KEPT = 'finished runs are kept, and the same command goes on from there'
 
 
 class ClusterWorkers:
@@ -38,13 +38,13 @@ class ClusterWorkers:
     def check(self) -> None:
         """Raise VisualServoError if the cluster has no workers left."""
         if not self._client.nthreads():
-            raise VisualServoError(f'the cluster has no workers any more; {KEPT}')
+            raise VisualServoError(f'the cluster has lost all its workers; {KEPT}')
 
 
 def work_here(code: str, plan: SweepPlan, chunk: Chunk) -> list[Result]:
     """Do ``chunk`` on a worker that may have joined late; InputError if its code is not ours."""
     if digest() != code:
-        raise InputError(f'a Dask worker that joined has other code ({digest()}, not {code})')
+        raise InputError(f'a Dask worker that joined runs different code ({digest()}, not {code})')
     return work(plan, chunk)
 
 
@@ -116,8 +116,8 @@ def _check(client: Any, address: str) -> None:
             )
         if answer != digest():
             raise InputError(
-                f'Dask worker {worker} has other code of visual_servo_epipolar ({answer} there, '
-                f'{digest()} here); install this version of it there and restart the worker'
+                f'Dask worker {worker} runs different code of visual_servo_epipolar ({answer} '
+                f'there, {digest()} here); install this version of it there and restart the worker'
             )
 
 

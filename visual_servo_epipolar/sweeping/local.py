@@ -21,7 +21,7 @@ THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 # pages otherwise, which takes a quarter of the match. Once set it no longer adapts, as
 # ``closed_loop`` lets it where no worker has set it.
 MEMORY = {'MALLOC_MMAP_THRESHOLD_': str(32 << 20), 'MALLOC_TRIM_THRESHOLD_': str(1 << 30)}
-KEPT = 'what had ended is kept, and the same command goes on from there'
+KEPT = 'finished runs are kept, and the same command goes on from there'
 
 
 class LocalWorkers:

@@ -108,7 +108,9 @@ class Store:
                 self.results[line['law'], line['index']] = line['result']
                 sessions[line['session']] = line['elapsed_s']
             except KeyError as error:
-                raise InputError(f'{self.path}:{number}: no {error}; remove this line') from None
+                raise InputError(
+                    f'{self.path}:{number}: lacks {error}; remove this line'
+                ) from None
         self._before_s = sum(sessions.values())
         self._session = max(sessions, default=-1) + 1
 

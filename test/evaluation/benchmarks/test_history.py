@@ -41,7 +41,7 @@ def test_each_figure_is_compared_with_its_last_value_on_this_machine() -> None:
 def test_another_file_is_refused_and_left_alone(tmp_path, line: str) -> None:
     path = tmp_path / 'notes.txt'
     path.write_text(f'{line}\n')
-    with pytest.raises(InputError, match='line 1: an entry of a history of benchmarks'):
+    with pytest.raises(InputError, match='line 1: not an entry of a history of benchmarks'):
         history.read(path)
     assert main(['bench', 'laws', '--quick', '--history', str(path)]) == 2
     assert path.read_text() == f'{line}\n'
@@ -60,5 +60,5 @@ def test_what_is_no_file_of_text_is_one_line(tmp_path, capsys, content) -> None:
     name = '-' if content is None else str(path)
     assert main(['bench', 'laws', '--quick', '--history', name]) == 2
     said = capsys.readouterr().err
-    assert ('appends to a file' if content is None else 'history cannot be read') in said
+    assert ('needs the name of a file' if content is None else 'history cannot be read') in said
     assert said.count('\n') == 1

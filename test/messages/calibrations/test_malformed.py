@@ -125,7 +125,7 @@ def test_a_key_that_is_missing_is_named(key) -> None:
 
 @pytest.mark.parametrize('key', ['distortion_coefficents', 'distortion_coeff', 'distortions'])
 def test_a_slip_in_the_name_does_not_leave_the_distortion_out(key) -> None:
-    assert f'{key} is no key' in refusal(OST_YAML.replace('distortion_coefficients', key))
+    assert f'{key} is not a key' in refusal(OST_YAML.replace('distortion_coefficients', key))
 
 
 @pytest.mark.parametrize('name', FILES)

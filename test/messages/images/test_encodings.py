@@ -175,7 +175,7 @@ def test_colour_is_compressed_to_the_same_grey() -> None:
 def test_what_is_no_picture_is_refused(data) -> None:
     raw = CompressedImage(format='jpeg')
     raw.data.frombytes(data)
-    reason = rf"a compressed image \('jpeg'\) must be a whole .*, got {len(data)} bytes"
+    reason = rf"a compressed image \('jpeg'\) must be a complete .*, got {len(data)} bytes"
     with pytest.raises(ValueError, match=reason):
         read.gray(raw)
 
@@ -228,7 +228,7 @@ def test_a_dark_image_of_a_sensor_is_not_taken_for_one_of_fewer_bits() -> None:
 
 
 def test_a_damaged_image_does_not_make_those_after_it_dark() -> None:
-    reason = 'grey levels of 16 bits, those before it 10; it is'
+    reason = 'grey levels of 16 bits, earlier ones 10; it is'
     reader = reader_that_has_refused(BRIGHT - 1, 65_000, reason)
     assert grays_of(reader, 1000) == 250
     with pytest.raises(ValueError, match='grey levels of 16 bits'):
@@ -256,7 +256,7 @@ def test_images_of_a_row_a_column_or_a_pixel_are_grey_or_refused(encoding) -> No
         try:
             assert read.gray(raw).shape == shape
         except ValueError as error:
-            assert 'cannot become grey' in str(error)
+            assert 'cannot be converted to grey' in str(error)
 
 
 PATTERNS = ['rggb', 'bggr', 'gbrg', 'grbg']

@@ -106,7 +106,7 @@ def test_the_end_of_a_thumbnail_is_not_that_of_the_picture(reader) -> None:
     thumbnail = b'\xff\xe1' + (2 + len(whole)).to_bytes(2, 'big') + whole
     carrying = whole[:2] + thumbnail + whole[2:]
     np.testing.assert_array_equal(reader(carrying), reader(whole))
-    with pytest.raises(ValueError, match='must be a whole JPEG'):
+    with pytest.raises(ValueError, match='must be a complete JPEG'):
         reader(carrying[: len(carrying) - len(whole) // 4])
 
 

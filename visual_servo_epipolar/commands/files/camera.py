@@ -33,7 +33,7 @@ def read_camera(
     except OSError as error:
         raise InputError(f'{path}: camera file cannot be read: {error.strerror}') from None
     except UnicodeDecodeError:
-        raise InputError(f'{path}: camera file is no text; read are {KINDS}') from None
+        raise InputError(f'{path}: camera file is not text; supported are {KINDS}') from None
     try:
         return from_text(text, name=name, size=size, rectified=rectified, cropped=cropped)
     except ValueError as error:
@@ -57,7 +57,7 @@ def scaled_to(camera: CameraModel, image: Image, path: Path) -> CameraModel:
     if abs(scale_u / scale_v - 1.0) > ASPECT_TOLERANCE:
         lying = abs(width * camera.width / (height * camera.height) - 1.0) <= ASPECT_TOLERANCE
         remedy = (
-            'calibrate with the pixels as they are stored, which an orientation tag does not turn'
+            'calibrate with the pixels as stored, which an orientation tag does not turn'
             if lying
             else 'do not crop, and use the calibration of this camera'
         )

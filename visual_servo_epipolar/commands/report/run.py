@@ -93,7 +93,7 @@ def _refuse_bag_options(options: argparse.Namespace) -> None:
     if given:
         raise InputError(
             f'{options.bag} is a run, not a bag: {", ".join(given)} cannot change what it did; '
-            'leave out, or report on its bag'
+            'leave them out, or report on its bag'
         )
 
 

@@ -79,13 +79,15 @@ def run(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.evaluation.benchmarks import history
 
     if options.history == '-':
-        raise InputError('--history appends to a file, - is none; name one')
+        raise InputError('--history needs the name of a file, got -; name one')
     check_json(options.history)
     earlier = history.read(Path(options.history)) if options.history else []
     options.photographs = _photographs(options.which)
     unknown = sorted(set(options.which) - set(BENCHMARKS))
     if unknown:
-        raise InputError(f'no benchmark {", ".join(unknown)}; there are {", ".join(BENCHMARKS)}')
+        raise InputError(
+            f'unknown benchmark {", ".join(unknown)}; choose from {", ".join(BENCHMARKS)}'
+        )
     results: dict[str, Any] = {}
     figures: dict[str, dict[str, float]] = {}
     for name in options.which or [name for name in BENCHMARKS if name not in ON_REQUEST]:

@@ -54,7 +54,7 @@ def read(path: Path) -> list[dict[str, Any]]:
             item = None
         if not isinstance(item, dict) or KEYS - item.keys():
             raise InputError(
-                f'{path}, line {number}: an entry of a history of benchmarks was expected, with '
+                f'{path}, line {number}: not an entry of a history of benchmarks, which has '
                 f'{", ".join(sorted(KEYS))}; name another file by --history'
             )
         entries.append(item)

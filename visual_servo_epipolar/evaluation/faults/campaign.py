@@ -66,7 +66,7 @@ def plan(names: Sequence[str], runs: int, seed: int) -> list[FaultRun]:
     """
     unknown = sorted(set(names) - set(NAMES))
     if unknown:
-        raise InputError(f'no fault {", ".join(unknown)}; {hint(unknown, NAMES)}')
+        raise InputError(f'unknown fault {", ".join(unknown)}; {hint(unknown, NAMES)}')
     chosen = list(dict.fromkeys(names)) or list(NAMES)
     return [FaultRun(chosen[k % len(chosen)], seed + k // len(chosen)) for k in range(runs)]
 

@@ -93,7 +93,7 @@ class TwistListener(Listener):
         client = self.node.create_client(Trigger, service)
         try:
             if not client.wait_for_service(START_S):
-                raise VisualServoError(f'nobody has served {service} within {START_S:g} s')
+                raise VisualServoError(f'no node served {service} within {START_S:g} s')
             future: Any = client.call_async(Trigger.Request())
             self._executor.spin_until_future_complete(future, START_S)
             answer = future.result()

@@ -36,8 +36,8 @@ def _calibration(camera: Mapping[str, Any], prefix: str) -> Calibration:
     model = text(camera['camera_model'], f'{prefix}camera_model')
     if model != 'pinhole':
         raise ValueError(
-            f'{prefix}camera_model must be pinhole, got {model!r:.40}: omni, ds and eucm project '
-            'otherwise; calibrate with pinhole-radtan, or pinhole-equi for a fisheye'
+            f'{prefix}camera_model must be pinhole, got {model!r:.40}: omni, ds and eucm are '
+            'other projections; calibrate with pinhole-radtan, or pinhole-equi for a fisheye'
         )
     fx, fy, cx, cy = numbers(camera['intrinsics'], f'{prefix}intrinsics', (4,))
     name = text(camera.get('distortion_model', 'none'), f'{prefix}distortion_model')

@@ -90,7 +90,9 @@ def _refuse_misspelt(keys: Mapping[str, str]) -> None:
             plain.startswith(('distort', 'distco'))
             and not {plain, match[1] if match else plain} & known
         ):
-            raise ValueError(f'{key} is no key of a camera file; call it distortion_coefficients')
+            raise ValueError(
+                f'{key} is not a key of camera files; rename it to distortion_coefficients'
+            )
 
 
 def _size(find: Any) -> tuple[int, int]:
@@ -119,8 +121,8 @@ def _lens(find: Any, distortion: tuple[float, ...]) -> str:
         return 'equidistant'
     if len(distortion) == 4 and any(distortion) and not fisheye_key:
         raise ValueError(
-            'distortion_coefficients are 4, of a pinhole or of a fisheye, and no distortion_model '
-            'says which; add plumb_bob or equidistant, or give ost.yaml in place of ost.txt'
+            '4 distortion_coefficients may be those of a pinhole or of a fisheye; add '
+            'distortion_model plumb_bob or equidistant, or use ost.yaml instead of ost.txt'
         )
     return BY_COUNT.get(len(distortion), 'plumb_bob')
 

@@ -127,8 +127,8 @@ class GrayReader:
             self._bits, self._brighter, self._darker = bits, 0, 0
         if bits > self._bits:
             raise ValueError(
-                f'an image has grey levels of {bits} bits, those before it {self._bits}; '
-                'it is damaged, or the sensor has been set otherwise'
+                f'an image has grey levels of {bits} bits, earlier ones {self._bits}; '
+                'it is damaged, or the sensor was set differently'
             )
         return (values >> (self._bits - 8)).astype(np.uint8)
 
@@ -145,7 +145,8 @@ def _gray(pixels: Image, encoding: Encoding) -> Image:
     except cv2.error as error:
         height, width = pixels.shape[:2]
         raise ValueError(
-            f'an image of {width}x{height} px cannot become grey: {error.err}; check the driver'
+            f'an image of {width}x{height} px cannot be converted to grey: {error.err}; check '
+            'the driver'
         ) from None
 
 

@@ -56,12 +56,13 @@ def decode(data: bytes, name: str, *, largest: int = LARGEST) -> NDArray[Any]:
     header = _header(data)
     if header is None and largest < LARGEST_FILE or header is not None and not header.is_whole:
         raise ValueError(
-            f'{name} must be a whole JPEG, PNG, TIFF or WebP, got {len(data)} bytes that are none'
+            f'{name} must be a complete JPEG, PNG, TIFF or WebP, got {len(data)} bytes that '
+            'are not'
         )
     if header is not None and not 0 < header.width * header.height <= largest:
         raise ValueError(
             f'{name} must have 1 to {largest} pixels, got {header.width}x{header.height}; it is '
-            'damaged, or to be scaled down'
+            'damaged, or must be scaled down'
         )
     try:
         with _silent_opencv():

@@ -171,7 +171,9 @@ def _by_turns(
 def _answers(drive: Answers) -> dict[str, Any]:
     """Return quantiles [ms] of the latencies, and how many images have no answer."""
     if not drive.latencies:
-        raise VisualServoError('no image was answered; look at what the nodes say by themselves')
+        raise VisualServoError(
+            'no image was answered; start the nodes by hand and read their logs'
+        )
     values = 1e3 * np.quantile(drive.latencies, list(QUANTILES.values()))
     return {
         'images': len(drive.sent),
