@@ -109,7 +109,9 @@ def test_a_fisheye_of_opencv_is_one(lens, number) -> None:
     expected = Equidistant(640, 480, *PINHOLE, PLUMB_BOB[:4])
     assert_alike(from_text(f'{four}{lens}\n'), expected)
     assert_alike(from_text(f'{four}fisheye_model: 0\n'), EXPECTED)
-    with pytest.raises(ValueError, match='may be those of a pinhole or of a fisheye; add distortion_model'):
+    with pytest.raises(
+        ValueError, match='may be those of a pinhole or of a fisheye; add distortion_model'
+    ):
         from_text(four)
 
 

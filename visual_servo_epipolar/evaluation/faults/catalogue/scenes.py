@@ -12,7 +12,12 @@ from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.evaluation.faults.catalogue.calibration import DESIRED, taken
 from visual_servo_epipolar.evaluation.faults.catalogue.clocks import world_change
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import at_first, Faults, StruckRun
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
+    at_first,
+    Fault,
+    Faults,
+    StruckRun,
+)
 from visual_servo_epipolar.evaluation.faults.catalogue.streams import IMAGES
 from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
 from visual_servo_epipolar.evaluation.live.world import WorldSettings
