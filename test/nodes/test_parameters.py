@@ -225,6 +225,11 @@ def test_two_changes_that_need_each_other_are_taken_together(bench) -> None:
             Parameter('person', value=0.8),
             lambda node: node._simulator.disturbances.person,
         ),
+        (
+            'camera_node',
+            Parameter('exposure', value='auto'),
+            lambda node: node._simulator.light.exposure,
+        ),
     ],
     ids=lambda value: getattr(value, 'name', None),
 )

@@ -36,6 +36,11 @@ def test_a_fixed_exposure_leaves_the_usual_light_alone() -> None:
     assert gain == 1.0
 
 
+def test_half_of_the_light_is_the_same_image_half_as_bright() -> None:
+    half, _ = Exposure(LightSettings()).take(view(0.5))
+    np.testing.assert_allclose(2.0 * half, SCENE, atol=1.0)
+
+
 @pytest.mark.parametrize('light', [0.3, 0.6, 1.0, 2.0])
 def test_it_has_settled_on_the_first_image(light: float) -> None:
     taken, gain = Exposure(AUTO).take(view(light))

@@ -1,7 +1,7 @@
 """Named lights: what lights the room at noon, at dusk, by a lamp; a light is a row."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -36,6 +36,16 @@ class Light:
     def windows(self) -> list[Window]:
         """The windows among its sources."""
         return [source for source in self.sources if isinstance(source, Window)]
+
+    def in_room(self, end: float) -> 'Light':
+        """Return the light in a room whose front wall, with its windows, is at y = ``end`` [m]."""
+        sources = tuple(
+            replace(it, middle=(it.middle[0], end, it.middle[2]))
+            if isinstance(it, Window) and it.normal[1] < 0.0
+            else it
+            for it in self.sources
+        )
+        return replace(self, sources=sources)
 
     @property
     def casts_shadows(self) -> bool:

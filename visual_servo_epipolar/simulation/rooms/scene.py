@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.simulation.light.lights import CEILING, Light, LIGHTS
+from visual_servo_epipolar.simulation.light.lights import CEILING, LIGHTS
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms import furniture as c
 from visual_servo_epipolar.simulation.rooms import materials as m
@@ -86,13 +86,14 @@ class PaintedRoom:
         """Return the room by the light of that name, with a thing; the last few are kept."""
         key = light, thing
         kept = key in self._scenes
-        self._scenes[key] = self._scenes.pop(key) if kept else self._build(LIGHTS[light], *thing)
+        self._scenes[key] = self._scenes.pop(key) if kept else self._build(light, *thing)
         if len(self._scenes) > KEPT:
             del self._scenes[next(iter(self._scenes))]
         return self._scenes[key]
 
-    def _build(self, light: Light, thing: str, has_changed: bool) -> Scene:
+    def _build(self, name: str, thing: str, has_changed: bool) -> Scene:
         base = self._builder
+        light = LIGHTS[name].in_room(base.end)
         surfaces = base.surfaces(light)
         if thing in CHANGES:
             # By chance of its own, so that the room around it is the same.
