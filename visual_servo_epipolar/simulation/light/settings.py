@@ -6,7 +6,7 @@ from visual_servo_epipolar.core.settings import fixed, setting, Settings
 from visual_servo_epipolar.simulation.light.lights import CEILING, Light, LIGHTS
 
 DAY = ('noon', 'ceiling', 'dusk', 'lamp_right', 'lamp_side')
-SAME, EACH = 'same', 'each'  # each: of DAY in turn, by the seed
+SAME, EACH = 'same', 'each'  # each: one of DAY, by the seed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +19,7 @@ class LightSettings(Settings):
 
     light: str = setting(
         CEILING,
-        'Light of the run; each: one of five in turn, by the seed',
+        'Light of the run; each: one of five, by the seed',
         choices=(*LIGHTS, EACH),
     )
     photograph_light: str = fixed(CEILING, 'Light of the photograph', choices=tuple(LIGHTS))
