@@ -14,10 +14,10 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 SETTINGS = ServoSettings(law='smooth')
 
 
-def event(measurement: Measurement, settled: int = 0) -> Event:
+def event(measurement: Measurement, settled: int = 0, law: str = 'smooth') -> Event:
     """Return the event of a measurement on the way."""
     state = in_phase(APPROACHING.phase).changed(measurement=measurement, settled=settled)
-    return classify(state, SETTINGS)
+    return classify(state, ServoSettings(law=law))
 
 
 def test_by_two_views_a_small_difference_ends_it_on_the_axis_alone() -> None:
@@ -52,6 +52,27 @@ def test_it_ends_where_the_way_ends_though_aside_d_is_not_zero_there() -> None:
     state = in_phase(APPROACHING.phase).changed(measurement=aside)
     assert is_settled(state, SETTINGS)
     assert event(aside, settled=SETTINGS.arrival_frames) is Event.MISSED
+
+
+def test_who_may_not_retreat_never_backs_off() -> None:
+    aside = sight(bearings=behind(1.2, 0.3), offset=(1.5, -0.6), offset_deviation=0.01)
+    passed = sight(offset=(0.0, 0.08), offset_deviation=1e-3)
+    assert event(aside, law='smooth-retreat') is Event.NOTHING
+    assert event(passed, law='smooth-retreat') is Event.EXHAUSTED
+
+
+def test_on_the_last_way_each_settled_frame_asks_for_less() -> None:
+    near = sight(
+        offset=(0.0, -3.3e-4),
+        offset_deviation=1e-3,
+        heading_error=0.0,
+        difference=-1e-4,
+        difference_deviation=1e-4,
+        difference_slope=0.3,
+    )
+    first = in_phase(APPROACHING.phase).changed(measurement=near)
+    assert is_settled(first, SETTINGS)
+    assert not is_settled(first.changed(settled=SETTINGS.arrival_frames - 1), SETTINGS)
 
 
 def test_an_image_that_tells_nothing_far_away_is_lost() -> None:

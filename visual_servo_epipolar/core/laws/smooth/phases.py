@@ -29,7 +29,6 @@ from visual_servo_epipolar.core.laws.phases.bounds import (
 from visual_servo_epipolar.core.laws.phases.conditions import (
     is_behind,
     is_far_enough,
-    is_sideways,
     is_untrusted,
     with_new_leg,
 )
@@ -53,7 +52,7 @@ PASSED = 0.05  # beyond which the goal was passed by [m]
 HANDOVER_DIFFERENCE = 0.03  # |D| at which two views end as the second step does
 LEAST_PATIENCE_S = 0.8  # within the usual bounds, after which they are enough
 LINED_UP = 0.2  # bearings up to which D is that of the way ahead [rad]
-HYSTERESIS = 0.35  # of the bearing beyond which a robot backs off, on its way [rad]
+BESIDE, HYSTERESIS = 0.05, 0.35  # beyond it, where a robot backs off: at first, on its way [rad]
 
 
 def _approaching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
@@ -83,17 +82,21 @@ def _is_lined_up(measurement: Measurement, bearings: Bearings) -> bool:
     return near and max(abs(bearings.chi), abs(bearings.alpha)) <= LINED_UP
 
 
-def _lies_beside(measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether the goal has come to lie beside, farther than one motion begins from."""
+def _lies_beside(
+    measurement: Measurement, settings: ServoSettings, *, beyond: float = HYSTERESIS
+) -> bool:
+    """Return whether the goal lies beside, ``beyond`` [rad] of where a robot backs off to."""
     bearings = measurement.bearings
-    if bearings is None:
+    if bearings is None or not settings.options.retreat:
         return False
-    return not is_behind(bearings) or abs(bearings.chi) > settings.sideways_bearing + HYSTERESIS
+    return not is_behind(bearings) or abs(bearings.chi) > settings.sideways_bearing + beyond
 
 
 def _missed(state: ServoState, settings: ServoSettings) -> Event:
-    repeats = settings.options.new_attempts and state.run.attempts < settings.max_attempts
-    return Event.MISSED if repeats else Event.EXHAUSTED
+    """Return the event of a miss: a new attempt backs off first, as far as that is allowed."""
+    repeats = settings.options.new_attempts and settings.options.retreat
+    again = repeats and state.run.attempts < settings.max_attempts
+    return Event.MISSED if again else Event.EXHAUSTED
 
 
 def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
@@ -172,9 +175,9 @@ def _retreating(state: ServoState, measurement: Measurement, settings: ServoSett
     if is_untrusted(measurement, settings):
         return Event.LOST
     has_room = has_run_up(state, measurement, settings) and is_far_enough(measurement, settings)
-    if measurement.bearings is None or not has_room or is_sideways(measurement, settings):
+    if measurement.bearings is None or not has_room:
         return Event.NOTHING
-    return Event.APART
+    return Event.NOTHING if _lies_beside(measurement, settings, beyond=0.0) else Event.APART
 
 
 def _retreat(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
@@ -186,6 +189,8 @@ def _surveyed(row: PhaseRow) -> PhaseRow:
 
     def classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
         event = row.classify(state, measurement, settings)
+        if event is Event.SIDEWAYS and not _lies_beside(measurement, settings, beyond=BESIDE):
+            event = Event.APART
         known = measurement.offset is not None or measurement.bearings is not None
         return Event.APART if known and event in (Event.ALIGNED, Event.NO_BASELINE) else event
 
