@@ -221,10 +221,18 @@ def reader_that_has_refused(times: int, brightest: int, reason: str) -> GrayRead
     return reader
 
 
-def test_a_dark_image_of_a_sensor_is_not_taken_for_one_of_fewer_bits() -> None:
+def test_a_dark_image_of_a_sensor_keeps_its_range_and_is_not_taken_for_one_of_fewer_bits() -> None:
     reader = GrayReader()
-    for brightest, shade in ((4000, 250), (100, 6), (3000, 187)):
+    for brightest, shade in ((4000, 250), (1500, 93), (100, 100), (50, 50), (3000, 187)):
         assert grays_of(reader, brightest) == shade
+
+
+def test_a_lamp_in_the_dark_does_not_take_the_range_of_the_rest() -> None:
+    reader, pixels = GrayReader(), np.arange(100, 130, dtype='<u2')[:, None].repeat(40, axis=1)
+    pixels[:4, :8] = 4095
+    image = read.gray(message(pixels[:, :, None].view(np.uint8), 'mono16'), reader)
+    assert (image[0, 0], image[-1, -1]) == (255, 129)
+    assert len(np.unique(image[4:])) == 26
 
 
 def test_a_damaged_image_does_not_make_those_after_it_dark() -> None:
@@ -237,15 +245,16 @@ def test_a_damaged_image_does_not_make_those_after_it_dark() -> None:
 
 def test_a_sensor_that_is_set_to_more_bits_is_believed_after_a_few_images() -> None:
     reader = reader_that_has_refused(BRIGHT - 1, 4000, 'grey levels of 12 bits')
-    assert [grays_of(reader, value) for value in (4000, 1000)] == [250, 62]
+    assert [grays_of(reader, value) for value in (4000, 1500)] == [250, 93]
 
 
 def test_a_sensor_whose_images_stay_dark_has_fewer_bits() -> None:
     """The first image may have been the damaged one."""
     reader = GrayReader()
     assert grays_of(reader, 65_000) == 253
-    assert {grays_of(reader, 1000) for _ in range(DARK - 1)} == {3}
-    assert grays_of(reader, 1000) == 250
+    assert {grays_of(reader, 1000) for _ in range(DARK)} == {250}
+    with pytest.raises(ValueError, match='grey levels of 16 bits, those before it 10'):
+        grays_of(reader, 65_000)
 
 
 @pytest.mark.parametrize('encoding', list(ENCODINGS))

@@ -1,10 +1,12 @@
 """
 Image encodings: grey levels from sensor_msgs/Image and CompressedImage, and from picture files.
 
-Of 16 bits those that the sensor uses count: their upper eight are the grey levels. The mosaic of a
-colour sensor is smoothed by (1 2 1) / 4 along rows and columns, which gives (R + 2 G + B) / 4 by
-the same filter at every pixel. Interpolation smooths red, green and blue pixels in three ways: a
-corner that moves by one pixel looks another, and is tracked half as well.
+Of 16 bits those that the sensor uses count: their upper eight are the grey levels; in the dark,
+where the upper ones stay empty, the eight below, as little would be left of the upper ones.
+
+The mosaic of a colour sensor is smoothed by (1 2 1) / 4 along rows and columns, which gives
+(R + 2 G + B) / 4 by the same filter at every pixel. Interpolation smooths red, green and blue
+pixels in three ways: a corner that moves by one pixel looks another, and is tracked half as well.
 """
 
 from collections.abc import Mapping
@@ -24,6 +26,8 @@ from visual_servo_epipolar.messages.images.pictures import decode, LARGEST_FILE
 MOSAIC = re.compile(r'(bayer_[rgb]{4}(?:8|16)); ?(?:jpeg|png|tiff) compressed *(?:\1)? *')
 DEPTHS = (8, 10, 12, 14, 16)  # bits of sensors, sent as 16
 BRIGHT, DARK = 3, 300  # images in a row that tell of more bits than known, and of fewer
+DIM_BITS = 2  # that are empty in the dark
+LAMPS, SAMPLES = 95.0, 64  # percentile, of so many rows: what is brighter may be lamps
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +81,13 @@ class GrayReader:
 
     It remembers how many of 16 bits the sensor uses, which a dark image does not tell. One image
     with more of them is refused as damaged, and not remembered: those of a sensor come again.
+    Images that get dark, or bright again, change by a power of two once.
     """
 
     def __init__(self) -> None:
         self._bits = 0  # not known yet
         self._brighter = self._darker = 0  # images in a row
+        self._empty = 0  # upper bits that are empty in the dark
 
     def raw(self, message: Any) -> Image:
         """Return the grey image of a sensor_msgs/Image, or raise ValueError."""
@@ -118,7 +124,7 @@ class GrayReader:
         return _gray(self._upper_bits(image) if image.dtype == np.uint16 else image, encoding)
 
     def _upper_bits(self, values: NDArray[Any]) -> Image:
-        """Return those eight bits of ``values`` that are the upper ones of what is used."""
+        """Return those eight bits of ``values`` that are the upper ones of what is used now."""
         used = int(values.max()).bit_length()
         bits = next(bits for bits in DEPTHS if bits >= used)
         self._brighter = self._brighter + 1 if bits > self._bits else 0
@@ -130,7 +136,17 @@ class GrayReader:
                 f'an image has grey levels of {bits} bits, earlier ones {self._bits}; '
                 'it is damaged, or the sensor was set differently'
             )
-        return (values >> (self._bits - 8)).astype(np.uint8)
+        self._empty = self._empty_bits(values)
+        if not self._empty:
+            return (values >> (self._bits - 8)).astype(np.uint8)
+        return np.minimum(values >> (self._bits - 8 - self._empty), 255).astype(np.uint8)
+
+    def _empty_bits(self, values: NDArray[Any]) -> int:
+        """Return how many upper bits of ``values`` to leave out: as before, or what is empty."""
+        stride = max(min(values.shape[:2]) // SAMPLES, 1)
+        used = int(np.percentile(values[::stride, ::stride], LAMPS)).bit_length()
+        empty = self._bits - max(used, 8)
+        return empty if empty < self._empty or empty >= self._empty + DIM_BITS else self._empty
 
 
 def _gray(pixels: Image, encoding: Encoding) -> Image:
