@@ -1,11 +1,14 @@
 """Templates of a photograph: made once, and never more of them than there is room for."""
 
+import cv2
 import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.tracking.alignment import templates as module
-from visual_servo_epipolar.core.tracking.alignment.sampling import PatchGrid
+from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, PatchGrid
+from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.templates import LEVELS, Templates
+from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 
 MOST, COUNT = 48, 20
 
@@ -54,3 +57,17 @@ def test_what_is_in_use_stays_when_room_is_made(cache) -> None:
         stacked = cache.stacked(tracked, points(tracked), level(0))
         np.testing.assert_array_equal(stacked, expected)
         assert {(k, 0) for k in range(COUNT)} <= set(cache._rows)
+
+
+def test_light_that_grows_across_a_patch_is_no_motion() -> None:
+    texture = np.random.default_rng(1).normal(size=(120, 160))
+    image = cv2.GaussianBlur(texture, (0, 0), 3.0)
+    image = (110.0 + 40.0 * image / image.std()).clip(0, 255).astype(np.uint8)
+    points = np.stack(np.meshgrid([40.0, 80.0, 120.0], [40.0, 80.0]), axis=-1).reshape(-1, 2)
+    ids = np.arange(len(points))
+    start = Warps(ids, points, points + 0.3, np.tile(np.eye(2), (len(points), 1, 1)))
+    anchor = Anchor(image)
+    lamp = 4.0 * (np.arange(160.0) - 80.0)  # brighter on the right by 4 grey levels a pixel
+    aligned = anchor.align(start, float_image(image) + lamp.astype(np.float32), iterations=20)
+    off = np.hypot(*(aligned.warps.current - points).T)
+    assert off.max() < 0.03

@@ -135,10 +135,11 @@ class SteepestDescent:
         for slope in (slope_x, slope_y):
             for offset in (self._x, self._y):
                 np.multiply(slope, offset, out=next(rest))
-        # Gain and bias of the light must not look like motion: project both out.
-        descent -= np.add.reduce(descent, axis=1, keepdims=True) / patch.size
         wide = patch.astype(np.float64)
-        descent -= (descent @ wide)[:, None] * wide
+        # Light must not look like motion: its gain, its bias, and one that grows across the patch,
+        # as where it comes from another side, are projected out.
+        basis = np.linalg.qr(np.stack([np.ones(len(wide)), self._x, self._y, wide], axis=1))[0]
+        descent -= (descent @ basis) @ basis.T
         descent *= self._scale
         hessian = descent @ descent.T
         trace = float(hessian.trace())
