@@ -139,7 +139,8 @@ class GrayReader:
         self._empty = self._empty_bits(values)
         if not self._empty:
             return (values >> (self._bits - 8)).astype(np.uint8)
-        return np.minimum(values >> (self._bits - 8 - self._empty), 255).astype(np.uint8)
+        values = np.minimum(values >> (self._bits - 8 - self._empty), 255)
+        return np.asarray(values, dtype=np.uint8)
 
     def _empty_bits(self, values: NDArray[Any]) -> int:
         """Return how many upper bits of ``values`` to leave out: as before, or what is empty."""
