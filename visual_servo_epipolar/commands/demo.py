@@ -90,7 +90,6 @@ def _drive(
     film: 'Film | None',
     progress: Progress,
 ) -> RunLog:
-    """Let ``nodes`` drive until the run is over."""
     from visual_servo_epipolar.nodes.observer_node import ObserverNode
 
     monitor = RunMonitor(settings)

@@ -169,7 +169,6 @@ def add_report(parser: ArgumentParser) -> None:
 
 
 def _add_bag(parser: ArgumentParser, metavar: str, kinds: str) -> None:
-    """Add the options of a bag: which, and how to read and replay it."""
     parser.add_argument('bag', metavar=metavar, help=kinds)
     several = {
         '--set SECTION.NAME=VALUE': 'replay with other settings, such as servo.k1=0.1 or '

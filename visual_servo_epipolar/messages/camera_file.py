@@ -100,7 +100,6 @@ def _chosen(cameras: Cameras, name: str) -> Calibration:
 
 
 def _with_size(calibration: Calibration, size: tuple[int, int] | None) -> Calibration:
-    """Return the calibration with the size of the image, or raise ValueError."""
     if calibration.width:
         return calibration
     if size is None:

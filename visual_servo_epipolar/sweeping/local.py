@@ -85,8 +85,6 @@ class _Worker(SpawnProcess):
 
 
 class _Spawn(SpawnContext):
-    """The context of such processes."""
-
     Process = _Worker
 
 

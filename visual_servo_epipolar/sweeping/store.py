@@ -146,7 +146,6 @@ def _parse(text: bytes, where: str) -> dict[str, Any]:
 
 
 def _check(stored: Header, wanted: Header, path: Path) -> None:
-    """Refuse to mix two sweeps in one folder."""
     differences = list(_differences(stored['sweep'], wanted['sweep'], ''))
     if stored.get('code') != wanted['code']:
         differences.append(
@@ -161,7 +160,6 @@ def _check(stored: Header, wanted: Header, path: Path) -> None:
 
 
 def _differences(stored: Any, wanted: Any, where: str) -> list[str]:
-    """Name the leaves in which two documents differ."""
     if isinstance(stored, Mapping) and isinstance(wanted, Mapping):
         names = sorted(stored.keys() | wanted.keys())
         below = [(n, f'{where}.{n}' if where else n) for n in names]

@@ -83,7 +83,6 @@ def reasons(failures: Iterable[Result]) -> dict[str, int]:
 
 
 def _spread(runs: Sequence[Result], name: str) -> dict[str, Any]:
-    """Return the spread of a quantity's absolute value over ``runs``."""
     # A quantity that a run of an earlier version does not have is none, like that of a defect.
     values = [abs(run[name]) for run in runs if run.get(name) is not None]
     return {

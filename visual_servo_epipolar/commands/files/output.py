@@ -69,12 +69,8 @@ def _try_out(folder: Path) -> None:
 
 def output_folder(name: str) -> Path:
     """Return the folder called ``name``, created if missing; raises InputError if that fails."""
-    folder = Path(name)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f'{folder}: folder cannot be made: {error.strerror}') from None
-    return folder
+    _make(Path(name))
+    return Path(name)
 
 
 def publish(document: Mapping[str, Any], text: str, target: str | None) -> None:
@@ -139,8 +135,7 @@ def all_at_once(folder: Path) -> Iterator[Path]:
 def _make(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=path):  # has no name: nothing can leave it behind
-            pass
+        _try_out(path)
     except OSError as error:
         raise InputError(
             f'{path}: folder cannot be made or written to: {error.strerror}; give another --out'

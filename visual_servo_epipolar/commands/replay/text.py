@@ -61,7 +61,6 @@ def compared_words(
 def _rounding(
     comparison: Mapping[str, Any], versions: Mapping[str, Mapping[str, str]]
 ) -> list[str]:
-    """Return the verdict where nothing but the last digits differs."""
     recorded, replayed = differing_versions(versions['recorded'])
     if recorded:
         cause = f'recorded with {recorded}, replayed with {replayed}'
@@ -77,7 +76,6 @@ def _rounding(
 
 
 def _rows(comparison: Mapping[str, Any]) -> list[str]:
-    """Return the table of the quantities that differ."""
     lines: list[str] = []
     differences = comparison['differences']
     rows = [(name, differences[name]) for name in COMPARED if name in differences]

@@ -96,7 +96,6 @@ def one(run: FaultRun) -> Result:
 
 
 def _unjudged_result(run: FaultRun) -> Result:
-    """Return the result of a run of which nothing is known."""
     numbers = ('excursion_m', 'blind_s', 'wrong_geometry_s', 'position_error_m', 'duration_s')
     texts = ('struck_in', 'phase', 'reason')
     return {

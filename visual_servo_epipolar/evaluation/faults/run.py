@@ -1,7 +1,7 @@
 """One run with one fault, drawn from a seed: its course, and what became of it."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 import zlib
 
@@ -116,24 +116,18 @@ def run(name: str, fault: Fault, seed: int) -> dict[str, Any]:
         drive = FaultDrive(StruckRun(world, Witness(world), rng), fault, moment)
         drive.drive()
         judgement = judge_run(drive.scene.witness.finish(), _bounds(world))
-    record = drive.scene.witness.record
-    return {
-        'fault': name,
-        'seed': seed,
-        'start': list(settings.start),
-        'base_stops_by_itself': settings.base.command_timeout > 0.0,
-        'moment': {'phase': moment.phase.value, 'delay_s': moment.delay_s},
-        'struck_s': drive.struck_s,
-        'struck_in': drive.struck_in,
-        'notes': drive.scene.notes,
-        'safe': judgement.safe,
-        **asdict(judgement),
-        'verdict': judgement.verdict.value,
-        'wrong_geometry_s': record.wrong_geometry_s,
-        'phase': record.phase,
-        'reason': record.reason,
-        'duration_s': drive.time_s,
-    }
+    return judgement.document(
+        drive.scene.witness.record,
+        fault=name,
+        seed=seed,
+        start=list(settings.start),
+        base_stops_by_itself=settings.base.command_timeout > 0.0,
+        moment={'phase': moment.phase.value, 'delay_s': moment.delay_s},
+        struck_s=drive.struck_s,
+        struck_in=drive.struck_in,
+        notes=drive.scene.notes,
+        duration_s=drive.time_s,
+    )
 
 
 def _world(seed: int, rng: np.random.Generator, *, beside: bool) -> WorldSettings:
@@ -152,7 +146,6 @@ def _moment(fault: Fault, rng: np.random.Generator, *, beside: bool) -> StrikeTi
 
 
 def _bounds(world: World) -> SafetyBounds:
-    """Return what is allowed in ``world``."""
     settings, base = world.settings, world.settings.base
     period_s = 1.0 / settings.camera.frame_rate
     told: Mapping[str, float] = world.told.get(SERVO, {})

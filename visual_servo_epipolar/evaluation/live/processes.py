@@ -142,7 +142,6 @@ def _start_node(
 
 
 def _end(process: Process) -> None:
-    """End a process that may hang."""
     process.send_signal(signal.SIGCONT)
     process.terminate()
     try:

@@ -185,7 +185,6 @@ class World(AbstractContextManager['World']):
         wire.at(wire.now_ns + round(NANOSECONDS / BASE_RATE), self._tick)
 
     def _values(self, name: str) -> dict[str, Any]:
-        """Return the parameters of a node."""
         it = self.settings
         if name == 'unicycle_node':
             return {

@@ -8,6 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from visual_servo_epipolar.commands.files.output import write_whole
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thin
 from visual_servo_epipolar.evaluation.reproduction.experiment import figures as experiment_figures
@@ -31,7 +32,6 @@ from visual_servo_epipolar.evaluation.reproduction.simulations.runs import (
     simulation_2,
 )
 from visual_servo_epipolar.evaluation.reproduction.statements import markdown_of, plain, Statement
-from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.report.figures import save
 
 Say = Callable[[str], None]
@@ -149,10 +149,10 @@ def publish(chapters: Mapping[str, Chapter], folder: Path) -> None:
     for chapter in chapters.values():
         for name, figure in chapter.figures.items():
             save(figure, folder / f'{name}.png')
-    _write(folder / 'figures.json', one_line_each(data(chapters)))
+    write_whole(folder / 'figures.json', one_line_each(data(chapters)).encode())
     tables = [markdown_of(c.title, c.statements) for c in chapters.values()]
     tables += [chapter.more for chapter in chapters.values() if chapter.more]
-    _write(folder / 'table.md', '\n'.join(tables))
+    write_whole(folder / 'table.md', '\n'.join(tables).encode())
 
 
 def data(chapters: Mapping[str, Chapter]) -> dict[str, Any]:
@@ -188,9 +188,3 @@ def one_line_each(figures: Mapping[str, Any]) -> str:
         rows = [f'  {json.dumps(key)}: {json.dumps(points)}' for key, points in lines.items()]
         blocks.append(f' {json.dumps(name)}: {{\n' + ',\n'.join(rows) + '\n }')
     return '{\n' + ',\n'.join(blocks) + '\n}\n'
-
-
-def _write(path: Path, content: str) -> None:
-    """Write ``content`` to ``path``, whole or not at all."""
-    with whole(path) as partial:
-        partial.write_text(content, encoding='utf-8')

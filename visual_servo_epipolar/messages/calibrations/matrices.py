@@ -96,7 +96,6 @@ def _refuse_misspelt(keys: Mapping[str, str]) -> None:
 
 
 def _size(find: Any) -> tuple[int, int]:
-    """Return the size of the image, zeros where the file has none."""
     (width_key, width), (height_key, height), (size_key, size) = map(
         find, ('width', 'height', 'size')
     )

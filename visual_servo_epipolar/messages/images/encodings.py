@@ -151,7 +151,6 @@ class GrayReader:
 
 
 def _gray(pixels: Image, encoding: Encoding) -> Image:
-    """Return ``pixels``, shape (H, W) or (H, W, channels), as grey levels."""
     pixels = np.ascontiguousarray(pixels)
     if encoding.mosaic:  # reflected at its edges, where colours go on as they alternate
         return np.asarray(cv2.GaussianBlur(pixels, (3, 3), 0), dtype=np.uint8)

@@ -142,7 +142,6 @@ class Film(AbstractContextManager['Film']):
 
 
 def _images(pixels: Any, camera: CameraModel) -> Image:
-    """Return the images that wait, shape (waiting, H, W)."""
     return np.frombuffer(pixels, np.uint8).reshape(-1, camera.height, camera.width)
 
 

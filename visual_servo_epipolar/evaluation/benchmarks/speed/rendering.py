@@ -68,7 +68,6 @@ def measure(plan: RenderingPlan, seed: int, say: Callable[[str], None]) -> dict[
 def _camera(
     settings: CameraSettings, poses: Sequence[Pose], seed: int, say: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Return the figures of one camera."""
     size = settings.width, settings.height
     say(f'{size[0]}x{size[1]}: first images')
     simulator = CameraSimulator(replace(settings, seed=seed))

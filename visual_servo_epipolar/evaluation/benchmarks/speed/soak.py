@@ -77,7 +77,6 @@ def run(
 
 
 def _run_row(drive: Answers, phase: str, rate: float, held: Mapping[str, Cost]) -> dict[str, Any]:
-    """Return the row of one run."""
     images = _of_run(drive, ended=phase in ENDS)
     in_time = sum(latency <= 1.0 / rate for latency in drive.latencies)
     return {

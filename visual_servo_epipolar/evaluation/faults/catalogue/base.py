@@ -39,7 +39,6 @@ def _delay(scene: StruckRun) -> None:
 
 
 def _command(scene: StruckRun, linear: float, angular: float) -> None:
-    """Let somebody else command the base."""
     twist = TwistMessage()
     twist.linear.x, twist.angular.z = linear, angular
     scene.world.wire.send(Envelope(COMMANDS, twist, 0))

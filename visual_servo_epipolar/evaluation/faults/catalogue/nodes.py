@@ -49,8 +49,6 @@ def is_managed(name: str) -> bool:
 
 
 def _transitions(name: str) -> Strike:
-    """Take a managed node through transitions, in any order."""
-
     def turn(scene: StruckRun, label: str) -> None:
         scene.notes.append(f'{label}: {scene.world.change_state(name, label)}')
 

@@ -126,7 +126,6 @@ def _started_without_clock(scene: StruckRun) -> None:
 
 
 def _waits(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
-    """Let the servo wait for ``~/start``."""
     return replace(settings, servo=replace(settings.servo, autostart=False))
 
 
@@ -135,7 +134,6 @@ def _waits_without_clock(settings: WorldSettings, rng: np.random.Generator) -> W
 
 
 def _arming(what: str, strike: Strike, prepare: Prepare = _waits) -> Fault:
-    """Return the fault of an order to start where something is missing."""
     return at_first(f'~/start, and a minute later {what}', strike, prepare)
 
 
@@ -146,7 +144,6 @@ def _carry(scene: StruckRun) -> None:
 
 
 def _limits(scene: StruckRun) -> None:
-    """Lower the speed limits of a robot that drives."""
     values = {'max_linear': scene.draw(0.02, 0.1), 'max_angular': scene.draw(0.02, 0.1)}
     scene.notes.append(str(values) + scene.world.set('servo_node', values))
 
@@ -174,7 +171,6 @@ def _set(scene: StruckRun, node: str, values: Mapping[str, Any]) -> None:
 
 
 def _drawn(item: Any, now: Any, scene: StruckRun) -> Any:
-    """Draw a value of a setting out of its range."""
     allowed = range_of(item)
     if isinstance(now, bool):
         return not now

@@ -62,8 +62,6 @@ def _repeat(scene: StruckRun) -> None:
 
 
 def _restamp(stamp: Callable[[int, StruckRun], int]) -> Strike:
-    """Give images other stamps [ns]."""
-
     def strike(scene: StruckRun) -> None:
         def change(message: Any) -> None:
             time = message.header.stamp

@@ -2,9 +2,10 @@
 
 from bisect import bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 import math
+from typing import Any
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, wrap_angle
 from visual_servo_epipolar.core.laws.phase import Phase
@@ -82,6 +83,11 @@ class Judgement:
     def safe(self) -> bool:
         """Whether the robot arrived right, or stands and says why."""
         return self.verdict in SAFE
+
+    def document(self, record: Record, **facts: Any) -> dict[str, Any]:
+        """Return the JSON object of a run: ``facts`` about it, the verdict, what was said."""
+        said = {name: getattr(record, name) for name in ('wrong_geometry_s', 'phase', 'reason')}
+        return {**facts, 'safe': self.safe, **asdict(self), 'verdict': self.verdict.value, **said}
 
 
 def judge_run(record: Record, bounds: SafetyBounds) -> Judgement:
@@ -186,7 +192,6 @@ def _taken_s(record: Record, time_s: float) -> float:
 
 
 def _base(record: Record, bounds: SafetyBounds) -> str:
-    """Return where the base exceeds its own limits."""
     for before, after in pairwise(record.truths):
         leaps = (*record.interventions.moved_s, *record.interventions.broken_s)  # by no motor
         if any(before.time_s <= leap <= after.time_s for leap in leaps):
@@ -206,7 +211,6 @@ def _base(record: Record, bounds: SafetyBounds) -> str:
 
 
 def _excursion(record: Record, bounds: SafetyBounds) -> str:
-    """Return how far the robot ran away from the goal."""
     if not record.truths:
         return ''
     begin = record.truths[0].pose.distance

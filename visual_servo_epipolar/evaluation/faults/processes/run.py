@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 import signal
 import tempfile
@@ -92,22 +92,16 @@ def run(name: str, fault: ProcessFault, seed: int) -> dict[str, Any]:
             harmed.send_signal(signal.SIGCONT)
         listener.watch_until_rest(REST_S, LONGEST_S)
         record = listener.finish()
-    judgement = judge_run(record, _bounds())
-    return {
-        'fault': name,
-        'seed': seed,
-        'start': start,
-        'struck_s': listener.struck_s,
-        'struck_in': listener.struck_in,
-        'notes': [f'continued after {hung_s:.1f} s'] if resumes else [],
-        'safe': judgement.safe,
-        **asdict(judgement),
-        'verdict': judgement.verdict.value,
-        'wrong_geometry_s': 0.0,
-        'phase': record.phase,
-        'reason': record.reason,
-        'duration_s': listener.time_s,
-    }
+    return judge_run(record, _bounds()).document(
+        record,
+        fault=name,
+        seed=seed,
+        start=start,
+        struck_s=listener.struck_s,
+        struck_in=listener.struck_in,
+        notes=[f'continued after {hung_s:.1f} s'] if resumes else [],
+        duration_s=listener.time_s,
+    )
 
 
 def _team(
