@@ -53,14 +53,8 @@ def cluster_workers(address: str) -> Iterator[ClusterWorkers]:
     """
     Yield the workers of the cluster whose scheduler is at ``address``.
 
-    Raises
-    ------
-    InputError
-        If Dask is not installed, no scheduler answers, there are no workers, or they lack this
-        package or have another version of it.
-    VisualServoError
-        If scheduler or workers are lost on the way.
-
+    Raises InputError if Dask is not installed, no scheduler answers, there are no workers, or they
+    lack this package or this version of it; VisualServoError if they are lost on the way.
     """
     client = _client(address)
     try:

@@ -111,15 +111,8 @@ class PlayedCamera(TwistListener):
     """
     Nodes in processes of their own; this process is their camera, and hears their twists.
 
-    Parameters
-    ----------
-    images : sequence of images
-        What the camera shows, over and over.
-    folder : Path
-        Where the nodes run, and bags go.
-    nodes : mapping
-        Names of nodes and their arguments.
-
+    The camera shows the ``images`` over and over. ``nodes`` are names with their arguments; they
+    run in ``folder``, where bags go.
     """
 
     def __init__(

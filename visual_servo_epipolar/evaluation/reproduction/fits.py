@@ -31,11 +31,7 @@ def decay(time: FloatArray, value: FloatArray) -> Decay:
     """
     Fit an exponential to |value|, shape (N,), at ``time`` [s] by least squares in the logarithm.
 
-    Raises
-    ------
-    ValueError
-        With fewer than three values that differ from zero.
-
+    Raises ValueError with fewer than three values that differ from zero.
     """
     good = np.isfinite(value) & (value != 0.0)
     if int(good.sum()) < 3:

@@ -39,19 +39,9 @@ def decode(data: bytes, name: str, *, largest: int = LARGEST) -> NDArray[Any]:
     """
     Return the grey levels of a picture as they are stored, uint8 or uint16 of shape (H, W).
 
-    Parameters
-    ----------
-    name : str
-        What it is, for errors.
-    largest : int
-        Pixels that it may have by its header, which is looked at first. With LARGEST_FILE it may
-        also be of a kind whose header is not known here.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be used.
-
+    ``largest`` limits its pixels by its header, which is read first; with LARGEST_FILE the kind of
+    picture may be one whose header is not known here. Raises ValueError, with its ``name``, if it
+    cannot be used.
     """
     header = _header(data)
     if header is None and largest < LARGEST_FILE or header is not None and not header.is_whole:

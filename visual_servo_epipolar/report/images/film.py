@@ -34,15 +34,8 @@ class Film(AbstractContextManager['Film']):
     A thread would do the same, but each of its hundreds of calls into OpenCV takes Python away
     from the run, for up to 5 ms; images pass by shared memory for the same reason. The file
     appears at the end of the ``with`` block; if that ends by an exception, or this process dies,
-    there is none.
-
-    Raises
-    ------
-    InputError
-        From any call, if no encoder here can write such a file there, or the disk is full.
-    VisualServoError
-        From any call, if the process has died.
-
+    there is none. Any call raises InputError if no encoder here can write such a file there, or
+    the disk is full, and VisualServoError if the process has died.
     """
 
     def __init__(self, path: Path, fps: float, *, bounds: MapBounds, camera: CameraModel) -> None:

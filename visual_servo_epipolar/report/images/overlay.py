@@ -51,40 +51,16 @@ def draw_overlay(
     size: tuple[int, int] | None = None,
 ) -> Image:
     """
-    Return a colour picture of the features drawn over a grey image.
+    Return a colour picture, BGR, of the features drawn over a grey ``image``, shape (H, W).
 
-    Parameters
-    ----------
-    image : array of uint8, shape (H, W)
-        The current image (or the desired one, as in the paper); it is not written to.
-    current_pixels, desired_pixels : arrays, shape (N, 2)
-        Features (u, v) in pixels, row by row the same ones; N may be 0.
-    phase : str
-        Text in the header: the phase, which has its colour, or any other.
-    epipole_current : float, optional
-        Abscissa u of the epipole in this image [px], from the left border and not from the
-        principal point; outside the picture, or not finite, it is not drawn.
-    horizon : float, optional
-        Row v of the epipole [px]: that of the principal point; the middle row if not given.
-    fundamental : array, shape (3, 3), optional
-        F such that p_desired^T F p_current = 0 in pixels. Then a few epipolar lines of desired
-        features are drawn. They belong to the current image.
-    passing_pixels : array, shape (M, 2), optional
-        Features (u, v) in pixels that the photograph does not show: small squares.
-    size : (int, int), optional
-        Width and height of the picture [px]: the image's if not given. What is above is in pixels
-        of the image.
+    ``current_pixels`` and ``desired_pixels``, (N, 2), are the same features row by row;
+    ``passing_pixels``, (M, 2), are those that the photograph does not show. The header has the
+    ``phase``, or any other text. ``epipole_current`` is the abscissa of the epipole from the left
+    border, drawn in the row ``horizon`` if it lies in the image. With ``fundamental``, F such that
+    p_desired^T F p_current = 0, a few epipolar lines are drawn. All are in pixels of the image;
+    ``size`` is that of the picture, width and height, the image's if not given.
 
-    Returns
-    -------
-    array of uint8, shape (height, width, 3)
-        Blue, green, red, as OpenCV has them.
-
-    Raises
-    ------
-    ValueError
-        If the image is not grey and of 8 bits, or the features do not match row by row.
-
+    Raises ValueError if the image is not grey and of 8 bits, or the features do not match.
     """
     gray = as_gray(image)
     current, desired = _match(current_pixels, desired_pixels)

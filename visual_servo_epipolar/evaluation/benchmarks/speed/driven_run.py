@@ -33,19 +33,8 @@ class DrivenRun:
     """
     Run that the servo has driven: what the robot saw, and what it was told.
 
-    Parameters
-    ----------
-    camera : CameraModel
-        Whose images they are.
-    rate : float
-        Images a second [Hz].
-    photograph : array, shape (H, W)
-        The desired view.
-    images : sequence of N arrays, shape (H, W)
-        One after the other from the start on, none after the end of the run.
-    twists : sequence of N twists
-        What each image was answered with.
-
+    ``images``, N arrays of shape (H, W) at ``rate`` [Hz], come one after the other from the start,
+    none after the end of the run; ``twists`` are the N answers.
     """
 
     camera: CameraModel

@@ -31,22 +31,15 @@ class EpipoleReading:
 
 class PointCamera:
     """
-    A pinhole camera before points: images in metres, as in the paper (k_u = k_v = 1, eq. 2).
+    A pinhole camera before POINTS: images in metres, as in the paper (k_u = k_v = 1, eq. 2).
 
-    Parameters
-    ----------
-    focal : float
-        The true focal length f [m].
-    focal_guess : float
-        f_hat [m], what image points are divided by to make rays: only sigma depends on it.
-    points : array, shape (N, 3)
-        N >= 8 points in axes of the desired camera [m].
-
+    ``focal`` is the true focal length f [m], ``focal_guess`` f_hat [m], by which image points are
+    divided to make rays: only sigma depends on it.
     """
 
-    def __init__(self, focal: float, focal_guess: float, points: FloatArray | None = None) -> None:
+    def __init__(self, focal: float, focal_guess: float) -> None:
         self.focal, self.focal_guess = focal, focal_guess
-        self.points = np.array(POINTS) if points is None else points
+        self.points = np.array(POINTS)
         self.desired = self.image(DESIRED_POSE)
 
     def image(self, pose: Pose) -> FloatArray:
