@@ -73,25 +73,19 @@ def append(path: Path, item: Mapping[str, Any]) -> None:
 def comparison(entries: Sequence[Mapping[str, Any]], now: Mapping[str, Any]) -> str:
     """Return as text how each figure has changed since it was last measured on this machine."""
     lines = [f'{"figure":<62}{"before":>10}{"now":>10}{"times":>8}  since']
-    alike = [item for item in entries if item['machine'] == now['machine']]
-    for benchmark, figures in now['figures'].items():
-        for name, value in figures.items():
-            last = _last(alike, benchmark, name)
-            lines.append(_row(f'{benchmark}: {name}', last, value))
+    last: dict[str, tuple[float, str]] = {}  # value and commit
+    for item in entries:
+        if item['machine'] == now['machine']:
+            last |= {name: (float(it), str(item['commit'])) for name, it in _named(item).items()}
+    lines += [_row(name, last.get(name), value) for name, value in _named(now).items()]
     worse = sum(line.endswith('WORSE') for line in lines)
     lines.append(f'{worse} figures got worse by more than {WORSE - 1.0:.0%}')
     return '\n'.join(lines)
 
 
-def _last(
-    entries: Sequence[Mapping[str, Any]], benchmark: str, name: str
-) -> tuple[float, str] | None:
-    """Return the last value of a figure, and the commit that it is of."""
-    for item in reversed(entries):
-        value = item['figures'].get(benchmark, {}).get(name)
-        if value is not None:
-            return float(value), str(item['commit'])
-    return None
+def _named(item: Mapping[str, Any]) -> dict[str, float]:
+    figures = item['figures'].items()
+    return {f'{benchmark}: {name}': it for benchmark, of in figures for name, it in of.items()}
 
 
 def _row(title: str, last: tuple[float, str] | None, value: float) -> str:

@@ -84,7 +84,7 @@ def test_the_stages_draw_what_the_camera_sees() -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rendering, 'mix_edges', keep)
-        rendering.Stages(simulator).seconds(DESIRED_POSE, 0)
+        rendering.stage_times(simulator, DESIRED_POSE, 0)
     np.testing.assert_array_equal(drawn[0], simulator.capture(DESIRED_POSE, 0))
 
 

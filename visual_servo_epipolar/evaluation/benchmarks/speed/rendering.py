@@ -73,13 +73,13 @@ def _camera(
     simulator = CameraSimulator(replace(settings, seed=seed))
     for pose in poses:  # textures are blurred and reduced when they are first asked for
         simulator.capture(pose, 0)
-    stages, maps = Stages(simulator), turning_maps(size, TURN)
+    maps = turning_maps(size, TURN)
     seconds = []
     for frame, pose in enumerate(poses):
         say(f'{size[0]}x{size[1]}: image {frame + 1} of {len(poses)}')
         image, whole = time_of(simulator.capture, pose, frame)
         _, bare = time_of(cv2.remap, image, *maps, cv2.INTER_LINEAR)
-        seconds.append({'image': whole, 'remap': bare, **stages.seconds(pose, frame)})
+        seconds.append({'image': whole, 'remap': bare, **stage_times(simulator, pose, frame)})
     say(f'{size[0]}x{size[1]}: with a second process')
     for row, passed in zip(seconds, _shared_times(simulator, poses, maps), strict=True):
         row.update(passed)
@@ -115,24 +115,18 @@ def _shared_times(
         simulator.renderer.assistant = None
 
 
-class Stages:
-    """The stages of a simulator's image, each by itself, for a camera without distortion."""
-
-    def __init__(self, simulator: CameraSimulator) -> None:
-        self._simulator = simulator
-
-    def seconds(self, pose: Pose, frame: int) -> dict[str, float]:
-        """Return what each stage of frame number ``frame`` takes [s]."""
-        simulator, renderer = self._simulator, self._simulator.renderer
-        scene, camera = renderer.scene, simulator.settings
-        R_world_camera, centre = renderer.rig.camera_pose(pose, frame)
-        intrinsics = camera.camera.matrix
-        view = PinholeView(camera.width, camera.height, intrinsics, centre, R_world_camera)
-        raster, polygons = time_of(rasterize, scene, view)
-        image: Image = np.zeros((camera.height, camera.width), np.uint8)
-        _, textures = time_of(draw_textures, scene, raster, image)
-        _, edges = time_of(mix_edges, image, scene, view, raster)
-        return {'polygons': polygons, 'textures': textures, 'edges': edges}
+def stage_times(simulator: CameraSimulator, pose: Pose, frame: int) -> dict[str, float]:
+    """Return what each stage of an image takes [s], of a camera without distortion."""
+    renderer = simulator.renderer
+    scene, camera = renderer.scene, simulator.settings
+    R_world_camera, centre = renderer.rig.camera_pose(pose, frame)
+    intrinsics = camera.camera.matrix
+    view = PinholeView(camera.width, camera.height, intrinsics, centre, R_world_camera)
+    raster, polygons = time_of(rasterize, scene, view)
+    image: Image = np.zeros((camera.height, camera.width), np.uint8)
+    _, textures = time_of(draw_textures, scene, raster, image)
+    _, edges = time_of(mix_edges, image, scene, view, raster)
+    return {'polygons': polygons, 'textures': textures, 'edges': edges}
 
 
 def mix_edges(image: Image, scene: Scene, view: PinholeView, raster: Raster) -> None:
