@@ -253,7 +253,7 @@ def test_a_sensor_whose_images_stay_dark_has_fewer_bits() -> None:
     reader = GrayReader()
     assert grays_of(reader, 65_000) == 253
     assert {grays_of(reader, 1000) for _ in range(DARK)} == {250}
-    with pytest.raises(ValueError, match='grey levels of 16 bits, those before it 10'):
+    with pytest.raises(ValueError, match='grey levels of 16 bits, earlier ones 10'):
         grays_of(reader, 65_000)
 
 
