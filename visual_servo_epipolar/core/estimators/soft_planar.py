@@ -91,7 +91,8 @@ def soft_planar(
     matches = plausible_matches(rays, prior.attitude)
     count = int(matches.sum())
     if prior.bearings is not None and count >= MIN_MATCHES:
-        start = with_bearings(attitude_prior(prior.attitude).mean, prior.angles)
+        tilt, roll = prior.attitude.tilt, prior.attitude.roll
+        start = np.array([prior.bearings.psi, prior.bearings.phi, tilt, 0.0, roll, 0.0])
         scale = float(widening(prior.attitude.jitter, rays))
         fit = _refined(rays, matches, start, scale, prior=prior)
         if is_consistent(fit, prior.angles, prior.deviation, count):

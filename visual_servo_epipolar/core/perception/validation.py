@@ -24,7 +24,6 @@ SCALES = STEP ** np.arange(FIRST, 8.0)  # of what it is taken for
 SPENT = 4  # parameters that the fit spends on noise
 RIGHT, ANYWHERE_PX = 0.8, 60.0  # share of matches that are right; among how many px others are
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
-NEXT, AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])  # of three axes: np.cross is slow
 MOUNT_DEVIATIONS = 2.0  # within which a camera is mounted as it is believed to be
 LEAST_PROMISED = math.radians(3.0)  # and within this of an attitude that is known
 MAX_LEANING = math.radians(20.0)  # change of the vertical that a hand makes between photographs
@@ -68,7 +67,7 @@ def fit_quality(
     shown = likeliest_noise(distances, noise)
     growth = max(shown / noise, 1.0) * tails_of_few(inliers)
     variance = max(estimate.covariance[0, 0], estimate.covariance[1, 1], 0.0)
-    extent = float(angular_extent(desired, estimate.inliers))
+    extent = angular_extent(desired, estimate.inliers)
     return FitQuality(inliers, extent, shown, growth, growth * math.sqrt(variance))
 
 
@@ -114,24 +113,26 @@ def median_residual(
     return medians(distances)
 
 
-def angular_extent(rays: FloatArray, inliers: BoolArray) -> FloatArray:
+def angular_extent(rays: FloatArray, inliers: BoolArray) -> float:
     """
-    Return how far apart the ``inliers``, (..., N), among ``rays``, (..., N, 3), are, shape (...).
+    Return how far apart the ``inliers``, (N,), among unit ``rays``, (N, 3), are.
 
     It is the fourth root of the determinant of their covariance across their mean direction: the
     geometric mean of the deviations along two axes [rad].
     """
-    count = np.maximum(inliers.sum(axis=-1), 2)
-    counted = rays * inliers[..., None]
-    mean = counted.sum(axis=-2)
-    centred = counted - inliers[..., None] * (mean / count[..., None])[..., None, :]
-    scatter = centred.swapaxes(-1, -2) @ centred
-    direction = mean / np.sqrt(np.maximum((mean * mean).sum(axis=-1), TINY))[..., None]
+    chosen = rays[inliers]
+    count = max(len(chosen), 2)
+    mean = chosen.sum(axis=0) / count
+    x, y, z = mean.tolist()
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = (
+        chosen.T @ chosen - count * np.outer(mean, mean)
+    ).tolist()
     # Across the mean direction: its quadratic form with the adjugate of the scatter.
-    first, second = scatter[..., NEXT, :], scatter[..., AFTER, :]
-    adjugate = first[..., NEXT] * second[..., AFTER] - first[..., AFTER] * second[..., NEXT]
-    determinant = ((direction[..., None, :] @ adjugate)[..., 0, :] * direction).sum(axis=-1)
-    return np.asarray((np.maximum(determinant, 0.0) / (count - 1.0) ** 2) ** 0.25)
+    form = x * x * (yy * zz - yz * yz) + y * y * (xx * zz - xz * xz) + z * z * (xx * yy - xy * xy)
+    form += 2.0 * x * (y * (xz * yz - xy * zz) + z * (xy * yz - xz * yy))
+    form += 2.0 * y * z * (xy * xz - xx * yz)
+    determinant = form / max(x * x + y * y + z * z, TINY)
+    return float((max(determinant, 0.0) / (count - 1.0) ** 2) ** 0.25)
 
 
 def innovation(bearings: Bearings, before: Bearings) -> float:

@@ -27,31 +27,28 @@ JITTER_SHARE = 0.7  # of the jitter that shows as noise where jumps are not esti
 
 def attitude_prior(attitude: Attitude) -> GaussianPrior:
     """Return what is known of psi, phi, tilt, roll and their jumps, of six parameters."""
-    tilt, roll = np.asarray(attitude.tilt_deviation), np.asarray(attitude.roll_deviation)
-    jump = np.maximum(JITTER_DEVIATIONS * np.asarray(attitude.jitter), LEAST_JITTER)
-    mean, information = np.zeros((*tilt.shape, 6)), np.zeros((*tilt.shape, 6, 6))
-    mean[..., TILT], mean[..., ROLL] = attitude.tilt, attitude.roll
-    both = np.asarray(attitude.correlation)
+    tilt, roll, both = attitude.tilt_deviation, attitude.roll_deviation, attitude.correlation
+    jump = max(JITTER_DEVIATIONS * attitude.jitter, LEAST_JITTER)
+    mean, information = np.zeros(6), np.zeros((6, 6))
+    mean[TILT], mean[ROLL] = attitude.tilt, attitude.roll
     alone = 1.0 / (1.0 - both * both)
-    information[..., TILT, TILT] = alone / (tilt * tilt)
-    information[..., ROLL, ROLL] = alone / (roll * roll)
-    information[..., TILT, ROLL] = information[..., ROLL, TILT] = -alone * both / (tilt * roll)
-    for each in (TILT_JUMP, ROLL_JUMP):
-        information[..., each, each] = 1.0 / (jump * jump)
+    information[TILT, TILT] = alone / (tilt * tilt)
+    information[ROLL, ROLL] = alone / (roll * roll)
+    information[TILT, ROLL] = information[ROLL, TILT] = -alone * both / (tilt * roll)
+    information[TILT_JUMP, TILT_JUMP] = information[ROLL_JUMP, ROLL_JUMP] = 1.0 / (jump * jump)
     return GaussianPrior(mean, information)
 
 
-def plausible_matches(rays: Rays, attitude: Attitude, stretch: Any = 1.0) -> BoolArray:
+def plausible_matches(rays: Rays, attitude: Attitude, stretch: float = 1.0) -> BoolArray:
     """
-    Return the matches, (..., N), on one side of the horizon, as far as the attitude is known.
+    Return the matches, (N,), on one side of the horizon, as far as the attitude is known.
 
-    Angles may truly be larger by ``stretch``, shape (...), and so is then what a tilt does.
+    Angles may truly be larger by ``stretch``, and so is then what a tilt does.
     """
-    blur = JITTER_SHARE * np.asarray(attitude.jitter)[..., None]
-    tilted = np.asarray(2.0 * (attitude.tilt_deviation + attitude.roll_deviation))[..., None]
+    blur = JITTER_SHARE * attitude.jitter
+    tilted = 2.0 * (attitude.tilt_deviation + attitude.roll_deviation)
     slack = tilted + INLIER_DEVIATIONS * np.sqrt(rays.noise * rays.noise + blur * blur)
-    slack *= np.asarray(stretch)[..., None]
-    return plausible(levelled(rays, attitude.tilt, attitude.roll), slack)
+    return plausible(levelled(rays, attitude.tilt, attitude.roll), stretch * slack)
 
 
 def levelled(rays: Rays, tilt: Any, roll: Any, tilt_jump: Any = 0.0, roll_jump: Any = 0.0) -> Rays:
