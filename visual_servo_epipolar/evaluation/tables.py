@@ -1,13 +1,21 @@
 """Tables of documents: aligned for a terminal, or Markdown for the pages of docs."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import math
+from typing import Any
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 
 Rows = Iterable[Sequence[str]]
+Row = Mapping[str, Any]
+Columns = Mapping[str, Callable[[Row], str]]  # by heads: what a row has there
+
+
+def cells(columns: Columns, rows: Iterable[Row]) -> Rows:
+    """Return what each row has in each column."""
+    return ([cell(row) for cell in columns.values()] for row in rows)
 
 
 def number(value: float | None, digits: int = 1, scale: float = 1.0) -> str:

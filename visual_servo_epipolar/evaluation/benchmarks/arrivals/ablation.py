@@ -6,8 +6,12 @@ from typing import Any
 
 from visual_servo_epipolar.core.laws.law import DEPARTURES
 from visual_servo_epipolar.core.laws.registry import law_named
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import summaries_of
-from visual_servo_epipolar.evaluation.tables import markdown, number, numbers
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import (
+    ARRIVALS,
+    summaries_of,
+    TIME,
+)
+from visual_servo_epipolar.evaluation.tables import cells, Columns, markdown, number
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.provenance import commit
@@ -18,10 +22,13 @@ LONGEST_S = 120.0  # of a run: law full needs 30 s in front and at most 100 s be
 SEED_STEP = 100  # between the seeds of two regions
 NAMES = ('paper', 'corrected', 'full')  # laws of other packages have no row, and need not load
 QUICK_LAWS = ('full', 'full-retreat', 'paper')
-HEAD = (
-    'law | region | arrived | wrong | median / p95 [mm] | heading p95 [deg] | d / d_0 p95 '
-    '| time [s]'
-)
+COLUMNS: Columns = {
+    'law': lambda row: f'`{row["law"]}`',
+    'region': lambda row: str(row['region']),
+    **ARRIVALS,
+    'd / d_0 p95': lambda row: number(row['max_distance_ratio']['p95'], 2),
+    **TIME,
+}
 
 
 def laws() -> tuple[str, ...]:
@@ -80,17 +87,4 @@ def table(document: Mapping[str, Any]) -> str:
         f'at most {document["longest_s"]:g} s a run; seed {document["seed"]}, '
         f'commit {document["commit"]}.'
     )
-    return '\n'.join([words, '', *markdown(HEAD, map(_row, document['rows']))])
-
-
-def _row(row: Mapping[str, Any]) -> list[str]:
-    return [
-        f'`{row["law"]}`',
-        row['region'],
-        f'{100.0 * row["success_rate"]:.0f} %',
-        str(row['arrived_but_wrong']),
-        numbers((row['position_error_m'][q] for q in ('median', 'p95')), 1, 1e3),
-        number(row['heading_error_deg']['p95'], 2),
-        number(row['max_distance_ratio']['p95'], 2),
-        number(row['duration_s']['median'], 0),
-    ]
+    return '\n'.join([words, '', *markdown(' | '.join(COLUMNS), cells(COLUMNS, document['rows']))])

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any
 
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import runs_on_points
-from visual_servo_epipolar.evaluation.tables import aligned, number, numbers
+from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
 from visual_servo_epipolar.simulation.closed_loop import run_many
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.sweeping.summary import (
@@ -23,10 +24,19 @@ REGIONS = ('front', 'beside')
 MOUNTS = {'above the axle': 0.0, '0.13 m ahead': 0.13}
 STARTS, FEW_STARTS, AHEAD_STARTS = 64, 16, 32
 QUICK_CELL = ('above the axle', 'front', 0.25)
-COLUMNS = (
-    'matrix | camera | region | f_hat/f | arrived | wrong | position med / p95 / max mm '
-    '| heading med / p95 deg | time s'
-)
+POSITIONS = ('position_median_m', 'position_p95_m', 'position_max_m')
+HEADINGS = ('heading_median_deg', 'heading_p95_deg')
+COLUMNS: Columns = {
+    'matrix': itemgetter('method'),
+    'camera': itemgetter('mount'),
+    'region': itemgetter('region'),
+    'f_hat/f': lambda row: f'{row["ratio"]:.2f}',
+    'arrived': lambda row: f'{row["arrived"]}/{row["starts"]}',
+    'wrong': lambda row: str(row['wrong']),
+    'position med / p95 / max mm': lambda row: numbers((row[it] for it in POSITIONS), 1, 1e3),
+    'heading med / p95 deg': lambda row: numbers((row[it] for it in HEADINGS), 2),
+    'time s': lambda row: number(row['duration_s'], 0),
+}
 
 Result = dict[str, Any]
 
@@ -114,21 +124,6 @@ def table(document: Mapping[str, Any]) -> str:
             f'(wrong: says that it has arrived, and is {WRONG_POSITION_M:g} m or '
             f'{WRONG_HEADING_DEG:g} deg off; errors of the runs that arrived)',
             '',
-            *aligned(COLUMNS, map(_row, document['rows']), left=3),
+            *aligned(' | '.join(COLUMNS), cells(COLUMNS, document['rows']), left=3),
         ]
     )
-
-
-def _row(row: Mapping[str, Any]) -> list[str]:
-    names = ('position_median_m', 'position_p95_m', 'position_max_m')
-    return [
-        row['method'],
-        row['mount'],
-        row['region'],
-        f'{row["ratio"]:.2f}',
-        f'{row["arrived"]}/{row["starts"]}',
-        str(row['wrong']),
-        numbers((row[name] for name in names), 1, 1e3),
-        numbers((row[f'heading_{name}_deg'] for name in ('median', 'p95')), 2),
-        number(row['duration_s'], 0),
-    ]

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 import math
+from operator import itemgetter
 from typing import Any
 
 from visual_servo_epipolar.core.geometry.motion import Pose
@@ -12,7 +13,7 @@ from visual_servo_epipolar.evaluation.benchmarks.arrivals.true_pose import (
     drive_gracefully,
     least_time,
 )
-from visual_servo_epipolar.evaluation.tables import aligned, number, numbers
+from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
 from visual_servo_epipolar.simulation.closed_loop import run as drive
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -26,10 +27,21 @@ LAWS = (*PEERS, SMOOTH, GRACEFUL)
 STARTS, QUICK_STARTS = 20, 1
 REACHED_M, REACHED_DEG = 0.05, 2.0
 LONGEST_S = 120.0
-COLUMNS = (
-    'region | law | reached % | lost % | wrong % | position med / p95 mm | heading deg '
-    '| path / d_0 | time s | of the least | fewest features'
-)
+COLUMNS: Columns = {
+    'region': itemgetter('region'),
+    'law': itemgetter('law'),
+    'reached %': lambda row: f'{100.0 * row["reached"]:.0f}',
+    'lost %': lambda row: f'{100.0 * row["lost"]:.0f}',
+    'wrong %': lambda row: f'{100.0 * row["wrong"]:.0f}',
+    'position med / p95 mm': lambda row: numbers(
+        (row['position_median_m'], row['position_p95_m']), 1, 1e3
+    ),
+    'heading deg': lambda row: number(row['heading_median_deg'], 2),
+    'path / d_0': lambda row: number(row['path_ratio'], 2),
+    'time s': lambda row: number(row['duration_s'], 0),
+    'of the least': lambda row: number(row['time_over_optimal'], 2),
+    'fewest features': lambda row: f'{row["fewest_features"]:.0f}',
+}
 PEER_PARALLAX_PX = 1.0  # of trusted bearings; ours changes law at its own, larger bound
 
 Run = dict[str, Any]
@@ -137,20 +149,6 @@ def table(document: Mapping[str, Any]) -> str:
             'of all that did not lose the features, path and time of those that reached; least: '
             'of a time-optimal unicycle ahead; graceful is given the true pose)',
             '',
-            *aligned(COLUMNS, map(_row, document['rows']), left=2),
+            *aligned(' | '.join(COLUMNS), cells(COLUMNS, document['rows']), left=2),
         ]
     )
-
-
-def _row(row: Mapping[str, Any]) -> list[str]:
-    return [
-        row['region'],
-        row['law'],
-        *(f'{100.0 * row[name]:.0f}' for name in ('reached', 'lost', 'wrong')),
-        numbers((row[f'position_{name}_m'] for name in ('median', 'p95')), 1, 1e3),
-        number(row['heading_median_deg'], 2),
-        number(row['path_ratio'], 2),
-        number(row['duration_s'], 0),
-        number(row['time_over_optimal'], 2),
-        f'{row["fewest_features"]:.0f}',
-    ]

@@ -15,8 +15,12 @@ from visual_servo_epipolar.evaluation.benchmarks.arrivals.mount_cells import (
     on_features,
     on_images,
 )
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import summaries_of
-from visual_servo_epipolar.evaluation.tables import markdown, number, numbers
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import (
+    ARRIVALS,
+    summaries_of,
+    TIME,
+)
+from visual_servo_epipolar.evaluation.tables import cells, Columns, markdown, number, numbers
 from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.provenance import commit
 
@@ -32,10 +36,12 @@ GROUPS = {
     'size': 'image size [px], field of view 79.5 deg',
     'lens': 'lens',
 }
-HEAD = (
-    'arrived | wrong | position, median / p95 [mm] | heading p95 [deg] | excursion, p95 / max '
-    '| wrong geometry, max [s] | time [s]'
-)
+COLUMNS: Columns = {
+    **ARRIVALS,
+    'excursion, p95 / max': lambda row: numbers((row['excursion'][q] for q in ('p95', 'max')), 2),
+    'wrong geometry, max [s]': lambda row: number(row['wrong_geometry_s']['max'], 1),
+    **TIME,
+}
 
 
 def run(
@@ -87,21 +93,9 @@ def table(document: Mapping[str, Any]) -> str:
     for group, title in GROUPS.items():
         rows = [row for row in document['rows'] if row['group'] == group]
         if rows:
-            lines += ['', *markdown(f'{title} | {HEAD}', map(_row, rows))]
+            columns = {title: lambda row: str(row['name']), **COLUMNS}
+            lines += ['', *markdown(' | '.join(columns), cells(columns, rows))]
     return '\n'.join(lines)
-
-
-def _row(row: Mapping[str, Any]) -> list[str]:
-    return [
-        row['name'],
-        f'{100.0 * row["success_rate"]:.0f} %',
-        str(row['arrived_but_wrong']),
-        numbers((row['position_error_m'][q] for q in ('median', 'p95')), 1, 1e3),
-        number(row['heading_error_deg']['p95'], 2),
-        numbers((row['excursion'][q] for q in ('p95', 'max')), 2),
-        number(row['wrong_geometry_s']['max'], 1),
-        number(row['duration_s']['median'], 0),
-    ]
 
 
 ON_IMAGES = SimpleNamespace(run=partial(run, 'images'), table=table)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.evaluation.tables import Columns, number, numbers
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
@@ -15,6 +16,18 @@ from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.summary import summary_of
 
 PointRun = tuple[LoopSettings, View, CameraModel]
+
+
+# Columns of a table of summaries, which go well with others.
+ARRIVALS: Columns = {
+    'arrived': lambda row: f'{100.0 * row["success_rate"]:.0f} %',
+    'wrong': lambda row: str(row['arrived_but_wrong']),
+    'position, median / p95 [mm]': lambda row: numbers(
+        (row['position_error_m'][q] for q in ('median', 'p95')), 1, 1e3
+    ),
+    'heading p95 [deg]': lambda row: number(row['heading_error_deg']['p95'], 2),
+}
+TIME: Columns = {'time [s]': lambda row: number(row['duration_s']['median'], 0)}
 
 
 def summaries_of(plans: Sequence[SweepPlan], say: Callable[[str], None]) -> list[dict[str, Any]]:
@@ -31,11 +44,8 @@ def summaries_of(plans: Sequence[SweepPlan], say: Callable[[str], None]) -> list
         for done, (number, chunk, job) in enumerate(jobs, 1):
             say(f'{plans[number].region}, {chunk.law}: part {done} of {len(jobs)} ...')
             results[number, chunk.law].update(zip(chunk.indices, job.result(), strict=True))
-    return [_summary([runs[index] for index in sorted(runs)]) for runs in results.values()]
-
-
-def _summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    return {key: value for key, value in summary_of(runs).items() if key != 'runs'}
+    summaries = [summary_of([runs[index] for index in sorted(runs)]) for runs in results.values()]
+    return [{key: it[key] for key in it if key != 'runs'} for it in summaries]
 
 
 def runs_on_points(scenario: Scenario, region: str, count: int, seed: int) -> list[PointRun]:
