@@ -13,6 +13,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.least_time import least_time
@@ -48,6 +49,9 @@ def draw(logs: dict[str, Sequence[RunLog]]) -> Figure:
     grid = figure.add_gridspec(4, 2, width_ratios=(1.0, 1.5))
     for row, (law, runs) in enumerate(logs.items()):
         _map(figure.add_subplot(grid[2 * row : 2 * row + 2, 0]), law, runs)
+        words = dict.fromkeys(sample.phase.value for log in runs for sample in log.samples)
+        phases = [Line2D([], [], color=phase_colour(word), label=word) for word in words]
+        figure.axes[-1].legend(handles=phases, loc='lower left', fontsize=7.0)
         for place, index in enumerate(SHOWN):
             _velocities(figure.add_subplot(grid[2 * row + place, 1]), law, runs[index])
     return figure

@@ -16,6 +16,7 @@ from servo_states import PHASES
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.servo.least_time import MotionLimits
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.report.figures import save, signals, trajectory
 from visual_servo_epipolar.report.panels import robust_limit
@@ -148,6 +149,13 @@ def test_axes_of_a_robot_that_stands_have_round_ticks(log: RunLog) -> None:
     samples = [replace(sample, twist=STANDSTILL) for sample in log.samples]
     axes = panel(signals(replace(log, samples=samples)), 'linear velocity [m/s]')
     assert 0.0 in axes.get_yticks() and axes.get_ylim()[1] > 0.02
+
+
+def test_least_time_is_marked_where_the_limits_are_known(log: RunLog) -> None:
+    limits = MotionLimits(0.4, 0.2, 0.25, 0.5)
+    marked, unmarked = (signals(replace(log, limits=each)) for each in (limits, None))
+    assert '$T_0$' in [text.get_text() for text in marked.axes[0].texts]
+    assert '$T_0$' not in [text.get_text() for text in unmarked.axes[0].texts]
 
 
 def test_epipole_beyond_the_panel_is_a_gap_and_a_mark(log: RunLog) -> None:

@@ -14,7 +14,14 @@ from matplotlib.patches import Circle, Patch, Rectangle
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
-from visual_servo_epipolar.core.servo.run_log import end_s, phase_spans, RunLog, Sample, seconds
+from visual_servo_epipolar.core.servo.run_log import (
+    end_s,
+    least_time_of,
+    phase_spans,
+    RunLog,
+    Sample,
+    seconds,
+)
 from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.report.canvas import (
     draw_field_of_view,
@@ -64,7 +71,8 @@ def signals(log: RunLog) -> Figure:
     """
     Draw what was measured and commanded over time, one quantity a panel, phases behind.
 
-    A line marks where the run ended, arrived or failed: the base may brake for longer.
+    A dashed line marks where the run ended, arrived or failed: the base may brake for longer. A
+    dotted one marks T_0, the least time that the limits of the base allow.
 
     Raises ValueError if the run has no samples.
     """
@@ -75,12 +83,17 @@ def signals(log: RunLog) -> Figure:
     spans, strip = phase_spans(log), figure.add_subplot(grid[0])
     strip.set_xlim(0.0, max(seconds(log)[-1], 1e-3))
     draw_strip(strip, spans)
+    least = least_time_of(log)
+    if least is not None and least <= strip.get_xlim()[1]:
+        strip.text(least, 1.05, '$T_0$', fontsize=8.0, ha='center', va='bottom')
     for row, draw in enumerate(PANELS, start=1):
         axes = figure.add_subplot(grid[row], sharex=strip)
         draw(axes, log)
         shade(axes, spans)
         if log.samples[-1].phase.ended:
             axes.axvline(end_s(log), color=INK, linewidth=0.9, linestyle='--')
+        if least is not None:
+            axes.axvline(least, color=INK, linewidth=0.9, linestyle=':')
         axes.tick_params(labelbottom=row == len(PANELS))
         axes.yaxis.set_label_coords(LABELS_AT, 0.5)  # ``align_ylabels`` takes 0.15 s for seven
     figure.axes[-1].set_xlabel('time [s]')

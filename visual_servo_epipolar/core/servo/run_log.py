@@ -133,10 +133,15 @@ def summarise(log: RunLog) -> dict[str, Any]:
     }
 
 
+def least_time_of(log: RunLog) -> float | None:
+    """Return T_0 [s], the least time from the first pose; None where nobody knows the limits."""
+    return None if log.limits is None else least_time(log.samples[0].pose, log.limits)
+
+
 def _smoothness(log: RunLog) -> dict[str, Any]:
     """Return what whoever watches the run sees of it: time over the least, standstills, jerk."""
     times, samples = seconds(log), log.samples
-    least = None if log.limits is None else least_time(samples[0].pose, log.limits)
+    least = least_time_of(log)
     return {
         'least_time_s': least,
         'time_ratio': end_s(log) / least if least else None,

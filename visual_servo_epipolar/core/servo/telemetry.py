@@ -5,6 +5,7 @@ import math
 
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.smooth.approach import believed_distance
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.servo.run_log import Sample
@@ -39,7 +40,7 @@ def telemetry(state: ServoState) -> dict[str, float]:
         **_epipoles(measurement),
         **_covariance(measurement),
         **_features(measurement, memory),
-        'distance_estimate_m': state.motion.distance,
+        'distance_estimate_m': _distance(state, measurement),
         'linear_m_s': state.twist.linear,
         'angular_rad_s': state.twist.angular,
         'attempt': float(state.run.attempts),
@@ -102,6 +103,15 @@ def odometry_of(values: Mapping[str, float]) -> Pose | None:
     """Return the pose of the wheels that a telemetry has; None without one."""
     x, y, theta = (values.get(name, math.nan) for name in ODOMETRY)
     return None if math.isnan(x + y + theta) else Pose(x, y, theta)
+
+
+def _distance(state: ServoState, measurement: Measurement) -> float:
+    """Return d_hat as its law uses it [m]: one motion has it from the memory, or as ranged."""
+    if not (state.phase.ranges and state.phase.straight):
+        return state.motion.distance
+    if measurement.offset is not None:
+        return math.hypot(*measurement.offset)
+    return believed_distance(state)
 
 
 def _epipoles(measurement: Measurement) -> dict[str, float]:
