@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing.inputs.camera import DISTRUST_S
+from visual_servo_epipolar.nodes.servoing.camera import DISTRUST_S
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld

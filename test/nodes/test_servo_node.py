@@ -343,7 +343,8 @@ def test_a_servo_that_drives_by_itself_says_so(rig) -> None:
 
 def test_a_warning_of_a_run_is_logged_even_amid_other_complaints(rig) -> None:
     rig.node._warn('the stamps do not advance')
-    rig.node._run.follow(rig.node._state.changed(warning='it takes long'))
+    session = rig.node._run.session
+    rig.node._run.follow(replace(session, state=session.state.changed(warning='it takes long')))
     rig.bench.until(lambda: rig.bench.logged('it takes long'), 'the warning')
 
 

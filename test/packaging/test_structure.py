@@ -24,7 +24,7 @@ LARGE_VALUES = {
 }
 FLAT = ('Settings', 'Circumstances')
 FULL_FOLDERS = {'core/laws', 'core/servo', 'core/tracking'}
-DOUBLE_NAMES = {'Drive', 'Gains', 'Scene', 'Step', 'Window'}
+DOUBLE_NAMES = {'Gains', 'Scene'}
 
 
 @cache

@@ -1,5 +1,6 @@
 """The servo: features in, velocity commands out; what to do about them is decided in the core."""
 
+from dataclasses import replace
 import math
 import sys
 from typing import Any
@@ -9,26 +10,22 @@ from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.servo.session import change_goal
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import decide
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
-from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.messages import event_log, read
+from visual_servo_epipolar.messages import event_log, read, validation
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.servoing.admission import Admission
+from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.servoing.commands import Commands
-from visual_servo_epipolar.nodes.servoing.enable import Enable
-from visual_servo_epipolar.nodes.servoing.inputs.camera import ServoCamera
-from visual_servo_epipolar.nodes.servoing.inputs.wheels import Wheels
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
 from visual_servo_epipolar.nodes.servoing.run import Run, WAITS_FOR_END
-from visual_servo_epipolar.nodes.servoing.stop_button import PRESSED, StopButton
+from visual_servo_epipolar.nodes.servoing.switches import Enable, PRESSED, StopButton
 from visual_servo_epipolar.nodes.servoing.watch import Watch
+from visual_servo_epipolar.nodes.servoing.wheels import Wheels
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
@@ -158,12 +155,13 @@ class ServoNode(ManagedNode):
         self._reports.settings((self._node_settings, self._settings), self._run.stamp_ns)
 
     def _on_info(self, message: CameraInfo) -> None:
-        trouble = self._camera.hear(message, self._state, self._settings)
+        run = self._run
+        run.session, trouble = self._camera.hear(message, run.session, self._settings)
         if trouble and self._state.phase.drives:
             self._run.lose(trouble)
         pending, self._pending_tracks = self._pending_tracks, None
         if pending is not None and self._camera.model is not None and not self._watch.is_stale:
-            self._drive_by(pending, self._admission.other_goal(pending))
+            self._drive_by(pending)
 
     def _on_tracks(self, message: PointCloud2) -> None:
         stamp_ns, run = read.stamp_ns(message.header), self._run
@@ -179,45 +177,48 @@ class ServoNode(ManagedNode):
             run.freshness.renew()
         if run.stamp_ns is not None and stamp_ns <= run.stamp_ns:
             self._warn(NOT_ADVANCING)
-        other_goal = self._admission.other_goal(message) if run.active else ''
+        other_goal = run.session.other_goal(read.goal(message)) if run.active else ''
         if other_goal and self._state.reason != other_goal:
             run.lose(other_goal)
         if run.active:
             mounted = self._camera.mounted(message.header.frame_id, self._state, self._settings)
             if mounted is not self._settings:
                 self._use(mounted)  # and so announced from this stamp on
-        run.stamp_ns = stamp_ns
-        self._drive_by(message, other_goal)
+        run.session = replace(run.session, stamp_ns=stamp_ns)
+        self._drive_by(message)
 
-    def _drive_by(self, message: PointCloud2, other_goal: str) -> None:
+    def _drive_by(self, message: PointCloud2) -> None:
         """Take the step that tracks lead to, where a run goes on or may begin."""
-        if not self._run.active:
-            self._run.trouble = ''
+        run, camera, stamp_ns = self._run, self._camera.model, read.stamp_ns(message.header)
+        if not run.active:
+            run.trouble = ''
             return
-        camera = self._camera.model
         if camera is None:
             self._pending_tracks = message
-            self._run.refuse(self._camera.missing)
+            run.refuse(self._camera.missing)
             return
         waits = self._state.phase is Phase.WAITING
         trouble = self._admission.contested() or self._camera.mount_trouble if waits else ''
-        trouble = trouble or self._camera.distrusted(read.stamp_ns(message.header), self._state)
+        trouble = trouble or self._camera.distrusted(stamp_ns, run.session)
         if trouble:
-            self._run.refuse(trouble)
+            run.refuse(trouble)
             return
-        self._run.trouble = ''
-        features, unusable = self._camera.checked(message, camera, self._state)
-        if other_goal:
-            features, unusable = Features(), other_goal
+        run.trouble = ''
+        session = run.session.with_camera(camera)
+        features, refused = validation.checked_tracks(message, camera)
+        features, foreign = session.admitted(features, read.goal(message), camera)
+        unusable = foreign or refused
         if unusable:
             self._warn(unusable)
-        observation = self._wheels.told(observe(features, camera, read.stamp_ns(message.header)))
-        age = self._commands.age
-        state = change_goal(self._state, features.goal)
-        state = decide(state, observation, self._settings, since_command=age)
-        if unusable and state.phase is Phase.HOLDING:
-            state = state.changed(reason=unusable)
-        self._run.advance(state, observation.stamp_ns, message.header.frame_id)
+        observation = self._wheels.told(observe(features, camera, stamp_ns))
+        session = session.decide(
+            observation,
+            self._settings,
+            goal=features.goal,
+            since_command=self._commands.age,
+            trouble=unusable,
+        )
+        run.advance(session, stamp_ns, message.header.frame_id)
         self._camera.check(observation, self._state, self._settings)
 
     def _standstill(self) -> tuple[str, bool]:

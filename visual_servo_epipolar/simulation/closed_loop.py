@@ -15,16 +15,17 @@ from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation, observe, observe_each
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
+from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import advance, step, update_map
+from visual_servo_epipolar.core.servo.step import advance, update_map
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
 from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, period_ns, RunMonitor
 from visual_servo_epipolar.simulation.view import View
 
 RobotView = tuple[Observation, ServoSettings, int, PerceptionMemory | None]
-Step = Callable[[ServoState, Observation, ServoSettings], ServoState]
+Control = Callable[[ServoState, Observation, ServoSettings], ServoState]
 
 PARTS = ('world', 'perception', 'servo', 'record', 'base')  # of a round of many runs
 LARGEST_BLOCK = 16 * 2**20  # bytes, more than any array of a stack takes
@@ -44,7 +45,8 @@ class Loop:
         self._servo = settings.servo
         start = Pose.from_start(*settings.start)
         self._base = new_base(settings.base, start, seed=settings.seed)
-        self._state, self._period_ns = ServoState(), period_ns(settings.frame_rate)
+        self._session = Session(camera=camera, started=True)
+        self._period_ns = period_ns(settings.frame_rate)
         self.pose = published(self._base.pose)
 
     @property
@@ -59,18 +61,23 @@ class Loop:
 
     def robot_view(self, observation: Observation) -> RobotView:
         """Return what is to be perceived."""
-        view = self._state.view
+        view = self._session.state.view
         return self._reckoned(observation), self._servo, view.frame, view.memory
 
     def decide(self, perception: Perception) -> None:
         """Take in what was perceived; its noise is learnt with the next perception of all."""
-        self._state = update_map(advance(self._state, perception, self._servo), noise=False)
+        state = update_map(advance(self._session.state, perception, self._servo), noise=False)
+        self._session = replace(self._session, state=state)
 
-    def decide_by(self, control: Step) -> None:
-        """Look, and let ``control`` take it in."""
+    def decide_by(self, control: Control | None) -> None:
+        """Look, and let the servo take it in, or another ``control``."""
         features = self.view.observe(self.pose, self.frame)
-        observation = observe(features, self.camera, self.now_ns)
-        self._state = control(self._state, self._reckoned(observation), self._servo)
+        seen = self._reckoned(observe(features, self.camera, self.now_ns))
+        if control is not None:
+            state = control(self._session.state, seen, self._servo)
+            self._session = replace(self._session, state=state)
+            return
+        self._session = self._session.decide(seen, self._servo, goal=features.goal).update_map()
 
     def _reckoned(self, observation: Observation) -> Observation:
         """Return ``observation`` with where the wheels say that the base is, if they are asked."""
@@ -80,14 +87,14 @@ class Loop:
 
     def record(self) -> Sample:
         """Note the step that was decided."""
-        state = self._state
+        state = self._session.state
         taken = sample(self._base.now_ns, self.pose, state.phase, telemetry(state))
         self.monitor.add(taken, reason=state.reason, attempts=state.run.attempts)
         return taken
 
     def drive(self) -> None:
         """Obey for one period."""
-        self._base.command(self._state.command)
+        self._base.command(self._session.state.command)
         self._base.advance(self._base.now_ns + self._period_ns)
         self.pose = published(self._base.pose)
 
@@ -117,7 +124,7 @@ def run(
     camera: CameraModel,
     *,
     watch: Callable[[Sample], None] | None = None,
-    control: Step = step,
+    control: Control | None = None,
 ) -> RunLog:
     """
     Drive from the start until the servo ends, and return the record.

@@ -18,14 +18,16 @@ from visual_servo_epipolar.bags.reading.run import read_run
 from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare
 from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
-from visual_servo_epipolar.bags.replaying.replay import replay, Step
+from visual_servo_epipolar.bags.replaying.replay import replay, ReplayedStep
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
 
 DRIVER = ('/image_raw', '/camera_info')
 
 
-def commands(path: Path, topics: dict[str, str] | None = None, **overrides: object) -> list[Step]:
+def commands(
+    path: Path, topics: dict[str, str] | None = None, **overrides: object
+) -> list[ReplayedStep]:
     with Bag(path) as bag:
         run = read_run(bag, assign_roles(bag, topics or {}))
         replay_plan, _ = plan(bag, run, ReplayOverrides(**overrides))
@@ -37,7 +39,7 @@ def recorded(messages: list[Message]) -> list[tuple[float, float]]:
     return [(item.linear.x, item.angular.z) for item in twists]
 
 
-def twists(steps: list[Step]) -> list[tuple[float, float]]:
+def twists(steps: list[ReplayedStep]) -> list[tuple[float, float]]:
     return [(step.telemetry['linear_m_s'], step.telemetry['angular_rad_s']) for step in steps]
 
 

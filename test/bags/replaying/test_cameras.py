@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing.inputs import camera
+from visual_servo_epipolar.nodes.servoing import camera
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 

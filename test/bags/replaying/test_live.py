@@ -12,7 +12,7 @@ from visual_servo_epipolar.bags.reading.run import read_run
 from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
 from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
-from visual_servo_epipolar.bags.replaying.replay import replay, Step
+from visual_servo_epipolar.bags.replaying.replay import replay, ReplayedStep
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 
@@ -46,7 +46,7 @@ class Robot:
         self.bench.settle()
 
 
-def replayed(path, **overrides: object) -> tuple[list[Step], Comparison]:
+def replayed(path, **overrides: object) -> tuple[list[ReplayedStep], Comparison]:
     with Bag(path) as bag:
         run = read_run(bag, assign_roles(bag, {}))
         steps = replay(bag, run, plan(bag, run, ReplayOverrides(**overrides))[0])

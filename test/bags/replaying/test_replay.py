@@ -18,7 +18,7 @@ from visual_servo_epipolar.bags.reading.run import read_run, Recording
 from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
 from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
-from visual_servo_epipolar.bags.replaying.replay import replay, Step
+from visual_servo_epipolar.bags.replaying.replay import replay, ReplayedStep
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
 
@@ -31,7 +31,7 @@ def replayed(
     tolerance: float = 0.0,
     topics: Mapping[str, str] | None = None,
     **overrides: Any,
-) -> tuple[Recording, list[Step], Comparison]:
+) -> tuple[Recording, list[ReplayedStep], Comparison]:
     """Replay the bag at ``path`` and compare."""
     with Bag(path) as bag:
         run = read_run(bag, assign_roles(bag, topics or {}))

@@ -12,7 +12,7 @@ from visual_servo_epipolar.bags.reading.run import read_run, Recording
 from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare
 from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
-from visual_servo_epipolar.bags.replaying.replay import replay, Step
+from visual_servo_epipolar.bags.replaying.replay import replay, ReplayedStep
 from visual_servo_epipolar.core.servo.telemetry import ODOMETRY, odometry_of
 
 CLOSE = (0.3, -2.2, 0.0)
@@ -22,7 +22,7 @@ def replayed(
     path: Path,
     overrides: ReplayOverrides,
     known: Callable[[Recording], Recording] = lambda run: run,
-) -> tuple[Recording, list[Step]]:
+) -> tuple[Recording, list[ReplayedStep]]:
     """Replay a bag of which so much is ``known``."""
     with Bag(path) as bag:
         run = known(read_run(bag, assign_roles(bag, {})))

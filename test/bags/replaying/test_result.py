@@ -6,7 +6,7 @@ from bagmaker import write_bag
 import pytest
 
 from visual_servo_epipolar.bags.reading.run import Recording
-from visual_servo_epipolar.bags.replaying.replay import Step
+from visual_servo_epipolar.bags.replaying.replay import ReplayedStep
 from visual_servo_epipolar.bags.replaying.result import document, run_log
 from visual_servo_epipolar.bags.replaying.result import SETTLE_FRAMES as BRAKING_STEPS
 from visual_servo_epipolar.commands.main import main
@@ -35,15 +35,15 @@ TELEMETRY = {
 }
 
 
-def steps_of(**counts: int) -> list[Step]:
+def steps_of(**counts: int) -> list[ReplayedStep]:
     phases = [Phase.known[name] for name, count in counts.items() for _ in range(count)]
     return [
-        Step((number * PERIOD_NS, 0), number, phase, f'in {phase.value}', TELEMETRY)
+        ReplayedStep((number * PERIOD_NS, 0), number, phase, f'in {phase.value}', TELEMETRY)
         for number, phase in enumerate(phases)
     ]
 
 
-def driving_away(steps: list[Step]) -> Recording:
+def driving_away(steps: list[ReplayedStep]) -> Recording:
     """Return the ground truth of a robot that somebody drives on after the end."""
     poses = {item.key[0]: Pose(0.0, 0.01 * n, 1.0) for n, item in enumerate(steps)}
     return Recording(topics={}, poses=poses)

@@ -13,7 +13,6 @@ from visual_servo_epipolar.core.servo.session import (
     change_goal,
     interrupted,
     Interruption,
-    other_goal,
     Session,
 )
 
@@ -62,9 +61,9 @@ def test_a_run_keeps_to_the_goal_that_it_began_with(phase: Phase) -> None:
     assert begun.view.goal.id == 7
     assert begun.view.measurement is not None  # the first to be told is no change
     assert change_goal(begun, NO_GOAL) is begun
-    assert not other_goal(begun, None)
+    assert not Session(begun).other_goal(None)
     after = change_goal(begun, 8)
-    assert bool(other_goal(begun, 8)) == phase.runs
+    assert bool(Session(begun).other_goal(8)) == phase.runs
     assert after.view.goal.id == (7 if phase.runs else 8)
     assert (after is begun) == phase.runs
 
@@ -82,7 +81,7 @@ def test_a_run_keeps_to_the_camera_that_it_began_with(phase: Phase) -> None:
         Camera(640, 480, 500.0, 500.0, 320.0, 240.0),
         Camera(64, 48, 50.0, 50.0, 32, 24),
     )
-    after = Session(camera=first).with_camera(second, in_phase(phase))
+    after = Session(in_phase(phase), camera=first).with_camera(second)
     assert after.camera == (first if phase.runs else second)
     assert ('camera_info has changed' in after.other_camera(second)) == phase.runs
-    assert Session().with_camera(second, in_phase(phase)).camera == second
+    assert Session(in_phase(phase)).with_camera(second).camera == second

@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import step as servo_step
-from visual_servo_epipolar.core.servo.session import interrupted, Interruption, stop
+from visual_servo_epipolar.core.servo.session import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
@@ -557,7 +557,9 @@ def test_a_phase_that_takes_too_long_fails_with_its_name(phase: Phase) -> None:
 
 @pytest.mark.parametrize('phase', PHASES)
 def test_a_stop_leaves_a_fresh_servo_at_a_standstill(phase: Phase) -> None:
-    state = stop(in_phase(phase, command=Command(Twist(0.3, 0.1)), frame=9))
+    state = interrupted(
+        in_phase(phase, command=Command(Twist(0.3, 0.1)), frame=9), Interruption.STOPPED
+    )
     assert state.phase is Phase.WAITING
     assert state.twist == STANDSTILL
     assert math.isnan(state.motion.distance)

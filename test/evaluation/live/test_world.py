@@ -23,7 +23,7 @@ from visual_servo_epipolar.evaluation.live.world import small_camera, World, Wor
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing.arming import Arming
+from visual_servo_epipolar.nodes.servoing.run import Arming
 from visual_servo_epipolar.nodes.servoing.watch import Watch
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
 

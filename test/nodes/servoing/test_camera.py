@@ -16,8 +16,8 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing.inputs import camera as servo_camera
-from visual_servo_epipolar.nodes.servoing.inputs.camera import ServoCamera
+from visual_servo_epipolar.nodes.servoing import camera as servo_camera
+from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 OTHER = replace(CAMERA, fx=1000.0, fy=1000.0)

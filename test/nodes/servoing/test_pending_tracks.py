@@ -6,7 +6,7 @@ from servo_rig import CAMERA, Rig
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes.servoing.inputs.camera import NO_CAMERA
+from visual_servo_epipolar.nodes.servoing.camera import NO_CAMERA
 
 
 def calibrated(rig: Rig) -> Rig:

@@ -7,7 +7,7 @@ from servo_rig import AWAY, HandSetClock, PERIOD_NS, Rig, WORLD
 
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes.servoing.inputs.camera import NO_CAMERA
+from visual_servo_epipolar.nodes.servoing.camera import NO_CAMERA
 
 
 def test_without_a_camera_that_is_the_reason_though_tracks_stay_away_too(bench) -> None:

@@ -8,9 +8,9 @@ from servo_rig import AWAY, HandSetClock, Rig, STAMP_NS, tracks
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
+from visual_servo_epipolar.core.servo.admission import Arrival, disorder, refusal
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.servoing.inputs.stamps import disorder, refusal
 
 SECOND = 1_000_000_000
 NOW_NS = 1_790_000_000 * SECOND
@@ -21,36 +21,36 @@ UNTIMELY = [(2.0, LATE), (-1.0, OTHER), (130.0, OTHER), (-900.0, OTHER)]
 
 @pytest.mark.parametrize(('age', 'text'), [*UNTIMELY, (0.51, LATE), (-0.51, OTHER)])
 def test_an_image_too_far_from_now_is_refused(age: float, text: str) -> None:
-    assert text in refusal(NOW_NS - int(age * SECOND), NOW_NS, 0.5)
+    assert text in refusal(Arrival(NOW_NS - int(age * SECOND), NOW_NS), 0.5)
 
 
 @pytest.mark.parametrize(
     ('age', 'text'), [(130.0, '130.00 s behind the clock'), (-1.0, '1.00 s ahead of the clock')]
 )
 def test_another_clock_is_behind_or_ahead(age: float, text: str) -> None:
-    assert text in refusal(NOW_NS - int(age * SECOND), NOW_NS, 0.5)
+    assert text in refusal(Arrival(NOW_NS - int(age * SECOND), NOW_NS), 0.5)
 
 
 @pytest.mark.parametrize('age', [0.5, 0.1, 0.0, -0.1, -0.5])
 def test_an_image_of_now_is_driven_by(age: float) -> None:
-    assert refusal(NOW_NS - int(age * SECOND), NOW_NS, 0.5) == ''
+    assert refusal(Arrival(NOW_NS - int(age * SECOND), NOW_NS), 0.5) == ''
 
 
 @pytest.mark.parametrize('age', [2.0, -2.0, 1e9])
 def test_without_a_largest_latency_no_age_is_looked_at(age: float) -> None:
-    assert refusal(NOW_NS - int(age * SECOND), NOW_NS, 0.0) == ''
+    assert refusal(Arrival(NOW_NS - int(age * SECOND), NOW_NS), 0.0) == ''
 
 
 def test_images_without_a_stamp_are_told_from_old_ones() -> None:
-    assert 'the images are stamped 0' in refusal(0, NOW_NS, 0.5)
+    assert 'the images are stamped 0' in refusal(Arrival(0, NOW_NS), 0.5)
 
 
 def test_a_simulation_that_begins_at_0_is_driven_by() -> None:
-    assert refusal(0, 0, 0.5) == ''
+    assert refusal(Arrival(0, 0), 0.5) == ''
 
 
 def test_a_clock_that_nobody_publishes_is_said_so() -> None:
-    assert 'is /clock published?' in refusal(STAMP_NS, 0, 0.5)
+    assert 'is /clock published?' in refusal(Arrival(STAMP_NS, 0), 0.5)
 
 
 STILL = 'the stamps do not advance'
@@ -182,7 +182,7 @@ def test_a_new_run_may_begin_with_stamps_of_before(bench) -> None:
 
 @pytest.mark.parametrize(('still_s', 'text'), [(3.0, '/clock has stood still'), (0.1, OTHER)])
 def test_a_simulated_clock_that_stands_still_is_not_the_driver_s(still_s, text) -> None:
-    assert text in refusal(STAMP_NS + SECOND, STAMP_NS, 0.5, still_s)
+    assert text in refusal(Arrival(STAMP_NS + SECOND, STAMP_NS, still_s), 0.5)
 
 
 def test_where_clock_freezes_and_images_go_on_that_is_the_reason(bench) -> None:

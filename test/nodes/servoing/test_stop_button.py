@@ -10,7 +10,7 @@ from std_msgs.msg import Bool
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing import rivals, stop_button
+from visual_servo_epipolar.nodes.servoing import rivals, switches
 
 TEXT = 'the stop button is pressed; release it, then call ~/start'
 LEFTOVER_NS = 25_000_000_000  # as the servo has it: the lease of Fast DDS, and some
@@ -181,7 +181,7 @@ SECOND_S = 0.3  # of patience in these tests
 
 @pytest.fixture
 def hasty(monkeypatch) -> None:
-    monkeypatch.setattr(stop_button, 'RELEASE_S', SECOND_S)
+    monkeypatch.setattr(switches, 'RELEASE_S', SECOND_S)
 
 
 def asked(rig) -> None:

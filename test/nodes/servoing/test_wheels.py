@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.servoing.inputs.wheels import MEANWHILE, Wheels
+from visual_servo_epipolar.nodes.servoing.wheels import MEANWHILE, Wheels
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 S = 10**9

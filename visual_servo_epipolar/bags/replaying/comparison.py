@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from visual_servo_epipolar.bags.reading.run import RecordedTwist, Recording
-from visual_servo_epipolar.bags.replaying.replay import Step
+from visual_servo_epipolar.bags.replaying.replay import ReplayedStep
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import seconds_between
 
@@ -71,14 +71,14 @@ class Comparison:
         return float(f'1e{math.ceil(math.log10(1.001 * largest))}')
 
 
-def recorded_steps(run: Recording, steps: Sequence[Step]) -> list[dict[str, Value]]:
+def recorded_steps(run: Recording, steps: Sequence[ReplayedStep]) -> list[dict[str, Value]]:
     """Return the recorded values of each of ``steps``: all telemetry, or the command alone."""
     if run.telemetry:
         return [_telemetry(run, item) for item in steps]
     return _commands(run.commands, steps)
 
 
-def compare(run: Recording, steps: Sequence[Step], tolerance: float) -> Comparison:
+def compare(run: Recording, steps: Sequence[ReplayedStep], tolerance: float) -> Comparison:
     """
     Compare each replayed step with the recorded one.
 
@@ -105,13 +105,15 @@ def compare(run: Recording, steps: Sequence[Step], tolerance: float) -> Comparis
     return result
 
 
-def _telemetry(run: Recording, step: Step) -> dict[str, Value]:
+def _telemetry(run: Recording, step: ReplayedStep) -> dict[str, Value]:
     diagnosis = run.diagnoses.get(step.key[0], {})
     phase = {'phase': diagnosis['phase']} if 'phase' in diagnosis else {}
     return {**phase, **run.telemetry.get(step.key, {})}
 
 
-def _commands(commands: Sequence[RecordedTwist], steps: Sequence[Step]) -> list[dict[str, Value]]:
+def _commands(
+    commands: Sequence[RecordedTwist], steps: Sequence[ReplayedStep]
+) -> list[dict[str, Value]]:
     """Return the recorded command of each step: that of its stamp, or the next without one."""
     by_stamp = {item.stamp_ns: item for item in commands if item.stamp_ns is not None}
     pending = [item for item in commands if item.stamp_ns is None]
@@ -161,7 +163,7 @@ def _distance(recorded: Value, replayed: Value) -> float:
     return math.inf if math.isnan(distance) else distance
 
 
-def _count_unpublished(commands: Sequence[RecordedTwist], steps: Sequence[Step]) -> int:
+def _count_unpublished(commands: Sequence[RecordedTwist], steps: Sequence[ReplayedStep]) -> int:
     """Count replayed commands that are missing, in their order, among the published ones."""
     expected = [
         (step.telemetry['linear_m_s'], step.telemetry['angular_rad_s'])
@@ -175,7 +177,7 @@ def _count_unpublished(commands: Sequence[RecordedTwist], steps: Sequence[Step])
     return len(expected) - position
 
 
-def _is_commanded(before: Step | None, step: Step) -> bool:
+def _is_commanded(before: ReplayedStep | None, step: ReplayedStep) -> bool:
     """Return whether the servo certainly commands a step: one of a run, or its end."""
     if step.phase.ended:
         return before is not None and not before.phase.ended

@@ -24,16 +24,8 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.servo.session import (
-    change_goal,
-    interrupted,
-    Interruption,
-    other_goal,
-    Session,
-)
+from visual_servo_epipolar.core.servo.session import Interruption, Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.servo.telemetry import odometry_of, SINCE_COMMAND, telemetry
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -74,8 +66,8 @@ class TrackedImage:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
-    """Step of the servo: its phase, the reason for it, its telemetry."""
+class ReplayedStep:
+    """Step of the servo in a replay: its phase, the reason for it, its telemetry."""
 
     key: Key
     log_ns: int
@@ -84,10 +76,12 @@ class Step:
     telemetry: Mapping[str, float]
 
 
-Watch = Callable[[Step, TrackedImage], None]
+Watch = Callable[[ReplayedStep, TrackedImage], None]
 
 
-def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) -> list[Step]:
+def replay(
+    bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None
+) -> list[ReplayedStep]:
     """
     Run tracker and servo on the recorded inputs, and return each step.
 
@@ -100,8 +94,8 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
         If the bag is damaged, time jumps, or nothing in it can be used.
 
     """
-    state, steps, refusal = ServoState(), list[Step](), ''
-    events, session = EventQueue(run.servo_events), Session()
+    session, steps, refusal = Session(), list[ReplayedStep](), ''
+    events = EventQueue(run.servo_events)
     for tracked in tracked_images(bag, run, plan):
         if isinstance(tracked.camera, str):
             refusal = f'camera_info cannot be used: {tracked.camera}'
@@ -109,20 +103,27 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
         if run.telemetry and tracked.key not in run.telemetry:
             continue  # the servo was not started
         for entry in events.due(tracked.key[0]):
-            state = _after(state, entry)
+            session = _after(session, entry)
         camera = tracked.camera
-        session = session.with_camera(camera, state)
-        other = other_goal(state, tracked.goal) or session.other_camera(camera)
-        if other:
-            tracked = replace(tracked, features=Features(), warning=other)
+        session = session.with_camera(camera)
+        features, foreign = session.admitted(tracked.features, tracked.goal, camera)
+        if foreign:
+            tracked = replace(tracked, features=features, warning=foreign)
         recorded = run.telemetry.get(tracked.key, {})
-        since_command = recorded.get(SINCE_COMMAND, math.nan)
-        observation = observe(tracked.features, camera, tracked.key[0])
+        observation = observe(features, camera, tracked.key[0])
         observation = replace(observation, odometry=odometry_of(recorded))
         settings = value_at(plan.servo, tracked.key[0])
-        state = change_goal(state, tracked.features.goal)
-        state = step(state, observation, settings, since_command=since_command)
-        outcome = Step(tracked.key, tracked.log_ns, state.phase, state.reason, telemetry(state))
+        session = session.decide(
+            observation,
+            settings,
+            goal=features.goal,
+            since_command=recorded.get(SINCE_COMMAND, math.nan),
+            trouble=foreign,
+        ).update_map()
+        state = session.state
+        outcome = ReplayedStep(
+            tracked.key, tracked.log_ns, state.phase, state.reason, telemetry(state)
+        )
         steps.append(outcome)
         refusal = refusal or (tracked.warning if not len(tracked.features) else '')
         if watch is not None:
@@ -181,11 +182,11 @@ class ReplayTracker:
             raise InputError(f'the desired image cannot be used: {error}') from None
 
 
-def _after(state: ServoState, entry: Entry) -> ServoState:
+def _after(session: Session, entry: Entry) -> Session:
     try:
-        return interrupted(state, Interruption(entry.event), entry.reason)
+        return session.interrupted(Interruption(entry.event), entry.reason)
     except ValueError:
-        return state  # an event of a later version
+        return session  # an event of a later version
 
 
 def _from_recorded_tracks(

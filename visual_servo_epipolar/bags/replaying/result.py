@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 from visual_servo_epipolar.bags.reading.run import Recording
-from visual_servo_epipolar.bags.replaying.replay import Step
+from visual_servo_epipolar.bags.replaying.replay import ReplayedStep
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.least_time import MotionLimits
@@ -30,12 +30,12 @@ FROM_TRUTH = (
 )
 
 
-def has_truth(run: Recording, steps: Sequence[Step]) -> bool:
+def has_truth(run: Recording, steps: Sequence[ReplayedStep]) -> bool:
     """Return whether ground truth was recorded for every step."""
     return all(step.key[0] in run.poses for step in steps)
 
 
-def driven(steps: Sequence[Step]) -> Sequence[Step]:
+def driven(steps: Sequence[ReplayedStep]) -> Sequence[ReplayedStep]:
     """Return the steps to the end of the run, with some more in which the base brakes."""
     phase, count = steps[-1].phase, len(steps)
     if not phase.ended:
@@ -47,7 +47,7 @@ def driven(steps: Sequence[Step]) -> Sequence[Step]:
 
 def run_log(
     run: Recording,
-    steps: Sequence[Step],
+    steps: Sequence[ReplayedStep],
     *,
     seed: int,
     law: str,

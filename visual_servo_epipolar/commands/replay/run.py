@@ -32,7 +32,13 @@ from visual_servo_epipolar.bags.replaying.plan import (
     plan,
     ReplayOverrides,
 )
-from visual_servo_epipolar.bags.replaying.replay import Plan, replay, Step, TrackedImage, Watch
+from visual_servo_epipolar.bags.replaying.replay import (
+    Plan,
+    replay,
+    ReplayedStep,
+    TrackedImage,
+    Watch,
+)
 from visual_servo_epipolar.bags.replaying.result import document, has_truth, run_log
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph
@@ -69,7 +75,7 @@ class ReplayedBag:
     plan: Plan
     given: Changes
     effective: Changes
-    steps: list[Step]
+    steps: list[ReplayedStep]
     comparison: Comparison
     notes: list[str]
     wall_s: float
@@ -261,7 +267,7 @@ def _goal_of(text: str | None) -> Image | Moment | None:
 def progress_watch(progress: Progress) -> Watch:
     """Return a callback that shows the progress of a replay."""
 
-    def watch(step: Step, tracked: TrackedImage) -> None:
+    def watch(step: ReplayedStep, tracked: TrackedImage) -> None:
         progress.say(f'{step.key[0] / NANOSECONDS:.1f} s  {step.phase.value}')
 
     return watch

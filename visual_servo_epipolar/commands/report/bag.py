@@ -9,7 +9,7 @@ from pathlib import Path
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.history import Happening
-from visual_servo_epipolar.bags.replaying.replay import Step, TrackedImage
+from visual_servo_epipolar.bags.replaying.replay import ReplayedStep, TrackedImage
 from visual_servo_epipolar.bags.replaying.result import has_truth
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.run_folder import versions
@@ -58,7 +58,7 @@ class SampledPictures:
         self._kept: dict[int, bytes] = {}
         self._stride, self._count, self._phase = 1, 0, ''
 
-    def add(self, step: Step, tracked: TrackedImage) -> None:
+    def add(self, step: ReplayedStep, tracked: TrackedImage) -> None:
         """Add the picture of a step, if it is due or begins a phase."""
         number, self._count = self._count, self._count + 1
         begins, self._phase = step.phase.value != self._phase, step.phase.value
@@ -88,7 +88,7 @@ def report_bag(options: argparse.Namespace, path: Path) -> None:
     with closing(Progress()) as progress:
         show = progress_watch(progress)
 
-        def watch(step: Step, tracked: TrackedImage) -> None:
+        def watch(step: ReplayedStep, tracked: TrackedImage) -> None:
             show(step, tracked)
             pictures.add(step, tracked)
 

@@ -56,7 +56,7 @@ def actuation(state: ServoState, stamp_ns: int, dt: float, settings: ServoSettin
     return Actuation(dt, twist, twist.linear, longest)
 
 
-class Drive(NamedTuple):
+class DrivenInterval(NamedTuple):
     """
     What was driven since the last image.
 
@@ -76,20 +76,20 @@ class Drive(NamedTuple):
 
 def drive_since(
     state: ServoState, perception: Perception, dt: float, settings: ServoSettings
-) -> Drive:
+) -> DrivenInterval:
     """Return what was driven since the last image, ``dt`` [s] before this ``perception``."""
     acted = actuation(state, perception.measurement.stamp_ns, dt, settings)
     observation = perception.observation
     wheels = None if observation is None or not settings.odometry else observation.odometry
     commanded = acted.motion(settings.latency)
-    return Drive(acted, *state.identified.odometry.after(wheels, commanded, dt, settings))
+    return DrivenInterval(acted, *state.identified.odometry.after(wheels, commanded, dt, settings))
 
 
 def reckon(
     state: ServoState,
     measurement: Measurement,
     identified: Identification,
-    drive: Drive,
+    drive: DrivenInterval,
     settings: ServoSettings,
 ) -> MotionState:
     """

@@ -5,7 +5,7 @@ import math
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
-from visual_servo_epipolar.core.servo.dead_reckoning import Drive
+from visual_servo_epipolar.core.servo.dead_reckoning import DrivenInterval
 from visual_servo_epipolar.core.servo.fusion.fuse import disproved, Fusion
 from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand, learns
 from visual_servo_epipolar.core.servo.identification.delay import Delay
@@ -26,7 +26,7 @@ def identify(
     state: ServoState,
     perception: Perception,
     fusion: Fusion,
-    drive: Drive,
+    drive: DrivenInterval,
     settings: ServoSettings,
 ) -> tuple[Fusion, Identification]:
     """
@@ -106,7 +106,7 @@ def _without_bias(measurement: Measurement, bias: float) -> Measurement:
 
 
 def _dead_band(
-    before: DeadBand, fusion: Fusion, drive: Drive, settings: ServoSettings
+    before: DeadBand, fusion: Fusion, drive: DrivenInterval, settings: ServoSettings
 ) -> DeadBand:
     """Return what the base does not follow, by the command that acted for longest."""
     if not learns(settings):

@@ -1,14 +1,30 @@
-"""Session: what a run began with, and what interrupts it: orders, and tracks that do not come."""
+"""
+Session: what node, replay and simulation do around each step, from order to order.
+
+A session is started and stopped, admits images that prove the time that passes, keeps the camera
+and the goal that a run began with, and holds the state after the last step.
+"""
 
 from dataclasses import dataclass, replace
 from enum import Enum
+import math
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.machine import interruption
 from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.admission import (
+    Arrival,
+    disorder,
+    FrozenImageCheck,
+    refusal,
+)
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState, ViewState
+from visual_servo_epipolar.core.servo.step import decide, update_map
+from visual_servo_epipolar.core.tracking.features import Features
 
 GOAL_CHANGED = (
     'the photograph has changed in mid-run: its tracks lead to another goal; send the one it '
@@ -33,14 +49,18 @@ class Interruption(Enum):
 
 def interrupted(state: ServoState, kind: Interruption, reason: str = '') -> ServoState:
     """Return the state after an interruption, with the command to stand; ``reason`` if any."""
-    if kind is Interruption.STOPPED:
-        return stop(state)
+    if kind is Interruption.STOPPED:  # waiting, by the same base
+        sent = replace(state.motion.sent, withdrawn=True)
+        frame, delay = state.view.frame, state.identified.delay
+        return ServoState().changed(frame=frame, delay=delay, sent=sent)
     if kind is Interruption.RESET:
         return ServoState()
     if kind is Interruption.LOST:
-        return lost(state, reason)
+        return _lost(state, reason)
     if kind is Interruption.TIMED_OUT:
-        return timed_out(state, reason)
+        phase = interruption(state.phase, Event.TIMED_OUT)
+        if phase is not None:
+            return _halted(state).changed(phase=phase, settled=0, reason=reason)
     return _halted(state)
 
 
@@ -52,7 +72,7 @@ def _halted(state: ServoState) -> ServoState:
     return state.changed(command=HALT, last_linear=state.twist.linear, sent=sent)
 
 
-def lost(state: ServoState, reason: str) -> ServoState:
+def _lost(state: ServoState, reason: str) -> ServoState:
     """Return the state after tracks stopped coming: holding where it drove, at a standstill."""
     phase = interruption(state.phase, Event.LOST)
     if phase is None:
@@ -65,33 +85,43 @@ def lost(state: ServoState, reason: str) -> ServoState:
     return _halted(state).changed(phase=phase, phase_start_ns=start_ns, settled=0, reason=reason)
 
 
-def timed_out(state: ServoState, reason: str) -> ServoState:
-    """Return the state of a run that has held for too long: failed; no other changes."""
-    phase = interruption(state.phase, Event.TIMED_OUT)
-    if phase is None:
-        return _halted(state)
-    return _halted(state).changed(phase=phase, settled=0, reason=reason)
-
-
-def stop(state: ServoState) -> ServoState:
-    """Return the state after an order to stop: waiting, at a standstill, by the same base."""
-    sent = replace(state.motion.sent, withdrawn=True)
-    return ServoState().changed(frame=state.view.frame, delay=state.identified.delay, sent=sent)
-
-
 @dataclass(frozen=True, slots=True)
 class Session:
     """
-    What a run began with: its ``camera``, None before the first.
+    Session of a servo: its ``state`` after the last step, and what the run began with.
 
-    Another may come while a run goes on; it is not its own.
+    ``camera`` is that of the images, None before the first; ``stamp_ns`` the stamp of the last
+    image that counted; ``started`` says whether a run goes on or may begin; ``views``, whether
+    images show that time passes.
     """
 
+    state: ServoState = ServoState()
     camera: CameraModel | None = None
+    stamp_ns: int | None = None
+    started: bool = False
+    views: FrozenImageCheck = FrozenImageCheck()
 
-    def with_camera(self, camera: CameraModel, state: ServoState) -> 'Session':
+    def admit(
+        self, arrival: Arrival, *, max_latency: float, still_timeout: float, withheld: str = ''
+    ) -> tuple['Session', str]:
+        """
+        Return the session after an image came, and why no step is taken by it, or ''.
+
+        It is too old, not newer than others of the run, the very same for ``still_timeout`` [s] of
+        driving, or the run is ``withheld``.
+        """
+        newest_ns = self.stamp_ns if self.state.phase.runs else None
+        trouble = refusal(arrival, max_latency) or disorder(newest_ns, arrival.stamp_ns)
+        trouble = trouble or (withheld if self.started else '')
+        if trouble:
+            return self, trouble
+        views = self.views.after(arrival, drives=self.state.command != HALT)
+        trouble = '' if newest_ns is None else views.trouble(still_timeout)
+        return replace(self, views=views), trouble
+
+    def with_camera(self, camera: CameraModel) -> 'Session':
         """Return the session where ``camera`` is that of the images: a run keeps its own."""
-        if state.phase.runs and self.camera is not None:
+        if self.camera == camera or (self.state.phase.runs and self.camera is not None):
             return self
         return replace(self, camera=camera)
 
@@ -99,18 +129,53 @@ class Session:
         """Return in words that ``camera`` is not that of the run; or ''."""
         return '' if camera == self.camera else camera_changed(camera)
 
+    def other_goal(self, goal: int | None) -> str:
+        """Return in words that features of ``goal`` are not of the goal of the run; or ''."""
+        changes = self.state.phase.runs and self.state.view.goal.differs(goal or NO_GOAL)
+        return GOAL_CHANGED if changes else ''
 
-def other_goal(state: ServoState, goal: int | None) -> str:
-    """Return in words that the features of ``goal`` are not of the goal of a run; or ''."""
-    changes = state.phase.runs and state.view.goal.differs(goal or NO_GOAL)
-    return GOAL_CHANGED if changes else ''
+    def admitted(
+        self, features: Features, goal: int | None, camera: CameraModel
+    ) -> tuple[Features, str]:
+        """Return ``features`` of the goal and the camera of the run; none, and why, of others."""
+        trouble = self.other_goal(goal) or self.other_camera(camera)
+        return (Features(), trouble) if trouble else (features, '')
+
+    def decide(
+        self,
+        observation: Observation,
+        settings: ServoSettings,
+        *,
+        goal: int = NO_GOAL,
+        since_command: float = math.nan,
+        trouble: str = '',
+    ) -> 'Session':
+        """
+        Return the session with the command after an ``observation`` of ``goal``.
+
+        ``trouble`` says why features were not admitted; ``since_command``: see ``step.decide``.
+        """
+        state = change_goal(self.state, goal)
+        state = decide(state, observation, settings, since_command=since_command)
+        if trouble and state.phase is Phase.HOLDING:
+            state = state.changed(reason=trouble)
+        return replace(self, state=state)
+
+    def update_map(self) -> 'Session':
+        """Return the session after what no command waits for."""
+        return replace(self, state=update_map(self.state))
+
+    def interrupted(self, kind: Interruption, reason: str = '') -> 'Session':
+        """Return the session after an interruption between two steps; one that stops ends it."""
+        started = self.started and kind is not Interruption.STOPPED
+        return replace(self, state=interrupted(self.state, kind, reason), started=started)
 
 
 def change_goal(state: ServoState, goal: int) -> ServoState:
     """
     Return the state that drives to ``goal``, by its id: what was seen of another is forgotten.
 
-    A run keeps the goal that it began with: see ``other_goal``.
+    A run keeps the goal that it began with: see ``Session.other_goal``.
     """
     view = state.view
     if goal in (NO_GOAL, view.goal.id) or (state.phase.runs and view.goal.differs(goal)):

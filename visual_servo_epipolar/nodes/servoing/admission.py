@@ -5,17 +5,14 @@ from collections.abc import Callable
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
-from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.decisions import too_few_features
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.servo.session import other_goal
+from visual_servo_epipolar.core.servo.admission import Arrival
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.nodes.servoing.enable import Enable
-from visual_servo_epipolar.nodes.servoing.inputs import stamps
-from visual_servo_epipolar.nodes.servoing.inputs.still_view import FrozenImageCheck
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
 from visual_servo_epipolar.nodes.servoing.run import QUIET_S, Run
+from visual_servo_epipolar.nodes.servoing.switches import Enable
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 WAITS_FOR_START = 'resume is manual: after a hold the robot stands until ~/start is called'
@@ -39,7 +36,6 @@ class Admission:
     ) -> None:
         self._node, self._settings, self._run = node, settings, run
         self.rivals, self._enable = rivals, enable
-        self._still = FrozenImageCheck()
         self.goal: int | None = None  # the photograph, by its number, once it was in view
         self._has_photograph: bool | None = None  # by the last tracks, if any came
         self._tracks = PointCloud2()  # these
@@ -88,26 +84,24 @@ class Admission:
         return too_few_features(count, settings) if count < settings.min_features else ''
 
     def refusal(self, message: PointCloud2, still_timeout: float) -> str:
-        """
-        Return why no step is taken by these tracks, or ''.
-
-        Too old, not newer than others of the run, or the very same for ``still_timeout`` [s] of
-        driving.
-        """
+        """Return why no step is taken by these tracks, or ''; see ``Session.admit``."""
         if not self._settings().watchdog:
             return ''
-        stamp_ns, run = read.stamp_ns(message.header), self._run
-        now_ns = self._node.get_clock().now().nanoseconds
-        newest_ns = run.stamp_ns if run.state.phase.runs else None
-        trouble = stamps.refusal(
-            stamp_ns, now_ns, self._settings().max_latency, run.freshness.clock_stands_still()
+        run = self._run
+        arrival = Arrival(
+            read.stamp_ns(message.header),
+            self._node.get_clock().now().nanoseconds,
+            run.freshness.clock_stands_still(),
+            read.repeats(message),
+            read.back(message),
         )
-        trouble = trouble or stamps.disorder(newest_ns, stamp_ns)
-        trouble = trouble or (self.withheld() if run.active else '')
-        if trouble:
-            return trouble
-        self._still.look(message, told_to_drive=run.state.command != HALT)
-        return self._still.trouble(still_timeout) if newest_ns is not None else ''
+        run.session, trouble = run.session.admit(
+            arrival,
+            max_latency=self._settings().max_latency,
+            still_timeout=still_timeout,
+            withheld=self.withheld(),
+        )
+        return trouble
 
     def withheld(self) -> str:
         """Return that nobody lets the robot drive, or that it waits for a new start; or ''."""
@@ -124,7 +118,3 @@ class Admission:
         if not self._settings().watchdog:
             return ''
         return self.rivals.refusal()
-
-    def other_goal(self, message: PointCloud2) -> str:
-        """Return that the photograph is not the one that the run began with; or ''."""
-        return other_goal(self._run.state, read.goal(message))

@@ -1,20 +1,21 @@
 """Run of the servo: its state, the steps that images lead to, and what else interrupts it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 import math
 
+from rclpy.clock import Clock
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.servo.session import interrupted, Interruption
+from visual_servo_epipolar.core.servo.admission import STILL_S
+from visual_servo_epipolar.core.servo.session import Interruption, Session
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import update_map
+from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages.diagnostics import Words
-from visual_servo_epipolar.nodes.servoing.arming import Arming
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.freshness import Freshness
-from visual_servo_epipolar.nodes.servoing.inputs.stamps import STILL_S
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 
 QUIET_S = 1.0  # without any tracks: then silence is what is wrong
@@ -22,14 +23,52 @@ WAITS_FOR_END = 'drives as soon as this is over: '  # of what an armed servo lac
 Standstill = Callable[[], tuple[str, bool]]
 
 
+class Arming:
+    """
+    Order to start: for how long it holds, on the steady ``clock``, and for which photograph.
+
+    A robot that was told to start long ago must not drive off when its photograph, its camera or
+    its clock comes at last: somebody may drive it by hand by then.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._ordered_ns, self._timeout = 0, 0.0
+        self._goal: int | None = None
+
+    def order(self, timeout: float, goal: int | None) -> None:
+        """Note an order that holds for ``timeout`` [s], for the photograph ``goal`` if known."""
+        self._ordered_ns = int(self._clock.now().nanoseconds)
+        self._timeout, self._goal = timeout, goal
+
+    @property
+    def is_for_good(self) -> bool:
+        """Whether it holds until a run begins, as with autostart, and for any photograph."""
+        return self._timeout == math.inf
+
+    @property
+    def has_expired(self) -> bool:
+        """Whether the order is too old to drive by."""
+        now_ns = int(self._clock.now().nanoseconds)
+        return seconds_between(self._ordered_ns, now_ns) > self._timeout
+
+    def contradicted(self, goal: int | None, *, has_photograph: bool) -> str:
+        """Return that tracks are not of the photograph that was there at the order; or ''."""
+        if self.is_for_good:
+            return ''
+        if not has_photograph:
+            return 'the photograph is gone'
+        self._goal = goal if self._goal is None else self._goal
+        return 'the photograph has changed' if goal not in (None, self._goal) else ''
+
+
 class Run:
     """
-    Run of the servo ``node``: what happens to its state is commanded, published and logged.
+    Run of the servo ``node``: what happens to its ``session`` is commanded, published and logged.
 
     It is ``active`` between an order to start and one to stop, and armed until it drives;
-    ``lapsed`` says why the last order came to nothing. ``stamp_ns`` is the stamp of the last
-    tracks that counted, ``trouble`` what is wrong with those that come, also said by ``warn``;
-    ``notice`` is what the owner of the robot should know beside.
+    ``lapsed`` says why the last order came to nothing, ``trouble`` what is wrong with the tracks
+    that come, also said by ``warn``; ``notice`` is what the owner of the robot should know beside.
     ``standstill`` returns why the robot stands, '' if the state says it, and whether that is
     alarming.
     """
@@ -44,12 +83,29 @@ class Run:
     ) -> None:
         self._clock, self._logger, self._warn = node.get_clock(), node.get_logger(), warn
         self._commands, self._reports, self._standstill = commands, reports, standstill
-        self.state, self.active = ServoState(), False
+        self.session = Session()
         self.freshness = Freshness(self._clock)
         self.arming, self.lapsed = Arming(self.freshness.clock), ''
-        self.stamp_ns: int | None = None
-        self.trouble = ''
-        self.notice = ''
+        self.trouble = self.notice = ''
+
+    @property
+    def state(self) -> ServoState:
+        """State after the last step."""
+        return self.session.state
+
+    @property
+    def stamp_ns(self) -> int | None:
+        """Stamp of the last tracks that counted."""
+        return self.session.stamp_ns
+
+    @property
+    def active(self) -> bool:
+        """Whether a run goes on, or may begin."""
+        return self.session.started
+
+    @active.setter
+    def active(self, started: bool) -> None:
+        self.session = replace(self.session, started=started)
 
     @property
     def silence(self) -> float:
@@ -82,19 +138,19 @@ class Run:
         self._logger.warning(self.lapsed)
         self.report()
 
-    def advance(self, state: ServoState, stamp_ns: int, frame_id: str) -> None:
+    def advance(self, session: Session, stamp_ns: int, frame_id: str) -> None:
         """Follow a step: command the base, report, and learn for the next."""
         before = self.state
         self.freshness.step()
-        self.follow(state)
+        self.follow(session)
         self._commands.answer(before, self.state, stamp_ns)  # nobody drives by what follows
         words = Words(self._standstill()[0] if self.is_armed else '', self.is_armed, self.notice)
         self._reports.step(self.state, (stamp_ns, frame_id), words)
-        self.state = update_map(self.state)
+        self.session = self.session.update_map()
 
-    def follow(self, state: ServoState, reason: str = '') -> None:
-        """Take over a new state, and log what is new of it; ``reason`` is that of an order."""
-        before, self.state = self.state, state
+    def follow(self, session: Session, reason: str = '') -> None:
+        """Take over a session, and log what is new of its state; ``reason`` is of an order."""
+        before, self.session, state = self.state, session, session.state
         self.freshness.follow(state.phase)
         self._reports.change(before, state, reason or state.reason)
         if state.phase is not before.phase and state.reason:
@@ -187,4 +243,4 @@ class Run:
     def _interrupt(self, kind: Interruption, reason: str = '') -> None:
         """Follow an interruption, and publish it as an event for replays."""
         self._reports.event(kind.value, self.stamp_ns, reason)
-        self.follow(interrupted(self.state, kind, reason), reason or kind.value)
+        self.follow(self.session.interrupted(kind, reason), reason or kind.value)

@@ -18,8 +18,8 @@ from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.motion.verdicts import (
     Asked,
+    CommandWindow,
     contradiction,
-    Window,
 )
 from visual_servo_epipolar.core.servo.motion.view_motion import Reference, view_motion
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -93,10 +93,10 @@ class MotionCheck:
         seen = reference and view_motion(reference, here, evidence.noise)
         if reference is None or seen is None:
             return replace(self.restarted(), reference=here, now_ns=here.stamp_ns)
-        window = Window(reference.stamp_ns, here.stamp_ns, sent)
+        window = CommandWindow(reference.stamp_ns, here.stamp_ns, sent)
         asked = NOTHING
         if seen.stands:
-            last = Window(self.now_ns, here.stamp_ns, sent)
+            last = CommandWindow(self.now_ns, here.stamp_ns, sent)
             asked = self.asked.after(last, evidence.parallax_of_way)
         found = contradiction(window, seen, asked, evidence.parallax_of_way, settings)
         trouble = found if self.suspected else ''

@@ -46,7 +46,7 @@ class Asked:
     parallaxes: FloatArray = field(default_factory=lambda: np.zeros(2))
     unresponsive: bool = False
 
-    def after(self, window: 'Window', parallax_of_way: float) -> 'Asked':
+    def after(self, window: 'CommandWindow', parallax_of_way: float) -> 'Asked':
         """Return what was asked with the commands of a ``window`` more."""
         turns, ways = window.turns[[0, -1]], window.ways[[0, -1]]
         if self.since_ns is None and not turns[0] and not ways[0]:
@@ -63,7 +63,7 @@ class Asked:
         return 0.0 if self.since_ns is None else seconds_between(self.since_ns, now_ns)
 
 
-class Window(NamedTuple):
+class CommandWindow(NamedTuple):
     """Time between two views [ns], and the commands ``sent``."""
 
     begin_ns: int
@@ -95,7 +95,7 @@ class Window(NamedTuple):
 
 
 def contradiction(
-    window: Window,
+    window: CommandWindow,
     seen: ViewMotion,
     asked: Asked,
     parallax_of_way: float,
@@ -110,7 +110,7 @@ def contradiction(
     )
 
 
-def _against(window: Window, seen: ViewMotion) -> str:
+def _against(window: CommandWindow, seen: ViewMotion) -> str:
     """Return how a turn contradicts all that was commanded; or ''."""
     turns, ways = window.turns, window.ways
     slack = LEAST_TURN + TURN_DEVIATIONS * seen.noise + TURN_OF_PARALLAX * seen.parallax
@@ -134,7 +134,7 @@ def _against(window: Window, seen: ViewMotion) -> str:
     )
 
 
-def _moved(window: Window, seen: ViewMotion) -> str:
+def _moved(window: CommandWindow, seen: ViewMotion) -> str:
     """Return that who was to stand was moved; or ''."""
     if window.turns.any() or window.ways.any() or seen.parallax < MOVED_PARALLAX * seen.noise:
         return ''
@@ -145,7 +145,7 @@ def _moved(window: Window, seen: ViewMotion) -> str:
 
 
 def _standing(
-    window: Window, seen: ViewMotion, parallax_of_way: float, settings: ServoSettings
+    window: CommandWindow, seen: ViewMotion, parallax_of_way: float, settings: ServoSettings
 ) -> str:
     """Return what was commanded and not followed at all; or ''."""
     turn = window.unfollowed('angular', max(FOLLOWED, LARGEST_DEAD_BAND * settings.max_angular))
@@ -157,7 +157,7 @@ def _standing(
     return ''
 
 
-def _standing_long(window: Window, seen: ViewMotion, asked: Asked) -> str:
+def _standing_long(window: CommandWindow, seen: ViewMotion, asked: Asked) -> str:
     """Return that slow commands were not followed for long; or ''."""
     lasted = asked.seconds(window.end_ns)
     turn, parallax = (float(np.abs(each).min()) for each in (asked.turns, asked.parallaxes))

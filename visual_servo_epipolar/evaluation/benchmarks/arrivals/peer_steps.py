@@ -20,7 +20,7 @@ from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_laws import (
     polar,
     relative_pose,
 )
-from visual_servo_epipolar.simulation.closed_loop import Step
+from visual_servo_epipolar.simulation.closed_loop import Control
 
 MATCHED_PX, MATCHED_FRAMES = 0.7, 5  # median feature error at which a peer has arrived
 STILL_M_S, STILL_RAD_S, STILL_FRAMES = 1e-3, 1e-3, 55  # at which it stands, for five seconds
@@ -56,7 +56,7 @@ def image_based(state: PeerState, measurement: Measurement, observation: Observa
     return points(image_points(observation.current), image_points(observation.desired))
 
 
-def as_step(law: Law) -> Step:
+def as_step(law: Law) -> Control:
     """
     Return ``law`` as a step of the closed loop.
 
@@ -148,7 +148,7 @@ def _fail(state: PeerState, reason: str) -> PeerState:
     return state.changed(phase=Phase.FAILED, command=HALT, reason=reason)
 
 
-PEERS: Mapping[str, Step] = {
+PEERS: Mapping[str, Control] = {
     'ours': step,
     'position-based': as_step(position_based),
     'homography-based': as_step(homography_based),

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, PointCloud2
+from sensor_msgs.msg import CameraInfo
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import doubts
@@ -14,7 +14,6 @@ from visual_servo_epipolar.core.servo.session import camera_changed, Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
-from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.frames import StaticMount
@@ -42,7 +41,6 @@ class ServoCamera:
         if settings.mount_from_tf:
             self.static_mount = StaticMount(node, settings.base_frame, warn)
         self._settings, self._warn = settings, warn
-        self._session = Session()
         self._other: tuple[CameraModel, int] | None = None  # heard in a run, and its stamp
         self._lens_check = LensCheck()
 
@@ -58,49 +56,39 @@ class ServoCamera:
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             node.create_timer(LOOK_PERIOD_S, info.adapt, clock=steady)
 
-    def hear(self, message: CameraInfo, state: ServoState, settings: ServoSettings) -> str:
-        """Take in a camera_info, and return why a run cannot go on with it, or ''."""
+    def hear(
+        self, message: CameraInfo, session: Session, settings: ServoSettings
+    ) -> tuple[Session, str]:
+        """Take in a camera_info; return the session, and why it cannot go on with it, or ''."""
         try:
             told = self._settings
             camera = read.camera(message, rectified=told.rectified, cropped=told.cropped)
         except ValueError as error:
             self.model, self._unusable = None, f'camera_info cannot be used: {error}'
             self._warn(f'camera_info cannot be used, the robot stands: {error}')
-            return self._unusable
+            return session, self._unusable
         if camera != self.model:
             self._lens_check = LensCheck()
         self.model = camera
         self._doubt(camera, settings)
-        if not self.is_other(camera, state):
-            return ''
-        self._other = camera, read.stamp_ns(message.header)
-        return camera_changed(camera)
+        session = session.with_camera(camera)
+        trouble = session.other_camera(camera)
+        if trouble:
+            self._other = camera, read.stamp_ns(message.header)
+        return session, trouble
 
     @property
     def missing(self) -> str:
         """Why there is no camera to drive by; or ''."""
         return '' if self.model is not None else self._unusable or NO_CAMERA
 
-    def distrusted(self, stamp_ns: int, state: ServoState) -> str:
+    def distrusted(self, stamp_ns: int, session: Session) -> str:
         """Return that another camera spoke up shortly before an image, in mid-run; or ''."""
-        if self._other is None or not state.phase.runs:
+        if self._other is None or not session.state.phase.runs:
             return ''
         camera, heard_ns = self._other
         recent = abs(seconds_between(heard_ns, stamp_ns)) <= DISTRUST_S
-        return camera_changed(camera) if recent and self.model == self._session.camera else ''
-
-    def is_other(self, camera: CameraModel, state: ServoState) -> bool:
-        """Return whether a run goes on that began with another; before, begin with this one."""
-        self._session = self._session.with_camera(camera, state)
-        return self._session.camera != camera
-
-    def checked(
-        self, message: PointCloud2, camera: CameraModel, state: ServoState
-    ) -> tuple[Features, str]:
-        """Return tracks that ``camera`` can have seen, and why none: it is not that of the run."""
-        if self.is_other(camera, state):
-            return Features(), camera_changed(camera)
-        return validation.checked_tracks(message, camera)
+        return camera_changed(camera) if recent and self.model == session.camera else ''
 
     def mounted(self, frame_id: str, state: ServoState, settings: ServoSettings) -> ServoSettings:
         """Return ``settings`` with the mount of /tf_static, before a run that was told none."""

@@ -1,13 +1,15 @@
-"""Stop button: while it is pressed nothing drives; released, the robot stands until ~/start."""
+"""Switches of people: a stop button, and a heartbeat of who lets the robot drive."""
 
 from collections.abc import Callable
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 
+from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
@@ -16,6 +18,7 @@ from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 RELEASE_S = 2.0
 # One of the two subscriptions fits; that the other does not is no news.
 NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
+ENABLE = 'enable'  # the topic of the heartbeat
 PRESSED = 'the stop button is pressed; release it, then call ~/start'
 
 
@@ -89,3 +92,40 @@ class StopButton:
         )
         self._node.keep(subscription)
         return subscription
+
+
+class Enable:
+    """
+    Heartbeat on ``enable`` of ``node``, a std_msgs/Bool, that is not older than ``timeout`` [s].
+
+    With 0 nobody has to send one. ``on_withdrawn`` is told of a false at once.
+    """
+
+    def __init__(self, node: Node, timeout: float, on_withdrawn: Callable[[str], None]) -> None:
+        self._timeout, self._on_withdrawn = timeout, on_withdrawn
+        self._topic = node.resolve_topic_name(ENABLE)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._heard_ns: int | None = None
+        self._enabled = False
+        if timeout > 0.0:
+            node.create_subscription(Bool, ENABLE, self._hear, qos.SWITCH)
+
+    def withheld(self) -> str:
+        """Return why the robot is not enabled now; or ''."""
+        if self._timeout == 0.0:
+            return ''
+        if self._heard_ns is None:
+            return (
+                f'no message has come on {self._topic} yet; publish a true there at least every '
+                f'{self._timeout:g} s'
+            )
+        if not self._enabled:
+            return f'{self._topic} is false'
+        age = seconds_between(self._heard_ns, int(self._steady.now().nanoseconds))
+        return f'the last true on {self._topic} is {age:.1f} s old' if age > self._timeout else ''
+
+    def _hear(self, message: Bool) -> None:
+        self._heard_ns = int(self._steady.now().nanoseconds)
+        self._enabled = bool(message.data)
+        if not self._enabled:
+            self._on_withdrawn(self.withheld())

@@ -1,0 +1,119 @@
+"""Admission: which images prove the time that passes, by their stamps and by what they show."""
+
+from dataclasses import dataclass, replace
+
+from visual_servo_epipolar.core.stamps import NOT_ADVANCING, OTHER_CLOCK_S, seconds_between
+
+STILL_S = 0.25  # that a simulated clock stands still, and images come: a step of it is shorter
+LEAP_S = 1.0  # backwards; what overtakes on a network does so by less
+DISTRUST_S = 2.0  # after an image of another time: where one comes, others do that are not known
+LAST = 1  # how many images ago the last one came
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """
+    Arrival of an image, stamped ``stamp_ns``, at ``now_ns`` by the clock of the servo.
+
+    ``still_s`` is for how long a simulated clock has stood there [s]. The image was the very same
+    ``repeats`` times in a row, or came last ``back`` images ago; 0 if it is new.
+    """
+
+    stamp_ns: int
+    now_ns: int
+    still_s: float = 0.0
+    repeats: int = 0
+    back: int = 0
+
+
+def refusal(arrival: Arrival, max_latency: float) -> str:
+    """Return why an image more than ``max_latency`` [s] from now is not driven by; or ''."""
+    stamp_ns, now_ns = arrival.stamp_ns, arrival.now_ns
+    age = seconds_between(stamp_ns, now_ns)
+    if max_latency == 0.0 or abs(age) <= max_latency:
+        return ''
+    if stamp_ns == 0:
+        return (
+            'the images are stamped 0, nobody knows how old they are; let their driver stamp them'
+        )
+    if now_ns == 0:
+        return 'use_sim_time is true, but the clock stands at 0; is /clock published?'
+    if arrival.still_s > STILL_S:
+        return (
+            f'/clock has stood still at {seconds_between(0, now_ns):.2f} s for '
+            f'{arrival.still_s:.1f} s while images come; is the simulation paused, or has its '
+            'publisher ended?'
+        )
+    if -OTHER_CLOCK_S < age < 0.0 or abs(age) >= OTHER_CLOCK_S:
+        side = 'behind' if age > 0.0 else 'ahead of'
+        return (
+            f'the images are stamped {abs(age):.2f} s {side} the clock of the servo; set the '
+            'clock of their driver, or use_sim_time where they come from a bag or a simulator'
+        )
+    return (
+        f'the images are {age:.2f} s old when their tracks come, max_latency is {max_latency:g} '
+        's; send smaller images or fewer, or synchronise the clocks'
+    )
+
+
+def disorder(newest_ns: int | None, stamp_ns: int) -> str:
+    """Return that a stamp is not newer than the newest of the run, ``newest_ns``; or ''."""
+    if newest_ns is None or stamp_ns > newest_ns:
+        return ''
+    back_s = seconds_between(stamp_ns, newest_ns)
+    if back_s <= LEAP_S:
+        return NOT_ADVANCING
+    return (
+        f'the stamps went back by {back_s:.1f} s: a bag played in a loop, or a clock that was '
+        'set; ~/stop, then ~/start begins anew'
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class FrozenImageCheck:
+    """
+    For how long images have been the very same while the robot was told to drive, ``still_s``.
+
+    A driver that stamps its last image anew for ever looks alive by its stamps. A robot that
+    stands proves nothing: without noise, its view does not change. An image that came before the
+    last one, and comes again with a new stamp, is of another time: no robot drives back to it to
+    the last bit. A simulator whose noise repeats may show it to one that stands, or has just
+    started: it must have been told to drive before the last image, too (``drives``). ``old_ns`` is
+    the stamp of the last image of another time.
+    """
+
+    stamp_ns: int = 0
+    still_s: float = 0.0
+    drives: bool = False
+    old_ns: int | None = None
+
+    def after(self, arrival: Arrival, *, drives: bool) -> 'FrozenImageCheck':
+        """Return the check after an image, of a robot that was told to drive since the last."""
+        still_s = self.still_s if arrival.repeats else 0.0
+        if arrival.repeats and drives:
+            still_s += seconds_between(self.stamp_ns, arrival.stamp_ns)
+        after = FrozenImageCheck(arrival.stamp_ns, still_s, drives, self.old_ns)
+        if arrival.back > LAST and (self.drives and drives or after.distrusts):
+            return replace(after, old_ns=arrival.stamp_ns)
+        return after
+
+    @property
+    def distrusts(self) -> bool:
+        """Whether an image of another time came a while ago."""
+        if self.old_ns is None:
+            return False
+        return abs(seconds_between(self.old_ns, self.stamp_ns)) <= DISTRUST_S
+
+    def trouble(self, timeout: float) -> str:
+        """Return why views prove nothing: the same for ``timeout`` [s], or old ones; or ''."""
+        if self.still_s > timeout:
+            return (
+                f'the images have shown the very same for {self.still_s:.1f} s of driving: the '
+                'camera hangs, or the wheels do not turn; restart its driver'
+            )
+        if self.distrusts:
+            return (
+                'images of another time of the run come with new stamps: a buffer is played '
+                'again, a driver mixes its images up, or the wheels do not turn; restart it'
+            )
+        return ''
