@@ -8,8 +8,13 @@ from typing import Any
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.decisions import too_few_features
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.servo.least_time import MotionLimits
-from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, SETTLE_FRAMES, summarise
+from visual_servo_epipolar.core.servo.run_log import (
+    MotionLimits,
+    RunLog,
+    Sample,
+    SETTLE_FRAMES,
+    summarise,
+)
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES, TUR
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.update import update
+from visual_servo_epipolar.core.servo.step import update
 
 THERE = sight()
 

@@ -27,8 +27,7 @@ from rosbags.typesys import (
 import zstandard
 
 from visual_servo_epipolar.bags import containers
-from visual_servo_epipolar.bags.containers import ZSTD_MAGIC
-from visual_servo_epipolar.bags.reading.parts import ADVICE, bag_parts, BagParts
+from visual_servo_epipolar.bags.containers import ADVICE, bag_parts, BagParts, ZSTD_MAGIC
 from visual_servo_epipolar.bags.storages.mcap_file import profile
 from visual_servo_epipolar.bags.storages.opening import open_storage
 from visual_servo_epipolar.bags.storages.stored import (

@@ -12,8 +12,7 @@ from visual_servo_epipolar.bags.reading.run import Recording
 from visual_servo_epipolar.bags.replaying.replay import ReplayedStep
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.servo.least_time import MotionLimits
-from visual_servo_epipolar.core.servo.run_log import RunLog, SETTLE_FRAMES, summarise
+from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog, SETTLE_FRAMES, summarise
 from visual_servo_epipolar.core.servo.telemetry import sample
 
 FROM_TRUTH = (

@@ -12,10 +12,10 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from visual_servo_epipolar.bags.containers import ADVICE
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.history import Happening, happenings
 from visual_servo_epipolar.bags.reading.namespaces import namespace_of
-from visual_servo_epipolar.bags.reading.parts import ADVICE
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
 from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_note, parse
 from visual_servo_epipolar.bags.repair import repair
@@ -53,8 +53,7 @@ from visual_servo_epipolar.commands.replay.text import in_words
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.servo.least_time import MotionLimits
-from visual_servo_epipolar.core.servo.run_log import end_s, RunLog
+from visual_servo_epipolar.core.servo.run_log import end_s, MotionLimits, RunLog
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.messages.settings_text import installed_versions
 

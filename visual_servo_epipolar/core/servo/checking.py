@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pai
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.motion.check import Evidence, MotionCheck
-from visual_servo_epipolar.core.servo.motion.view_motion import NOISE_OF_PARALLAX
+from visual_servo_epipolar.core.servo.motion.verdicts import NOISE_OF_PARALLAX
 from visual_servo_epipolar.core.servo.prediction import goal_distance
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Known, ServoState

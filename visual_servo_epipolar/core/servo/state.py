@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.gains import Gains
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
-from visual_servo_epipolar.core.odometry.ranging import Leg
+from visual_servo_epipolar.core.odometry.ranging import Leg, Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.servo.fusion.map_state import MapState
@@ -22,7 +22,6 @@ from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand
 from visual_servo_epipolar.core.servo.identification.delay import Delay
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics
 from visual_servo_epipolar.core.servo.identification.odometry import Odometry
-from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.identification.straight_leg import StraightLeg
 from visual_servo_epipolar.core.servo.motion.check import MotionCheck
 from visual_servo_epipolar.core.servo.settings import ServoSettings

@@ -30,7 +30,7 @@ from visual_servo_epipolar.core.laws.phases.conditions import is_off_course, is_
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.update import update
+from visual_servo_epipolar.core.servo.step import update
 
 HALF_TURN = math.pi
 

@@ -20,8 +20,8 @@ from visual_servo_epipolar.core.laws.phases.arrival import (
     is_near_enough,
 )
 from visual_servo_epipolar.core.laws.phases.bounds import FACING, facing_bound, FIRST
+from visual_servo_epipolar.core.odometry.ranging import Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

@@ -32,7 +32,7 @@ from visual_servo_epipolar.core.servo.fusion.map_state import (
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.update import update
+from visual_servo_epipolar.core.servo.step import update
 
 SETTINGS = ServoSettings()
 TWO_VIEWS, MEMORY = Bearings(-1.5, 0.1), reading().bearings

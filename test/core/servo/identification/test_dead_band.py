@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.servo.identification.dead_band import (
     Threshold,
 )
 from visual_servo_epipolar.core.servo.identification.physical import LARGEST_DEAD_BAND
-from visual_servo_epipolar.core.servo.update import update
+from visual_servo_epipolar.core.servo.step import update
 
 DT = 0.1
 

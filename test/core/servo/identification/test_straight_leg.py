@@ -26,7 +26,7 @@ from visual_servo_epipolar.core.servo.identification.straight_leg import (
     straight_on,
     StraightLeg,
 )
-from visual_servo_epipolar.core.servo.update import update
+from visual_servo_epipolar.core.servo.step import update
 
 STEP = 0.02
 ON_AXLE = np.zeros(3)

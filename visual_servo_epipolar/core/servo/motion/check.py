@@ -20,8 +20,9 @@ from visual_servo_epipolar.core.servo.motion.verdicts import (
     Asked,
     CommandWindow,
     contradiction,
+    Reference,
+    view_motion,
 )
-from visual_servo_epipolar.core.servo.motion.view_motion import Reference, view_motion
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import seconds_between
 

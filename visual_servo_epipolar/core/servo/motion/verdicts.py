@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import FloatArray, IntArray
+from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.identification.physical import (
     FOLLOWED,
@@ -14,10 +15,14 @@ from visual_servo_epipolar.core.servo.identification.physical import (
     MOST_DELAY_S,
     MOST_TURN_RATIO,
 )
-from visual_servo_epipolar.core.servo.motion.view_motion import TURN_DEVIATIONS, ViewMotion
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 
+COMMON, COMMON_SHARE = 8, 0.4  # features that two views must have in common, of the first one's
+NOISE_OF_PARALLAX = 1.2  # of two views of one place, in deviations of a coordinate
+LEAST_NOISE = 1e-9  # [rad]
+STANDING_TURN, STANDING_PARALLAX = 0.015, 2.5  # of who stands at most [rad], [deviations]
+TURN_DEVIATIONS = 6.0  # that a turn between two views may be wrong by, of a parallax
 DELAYS: FloatArray = np.linspace(0.0, MOST_DELAY_S, 16)  # [s]
 ASKED_TURN, ASKED_PARALLAX = 0.1, 10.0  # that show for certain who stands [rad], [deviations]
 # The same of slow commands, of which a dead band may swallow some, and for how long at least [s].
@@ -30,6 +35,42 @@ LEAST_TURN, TURN_OF_PARALLAX = 0.04, 1.5
 AGAINST = 0.4, 2.5  # turns seen over turns commanded, of an image that turns against commands
 SOON_S, TOLD_TURN = 0.5, 0.01  # in which a base usually follows, and a turn that counts [rad]
 MOVED_PARALLAX = 12.0  # of who was moved while it was to stand [deviations]
+
+
+class Reference(NamedTuple):
+    """View at ``stamp_ns``: ``ids``, (N,), and unit rays, (N, 3), of its features."""
+
+    stamp_ns: int
+    ids: IntArray
+    rays: FloatArray
+
+
+class ViewMotion(NamedTuple):
+    """Motion between two views: ``turn``, left positive, ``parallax`` and its ``noise`` [rad]."""
+
+    turn: float
+    parallax: float
+    noise: float
+
+    @property
+    def stands(self) -> bool:
+        """Whether nothing moved."""
+        within = abs(self.turn) < STANDING_TURN + TURN_DEVIATIONS * self.noise
+        return within and self.parallax < STANDING_PARALLAX * self.noise
+
+
+def view_motion(reference: Reference, here: Reference, noise: float) -> ViewMotion | None:
+    """Return the motion between two views; None where they cannot tell."""
+    if here.stamp_ns <= reference.stamp_ns:
+        return None
+    _, now, before = np.intersect1d(
+        here.ids, reference.ids, assume_unique=True, return_indices=True
+    )
+    # What is left of many may be those that are wrong.
+    if len(now) < max(COMMON, COMMON_SHARE * len(reference.ids)):
+        return None
+    fit = fit_rotation(here.rays[now], reference.rays[before])
+    return ViewMotion(fit.heading_error, fit.parallax, max(NOISE_OF_PARALLAX * noise, LEAST_NOISE))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

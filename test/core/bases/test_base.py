@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from visual_servo_epipolar.core.bases.jerk import within_jerk
+from visual_servo_epipolar.core.bases.base import within_jerk
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 
 DT = 1.0 / 11.0

@@ -8,8 +8,13 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.servo.least_time import least_time, MotionLimits
-from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
+from visual_servo_epipolar.core.servo.run_log import (
+    least_time,
+    MotionLimits,
+    RunLog,
+    Sample,
+    summarise,
+)
 
 LIMITS = MotionLimits(speed=0.4, backward=0.2, acceleration=0.25, deceleration=0.5)
 
