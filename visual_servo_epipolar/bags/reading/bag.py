@@ -109,7 +109,8 @@ class Bag(AbstractContextManager['Bag']):
         self.path = containers.bag_path(path)
         with intact(self.path), ExitStack() as stack:
             parts: BagParts = bag_parts(self.path)
-            self._files = [_open(item, stack) for item in parts.files]
+            unpacked = (stack.enter_context(containers.unpack(item)) for item in parts.files)
+            self._files = [stack.enter_context(open_storage(item)) for item in unpacked]
             self._stack = stack.pop_all()
         stored = [item for file in self._files for item in file.topics]
         self._stored = [item for item in stored if not refusal(item)]
@@ -220,11 +221,6 @@ def _advice(path: Path) -> str:
                 found = 'profile'
             advice = OTHER_ADVICE.get(found, ADVICE)
     return advice.format(name=path.name, plain=path.name.removesuffix('.zstd'))
-
-
-def _open(path: Path, stack: ExitStack) -> StorageFile:
-    file = open_storage(stack.enter_context(containers.unpack(path)))
-    return stack.enter_context(file)
 
 
 def _decode(topic: StoredTopic, raw: bytes) -> Any:

@@ -171,22 +171,9 @@ def _read_photograph(run: Recording, item: RecordedMessage, key: Key) -> None:
     run.photographs.append((after_ns, read.gray(item.message)))
 
 
-def _read_tracker_settings(run: Recording, item: RecordedMessage, key: Key) -> None:
+def _settings(item: RecordedMessage) -> tuple[int | None, NodeSettings]:
     settings = from_text(item.message.data)
-    run.tracker.append((settings.after_stamp_ns, settings))
-
-
-def _read_servo_settings(run: Recording, item: RecordedMessage, key: Key) -> None:
-    settings = from_text(item.message.data)
-    run.servo.append((settings.after_stamp_ns, settings))
-
-
-def _read_tracker_event(run: Recording, item: RecordedMessage, key: Key) -> None:
-    run.tracker_events.append(event_log.from_text(item.message.data))
-
-
-def _read_servo_event(run: Recording, item: RecordedMessage, key: Key) -> None:
-    run.servo_events.append(event_log.from_text(item.message.data))
+    return settings.after_stamp_ns, settings
 
 
 def _read_tracks(run: Recording, item: RecordedMessage, key: Key) -> None:
@@ -196,10 +183,6 @@ def _read_tracks(run: Recording, item: RecordedMessage, key: Key) -> None:
             features = read.features(item.message)
             if len(features):  # of the photograph
                 run.first_age = int(features.ages.max())
-
-
-def _read_telemetry(run: Recording, item: RecordedMessage, key: Key) -> None:
-    run.telemetry[key] = read.telemetry(item.message)
 
 
 def _read_diagnosis(run: Recording, item: RecordedMessage, key: Key) -> None:
@@ -219,21 +202,21 @@ def _read_command(run: Recording, item: RecordedMessage, key: Key) -> None:
     run.commands.append(RecordedTwist(item.log_ns, stamp_ns, read.twist(item.message)))
 
 
-def _read_pose(run: Recording, item: RecordedMessage, key: Key) -> None:
-    run.poses[key[0]] = read.pose(item.message)
-
-
 ORDERED = ('tracks', 'epipoles', 'ground_truth')
 READERS: Mapping[str, Callable[[Recording, RecordedMessage, Key], None]] = {
     'camera_info': _read_camera,
     'desired': _read_photograph,
-    'tracker_settings': _read_tracker_settings,
-    'servo_settings': _read_servo_settings,
-    'tracker_events': _read_tracker_event,
-    'servo_events': _read_servo_event,
+    'tracker_settings': lambda run, item, _: run.tracker.append(_settings(item)),
+    'servo_settings': lambda run, item, _: run.servo.append(_settings(item)),
+    'tracker_events': lambda run, item, _: run.tracker_events.append(
+        event_log.from_text(item.message.data)
+    ),
+    'servo_events': lambda run, item, _: run.servo_events.append(
+        event_log.from_text(item.message.data)
+    ),
     'tracks': _read_tracks,
-    'epipoles': _read_telemetry,
+    'epipoles': lambda run, item, key: run.telemetry.update({key: read.telemetry(item.message)}),
     'diagnostics': _read_diagnosis,
     'cmd_vel': _read_command,
-    'ground_truth': _read_pose,
+    'ground_truth': lambda run, item, key: run.poses.update({key[0]: read.pose(item.message)}),
 }

@@ -166,7 +166,8 @@ def _infer(
     candidates = [
         item
         for item in choice
-        if item.kind in ROLES[role].kinds and (role != 'image' or not _is_drawn(item))
+        if item.kind in ROLES[role].kinds
+        and (role != 'image' or not any(f'/{part}' in f'/{item.name}' for part in DERIVED_IMAGES))
     ]
     for ending in ROLES[role].endings:
         matches = [item for item in candidates if f'/{item.name}'.endswith(f'/{ending}')]
@@ -181,10 +182,6 @@ def _infer(
             return matches[0]
     _refuse_wrong_kind(bag, role)
     return candidates[0] if role in ('image', 'camera_info') and len(candidates) == 1 else None
-
-
-def _is_drawn(topic: BagTopic) -> bool:
-    return any(f'/{part}' in f'/{topic.name}' for part in DERIVED_IMAGES)
 
 
 def _beside(image: BagTopic, infos: list[BagTopic], *, or_all: bool = True) -> list[BagTopic]:

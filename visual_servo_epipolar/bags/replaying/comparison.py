@@ -125,12 +125,13 @@ def _commands(
         answer = by_stamp.get(step.key[0])
         if answer is None and pending and pending[0].log_ns < end_ns:
             answer = pending[0]
-        answers.append({} if answer is None else _values(answer))
+        twist = None if answer is None else answer.twist
+        answers.append(
+            {}
+            if twist is None
+            else dict(zip(COMMANDS, (twist.linear, twist.angular), strict=True))
+        )
     return answers
-
-
-def _values(command: RecordedTwist) -> dict[str, Value]:
-    return dict(zip(COMMANDS, (command.twist.linear, command.twist.angular), strict=True))
 
 
 def _add_pair(result: Comparison, name: str, pair: tuple[Value, Value], tolerance: float) -> bool:
@@ -141,17 +142,14 @@ def _add_pair(result: Comparison, name: str, pair: tuple[Value, Value], toleranc
     if math.isfinite(difference):
         total.largest = max(total.largest, difference)
         total.root = math.hypot(total.root, difference)  # a broken bag may hold 1e200
-    scale = _scale(pair[0])
+    recorded = pair[0]
+    scale = 1.0
+    if isinstance(recorded, float) and math.isfinite(recorded):
+        scale = max(1.0, abs(recorded))
     total.scaled = max(total.scaled, difference / scale)
     differing = difference > tolerance * scale
     total.differing += differing
     return differing
-
-
-def _scale(recorded: Value) -> float:
-    if isinstance(recorded, float) and math.isfinite(recorded):
-        return max(1.0, abs(recorded))
-    return 1.0
 
 
 def _distance(recorded: Value, replayed: Value) -> float:

@@ -10,7 +10,7 @@ from typing import Any
 
 from visual_servo_epipolar.bags.reading.run import Recording
 from visual_servo_epipolar.bags.replaying.replay import ReplayedStep
-from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog, SETTLE_FRAMES, summarise
 from visual_servo_epipolar.core.servo.telemetry import sample
@@ -69,7 +69,8 @@ def run_log(
     if not last.phase.ended:
         reason = f'the bag ends in {last.phase.value}' + (f': {reason}' if reason else '')
     return RunLog(
-        _start(poses[0]),
+        # As users give it, without the rounding of a quaternion.
+        (poses[0].x, poses[0].y, round(math.degrees(poses[0].heading_error), 9) + 0.0),
         seed,
         samples,
         'arrived' if last.phase is Phase.ARRIVED else 'failed',
@@ -84,8 +85,3 @@ def document(log: RunLog, *, truth: bool) -> dict[str, Any]:
     """Return the run JSON; what only ground truth could tell is null where there is none."""
     result = summarise(log)
     return result if truth else {**result, **dict.fromkeys(FROM_TRUTH)}
-
-
-def _start(pose: Pose) -> tuple[float, float, float]:
-    # As users give it, without the rounding of a quaternion.
-    return (pose.x, pose.y, round(math.degrees(pose.heading_error), 9) + 0.0)

@@ -1,7 +1,7 @@
 """Files of mcap, of whatever profile and encoding, read by the library of mcap."""
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 import io
 from operator import attrgetter
@@ -66,9 +66,15 @@ class McapFile:
 
     def messages(self, ids: Collection[int]) -> Iterator[StoredMessage]:
         """Yield the messages of some topics in the order of time."""
-        records = self._by_index(ids) if self._indexed else self._in_file(ids)
-        if not (self._indexed or self._in_order):
-            records = iter(sorted(records, key=attrgetter('log_time')))
+        records: Iterable[Message] = (
+            item
+            for item in self._records()
+            if isinstance(item, Message) and item.channel_id in ids
+        )
+        if self._indexed:
+            records = self._by_index(ids)
+        elif not self._in_order:
+            records = sorted(records, key=attrgetter('log_time'))
         for record in records:
             if record.channel_id in ids:
                 yield record.channel_id, record.log_time, record.data
@@ -78,11 +84,6 @@ class McapFile:
         with ExactFile(self._path) as file:
             for _, _, message in make_reader(file, validate_crcs=True).iter_messages(names):
                 yield message
-
-    def _in_file(self, ids: Collection[int]) -> Iterator[Message]:
-        for record in self._records():
-            if isinstance(record, Message) and record.channel_id in ids:
-                yield record
 
     def _records(self) -> Iterator[McapRecord]:
         with ExactFile(self._path) as file:

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.planar_poses import relative_pose
 from visual_servo_epipolar.core.mapping.adjustment.path_factors import PathFactors
-from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, Window
+from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, KeyframeWindow
 from visual_servo_epipolar.core.mapping.feature_observations import FeatureObservations
 from visual_servo_epipolar.core.perception.observation import Observation
 
@@ -63,7 +63,7 @@ def _gap(first: KeyView, last: KeyView) -> float:
     return last.place.way - first.place.way + 0.5 * (last.place.turn - first.place.turn)
 
 
-def window_of(views: Sequence[KeyView], noise_px: float) -> Window:
+def window_of(views: Sequence[KeyView], noise_px: float) -> KeyframeWindow:
     """Return what ``views``, in order of time, show of the features that are seen most often."""
     window = EMPTY
     for view in views:

@@ -30,7 +30,11 @@ from visual_servo_epipolar.core.mapping.adjustment.path_factors import (
     views_of,
 )
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
-from visual_servo_epipolar.core.mapping.adjustment.window import PHOTOGRAPH, Unknowns, Window
+from visual_servo_epipolar.core.mapping.adjustment.window import (
+    KeyframeWindow,
+    PHOTOGRAPH,
+    Unknowns,
+)
 from visual_servo_epipolar.core.mapping.initialization import (
     refine_narrowing,
     shared_at,
@@ -187,7 +191,10 @@ def _is_uncertain(solution: Solution) -> bool:
 
 
 def _first_guess(
-    window: Window, factors: PathFactors, views: tuple[KeyView, ...], memory: PerceptionMemory
+    window: KeyframeWindow,
+    factors: PathFactors,
+    views: tuple[KeyView, ...],
+    memory: PerceptionMemory,
 ) -> Evaluation | None:
     """Return the best of several distances along the bearings with the largest parallax."""
     seen = [(view.parallax, view.bearings, view) for view in views if view.bearings is not None]
@@ -203,7 +210,7 @@ def _first_guess(
 
 
 def _guess(
-    window: Window,
+    window: KeyframeWindow,
     factors: PathFactors,
     views: tuple[KeyView, ...],
     place: PathPlace,

@@ -7,7 +7,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.mapping.adjustment.window import Window
+from visual_servo_epipolar.core.mapping.adjustment.window import KeyframeWindow
 from visual_servo_epipolar.core.mapping.feature_observations import (
     differ_in_place,
     FeatureObservations,
@@ -38,13 +38,13 @@ class Bootstrap:
 
     def with_view(
         self,
-        window: Window,
+        window: KeyframeWindow,
         observations: FeatureObservations,
         places: FloatArray,
         starts: Sequence[Start],
         *,
         most: int,
-    ) -> tuple['Bootstrap', Window]:
+    ) -> tuple['Bootstrap', KeyframeWindow]:
         """
         Return the bootstrap and the window with one more view, of ``most`` features.
 

@@ -20,12 +20,12 @@ from visual_servo_epipolar.core.mapping.adjustment.projection import (
 )
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
 from visual_servo_epipolar.core.mapping.adjustment.window import (
+    KeyframeWindow,
     MOUNT,
     PHOTOGRAPH,
     SHARED,
     Unknowns,
     VIEW,
-    Window,
 )
 from visual_servo_epipolar.core.mapping.fitting import (
     Anchors,
@@ -60,7 +60,7 @@ class Start(NamedTuple):
 
 
 def initial_geometry(
-    window: Window, starts: Sequence[Start], mount: Attitude, scale_deviation: float
+    window: KeyframeWindow, starts: Sequence[Start], mount: Attitude, scale_deviation: float
 ) -> Geometry | None:
     """
     Return the geometry of a ``window`` that fits best; None if none does, or if two do.
@@ -184,7 +184,7 @@ def _of_held_views(geometry: Geometry, scale_deviation: float) -> Geometry:
     return refine(Evaluation(window, unknowns, everything, factors), MORE_STEPS, COLD_DAMPING)
 
 
-def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Unknowns:
+def _resected_views(window: KeyframeWindow, start: Start, starts: Sequence[Start]) -> Unknowns:
     """Return all views by features whose depths are those that one of them shows."""
     bearings = {it.view: it.bearings for it in starts}
     attitude = np.array([start.attitude.tilt, start.attitude.roll])
@@ -234,7 +234,7 @@ def guess_pose(near: FloatArray, bearings: Bearings | None) -> FloatArray:
     return np.asarray(view)
 
 
-def triangulate(window: Window, unknowns: Unknowns, views: BoolArray) -> FloatArray:
+def triangulate(window: KeyframeWindow, unknowns: Unknowns, views: BoolArray) -> FloatArray:
     """Return inverse depths, (N,), that fit best what ``views``, (K,), show at their poses."""
     structure = structure_of(window.photograph, window.tangents, unknowns)
     flat = structure._replace(inverse_depth=np.zeros(len(window.ids)))

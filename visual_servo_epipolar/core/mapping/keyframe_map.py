@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine, rescale
-from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, HEADING, Window
+from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, HEADING, KeyframeWindow
 from visual_servo_epipolar.core.mapping.bootstrap import Bootstrap, obstacle
 from visual_servo_epipolar.core.mapping.correspondences import Correspondences, correspondences_of
 from visual_servo_epipolar.core.mapping.feature_observations import (
@@ -55,7 +55,7 @@ class KeyframeMap:
 
     mount: Attitude
     settings: MapSettings = MapSettings()
-    window: Window = EMPTY
+    window: KeyframeWindow = EMPTY
     geometry: Geometry | None = None
     bootstrap: Bootstrap = Bootstrap()
     places: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))

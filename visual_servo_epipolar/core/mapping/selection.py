@@ -14,9 +14,9 @@ from visual_servo_epipolar.core.mapping.adjustment.projection import turns_of
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.adjustment.window import (
     FREE,
+    KeyframeWindow,
     PHOTOGRAPH,
     Unknowns,
-    Window,
     X,
     Y,
 )
@@ -84,7 +84,7 @@ def most_crowded(places: FloatArray, seen: BoolArray, depth: float) -> int:
     return int(crowding[:-1].argmax())
 
 
-def kept_features(window: Window, trusted: BoolArray, most: int) -> BoolArray:
+def kept_features(window: KeyframeWindow, trusted: BoolArray, most: int) -> BoolArray:
     """Return which features are kept, (N,): those in view of a keyframe, the most seen first."""
     count = window.seen.sum(0)
     kept = np.asarray(count > 0)

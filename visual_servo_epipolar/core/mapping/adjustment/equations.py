@@ -16,10 +16,10 @@ from visual_servo_epipolar.core.mapping.adjustment.projection import (
     Structure,
 )
 from visual_servo_epipolar.core.mapping.adjustment.window import (
+    KeyframeWindow,
     MOUNT,
     Unknowns,
     VIEW,
-    Window,
 )
 
 OUTLIER = 9.0  # square from which residuals count less, as one in a hundred true ones does
@@ -48,7 +48,7 @@ class Evaluation:
     Squares count as outliers from ``widening`` times the usual bound, far from the best unknowns.
     """
 
-    window: Window
+    window: KeyframeWindow
     unknowns: Unknowns
     trusted: BoolArray
     factors: Factors

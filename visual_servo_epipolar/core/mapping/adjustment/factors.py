@@ -9,6 +9,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.mapping.adjustment.window import (
+    KeyframeWindow,
     LENS,
     MOUNT,
     PHOTOGRAPH,
@@ -16,7 +17,6 @@ from visual_servo_epipolar.core.mapping.adjustment.window import (
     TILT,
     Unknowns,
     VIEW,
-    Window,
 )
 
 LEAST_JITTER = 1e-4  # [rad]
@@ -118,7 +118,7 @@ class Factors:
         return np.concatenate([by_view.ravel(), np.zeros(SHARED)]) / whole
 
 
-def factors_of(mount: Attitude, window: Window, scale_deviation: float) -> Factors:
+def factors_of(mount: Attitude, window: KeyframeWindow, scale_deviation: float) -> Factors:
     """Return the factors of a ``window``; without a driven way the scale is a guess."""
     way = float(window.ways.sum())
     known = math.isfinite(way) and way > LEAST_WAY

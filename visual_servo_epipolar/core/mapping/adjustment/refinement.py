@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.mapping.adjustment.equations import (
 )
 from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
 from visual_servo_epipolar.core.mapping.adjustment.projection import project, squares_of
-from visual_servo_epipolar.core.mapping.adjustment.window import SHARED, Unknowns, Window
+from visual_servo_epipolar.core.mapping.adjustment.window import KeyframeWindow, SHARED, Unknowns
 
 DAMPING = 1e-4
 LEAST_GAIN = 0.05  # of the cost, below which nothing changes that matters
@@ -43,7 +43,7 @@ class Geometry:
         return self.evaluation.unknowns
 
     @property
-    def window(self) -> Window:
+    def window(self) -> KeyframeWindow:
         """The keyframes."""
         return self.evaluation.window
 
@@ -171,7 +171,9 @@ def refine(
     return Geometry(judge_matches(at), converged, damping)
 
 
-def rescale(geometry: Geometry, window: Window, deviation: float) -> tuple[Geometry, float]:
+def rescale(
+    geometry: Geometry, window: KeyframeWindow, deviation: float
+) -> tuple[Geometry, float]:
     """
     Return the geometry by another account of the way, and how many times as large it is.
 

@@ -22,7 +22,7 @@ PHOTOGRAPH, LENS, MOUNT = slice(0, 2), 2, slice(3, 5)  # of the shared unknowns
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class KeyframeWindow:
     """
     What K keyframes show of N features.
 
@@ -78,7 +78,7 @@ class Window:
         return order, self.ids[order]
 
     @property
-    def with_alternative(self) -> 'Window':
+    def with_alternative(self) -> 'KeyframeWindow':
         """The same window by the alternative motion."""
         return replace(
             self, driven_places=self.alternative_places, alternative_places=self.driven_places
@@ -89,7 +89,7 @@ class Window:
         observations: FeatureObservations,
         driven_places: FloatArray,
         alternative_places: FloatArray | None = None,
-    ) -> 'Window':
+    ) -> 'KeyframeWindow':
         """Return the window with one more keyframe, and with the features that are new in it."""
         alternative_places = driven_places if alternative_places is None else alternative_places
         rows = self.rows_of(observations.ids)
@@ -117,7 +117,9 @@ class Window:
             ),
         )
 
-    def _with_features(self, observations: FeatureObservations, new: BoolArray) -> 'Window':
+    def _with_features(
+        self, observations: FeatureObservations, new: BoolArray
+    ) -> 'KeyframeWindow':
         added = int(new.sum())
         views = len(self)
         return replace(
@@ -132,7 +134,7 @@ class Window:
             seen=np.concatenate([self.seen, np.zeros((views, added), bool)], axis=-1),
         )
 
-    def without_view(self, k: int) -> 'Window':
+    def without_view(self, k: int) -> 'KeyframeWindow':
         """Return the window without keyframe ``k``."""
         return replace(
             self,
@@ -143,7 +145,7 @@ class Window:
             alternative_places=np.delete(self.alternative_places, k, axis=0),
         )
 
-    def of_features(self, kept: BoolArray) -> 'Window':
+    def of_features(self, kept: BoolArray) -> 'KeyframeWindow':
         """Return the window with the features that are ``kept``, shape (N,), alone."""
         return replace(
             self,
@@ -156,7 +158,7 @@ class Window:
         )
 
 
-EMPTY = Window(
+EMPTY = KeyframeWindow(
     np.empty(0, np.int64),
     np.empty((0, 3)),
     np.empty(0),

@@ -82,18 +82,8 @@ def localize(
     is_few = perception.measurement.features < settings.min_features
     few_s = max(before.few_s + (dt if is_few else -dt), 0.0)
     few_s = min(few_s, settings.few_features_timeout)
-    bearings = perception.measurement.bearings
     observations = observations_of(observation, perception.memory.noise)
-    after, said = views.after(
-        observations,
-        np.array([0.0, motion.way]),
-        alternative_motion=None
-        if increment.other is motion
-        else np.array([0.0, increment.other.way]),
-        bearings=() if bearings is None else (bearings,),
-        attitude=perception.memory.attitude,
-        learns=not is_few,
-    )
+    after, said = _localized(views, observations, perception, increment, learns=not is_few)
     if is_few:
         is_over = few_s >= settings.few_features_timeout
         carries = _carries(said, observations.ids, before.place, motion)
@@ -109,6 +99,25 @@ def localize(
     if reading is not None and is_few and agree < LEAST_CARRIED:
         reading = replace(reading, view_rays=said.rays[said.counted])
     return MapState(after, place, few_s), reading
+
+
+def _localized(
+    views: KeyframeMap,
+    observations: FeatureObservations,
+    perception: Perception,
+    increment: OdometryIncrement,
+    *,
+    learns: bool,
+) -> tuple[KeyframeMap, MapLocalization]:
+    bearings, motion, other = perception.measurement.bearings, increment.motion, increment.other
+    return views.after(
+        observations,
+        np.array([0.0, motion.way]),
+        alternative_motion=None if other is motion else np.array([0.0, other.way]),
+        bearings=() if bearings is None else (bearings,),
+        attitude=perception.memory.attitude,
+        learns=learns,
+    )
 
 
 def observations_of(observation: Observation, noise_px: float) -> FeatureObservations:
