@@ -23,7 +23,7 @@ LARGE_VALUES = {
     'Task',
 }
 FLAT = ('Settings', 'Circumstances')
-FULL_FOLDERS = {'core/laws', 'core/servo', 'core/tracking'}
+FULL_FOLDERS = {'core/laws', 'core/tracking'}
 DOUBLE_NAMES = {'Gains', 'Scene'}
 
 

@@ -1,10 +1,15 @@
 """Excursion: how far a run may lead away from the goal, and backward."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.core.servo.settings import ServoSettings
+    from visual_servo_epipolar.core.servo.state import ServoState
 
 LONGEST_WAY = 1.5  # in upper bounds of the distance
 MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]

@@ -6,11 +6,17 @@ stamps at which phase and run began are moved along, so that limits count the ti
 one usual period, and go on by the new clock.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING, seconds_between
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.core.servo.settings import ServoSettings
+    from visual_servo_epipolar.core.servo.state import ServoState
 
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 USUAL_STEP_S = 0.1  # between two images, where no others came before

@@ -12,12 +12,12 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import median
 from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.prediction import goal_distance
 from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.motion.check import Evidence, MotionCheck
 from visual_servo_epipolar.core.servo.motion.verdicts import NOISE_OF_PARALLAX
-from visual_servo_epipolar.core.servo.prediction import goal_distance
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Known, ServoState
 from visual_servo_epipolar.core.values import changed

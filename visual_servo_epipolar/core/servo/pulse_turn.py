@@ -11,8 +11,8 @@ import math
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phases.bounds import ends_by_pulses, facing_bound, trial_of
+from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.timing import usual_step
-from visual_servo_epipolar.core.servo.prediction import predicted
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

@@ -23,6 +23,7 @@ from visual_servo_epipolar.core.laws.decisions import (
 )
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.phases.conditions import has_turned, is_untrusted
+from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.timing import (
     after_clock_jump,
     clock_jump,
@@ -43,8 +44,7 @@ from visual_servo_epipolar.core.servo.dead_reckoning import (
     usual_period,
 )
 from visual_servo_epipolar.core.servo.fusion.fuse import fuse, Fusion, with_wrong_matches
-from visual_servo_epipolar.core.servo.identify import identify
-from visual_servo_epipolar.core.servo.prediction import predicted
+from visual_servo_epipolar.core.servo.identification.identify import identify
 from visual_servo_epipolar.core.servo.pulse_turn import pulse_turn, turns_by_pulses
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import settle

@@ -5,7 +5,10 @@ The paper turns it away from zero alone (section IV-B, remarks); a discordant tu
 side of e_au where the distance shrinks in step 1.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws import equations
@@ -15,8 +18,10 @@ from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, with_new_leg
 from visual_servo_epipolar.core.laws.phases.derived_gains import legal_target
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.core.servo.settings import ServoSettings
+    from visual_servo_epipolar.core.servo.state import ServoState
 
 
 def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:

@@ -4,7 +4,10 @@ Matching features: step 2, which drives straight until the features match, eqs. 
 The law says which departures are taken (``law.Law``).
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws import equations
@@ -23,10 +26,12 @@ from visual_servo_epipolar.core.laws.phases.bounds import FACING, is_matched, tr
 from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted
 from visual_servo_epipolar.core.laws.phases.derived_gains import gains_in_use, with_gains_of_now
 from visual_servo_epipolar.core.laws.phases.lines import lateral_offset, line_look_ahead
+from visual_servo_epipolar.core.laws.prediction import felt_latency
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.delay import felt_latency
-from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.core.servo.settings import ServoSettings
+    from visual_servo_epipolar.core.servo.state import ServoState
 
 DOUBTFUL_LOOKS = 3  # times the frames of one that is sure: the noise has to be known
 YAW_FOR_NEW_ATTEMPT = math.radians(0.5)  # that the camera is learnt to differ by in this phase

@@ -1,5 +1,9 @@
 """Orienting: the turn in place to the heading of the photograph."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.machine import PhaseRow
@@ -8,8 +12,10 @@ from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_at_goa
 from visual_servo_epipolar.core.laws.phases.bounds import pulse_turn_bound, trial_of
 from visual_servo_epipolar.core.laws.phases.conditions import begun_step_1, is_sideways
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.core.servo.settings import ServoSettings
+    from visual_servo_epipolar.core.servo.state import ServoState
 
 
 def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:

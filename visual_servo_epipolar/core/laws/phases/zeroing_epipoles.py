@@ -4,7 +4,10 @@ Zeroing epipoles: step 1, which drives the robot onto the axis of the photograph
 The law says which departures are taken (``law.Law``).
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
@@ -22,8 +25,10 @@ from visual_servo_epipolar.core.laws.phases.derived_gains import gains_in_use, w
 from visual_servo_epipolar.core.laws.phases.lines import leads_home, offset_ratio
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.core.servo.settings import ServoSettings
+    from visual_servo_epipolar.core.servo.state import ServoState
 
 CREEP = 0.02  # least speed under contact braking, lest noise in the rate stop the robot [m/s]
 YAW_FOR_NEW_START = math.radians(1.5)  # that the camera may be learnt to differ by in this phase

@@ -1,10 +1,13 @@
 """Approach: the velocity of one motion from what is measured, by the equations of ``steering``."""
 
+from __future__ import annotations
+
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.equations import LINE_DAMPING
+from visual_servo_epipolar.core.laws.prediction import is_late
 from visual_servo_epipolar.core.laws.smooth.steering import (
     aim,
     curvature,
@@ -16,9 +19,10 @@ from visual_servo_epipolar.core.laws.smooth.steering import (
 )
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.delay import is_late
-from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.core.servo.settings import ServoSettings
+    from visual_servo_epipolar.core.servo.state import ServoState
 
 GAINS = Gains()
 BRAKING = 1.6  # of max_acceleration, at which it closes in: the ramps slow down by 2

@@ -5,8 +5,11 @@ A robot beside the goal backs off first, on an arc. What two views alone know en
 the paper's second step: a memory of views is what carries one motion through to its end.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
 import math
+from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
@@ -44,8 +47,10 @@ from visual_servo_epipolar.core.laws.smooth.approach import (
 )
 from visual_servo_epipolar.core.laws.two_steps import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.core.servo.settings import ServoSettings
+    from visual_servo_epipolar.core.servo.state import ServoState
 
 NEAR_GOAL = 0.25  # from where a bearing tells of the goal, not of the way to it [m]
 PASSED = 0.05  # beyond which the goal was passed by [m]

@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.laws.prediction import BORNE
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
@@ -23,7 +24,6 @@ from visual_servo_epipolar.core.values import changed
 
 STEP_S = 0.05  # between two delays that may be [s]
 DELAYS: FloatArray = np.arange(round(MOST_DELAY_S / STEP_S) + 1, dtype=np.float64) * STEP_S
-BORNE = 0.25  # up to which laws bear a delay as it is [s]
 INTERVAL = 0.095  # between two headings that tell a turn, at least [s]
 FADING = 0.15  # sum of squared turns in which what was seen falls to 1/e: it may be a push [rad^2]
 MOST_DEVIATION = 0.01  # of a heading that tells a turn [rad]
@@ -127,16 +127,6 @@ class Delay:
         if not settings.options.anticipation or self.value <= settings.latency:
             return settings
         return with_identified(settings, latency=self.value)
-
-
-def is_late(settings: ServoSettings) -> bool:
-    """Return whether the base obeys so late that laws must look ahead."""
-    return settings.options.anticipation and settings.latency > BORNE
-
-
-def felt_latency(settings: ServoSettings) -> float:
-    """Return the delay that laws still feel [s]: none is longer than they bear."""
-    return min(settings.latency, BORNE) if is_late(settings) else settings.latency
 
 
 def _usual(configured_s: float) -> range:

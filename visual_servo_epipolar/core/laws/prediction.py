@@ -6,15 +6,21 @@ Artstein 1982): the loop is then as without the delay, but for what the base doe
 go by what is seen, and who has settled must be there when all has acted, too.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
 import math
+from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.delay import is_late
-from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import NANOSECONDS
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.core.servo.settings import ServoSettings
+    from visual_servo_epipolar.core.servo.state import ServoState
+
+BORNE = 0.25  # up to which laws bear a delay as it is [s]
 
 
 def predicted(state: ServoState, settings: ServoSettings) -> ServoState:
@@ -68,3 +74,13 @@ def goal_distance(state: ServoState, measurement: Measurement) -> float:
     if state.identified.extrinsics is not None and state.identified.extrinsics.is_ranged:
         return state.identified.extrinsics.distance
     return state.motion.range if state.motion.range > 0.0 else state.motion.distance
+
+
+def is_late(settings: ServoSettings) -> bool:
+    """Return whether the base obeys so late that laws must look ahead."""
+    return settings.options.anticipation and settings.latency > BORNE
+
+
+def felt_latency(settings: ServoSettings) -> float:
+    """Return the delay that laws still feel [s]: none is longer than they bear."""
+    return min(settings.latency, BORNE) if is_late(settings) else settings.latency
