@@ -54,11 +54,7 @@ def bag_path(path: Path) -> Path:
 
 
 def container(path: Path) -> str:
-    """
-    Return what a file is: mcap, sqlite3, ros1 or zstd; by its name where its bytes are damaged.
-
-    Raises InputError if it is none of these.
-    """
+    """Return what a file is by its bytes, or name if damaged; raises InputError for others."""
     head = _head(path)
     found = _by_magic(head)
     if found:
@@ -153,12 +149,7 @@ class BagParts:
 
 
 def bag_parts(path: Path) -> BagParts:
-    """
-    Return the storage files of a bag.
-
-    Raises InputError if it is none, one of its files is lost, or it cannot be read in this
-    form.
-    """
+    """Return the storage files of a bag; raises InputError if it is none, or lacks one."""
     if not path.exists():
         raise InputError(f'{path}: no such bag; {EXPECTED}')
     if not path.is_dir():

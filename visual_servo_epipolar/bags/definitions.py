@@ -25,10 +25,7 @@ def definition(kind: str, type_hash: str = '') -> tuple[str, str]:
     type_hash : str
         Hash that the publisher states; empty if it states none.
 
-    Raises
-    ------
-    InputError
-        If no definition with this hash is known, or installed as a .msg file.
+    Raises InputError if no definition with this hash is known, or installed as a .msg file.
 
     """
     expected = type_hash if type_hash.startswith('RIHS01_') else ''

@@ -49,11 +49,7 @@ def distro() -> str:
 
 
 def document(parts: Sequence[PartInfo], storage: str, compression_mode: str) -> dict[str, Any]:
-    """
-    Return what metadata.yaml says of a bag of ``parts``.
-
-    ``compression_mode`` is '', 'message' or 'file'; what a storage compresses itself is not said.
-    """
+    """Return metadata.yaml of ``parts``; ``compression_mode``: '', 'message' or 'file'."""
     filled = [part for part in parts if part.count]
     start_ns = min((part.start_ns for part in filled), default=0)
     end_ns = max((part.end_ns for part in filled), default=0)

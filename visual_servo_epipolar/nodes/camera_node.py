@@ -30,11 +30,7 @@ WARN_PERIOD_S = 2.0
 
 
 class CameraNode(Node):
-    """
-    Hosts a ``CameraSimulator``; takes an image whenever ground truth has moved on by a frame.
-
-    So it needs no clock of its own, and lives in wall time as in lockstep.
-    """
+    """Hosts a ``CameraSimulator``: an image a frame of ground truth, in any kind of time."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('camera_node', **options)

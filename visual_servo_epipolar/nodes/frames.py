@@ -132,11 +132,7 @@ class StaticMount:
         return settings.mounted(UNTOLD)
 
     def of(self, camera_frame: str) -> Mount | None:
-        """
-        Return how the camera of ``camera_frame`` is mounted, or None where nobody says.
-
-        Raises ValueError if what is said is no mount of a camera.
-        """
+        """Return how the camera of a frame is mounted, None if unknown; or raise ValueError."""
         frame, rotation, origin = _bare(camera_frame), np.eye(3), np.zeros(3)
         for _ in range(DEEPEST):
             if frame == self._base:

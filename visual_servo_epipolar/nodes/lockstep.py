@@ -111,12 +111,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         self.recorder = self._add(RecorderNode, RecordSettings(when_full='wait'), values)
 
     def run(self, done: Callable[[], bool]) -> None:
-        """
-        Begin the run, and spin until ``done``.
-
-        Raises LockstepError if nodes do not find each other, or nothing happens for a
-        minute.
-        """
+        """Begin the run, and spin until ``done``; raises LockstepError where nodes stand still."""
         self._spin_until(self._is_connected, 'every node to find its peers and the photograph')
         self.unicycle.begin()
         self._spin_until(lambda: self.unicycle.steps > 0 or done(), 'the first step')
@@ -201,11 +196,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
             self.executor.spin_once(timeout_sec=0.0)
 
     def _listening(self) -> list[Node]:
-        """
-        Return the nodes that take part, the latest first: one that was removed hears nothing more.
-
-        Recorders come after the nodes they record, and must hear all before time goes on.
-        """
+        """Return the nodes that take part, recorders first: they must hear all in time."""
         present = self.executor.get_nodes()
         return [node for node in reversed(self.nodes) if node in present]
 

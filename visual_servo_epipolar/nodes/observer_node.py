@@ -24,11 +24,7 @@ Watch = Callable[[Sample, Pixels | None, Features | None], None]
 
 
 class ObserverNode(Node):
-    """
-    Hands one step after the other to the ``monitor``, and to ``watch`` with image and tracks.
-
-    Images are subscribed only ``with_images``; they are what a video is made from.
-    """
+    """Hands each step to the ``monitor`` and ``watch``, with image and tracks for a video."""
 
     def __init__(
         self, monitor: RunMonitor, watch: Watch, *, with_images: bool, **options: Any

@@ -47,11 +47,7 @@ IMAGES = {
 
 
 def report_publisher(node: Node, kind: Any, topic: str, profile: QoSProfile) -> Publisher:
-    """
-    Create a publisher of what people look at, which tells of no subscriber of another QoS.
-
-    To tell takes two entities that an executor asks about, and the subscriber tells it as well.
-    """
+    """Create a publisher for people; it says nothing of other QoS, which costs two entities."""
     silent = PublisherEventCallbacks(use_default_callbacks=False)
     return node.create_publisher(kind, topic, profile, event_callbacks=silent)
 

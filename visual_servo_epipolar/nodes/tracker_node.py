@@ -244,12 +244,7 @@ class TrackerNode(ManagedNode):
 
 
 def main() -> None:
-    """
-    Run the node.
-
-    On one thread of OpenCV: a frame has too little work for more, and where other processes have
-    the cores it waits for its threads.
-    """
+    """Run the node, on one thread of OpenCV: more would wait for cores that others have."""
     cv2.setNumThreads(1)
     sys.exit(spin(TrackerNode))
 

@@ -98,11 +98,8 @@ class Bag(AbstractContextManager['Bag']):
 
     ``notes`` say which topics and files are left out.
 
-    Raises
-    ------
-    InputError
-        Here and from every method, if the bag is missing, damaged, or of an unknown kind.
-
+    Raises InputError here and from every method, if the bag is missing, damaged, or of an unknown
+    kind.
     """
 
     def __init__(self, path: Path) -> None:

@@ -53,10 +53,7 @@ def namespace_of(
     wanted : str, optional
         Namespace that the user names; ``/`` is the root.
 
-    Raises
-    ------
-    InputError
-        If the bag has nothing in ``wanted``, or several robots and no word on which.
+    Raises InputError if the bag has nothing in ``wanted``, or several robots and no word on which.
 
     """
     robots = robot_namespaces(bag)

@@ -133,11 +133,7 @@ def usable(path: Path, item: RecordedMessage) -> Iterator[None]:
 def read_run(
     bag: Bag, topics: Mapping[str, BagTopic], namespace: Namespace | None = None
 ) -> Recording:
-    """
-    Read all but the images of a bag; raises InputError for what cannot be used.
-
-    Diagnostics of all robots are on one topic: those of nodes outside ``namespace`` are left out.
-    """
+    """Read all but images, of nodes in ``namespace``; raises InputError for unusable ones."""
     run = Recording(topics=topics, namespace=namespace)
     readers = {topics[role].name: reader for role, reader in READERS.items() if role in topics}
     sequences = {

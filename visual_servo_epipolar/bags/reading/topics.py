@@ -61,10 +61,8 @@ def assign_roles(
     namespace : Namespace, optional
         Where the others are looked for first; then among what belongs to no other robot.
 
-    Raises
-    ------
-    InputError
-        If a topic is not there, has a type that its role cannot use, or if there is a choice.
+    Raises InputError if a topic is not there, has a type that its role cannot use, or if there is
+    a choice.
 
     """
     topics: dict[str, BagTopic] = {}

@@ -45,10 +45,7 @@ class Recorder:
         Of the bag; it is created, and must not exist.
     settings : RecordSettings, optional
 
-    Raises
-    ------
-    InputError
-        If the bag cannot be begun.
+    Raises InputError if the bag cannot be begun.
 
     """
 

@@ -28,10 +28,8 @@ class BagWriter:
     settings : RecordSettings
         Storage, compression, when a new file begins, and how much of the disk stays free.
 
-    Raises
-    ------
-    InputError
-        If the folder cannot be created. Later, one of FAULTS or DiskFullError: ``abandon`` then.
+    Raises InputError if the folder cannot be created. Later, one of FAULTS or DiskFullError:
+    ``abandon`` then.
 
     """
 

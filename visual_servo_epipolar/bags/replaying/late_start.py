@@ -31,11 +31,7 @@ SERVO = (
 def late_start_notes(
     bag: Bag, run: Recording, settings: ServoSettings | None, *, from_tracks: bool
 ) -> list[str]:
-    """
-    Return notes on what was at work before the recording began.
-
-    ``settings`` are those of the first step, as they were recorded; None if they were not.
-    """
+    """Return notes on what was at work before; ``settings`` are of the first step, if any."""
     notes = []
     if run.first_age and not from_tracks:
         notes.append(TRACKER)

@@ -54,11 +54,7 @@ def plan(bag: Bag, run: Recording, overrides: ReplayOverrides) -> tuple[Plan, li
     """
     Return what to replay with, and notes on what had to be assumed.
 
-    Raises
-    ------
-    InputError
-        If the bag lacks what is needed, or a setting is not what it may be.
-
+    Raises InputError if the bag lacks what is needed, or a setting is not what it may be.
     """
     notes: list[str] = []
     from_tracks = _from_tracks(bag, run, overrides, notes)

@@ -39,11 +39,7 @@ T = TypeVar('T')
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """
-    Plan of a replay: from tracks or images, with which settings, cameras and photographs.
-
-    All are histories, for they may have been changed while the robot drove.
-    """
+    """Plan of a replay: tracks or images; histories of settings, cameras, photographs."""
 
     from_tracks: bool
     servo: History[ServoSettings]
@@ -88,11 +84,7 @@ def replay(
     Images and tracks that the nodes dropped, by what else is in the bag, are left out. ``watch``
     is called after each step.
 
-    Raises
-    ------
-    InputError
-        If the bag is damaged, time jumps, or nothing in it can be used.
-
+    Raises InputError if the bag is damaged, time jumps, or nothing in it can be used.
     """
     session, steps, refusal = Session(), list[ReplayedStep](), ''
     events = EventQueue(run.servo_events)

@@ -18,11 +18,7 @@ Key = tuple[str, str, str]  # topic, encoding of its messages, type
 
 
 class McapSalvage:
-    """
-    Salvage of a file of mcap; what it says is true once its records are read.
-
-    ``counts`` are messages by channel, and attachments and metadata under ''.
-    """
+    """Salvage of an mcap file; ``counts`` by channel are true once its records are read."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -97,11 +97,7 @@ def _counts(db: sqlite3.Connection) -> Counter[Key]:
 
 
 def _copy_tables(source: Path, target: Path) -> int:
-    """
-    Copy what can be read of every table, and return how many messages the index has, or 0.
-
-    Raises ValueError if the new database does not hold each row that was read.
-    """
+    """Copy each row that can be read, or raise ValueError; return the index's count."""
     rows = Counter[str]()
     with closing(sqlite3.connect(target)) as new, closing(sqlite3.connect(source)) as old:
         new.execute('PRAGMA user_version = 0')  # the file is there, whatever can be read

@@ -18,11 +18,7 @@ MOST_NAMED = 4  # topics that a note names
 
 @dataclass(frozen=True, slots=True)
 class StoredTopic:
-    """
-    Topic as a storage file describes it.
-
-    QoS is YAML; what the file does not say is empty.
-    """
+    """Topic as a storage file describes it; QoS is YAML, and what it does not say is empty."""
 
     id: int
     topic: str

@@ -99,12 +99,7 @@ class Path:
         self._twist = twist
 
     def at(self, stamp_ns: int, *, predict: bool = False) -> PathPlace | None:
-        """
-        Return the place at a stamp, None where the path does not reach.
-
-        It may ``predict`` beyond its end that the base goes on as it does, until a command is too
-        old.
-        """
+        """Return the place at a stamp, None beyond the path, unless it may ``predict`` a while."""
         if not self._places or stamp_ns < self._places[0].stamp_ns:
             return None
         after = bisect_right(self._places, stamp_ns, key=lambda place: place.stamp_ns)

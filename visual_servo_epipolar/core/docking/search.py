@@ -102,11 +102,7 @@ class DockSearch:
 def update_search(
     search: DockSearch, observation: Observation, place: PathPlace, settings: DockPoseSettings
 ) -> DockSearch:
-    """
-    Return the search after an ``observation`` from a ``place``.
-
-    Never raises on degenerate views; ``reason`` says why there is no pose.
-    """
+    """Return the search after an ``observation`` from a ``place``, or a ``reason``."""
     perception = perceive(observation, settings, search.frame, search.memory)
     search = replace(search, memory=perception.memory, frame=search.frame + 1, dock=None)
     measurement = perception.measurement
@@ -148,11 +144,7 @@ def _best(
     *,
     doubt: bool,
 ) -> Solution | None:
-    """
-    Return the solution from the last one, carried along the path, or from the best guess.
-
-    An uncertain one is doubted where ``doubt`` says that there is something new.
-    """
+    """Return the solution carried on along the path, or by the best guess where in ``doubt``."""
     window, factors = window_of(views, memory.noise), factors_along(views, settings)
     known = None
     if search.solution is not None and search.last is not None:

@@ -49,10 +49,8 @@ def oriented_bearings(
     noise : float or array, shape (N,)
         Standard deviation of the angle of a ray [rad].
 
-    Raises
-    ------
-    DegenerateGeometryError
-        If an epipole is not in the plane of motion at all, or F is of rank 1.
+    Raises DegenerateGeometryError if an epipole is not in the plane of motion at all, or F is of
+    rank 1.
 
     """
     e_current, e_desired = epipoles(fundamental)

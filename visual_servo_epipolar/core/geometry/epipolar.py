@@ -164,10 +164,7 @@ def epipoles(fundamental: FloatArray) -> tuple[FloatArray, FloatArray]:
     current, desired : arrays, shape (3,)
         F e_a = 0 and F^T e_d = 0: homogeneous, unit norm, sign free; may lie at infinity.
 
-    Raises
-    ------
-    DegenerateGeometryError
-        If F is not of rank 2, so that an epipole is not a point.
+    Raises DegenerateGeometryError if F is not of rank 2, so that an epipole is not a point.
 
     """
     u, singular, vt = np.linalg.svd(fundamental)

@@ -106,11 +106,7 @@ def _squared(root: FloatArray) -> FloatArray:
 
 
 def _updated(value: float, remaining: float) -> tuple[float, float]:
-    """
-    Return the part of ``value`` that is taken over, and its variance then.
-
-    It had a mean of 0 and a variance of 1; ``remaining`` is the variance after one pair of views.
-    """
+    """Return the part of ``value`` taken over, and its variance; ``remaining``: of one pair."""
     if not 0.0 < remaining < 1.0:
         return 0.0, 1.0
     alone = remaining / (1.0 - remaining)  # the variance of what this pair alone says

@@ -98,11 +98,7 @@ def motion_between(before: Pose, after: Pose) -> tuple[float, float]:
 
 
 def saturate(twist: Twist, *, max_linear: float, max_angular: float) -> Twist:
-    """
-    Scale both velocities by one common factor until they obey the limits [m/s, rad/s].
-
-    A common factor keeps their ratio, hence the path: the robot is slower on the same curve.
-    """
+    """Scale both velocities by one factor until they obey the limits: slower on the same curve."""
     excess = max(abs(twist.linear) / max_linear, abs(twist.angular) / max_angular, 1.0)
     if excess == 1.0:
         return twist

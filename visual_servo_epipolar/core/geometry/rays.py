@@ -44,11 +44,7 @@ Axes: TypeAlias = tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]  # x, y,
 
 
 def tangents(x: FloatArray, y: FloatArray, z: FloatArray) -> Axes:
-    """
-    Return two unit vectors across each ray (x, y, z) and across each other, by components.
-
-    Continuous but where z changes its sign (Duff et al. 2017, Building an orthonormal basis).
-    """
+    """Return two unit vectors across each ray, by components (Duff et al. 2017)."""
     sign = np.copysign(1.0, z)
     a = -1.0 / (sign + z)
     b = x * y * a

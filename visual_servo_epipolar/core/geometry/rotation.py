@@ -20,11 +20,7 @@ Entries: TypeAlias = Sequence[float]  # nine, of a matrix of 3 x 3
 
 @dataclass(frozen=True, slots=True)
 class RotationFit:
-    """
-    Best rotation R current -> desired, its heading error [rad] and the parallax it leaves.
-
-    ``parallax`` is a robust root mean square angle [rad].
-    """
+    """Best rotation current -> desired, heading error, rms ``parallax`` that it leaves [rad]."""
 
     rotation: FloatArray
     heading_error: float
@@ -45,11 +41,7 @@ def fit_rotation(current: FloatArray, desired: FloatArray) -> RotationFit:
 
     See ``fit_rotations``; unit rays have shape (N, 3).
 
-    Raises
-    ------
-    DegenerateGeometryError
-        With fewer than three matches.
-
+    Raises DegenerateGeometryError with fewer than three matches.
     """
     rotation, heading_error, parallax = fit_rotations(current, desired)
     return RotationFit(rotation, float(heading_error), float(parallax))
@@ -62,11 +54,7 @@ def fit_rotations(current: FloatArray, desired: FloatArray) -> RotationFits:
     Weighted Kabsch alignment of the rays, reweighted (Geman-McClure) so that outliers and the few
     near features with large parallax do not turn it. The remark closing section IV-B of the paper.
 
-    Raises
-    ------
-    DegenerateGeometryError
-        With fewer than three matches.
-
+    Raises DegenerateGeometryError with fewer than three matches.
     """
     count = current.shape[-2]
     if count < MIN_POINTS:

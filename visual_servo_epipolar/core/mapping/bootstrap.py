@@ -22,11 +22,7 @@ MOST_STARTS = 2  # that are tried at one view
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bootstrap:
-    """
-    Views to begin with: ``starts``, what two views tell of them, and the ``last`` one.
-
-    ``is_due`` says that a geometry is yet to be looked for.
-    """
+    """Views to begin with, what pairs tell of them (``starts``); a geometry ``is_due`` or not."""
 
     starts: tuple[Start, ...] = ()
     last: FeatureObservations | None = None
@@ -45,11 +41,7 @@ class Bootstrap:
         *,
         most: int,
     ) -> tuple['Bootstrap', KeyframeWindow]:
-        """
-        Return the bootstrap and the window with one more view, of ``most`` features.
-
-        ``places``, (2, 2), are where it is by both motions.
-        """
+        """Return bootstrap and window with a view more, at ``places``, (2, 2), by both motions."""
         before = self.starts
         if len(window) >= MOST_VIEWS:
             window = window.without_view(0)

@@ -48,11 +48,7 @@ class MatchedFeatures:
 
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """
-    Features of a ``structure``, each with its own ``covariance``, (3, 3, n).
-
-    ``attitude`` and ``deviation``, (2,), of tilt and roll are what is known of any view.
-    """
+    """Features of a ``structure``, their ``covariance``, (3, 3, n), and the attitude, (2,)."""
 
     structure: Structure
     covariance: FloatArray
@@ -74,11 +70,7 @@ class Anchors:
 
 
 class PoseFit(NamedTuple):
-    """
-    Pose of a view, (5,), squared residuals, (n,), and how many times wider they are.
-
-    ``slopes``, (11, 2, n), of residuals are those near the pose, None if it has moved far since.
-    """
+    """Pose, (5,), squared residuals, (n,), their widening; ``slopes``, (11, 2, n), if near."""
 
     pose: FloatArray
     squares: FloatArray
@@ -191,11 +183,7 @@ def fit_pose_near(
 
 
 def nearest_view(anchors: Anchors, seen: MatchedFeatures, views: FloatArray) -> FloatArray:
-    """
-    Return of ``views``, (K, 5), the one from which features look most alike, turned to fit.
-
-    It is where to start where nothing is known of the pose: pushed, or blind for long.
-    """
+    """Return of ``views``, (K, 5), the one most alike, turned to fit: a start after a push."""
     bearing = np.arctan2(seen.rays[0], seen.rays[2])
     tangent_basis = np.broadcast_to(seen.tangent_basis, (len(views), *seen.tangent_basis.shape))
     points = project(anchors.structure, views, tangent_basis).points

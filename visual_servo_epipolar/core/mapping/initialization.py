@@ -62,12 +62,7 @@ class Start(NamedTuple):
 def initial_geometry(
     window: KeyframeWindow, starts: Sequence[Start], mount: Attitude, scale_deviation: float
 ) -> Geometry | None:
-    """
-    Return the geometry of a ``window`` that fits best; None if none does, or if two do.
-
-    Of ``starts``, those of the last view that has one are tried; others say where to look for
-    their views. A view that does not fit the rest is left out.
-    """
+    """Return the geometry of a ``window`` that fits best; None if none does, or if two do."""
     factors = factors_of(mount, window, scale_deviation)
 
     def begun(start: Start) -> Geometry | None:
@@ -122,12 +117,7 @@ def refine_narrowing(at: Evaluation) -> tuple[Evaluation, float]:
 
 
 def orient_ahead(at: Evaluation) -> Evaluation:
-    """
-    Return the geometry of which features lie ahead, of two that look the same.
-
-    With all places and depths reversed every ray is where it was; a feature whose depth is hardly
-    known has no vote, none has more than VOTE.
-    """
+    """Return the geometry of which features lie ahead, of two that look the same."""
     roots = system_of(at).roots[:, 2]
     deviations = at.unknowns.inverse_depth / np.sqrt((roots * roots).sum(1))
     vote = float(np.clip(deviations, -VOTE, VOTE) @ at.trusted)
@@ -135,11 +125,7 @@ def orient_ahead(at: Evaluation) -> Evaluation:
 
 
 def is_sound(geometry: Geometry, trusted: float = LEAST_TRUSTED) -> bool:
-    """
-    Whether residuals are what noise makes them, and a share of features ``trusted``.
-
-    In every view most of those agree: one that none holds drifts away, and takes the scale along.
-    """
+    """Whether residuals are noise, in every view, and a share of features is ``trusted``."""
     shown = geometry.trusted[geometry.window.shown]
     share = shown.mean() if len(shown) else 0.0
     held = bool(held_views(geometry).all())
@@ -147,12 +133,7 @@ def is_sound(geometry: Geometry, trusted: float = LEAST_TRUSTED) -> bool:
 
 
 def is_sure(geometry: Geometry) -> bool:
-    """
-    Whether the last view's place is known to a share of its distance, but for the scale.
-
-    Else the views to come are resected on depths that may be anything; ways between them would be
-    noise, far longer than what was driven, and shrink the whole geometry.
-    """
+    """Whether the last view's place is known to a share of its distance, but for the scale."""
     root, place = geometry.root, geometry.unknowns.views[-1, :2]
     along = geometry.evaluation.factors.by_scale(geometry.unknowns) @ root
     first = VIEW * (len(geometry.window) - 1)

@@ -28,11 +28,7 @@ def ambiguous_bearings(geometry: Geometry) -> Bearings | None:
 
 
 def exchanged_bearings(view: FloatArray, across: FloatArray) -> Bearings | None:
-    """
-    Return the bearings of a ``view``, (5,), whose place and wall have changed parts.
-
-    ``across``, (2,), is m of an upright wall, right and ahead. None at the goal, or without one.
-    """
+    """Return bearings of a view with place and wall ``across``, (2,), exchanged, if any."""
     place = view[:2]
     if not float(place @ place) > 0.0 or not float(across @ across) > 0.0:
         return None

@@ -173,11 +173,7 @@ class _Whitening(NamedTuple):
 def _whitening(
     errors: FeatureErrors, found: FloatArray, fit: PoseFit
 ) -> tuple[_Whitening, FloatArray]:
-    """
-    Return what makes residuals of each feature independent, and errors of the window.
-
-    Those are slopes of residuals by errors of keyframes and the shared attitude, (n, 2, r).
-    """
+    """Return what makes residuals of features independent, and errors of the window, (n, 2, r)."""
     slopes = found[BY_FEATURE.start :].transpose(2, 1, 0)  # of the feature, then of what all share
     alone = slopes[..., :3] @ errors.own
     first, other = alone[:, 0], alone[:, 1]

@@ -71,11 +71,7 @@ def is_keyframe(
 
 
 def most_crowded(places: FloatArray, seen: BoolArray, depth: float) -> int:
-    """
-    Return the keyframe that tells least beside the others: near to them, or with few features.
-
-    ``places`` have shape (K, 2), ``seen`` (K, N). The newest stays.
-    """
+    """Return the keyframe, but the newest, that tells least: near to others, or few features."""
     offset = (places[:, None] - places) / depth
     square = (offset * offset).sum(-1) + CLOSEST**2
     np.fill_diagonal(square, np.inf)
@@ -126,11 +122,7 @@ def with_keyframe(
     pose: FloatArray,
     settings: MapSettings,
 ) -> Evaluation:
-    """
-    Return the window with one more keyframe at ``pose``, and with what is too much let go.
-
-    ``places``, (2, 2), are where it is by the motion that counts, and by the alternative.
-    """
+    """Return the window with one more keyframe at ``pose``, and with what is too much let go."""
     before, trusted = geometry.unknowns, geometry.trusted
     observations = with_guessed_rays(observations, pose, geometry)
     window = geometry.window.with_view(observations, *places)

@@ -84,11 +84,7 @@ class CommandsSent:
         return np.asarray((np.interp(-late, times, driven) - before) / NANOSECONDS)
 
     def since(self, rates: Sequence[float], least: float) -> int | None:
-        """
-        Return the stamp [ns] since which all ``rates``, of each command, exceed ``least``.
-
-        They do to one side, that of the last one; None where that one does not.
-        """
+        """Return the stamp since which ``rates`` exceed ``least`` to the last one's side."""
         began, side = None, math.copysign(1.0, rates[-1]) if rates else 0.0
         for stamp, rate in zip(reversed(self.stamps), reversed(rates), strict=True):
             if side * rate < least:

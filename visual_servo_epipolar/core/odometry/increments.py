@@ -24,11 +24,7 @@ COMMANDED, MEASURED = MotionNoise(0.3, 0.5, fading=0.6), MotionNoise(0.05, 0.05,
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """
-    What was driven between two views: ahead [m], and the turn, left positive [rad].
-
-    It was commanded, or ``measured`` by odometry.
-    """
+    """Motion between two views, ahead [m], left [rad]: commanded, or ``measured`` by wheels."""
 
     way: float = 0.0
     turn: float = 0.0

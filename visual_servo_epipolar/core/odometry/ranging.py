@@ -26,11 +26,7 @@ MEMORY_LENGTH = 0.5  # travel in which the weight of past slopes falls to 1/e [m
 
 
 def look_ahead(distance: float, largest: float, *, least: float = LEAST_LOOK_AHEAD) -> float:
-    """
-    Return the look-ahead L of line following [m]: a part of the ``distance`` [m], if it is known.
-
-    It lies between ``least`` and ``largest`` [m].
-    """
+    """Return the look-ahead of line following [m]: a part of ``distance``, within two bounds."""
     if not distance > 0.0:
         return largest
     return min(max(distance / LOOK_AHEADS, least), largest)
@@ -38,11 +34,7 @@ def look_ahead(distance: float, largest: float, *, least: float = LEAST_LOOK_AHE
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """
-    Leg of the path: bearing ``psi`` [rad] at its start, displacement ``x``, ``y`` since [m].
-
-    ``travel`` is the way along it [m], backward negative.
-    """
+    """Leg of the path: bearing ``psi`` at its start [rad], displacement, ``travel`` since [m]."""
 
     psi: float
     x: float = 0.0
@@ -78,11 +70,7 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class Slope:
-    """
-    Slope dD/dy by recursive least squares: ``value`` [1/m], D at unit focal length.
-
-    ``weight`` is the sum of squared travels behind it, decayed [m^2].
-    """
+    """Slope dD/dy [1/m] by recursive least squares; ``weight``: squared travel, decayed [m^2]."""
 
     value: float = math.nan
     weight: float = 0.0

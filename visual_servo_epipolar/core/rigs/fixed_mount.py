@@ -62,10 +62,8 @@ def mount_of(R_base_camera: FloatArray, origin: FloatArray) -> Mount:
     origin : array, shape (3,)
         The camera's centre in the base's frame [m].
 
-    Raises
-    ------
-    ValueError
-        If it is no rotation, or looks up or down too steeply for an optical frame on a robot.
+    Raises ValueError if it is no rotation, or looks up or down too steeply for an optical frame on
+    a robot.
 
     """
     whole = np.isfinite(R_base_camera).all() and np.isfinite(origin).all()
@@ -106,11 +104,7 @@ def camera_swing(before: float, heading: float) -> FloatArray:
 def offset_at_axle(
     offset: tuple[float, float], heading: float, mount: FloatArray
 ) -> tuple[float, float]:
-    """
-    Return where the axle is, right and ahead of the goal's in axes of the base [m].
-
-    ``offset`` is that of the camera, right and ahead of the goal's in axes of that.
-    """
+    """Return where the axle is, right and ahead of the goal's [m], by the camera's offset."""
     x, y = axle_offset(offset, heading, mount)
     cosine, sine = math.cos(mount[0]), math.sin(mount[0])
     return cosine * x - sine * y, sine * x + cosine * y

@@ -29,11 +29,7 @@ KNOWN_PARALLAX = 3.0  # deviations of a parallax of which a metre shows a part
 def check_motion(
     state: ServoState, observation: Observation | None, dt: float, settings: ServoSettings
 ) -> ServoState:
-    """
-    Return the state with its motion held against the commands, ``dt`` [s] after the last image.
-
-    Where it contradicts them, the measurement says why, and what was learnt from it is undone.
-    """
+    """Return the state with its motion held against commands; contradictions undo learning."""
     measurement = state.measurement
     if observation is None or measurement is None or not state.phase.runs:
         return state if state.check.reference is None else state.changed(check=MotionCheck())

@@ -56,12 +56,7 @@ def actuation(state: ServoState, stamp_ns: int, dt: float, settings: ServoSettin
 
 
 class DrivenInterval(NamedTuple):
-    """
-    What was driven since the last image.
-
-    ``acted`` is by commands, ``increment`` by these and by wheels, ``odometry`` what is known of
-    the latter.
-    """
+    """Drive since the last image: what ``acted``, its ``increment``, ``odometry``'s worth."""
 
     acted: Actuation
     odometry: Odometry
@@ -91,11 +86,7 @@ def reckon(
     drive: DrivenInterval,
     settings: ServoSettings,
 ) -> MotionState:
-    """
-    Return where a ``drive`` has led to, by a ``measurement``.
-
-    Where other extrinsics count from now on, what was ranged so far was driven by another mount.
-    """
+    """Return where a ``drive`` has led to; a range by other extrinsics is forgotten."""
     extrinsics, acted = identified.extrinsics, drive.acted
     known, ranged = state.identified.extrinsics, state.motion
     if extrinsics is not None and extrinsics.believed != (known is not None and known.believed):
@@ -114,11 +105,7 @@ def reckon(
 
 
 def _backward(state: ServoState, dt: float) -> float:
-    """
-    Return the largest travel backward between the last two images [m].
-
-    It is a bound that counts: a command acts late, and may have been withdrawn in between.
-    """
+    """Return the most that was driven backward since the last image [m]: commands act late."""
     fastest = max(-state.twist.linear, -state.motion.last_linear, 0.0)
     return fastest * (dt or usual_step(state))
 
@@ -177,11 +164,7 @@ def measured_range(
 
 
 def _slope(state: ServoState, measurement: Measurement, acted: Actuation) -> Slope:
-    """
-    Return the slope of D, updated by what acted in step 2.
-
-    The map knows it: of the features that are in view, which come and go.
-    """
+    """Return the slope of D, as the map knows it, or updated by what acted in step 2."""
     slope = state.motion.slope
     if measurement.difference_slope > 0.0:
         return Slope(measurement.difference_slope, slope.weight)

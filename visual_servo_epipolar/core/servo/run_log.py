@@ -142,11 +142,7 @@ def end_s(log: RunLog) -> float:
 
 
 def summarise(log: RunLog) -> dict[str, Any]:
-    """
-    Return the verdict on a run, with the keys of the command line's JSON document.
-
-    Errors are those of the final true pose; units end the keys (speeds in m/s and rad/s).
-    """
+    """Return the verdict on a run: the JSON of the command line, errors of the final true pose."""
     poses = [sample.pose for sample in log.samples]
     final, distance_0 = poses[-1], poses[0].distance
     idle = (Phase.WAITING, Phase.FAILED)

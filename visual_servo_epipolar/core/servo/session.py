@@ -150,11 +150,7 @@ class Session:
         since_command: float = math.nan,
         trouble: str = '',
     ) -> 'Session':
-        """
-        Return the session with the command after an ``observation`` of ``goal``.
-
-        ``trouble`` says why features were not admitted; ``since_command``: see ``step.decide``.
-        """
+        """Return the session with the command; ``trouble``: why features were not admitted."""
         state = change_goal(self.state, goal)
         state = decide(state, observation, settings, since_command=since_command)
         if trouble and state.phase is Phase.HOLDING:
@@ -172,11 +168,7 @@ class Session:
 
 
 def change_goal(state: ServoState, goal: int) -> ServoState:
-    """
-    Return the state that drives to ``goal``, by its id: what was seen of another is forgotten.
-
-    A run keeps the goal that it began with: see ``Session.other_goal``.
-    """
+    """Return the state that drives to ``goal``, without map if it is new; a run keeps its own."""
     view = state.view
     if goal in (NO_GOAL, view.goal.id) or (state.phase.runs and view.goal.differs(goal)):
         return state

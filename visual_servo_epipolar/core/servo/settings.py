@@ -188,11 +188,7 @@ class ServoSettings(PerceptionSettings, ControlSettings):
 
         Who draws one seldom measures: deviations stay what they are.
 
-        Raises
-        ------
-        ValueError
-            If it is beyond what the settings allow.
-
+        Raises ValueError if it is beyond what the settings allow.
         """
         told = zip(MOUNT, astuple(mount), strict=True)
         return type(self)(**{**self.__getstate__(), **dict(told)})

@@ -20,11 +20,7 @@ def settle(
     dt: float,
     settings: ServoSettings,
 ) -> ServoState:
-    """
-    Return the state with its count of settled frames and the mean of what they show.
-
-    The ``previous`` measurement was ``dt`` [s] before.
-    """
+    """Return the state with its count of settled frames, ``dt`` [s] after the ``previous``."""
     if is_close(state, settings):
         state = state.changed(time_in_tolerance=state.settling.time_in_tolerance + dt)
     measurement = state.measurement or perception.measurement

@@ -201,11 +201,7 @@ class ServoState:
         """
         Return the state with fields changed, which are those of its parts or its own.
 
-        Raises
-        ------
-        TypeError
-            If neither the state nor a part has a field of that name.
-
+        Raises TypeError if neither the state nor a part has a field of that name.
         """
         parts: dict[str, dict[str, Any]] = {}
         whole = {}

@@ -58,11 +58,7 @@ LATE_S = 0.02  # by which a command may go out late of its image, and the next i
 def update(
     state: ServoState, perception: Perception, dt: float, settings: ServoSettings
 ) -> ServoState:
-    """
-    Return the state updated by a ``perception`` ``dt`` [s] after the last, unclassified.
-
-    ``settings`` have what was identified of the base: see ``Identification.effective``.
-    """
+    """Return the state updated by a ``perception``; ``settings`` have what was identified."""
     drive = drive_since(state, perception, dt, settings)
     fusion = fuse(state, perception, drive.increment, dt, settings)
     fusion, identified = identify(state, perception, fusion, drive, settings)
@@ -108,11 +104,7 @@ def step(
     *,
     since_command: float = math.nan,
 ) -> ServoState:
-    """
-    Return the state after an ``observation``; its ``command`` is for the base.
-
-    See ``decide``.
-    """
+    """Return the state after an ``observation``, with the ``command``; see ``decide``."""
     return update_map(decide(state, observation, settings, since_command=since_command))
 
 
@@ -134,11 +126,7 @@ def decide(
 
 
 def update_map(state: ServoState, *, noise: bool = True) -> ServoState:
-    """
-    Return the state after what no command waits for: what the last view adds to memories.
-
-    Without ``noise`` that is left to the next perception, which many robots have in common.
-    """
+    """Return the state after what no command waits for; ``noise`` may be left to the next view."""
     views, memory = state.view.map.update_map(), state.view.memory
     if noise and memory is not None:
         memory = noise_learnt(memory)
@@ -200,11 +188,7 @@ def _time_step(state: ServoState, measurement: Measurement, leapt: str) -> float
 
 
 def _ramp_step(last: Twist, dt: float, usual_s: float, since_command: float) -> float:
-    """
-    Return the time that ramps count since ``last`` [s]: pauses give no speed to start with.
-
-    Nor do stamps that are farther apart than the commands: the base feels these.
-    """
+    """Return the time that ramps count since ``last`` [s]: neither pauses nor gaps of stamps."""
     dt = dt or USUAL_STEP_S
     if not math.isnan(since_command):
         dt = min(dt, since_command + LATE_S)

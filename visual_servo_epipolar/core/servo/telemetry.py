@@ -27,11 +27,7 @@ def telemetry(state: ServoState) -> dict[str, float]:
     point is estimated to lie; dead bands are those that were learnt. What could not be measured is
     nan.
 
-    Raises
-    ------
-    ValueError
-        If no image was measured yet.
-
+    Raises ValueError if no image was measured yet.
     """
     measurement, memory = state.measurement, state.view.memory
     if measurement is None or memory is None:
@@ -155,11 +151,7 @@ def _features(measurement: Measurement, memory: PerceptionMemory) -> dict[str, f
 
 
 def sample(stamp_ns: int, pose: Pose, phase: Phase, values: Mapping[str, float]) -> Sample:
-    """
-    Return the sample of one step, of ``stamp_ns`` [ns], from ground truth and telemetry.
-
-    ``values`` is the telemetry by name; ``pose`` is the true one.
-    """
+    """Return the sample of one step from its true ``pose`` and telemetry, ``values`` by name."""
     return Sample(
         stamp_ns=stamp_ns,
         pose=pose,

@@ -15,12 +15,7 @@ from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings
 
 
 class DrivenPath:
-    """
-    Keeps the ``path`` of the base of ``node``, by odometry or by commands, as the settings say.
-
-    ``on_odometry`` is called when the path reaches farther, ``warn`` with what is refused.
-    ``frame`` is that of the odometry.
-    """
+    """Path of the base of ``node``, by odometry or commands; ``on_odometry`` when it grows."""
 
     def __init__(
         self,

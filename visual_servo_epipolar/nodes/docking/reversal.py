@@ -35,11 +35,7 @@ class Reversal:
         node.create_subscription(kind, REVERSED, self._turn_round, qos.COMMAND)
 
     def bypassed(self, servo: str) -> str:
-        """
-        Return that the node ``servo`` commands the base itself, and what to do; or ''.
-
-        Nobody would turn its commands round: the robot would drive away from the dock.
-        """
+        """Return that ``servo`` itself commands the base, away from the dock; or ''."""
         servo = self._node.resolve_service_name(servo)
         if servo not in commanders(self._node):
             return ''

@@ -60,12 +60,7 @@ class Mailbox:
 
 
 class ManagedPublisher(LifecyclePublisher):
-    """
-    Publisher that is silent while the node is inactive.
-
-    The newest message of a latched topic goes out when the node is activated: those who come late
-    count on it. Others are dropped.
-    """
+    """Publisher, silent while inactive; the newest latched message goes out on activation."""
 
     _unsaid: Any = None
 

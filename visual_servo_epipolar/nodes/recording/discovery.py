@@ -35,11 +35,7 @@ MESSAGE_TYPE = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
 
 @dataclass(frozen=True, slots=True)
 class TopicSelection:
-    """
-    Topic selection: names, or patterns with * and ?, without those of ``exclude``.
-
-    A name without a leading / or * is one of the namespace of the node.
-    """
+    """Topics by name or pattern (* and ?), but ``exclude``; relative to the node's namespace."""
 
     names: tuple[str, ...]
     exclude: tuple[str, ...] = ()
@@ -115,11 +111,7 @@ def is_weaker(profile: QoSProfile, than: QoSProfile) -> bool:
 
 
 def message_class(kind: str) -> Any:
-    """
-    Return the class of a message type such as std_msgs/msg/String, or raise InputError.
-
-    The name comes from whoever publishes on the network: only what is a message is imported.
-    """
+    """Return the class of a message type; raises InputError, and imports nothing but messages."""
     names = MESSAGE_TYPE.fullmatch(kind)
     if names is None:
         raise InputError(f'{kind!r:.80} is no type of messages; expected package/msg/Name')

@@ -41,11 +41,7 @@ class Admission:
         self._tracks = PointCloud2()  # these
 
     def hear(self, message: PointCloud2) -> str:
-        """
-        Take note of tracks, be they usable or not.
-
-        Return that they are not of the photograph that a start was ordered for; or ''.
-        """
+        """Take note of tracks; return that they are not of the photograph of the order, or ''."""
         goal, self._has_photograph = read.goal(message), read.has_photograph(message)
         self._tracks = message
         self._run.freshness.hear()

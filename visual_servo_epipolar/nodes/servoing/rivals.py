@@ -43,12 +43,7 @@ class CommandConflicts:
         )
 
     def refusal(self) -> str:
-        """
-        Return the complaint where no run may begin; or ''.
-
-        A second node of the own name may be what is left of one that was killed: for a while it
-        keeps none from driving.
-        """
+        """Return the complaint where no run may begin; a dead node of this name may linger."""
         names, own = self._look(), self._node.get_fully_qualified_name()
         return self._complaint(names if self.has_twin else [it for it in names if it != own])
 

@@ -95,11 +95,7 @@ class StopButton:
 
 
 class Enable:
-    """
-    Heartbeat on ``enable`` of ``node``, a std_msgs/Bool, that is not older than ``timeout`` [s].
-
-    With 0 nobody has to send one. ``on_withdrawn`` is told of a false at once.
-    """
+    """Heartbeat not older than ``timeout`` [s] (0: none needed); a false stops at once."""
 
     def __init__(self, node: Node, timeout: float, on_withdrawn: Callable[[str], None]) -> None:
         self._timeout, self._on_withdrawn = timeout, on_withdrawn

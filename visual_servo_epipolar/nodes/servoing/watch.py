@@ -13,11 +13,7 @@ WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0
 
 
 class Watch:
-    """
-    Watch over the ``run`` of the servo ``node``; what is odd is said by ``warn``.
-
-    It ``sleeps`` where time itself waits for the servo. ``settings`` returns those in force.
-    """
+    """Watch over the ``run`` of ``node``; it ``sleeps`` where time waits for the servo."""
 
     def __init__(
         self,

@@ -77,11 +77,7 @@ class Input:
 
 
 class Inputs:
-    """
-    Inputs of ``node``: those of its subscriptions that are missed when they stay silent.
-
-    Time is that of the steady clock: where /clock is missing, any other stands still.
-    """
+    """Subscriptions of ``node`` that are missed when silent, on the steady clock."""
 
     def __init__(self, node: Node) -> None:
         self._node, self._steady = node, Clock(clock_type=ClockType.STEADY_TIME)

@@ -143,11 +143,7 @@ class MessageExecutor(SingleThreadedExecutor):
 
 @contextmanager
 def isolated_context(reach: str = 'OFF', *, domain_id: int | None = None) -> Iterator[Context]:
-    """
-    Yield a context whose nodes are seen within ``reach`` only: OFF, LOCALHOST or SUBNET.
-
-    Isolation matters: they publish cmd_vel, and there may be a robot in the room.
-    """
+    """Yield a context seen within ``reach`` only: its nodes must not drive a robot in the room."""
     tune_transport()
     with discovery_range(reach):
         context = Context()

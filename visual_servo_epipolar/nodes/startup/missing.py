@@ -27,11 +27,7 @@ REMEDIES: Mapping[str, str] = MappingProxyType(
 
 
 def require(*packages: str, otherwise: str = '', load: bool = True) -> None:
-    """
-    Import ``packages``, or see that they are there if another process is to ``load`` them.
-
-    Raises InputError if one is missing; it says what to do, or ``otherwise``.
-    """
+    """Import ``packages``, or see that they are there; raises InputError with what to do."""
     for package in packages:
         try:
             if load:

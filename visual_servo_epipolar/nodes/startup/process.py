@@ -35,11 +35,7 @@ def tune_transport() -> None:
 
 @contextmanager
 def discovery_range(reach: str) -> Iterator[None]:
-    """
-    Let nodes that are made meanwhile see others as far as ``reach`` says.
-
-    OFF is this process, LOCALHOST this machine, SUBNET all that can be seen.
-    """
+    """Let new nodes see this process (OFF), this machine (LOCALHOST), or all (SUBNET)."""
     # The older variables would overrule the range.
     before = {name: os.environ.pop(name, None) for name in DISCOVERY}
     os.environ[DISCOVERY[0]] = reach

@@ -20,11 +20,7 @@ TRANSPORTS: dict[str, tuple[Any, str]] = {
 
 
 class CameraSubscriptions:
-    """
-    Subscriptions of ``node`` to the topics of a camera; images are raw or compressed.
-
-    ``info_frame`` is the frame_id of the last camera_info.
-    """
+    """Subscriptions of ``node`` to a camera; ``info_frame`` is the frame_id of its camera_info."""
 
     def __init__(self, node: Node, transport: str, reliability: str) -> None:
         self._node, self._transport = node, TRANSPORTS[transport]

@@ -18,11 +18,7 @@ BEHIND_IMAGES = 3  # so many one after the other are no single match of the whol
 
 
 class Repetition:
-    """
-    How many images in a row have been the very same, to the last bit, and whether one came before.
-
-    ``back`` is how many images ago the newest one came last, 0 if it is new.
-    """
+    """How often the newest image came in a row, and how many images ago (``back``), 0 if new."""
 
     def __init__(self) -> None:
         self._last: Image | None = None
@@ -58,11 +54,7 @@ class Lateness:
         self._late = 0  # images in a row whose tracks came late
 
     def age_s(self, stamp_ns: int) -> float | None:
-        """
-        Return the age of the image whose tracks are published now [s].
-
-        None in simulated time, which may wait for the tracks, and of a stamp by another clock.
-        """
+        """Return the age of an image [s]; None in simulated time or where another clock stamps."""
         if self._node.get_parameter('use_sim_time').value:
             return None
         age_s = seconds_between(stamp_ns, self._node.get_clock().now().nanoseconds)

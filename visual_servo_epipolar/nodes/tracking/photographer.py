@@ -17,11 +17,7 @@ MAX_CAPTURE_AGE_S = 1.0
 
 
 class Photographer:
-    """
-    Photographer of the mean of at most ``frames`` images, the last ones that show one view.
-
-    ``path`` is where the photograph is kept, '' if it is not.
-    """
+    """Photographer of the mean of the last ``frames`` alike, kept at ``path`` if one is given."""
 
     def __init__(self, frames: int, path: str) -> None:
         self._recent: deque[Image] = deque(maxlen=frames)

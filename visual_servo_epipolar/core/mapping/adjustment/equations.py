@@ -167,11 +167,7 @@ def _whole(found: FloatArray, residuals: FloatArray, size: int) -> tuple[FloatAr
 
 
 def inverse_roots(blocks: FloatArray) -> FloatArray:
-    """
-    Return L^-T of symmetric L L^T = ``blocks``, (3, 3, N): (N, 3, 3).
-
-    By components, features at once: LAPACK spends longer on each than on its numbers.
-    """
+    """Return L^-T, (N, 3, 3), of L L^T = ``blocks``, (3, 3, N), by components for speed."""
     a = np.sqrt(blocks[0, 0])
     b, d = blocks[1, 0] / a, blocks[2, 0] / a
     c = np.sqrt(blocks[1, 1] - b * b)

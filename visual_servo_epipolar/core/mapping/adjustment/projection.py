@@ -90,11 +90,7 @@ def _turn(heading: float, tilt: float, roll: float) -> list[list[float]]:
 
 
 def turns_of(views: FloatArray, stretch: float = 1.0) -> FloatArray:
-    """
-    Return what leads from upright axes of the photograph to those of ``views``, (..., 3, 3).
-
-    Rotations, and the ``stretch`` of the image.
-    """
+    """Return turns, (..., 3, 3), from the photograph's upright axes to ``views``, stretched."""
     each = [_turn(*attitude) for attitude in views[..., HEADING:].reshape(-1, 3).tolist()]
     turns = np.array(each).reshape(*views.shape[:-1], 3, 3)
     turns[..., :2, :] *= stretch

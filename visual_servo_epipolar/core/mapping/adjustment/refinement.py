@@ -147,11 +147,7 @@ def _times(coupled: FloatArray, root: FloatArray) -> FloatArray:
 def refine(
     start: Evaluation, steps: int, damping: float = DAMPING, system: System | None = None
 ) -> Geometry:
-    """
-    Return the geometry after at most ``steps`` (Levenberg, Marquardt), and verdicts.
-
-    ``system`` is that of the start, if it is known and the scale of the start is that of the way.
-    """
+    """Return the geometry after at most ``steps`` (Levenberg, Marquardt) from the ``system``."""
     # Damped steps hardly move along what so little is known of.
     at, converged = start, False
     if system is None:
@@ -174,11 +170,7 @@ def refine(
 def rescale(
     geometry: Geometry, window: KeyframeWindow, deviation: float
 ) -> tuple[Geometry, float]:
-    """
-    Return the geometry by another account of the way, and how many times as large it is.
-
-    ``window`` is its own, but for that account; ``deviation`` is that of the scale.
-    """
+    """Return the geometry by the ways of another ``window``, and how many times as large it is."""
     before = geometry.evaluation
     factors = factors_of(before.factors.mount, window, deviation)
     start = replace(before, window=window, factors=factors)

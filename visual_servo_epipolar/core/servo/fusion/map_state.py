@@ -211,11 +211,7 @@ def sharpened(
 
 
 def reading_in_view(said: MapLocalization, observation: Observation) -> MapMeasurement | None:
-    """
-    Return what is said, with D over the remembered features in view but wrong matches.
-
-    Where none of the photograph's is, over all that are remembered: as if in view.
-    """
+    """Return what is said, with D over features in view, or over all where none of them is."""
     if said.reason or observation.ids is None:
         return None
     which = len(observation), observation.wide

@@ -21,13 +21,7 @@ LEAST = LEAST_DEVIATION**2 * np.eye(PLACE)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilteredPose:
-    """
-    Where the camera is, (3,): right and ahead of the goal's [m], heading error [rad].
-
-    But for the shift of the shrinkage, which is that of the last view for all before it as well.
-    ``covariance``, (3, 3), is that of the noise which each view has for itself;
-    ``decayed_motion`` how much was driven before the last view, fading.
-    """
+    """Where the camera is, (3,), less the shrinkage's shift; ``covariance`` of own noise."""
 
     mean: FloatArray
     covariance: FloatArray
@@ -59,13 +53,7 @@ class FilteredPose:
 def filter_pose(
     said: MapLocalization, place: FilteredPose | None, motion: Motion
 ) -> tuple[MapLocalization, FilteredPose | None]:
-    """
-    Return a recollection averaged with those before it, and the place for the next.
-
-    What the noise of each view makes averages out while the robot stands or creeps; the noise of
-    the photograph and of the geometry stays. Without a recollection the place is forgotten, and
-    begun anew where the view contradicts it: somebody pushed the robot.
-    """
+    """Return a recollection averaged with those before it, and the place for the next."""
     if said.reason:
         return said, None
     mean, own = said.pose[:PLACE] - said.shift[:PLACE], said.own[:PLACE, :PLACE] + LEAST
@@ -90,11 +78,7 @@ def filter_pose(
 
 
 def agrees(said: MapLocalization, place: FilteredPose) -> bool:
-    """
-    Return whether a recollection is of a robot at ``place``, within the noise of a view.
-
-    What the geometry is not known to is the same in both: it explains no difference.
-    """
+    """Return whether a recollection is of a robot at ``place``, within the noise of a view."""
     change = _change(said, place)
     covariance = said.own[:PLACE, :PLACE] + place.covariance
     return float(change @ solved(covariance, change)) <= SURPRISE

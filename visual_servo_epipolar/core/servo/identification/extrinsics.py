@@ -102,11 +102,7 @@ class Extrinsics:
 
 
 def told_extrinsics(told: FloatArray, deviations: FloatArray) -> Extrinsics:
-    """
-    Return what is known beforehand: the mount as ``told``, with ``deviations``, shape (3,) each.
-
-    Its lever arm is told in axes of the base.
-    """
+    """Return what is known beforehand: mount and deviations, (3,) each, in base axes."""
     yaw, forward, left = told.tolist()
     cosine, sine = math.cos(yaw), math.sin(yaw)
     told = np.array([yaw, cosine * forward + sine * left, cosine * left - sine * forward])
@@ -178,11 +174,7 @@ def seen(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, 
 
 
 def seen_anew(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, float]:
-    """
-    Return the belief with ``psi`` [rad] in place of what commands made of the one before.
-
-    The innovation, in deviations, is as of ``seen``, with what a lens may be wrong by.
-    """
+    """Return the belief with ``psi`` [rad] in place of the predicted one, and the innovation."""
     noise = CORRELATION * deviation * deviation + LENS * LENS
     innovation = math.remainder(psi - before.mean[PSI], 2.0 * math.pi)
     innovation /= math.sqrt(float(before.covariance[PSI, PSI]) + noise)
@@ -207,12 +199,7 @@ def _corrected(before: Extrinsics, of: int, innovation: float, noise: float) -> 
 def update_extrinsics(
     before: Extrinsics, measurement: Measurement, travel: float, *, missed: bool
 ) -> Extrinsics:
-    """
-    Return the belief after ``travel`` [m] and a ``measurement``.
-
-    Near the goal bearings say nothing of the mount. Where an attempt has ``missed``, something is
-    wrong, and what was learnt is believed sooner.
-    """
+    """Return the belief after ``travel`` [m] and a ``measurement``; sooner if ``missed``."""
     # Without a deviation, as the paper's estimator has none, bearings tell nothing of the path.
     known = math.isfinite(measurement.deviation)
     bearings = measurement.bearings if known else None

@@ -29,11 +29,7 @@ def identify(
     drive: DrivenInterval,
     settings: ServoSettings,
 ) -> tuple[Fusion, Identification]:
-    """
-    Return what a ``drive`` and the view after it show, and the measurement of the axle.
-
-    A geometry that driving disproves is given up, with all that led to it.
-    """
+    """Return what a ``drive`` and the view after it show, less a disproved geometry."""
     before, acted = state.identified, drive.acted
     extrinsics = update_extrinsics(
         before.extrinsics or settings.extrinsics,

@@ -33,12 +33,7 @@ NOTHING = Asked()
 
 
 class Evidence(NamedTuple):
-    """
-    What an image shows to the check.
-
-    ``noise`` is the deviation of a ray [rad], ``parallax_of_way`` what a metre shows at least
-    [rad/m], 0 where nobody knows.
-    """
+    """What an image shows: noise of a ray [rad], parallax of a metre [rad/m], 0 while unknown."""
 
     observation: Observation
     noise: float
