@@ -16,17 +16,10 @@ from visual_servo_epipolar.core.errors import InputError
 
 def definition(kind: str, type_hash: str = '') -> tuple[str, str]:
     """
-    Return the definition of a message type, with all it is made of, and its RIHS01 hash.
+    Return the definition of a message type, with those it is made of, and its hash.
 
-    Parameters
-    ----------
-    kind : str
-        Such as ``sensor_msgs/msg/Image``.
-    type_hash : str
-        Hash that the publisher states; empty if it states none.
-
-    Raises InputError if no definition with this hash is known, or installed as a .msg file.
-
+    ``kind`` is such as sensor_msgs/msg/Image, ``type_hash`` that which the publisher states, if
+    any. Raises InputError if no definition with this hash is known, or installed as a .msg file.
     """
     expected = type_hash if type_hash.startswith('RIHS01_') else ''
     for lookup in (_types_of_jazzy, _types_of_installed_files):

@@ -43,15 +43,8 @@ class Part:
     """
     Storage file, in a folder of its own until it is whole; for one thread alone.
 
-    Every method may raise one of FAULTS.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the bag; in the end the file is ``folder/NAME_number.mcap``, or ``.db3``.
-    storage, compression : str
-        As RecordSettings have them.
-
+    In the end it is ``folder/NAME_number.mcap``, or ``.db3``. Every method may raise one of
+    FAULTS.
     """
 
     def __init__(self, folder: Path, number: int, *, storage: str, compression: str) -> None:

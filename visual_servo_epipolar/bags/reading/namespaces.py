@@ -46,15 +46,8 @@ def namespace_of(
     """
     Return the namespace to read, None where the bag gives no reason to choose one.
 
-    Parameters
-    ----------
-    requested : iterable of str
-        Topics that the user names; where they are all of one robot, it is taken.
-    wanted : str, optional
-        Namespace that the user names; ``/`` is the root.
-
-    Raises InputError if the bag has nothing in ``wanted``, or several robots and no word on which.
-
+    It is the one ``wanted`` (``/`` is the root), or that of all topics ``requested``. Raises
+    InputError if nothing is in it, or if there are several robots and no word on which.
     """
     robots = robot_namespaces(bag)
     if wanted is not None:

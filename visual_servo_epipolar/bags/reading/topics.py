@@ -54,16 +54,9 @@ def assign_roles(
     """
     Return the topic of each role that the bag has one for.
 
-    Parameters
-    ----------
-    requested : mapping
-        Names of topics by role, as the user gives them; the others are inferred.
-    namespace : Namespace, optional
-        Where the others are looked for first; then among what belongs to no other robot.
-
-    Raises InputError if a topic is not there, has a type that its role cannot use, or if there is
-    a choice.
-
+    Those that are ``requested``, names by role, are taken; others are inferred, first in the
+    ``namespace``, then from what belongs to no other robot. Raises InputError if a topic is
+    missing, has a type that its role cannot use, or if there is a choice.
     """
     topics: dict[str, BagTopic] = {}
     for role in ROLES:

@@ -32,21 +32,13 @@ class RecordingStatus:
 
 class Recorder:
     """
-    Recorder of a bag: ``put`` does not wait for the disk, a thread of its own writes.
+    Recorder of a bag in a new ``folder``: ``put`` does not wait for the disk, a thread writes.
 
     What came in more than ``flush_period`` ago survives a kill -9, as long as the disk keeps up.
-    The thread writes what came in since it last looked, some twenty times a second: woken for
-    each message it would keep its own process from going on.
-    When it fails, or is nearly full, the bag is ended as it is and ``status().error`` says why.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the bag; it is created, and must not exist.
-    settings : RecordSettings, optional
-
-    Raises InputError if the bag cannot be begun.
-
+    The thread writes what came in since it last looked, some twenty times a second: woken for each
+    message it would keep its own process from going on. When it fails, or is nearly full, the bag
+    is ended as it is and ``status().error`` says why. Raises InputError if the bag cannot be
+    begun.
     """
 
     def __init__(self, folder: Path, settings: RecordSettings | None = None) -> None:

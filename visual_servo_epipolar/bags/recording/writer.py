@@ -19,18 +19,10 @@ class DiskFullError(VisualServoError):
 
 class BagWriter:
     """
-    Writer of messages in the order they come in; for one thread alone.
+    Writer of messages into a new ``folder``, in the order they come in; for one thread alone.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the bag; it is created, and must not exist.
-    settings : RecordSettings
-        Storage, compression, when a new file begins, and how much of the disk stays free.
-
-    Raises InputError if the folder cannot be created. Later, one of FAULTS or DiskFullError:
-    ``abandon`` then.
-
+    Raises InputError if that cannot be made; later, one of FAULTS or DiskFullError: ``abandon``
+    then.
     """
 
     def __init__(self, folder: Path, settings: RecordSettings) -> None:

@@ -104,23 +104,11 @@ class KeyframeMap:
         """
         Return the map after one more view, yet to be updated with it, and its localization.
 
-        Parameters
-        ----------
-        observations : FeatureObservations
-            What the view shows.
-        motion : array, shape (2,)
-            Way of the camera since the last view, right and ahead in its axes then [m], as
-            commanded or measured; nan where nobody knows. It counts for the scale alone.
-        alternative_motion : array, shape (2,), optional
-            The same by the other source, which may count later; that motion if nothing.
-        bearings : sequence of Bearings
-            What two views (photograph and this one) say, with the alternative if there is one.
-            Needed to begin with.
-        attitude : Attitude, optional
-            What is known by now of the camera's; ``mount`` if nothing.
-        learns : bool
-            Whether the view may become a keyframe; else it is localized alone.
-
+        ``motion``, (2,), is the way of the camera since the last view, right and ahead in its axes
+        then [m], nan where nobody knows: it counts for the scale alone; ``alternative_motion`` the
+        same by the other source. ``bearings`` are those of photograph and view, needed to begin
+        with, ``attitude`` that of the camera as known by now. A view that does not learn is
+        localized alone.
         """
         before = self.update_map()
         heading = 0.0 if before.pose is None else float(before.pose[2])

@@ -22,12 +22,9 @@ def telemetry(state: ServoState) -> dict[str, float]:
     Return the measurement, the estimates and the command by name; each name ends with its unit.
 
     Epipoles are abscissae from the principal point; bearings are those of the other camera's
-    centre, oriented, right positive. ``focal_ratio`` is the estimated focal length of the camera
-    matrix over the true one, ``principal_shift_px`` how far right of the true one its principal
-    point is estimated to lie; dead bands are those that were learnt. What could not be measured is
-    nan.
-
-    Raises ValueError if no image was measured yet.
+    centre, oriented, right positive. ``focal_ratio`` is the estimated focal length over the true
+    one, ``principal_shift_px`` how far right of the true principal point the estimate lies. What
+    could not be measured is nan. Raises ValueError before the first image.
     """
     measurement, memory = state.measurement, state.view.memory
     if measurement is None or memory is None:

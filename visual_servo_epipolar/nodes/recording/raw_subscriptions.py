@@ -38,13 +38,8 @@ class RawSubscriptions:
     """
     Raw subscriptions of ``node``: one for every selected topic once somebody publishes it.
 
-    Parameters
-    ----------
-    on_topic : callable
-        Called for each topic before its first message; may raise InputError to refuse it.
-    on_message : callable
-        Called with a topic and the bytes of a message.
-
+    ``on_topic`` is called for each topic before its first message, and may raise InputError to
+    refuse it; ``on_message`` with a topic and the bytes of a message.
     """
 
     def __init__(
