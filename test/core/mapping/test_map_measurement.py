@@ -10,8 +10,11 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.mapping.localization import MapLocalization
-from visual_servo_epipolar.core.mapping.map_measurement import difference_slope, map_measurement_of
+from visual_servo_epipolar.core.mapping.localization import (
+    difference_slope,
+    map_measurement_of,
+    MapLocalization,
+)
 from visual_servo_epipolar.core.perception.measures import feature_difference
 
 PLACES = st.tuples(st.floats(-1.0, 1.0), st.floats(-3.0, -0.2), st.floats(-1.0, 1.0))

@@ -7,10 +7,10 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.planar_poses import compose, inverse_pose
-from visual_servo_epipolar.core.mapping.adjustment.path_factors import (
+from visual_servo_epipolar.core.mapping.adjustment.factors import (
     camera_poses,
     DIFFERENCE,
-    MOUNT,
+    ON_BASE,
 )
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.adjustment.window import HEADING, VIEW
@@ -54,8 +54,8 @@ def dock_of(geometry: Geometry, noise_ratio: float, stamp_ns: int) -> DockPose:
     """
     unknowns, size = geometry.unknowns, geometry.unknowns.views.size
     view = range(size - VIEW, size - VIEW + HEADING + 1)
-    rows = [*view, *range(size + MOUNT.start, size + MOUNT.stop)]
-    values = np.concatenate([unknowns.views[-1, : HEADING + 1], unknowns.shared[MOUNT]])
+    rows = [*view, *range(size + ON_BASE.start, size + ON_BASE.stop)]
+    values = np.concatenate([unknowns.views[-1, : HEADING + 1], unknowns.shared[ON_BASE]])
     slopes = np.stack(
         [
             (_dock(values + step) - _dock(values - step)) / (2.0 * DIFFERENCE)

@@ -23,9 +23,9 @@ from visual_servo_epipolar.core.geometry.planar_poses import (
     relative_pose,
 )
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation, OUTLIER
-from visual_servo_epipolar.core.mapping.adjustment.path_factors import (
+from visual_servo_epipolar.core.mapping.adjustment.factors import (
     camera_poses,
-    MOUNT,
+    ON_BASE,
     PathFactors,
     views_of,
 )
@@ -149,7 +149,7 @@ def _best(
     known = None
     if search.solution is not None and search.last is not None:
         last = search.solution.unknowns
-        at = compose(camera_poses(last.views[-1:])[0], inverse_pose(last.shared[MOUNT]))
+        at = compose(camera_poses(last.views[-1:])[0], inverse_pose(last.shared[ON_BASE]))
         start = _guess(window, factors, views, search.last.place, at, last.shared)
         known = _refine(start, ITERATIONS)
         if not contradiction(known) and not (doubt and _is_uncertain(known)):
@@ -195,7 +195,7 @@ def _first_guess(
     _, bearings, best = max(seen, key=lambda each: each[0])
     attitude = np.array([memory.attitude.tilt, memory.attitude.roll])
     shared = np.concatenate([shared_at(attitude), factors.prior])
-    mount = inverse_pose(shared[MOUNT])
+    mount = inverse_pose(shared[ON_BASE])
     bases = [compose(camera_at(bearings, far), mount) for far in FIRST_DISTANCES]
     guesses = [_guess(window, factors, views, best.place, base, shared) for base in bases]
     return min(guesses, key=lambda guess: guess.cost)
@@ -211,7 +211,7 @@ def _guess(
 ) -> Evaluation:
     """Return the geometry where the base was at pose ``base`` of the photograph's camera."""
     poses = np.array([relative_pose(place.pose, view.place.pose) for view in views])
-    cameras = compose(compose(base[None], poses), np.broadcast_to(shared[MOUNT], poses.shape))
+    cameras = compose(compose(base[None], poses), np.broadcast_to(shared[ON_BASE], poses.shape))
     count = len(window.ids)
     rows = views_of(cameras, shared[PHOTOGRAPH])
     unknowns = Unknowns(rows, shared, np.zeros((2, count)), np.ones(count))

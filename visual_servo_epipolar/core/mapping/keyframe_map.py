@@ -16,7 +16,6 @@ from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine, rescale
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, HEADING, KeyframeWindow
-from visual_servo_epipolar.core.mapping.bootstrap import Bootstrap, obstacle
 from visual_servo_epipolar.core.mapping.correspondences import Correspondences, correspondences_of
 from visual_servo_epipolar.core.mapping.feature_observations import (
     FeatureObservations,
@@ -28,7 +27,9 @@ from visual_servo_epipolar.core.mapping.initialization import initial_geometry, 
 from visual_servo_epipolar.core.mapping.localization import localization_of, MapLocalization
 from visual_servo_epipolar.core.mapping.resection import NOTHING, resect, Shrinkage
 from visual_servo_epipolar.core.mapping.selection import (
+    Bootstrap,
     is_keyframe,
+    obstacle,
     PendingKeyframe,
     with_keyframe,
 )

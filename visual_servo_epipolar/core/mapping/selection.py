@@ -1,12 +1,14 @@
 """Selection: which views become keyframes, and which keyframes and features are let go."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
 from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
@@ -22,10 +24,11 @@ from visual_servo_epipolar.core.mapping.adjustment.window import (
 )
 from visual_servo_epipolar.core.mapping.correspondences import Correspondences
 from visual_servo_epipolar.core.mapping.feature_observations import (
+    differ_in_place,
     FeatureObservations,
     MapSettings,
 )
-from visual_servo_epipolar.core.mapping.initialization import triangulate
+from visual_servo_epipolar.core.mapping.initialization import Start, triangulate
 from visual_servo_epipolar.core.mapping.resection import Resection
 
 NEW_SHARE = 0.1  # of the observations of a view that are of features not in the map
@@ -33,6 +36,9 @@ FEWEST_NEW = 3
 MIN_KEYFRAME_FEATURES = 8
 GUESSED_DEPTHS = 1.5  # of the scene, at which what was seen once is looked for
 CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of the scene
+MIN_FEATURES = 8  # of a view to begin with
+MOST_VIEWS = 4  # to begin with: more cost more time, and are passed soon
+MOST_STARTS = 2  # that are tried at one view
 
 
 class PendingKeyframe(NamedTuple):
@@ -150,3 +156,48 @@ def with_keyframe(
         )
     mount, deviation = geometry.evaluation.factors.mount, settings.scale_deviation
     return Evaluation(window, unknowns, trusted, factors_of(mount, window, deviation))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bootstrap:
+    """Views to begin with, what pairs tell of them (``starts``); a geometry ``is_due`` or not."""
+
+    starts: tuple[Start, ...] = ()
+    last: FeatureObservations | None = None
+    is_due: bool = False
+
+    def is_like_last(self, observations: FeatureObservations) -> bool:
+        """Return whether a view is like the last one but for a turn."""
+        return self.last is not None and not differ_in_place(self.last, observations)
+
+    def with_view(
+        self,
+        window: KeyframeWindow,
+        observations: FeatureObservations,
+        places: FloatArray,
+        starts: Sequence[Start],
+        *,
+        most: int,
+    ) -> tuple['Bootstrap', KeyframeWindow]:
+        """Return bootstrap and window with a view more, at ``places``, (2, 2), by both motions."""
+        before = self.starts
+        if len(window) >= MOST_VIEWS:
+            window = window.without_view(0)
+            before = tuple(each._replace(view=each.view - 1) for each in before if each.view > 0)
+        here = tuple(start._replace(view=len(window)) for start in starts[:MOST_STARTS])
+        window = window.with_view(observations, *places)
+        kept = kept_features(window, np.ones(len(window.ids), bool), most)
+        bootstrap = Bootstrap((*before, *here), observations, is_due=len(window) > 1)
+        return bootstrap, window.of_features(kept)
+
+    @property
+    def done(self) -> 'Bootstrap':
+        """The same views, that a geometry has been looked for in."""
+        return replace(self, is_due=False)
+
+
+def obstacle(observations: FeatureObservations, bearings: Sequence[Bearings]) -> str:
+    """Return in words why nothing can begin with a view; empty if it can."""
+    if len(observations) < MIN_FEATURES:
+        return f'{len(observations)} features, {MIN_FEATURES} needed to begin'
+    return '' if bearings else 'two views show no baseline to begin with'

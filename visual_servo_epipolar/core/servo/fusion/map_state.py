@@ -12,10 +12,10 @@ from visual_servo_epipolar.core.mapping.feature_observations import (
     MapSettings,
 )
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
-from visual_servo_epipolar.core.mapping.localization import MapLocalization
-from visual_servo_epipolar.core.mapping.map_measurement import (
+from visual_servo_epipolar.core.mapping.localization import (
     difference_slope,
     map_measurement_of,
+    MapLocalization,
     MapMeasurement,
 )
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 import math
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.mapping.map_measurement import MapMeasurement
+from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
 from visual_servo_epipolar.core.servo.identification.physical import LARGEST_DEAD_BAND

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import math
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.mapping.map_measurement import MapMeasurement
+from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.rigs.fixed_mount import axle_offset
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, with_yaw
 

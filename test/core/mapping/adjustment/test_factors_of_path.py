@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.docking.search import FIRST_DISTANCES
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
-from visual_servo_epipolar.core.mapping.adjustment.path_factors import MOUNT, SCALE
+from visual_servo_epipolar.core.mapping.adjustment.factors import ON_BASE, SCALE
 from visual_servo_epipolar.core.mapping.adjustment.refinement import refine
 from visual_servo_epipolar.core.mapping.adjustment.window import Unknowns
 from visual_servo_epipolar.core.mapping.initialization import (
@@ -108,10 +108,10 @@ def test_derivatives_are_those_of_the_residuals(exact) -> None:
 def test_normal_equations_are_the_slope_of_the_cost(exact) -> None:
     factors, at = exact.factors, exact.unknowns
     shared = at.shared.copy()
-    shared[MOUNT] += [0.01, -0.02, 0.01]
+    shared[ON_BASE] += [0.01, -0.02, 0.01]
     at = replace(at, shared=shared)
     _, vector = factors.equations(at)
-    for j in range(MOUNT.start, MOUNT.stop):
+    for j in range(ON_BASE.start, ON_BASE.stop):
         shift = STEP * np.eye(len(shared))[j]
         ends = [factors.cost(replace(at, shared=shared + sign * shift)) for sign in (1, -1)]
         slope = (ends[0] - ends[1]) / (4.0 * STEP)  # of half the cost
