@@ -9,14 +9,9 @@ import pytest
 from servo_states import SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws.prediction import BORNE, felt_latency, is_late
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
-from visual_servo_epipolar.core.servo.identification.delay import (
-    BORNE,
-    Delay,
-    felt_latency,
-    is_late,
-    MOST_DEVIATION,
-)
+from visual_servo_epipolar.core.servo.identification.delay import Delay, MOST_DEVIATION
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 NOISE = 5e-4  # [rad]

@@ -11,9 +11,9 @@ from visual_servo_epipolar.core.laws.decisions import classify
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
-from visual_servo_epipolar.core.servo import identify
 from visual_servo_epipolar.core.servo.fusion import fuse
 from visual_servo_epipolar.core.servo.fusion.map_state import MapState
+from visual_servo_epipolar.core.servo.identification import identify
 from visual_servo_epipolar.core.servo.identification.extrinsics import (
     Extrinsics,
     MAX_CONTRADICTIONS,
