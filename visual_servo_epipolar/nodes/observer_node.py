@@ -46,8 +46,10 @@ class ObserverNode(Node):
     def _listener(self, topic: str) -> Callable[[Any], None]:
         def listen(message: Any) -> None:
             stamp_ns = read.stamp_ns(message.header)
-            if topic == '/diagnostics' and not _is_of_step(message):
-                return
+            if topic == '/diagnostics' and not (
+                message.status and read.is_of_step(read.diagnosis(message))
+            ):
+                return  # other nodes publish here, too
             parts = self._pending.setdefault(stamp_ns, {})
             if len(self._pending) > UNFINISHED:
                 del self._pending[next(iter(self._pending))]
@@ -68,8 +70,3 @@ class ObserverNode(Node):
         image = read.gray(parts['image_raw']) if 'image_raw' in parts else None
         features = read.features(parts['tracks']) if 'tracks' in parts else None
         self._watch(step, image, features)
-
-
-def _is_of_step(message: DiagnosticArray) -> bool:
-    """Return whether diagnostics are of a step of the servo: other nodes publish here, too."""
-    return bool(message.status) and read.is_of_step(read.diagnosis(message))

@@ -54,7 +54,9 @@ class ServoNode(ManagedNode):
         parameters.watch(self, lambda: self._node_settings, self._use_connections)
         self._begins = self._settings.autostart  # a run, when it is activated
         self._stop_button = StopButton(self, self._stop)
-        self._create_services()
+        self.create_service(Trigger, '~/start', self._on_start)
+        self.create_service(Trigger, '~/stop', self._on_stop)
+        self.create_service(Trigger, '~/reset', self._on_reset)
         self.autostart(self._node_settings)
 
     def configure(self) -> None:
@@ -74,7 +76,8 @@ class ServoNode(ManagedNode):
         self._watch = Watch(
             self, self._run, self._warn, lambda: self._settings, self._admission, sleeps=sleeps
         )
-        self._create_subscriptions()
+        self._camera.subscribe(self, self._node_settings, self._on_info)
+        self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
 
     def activate(self) -> None:
         """Wait for tracks, or for ~/start."""
@@ -130,15 +133,6 @@ class ServoNode(ManagedNode):
         if self.is_configured:
             self._pending_tracks = None
             self._run.stop(reason)
-
-    def _create_subscriptions(self) -> None:
-        self._camera.subscribe(self, self._node_settings, self._on_info)
-        self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
-
-    def _create_services(self) -> None:
-        self.create_service(Trigger, '~/start', self._on_start)
-        self.create_service(Trigger, '~/stop', self._on_stop)
-        self.create_service(Trigger, '~/reset', self._on_reset)
 
     def _use(self, settings: ServoSettings) -> None:
         self._settings = settings

@@ -47,7 +47,8 @@ class TrackerNode(ManagedNode):
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
         self._tracker = Tracker(self._settings)
-        self._create_services()
+        self.create_service(Trigger, '~/capture_desired', self._on_capture)
+        self.create_service(Trigger, '~/redetect', self._on_redetect)
         self.autostart(self._node_settings)
 
     def configure(self) -> None:
@@ -101,10 +102,6 @@ class TrackerNode(ManagedNode):
             self._inputs.create_subscription(
                 Image, 'desired/image_raw', self._on_desired, qos.LATCHED
             )
-
-    def _create_services(self) -> None:
-        self.create_service(Trigger, '~/capture_desired', self._on_capture)
-        self.create_service(Trigger, '~/redetect', self._on_redetect)
 
     def _use(self, settings: TrackerSettings) -> None:
         self._settings = self._tracker.settings = settings

@@ -114,7 +114,9 @@ class Inputs:
 
     def look(self) -> None:
         """Say what is missing: after a while, and silent inputs now and then again."""
-        if not self._timeless_said and self._age(self._begin_ns) >= PATIENCE_S and self._timeless:
+        now = self._node.get_clock().now().nanoseconds
+        timeless = self._node.get_parameter('use_sim_time').value and now == 0
+        if timeless and not self._timeless_said and self._age(self._begin_ns) >= PATIENCE_S:
             self._timeless_said = True
             self._node.get_logger().warning(f'use_sim_time is true: {NOT_ADVANCING}')
         self._follow()
@@ -122,12 +124,6 @@ class Inputs:
             if self._age(source.since_ns) >= source.patience_s:
                 source.since_ns, source.patience_s = self._now_ns(), REPEAT_S
                 self._node.get_logger().warning(self._complaint(source))
-
-    @property
-    def _timeless(self) -> bool:
-        """Whether the node lives in simulated time that nobody tells."""
-        simulated = bool(self._node.get_parameter('use_sim_time').value)
-        return simulated and self._node.get_clock().now().nanoseconds == 0
 
     def _complaint(self, source: Input) -> str:
         topic = source.topic
