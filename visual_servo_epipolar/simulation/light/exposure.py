@@ -54,14 +54,8 @@ class Exposure:
 
     def take(self, view: LitView) -> tuple[Image, float]:
         """Return the image, shape (H, W), as it is exposed, and the gain, which noise grows by."""
-        is_first, light = self._steps is None, view.light.level * view.factor
-        if self.balance is not None:
-            if self.settings.white_balance == 'auto' and is_first:
-                self.balance.settle(view.light.colour)
-            light *= self.balance.take(view.light.colour)
-            if self.settings.white_balance == 'auto':
-                self.balance.follow(view.light.colour)
-        glare = view.light.casts_shadows
+        is_first, glare = self._steps is None, view.light.casts_shadows
+        light = view.light.level * view.factor * self._balanced(view.light, settle=is_first)
         if is_first:
             self._settle(view.image, light, glare)
         exposure = self.factor if self.settings.exposure == 'auto' else 1.0
@@ -69,6 +63,18 @@ class Exposure:
         self._follow(view.image, light, glare)
         taken = flicker(taken, self.settings, view.time, min(exposure, 1.0))
         return taken, max(exposure, 1.0)
+
+    def _balanced(self, light: Light, *, settle: bool) -> float:
+        """Return how bright what is grey is by the gains of the colours, which then follow."""
+        if self.balance is None:
+            return 1.0
+        follows = self.settings.white_balance == 'auto'
+        if follows and settle:
+            self.balance.settle(light.colour)
+        grey = self.balance.take(light.colour)
+        if follows:
+            self.balance.follow(light.colour)
+        return grey
 
     def _settle(self, image: Image, light: float, glare: bool) -> None:
         self._steps, last = 0, None
