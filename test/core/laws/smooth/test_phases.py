@@ -54,6 +54,13 @@ def test_it_ends_where_the_way_ends_though_aside_d_is_not_zero_there() -> None:
     assert event(aside, settled=SETTINGS.arrival_frames) is Event.MISSED
 
 
+@pytest.mark.parametrize('chi, begun', [(0.62, Event.APART), (0.7, Event.SIDEWAYS)])
+def test_it_begins_as_far_aside_as_the_least_way_does(chi: float, begun: Event) -> None:
+    start = sight(bearings=behind(chi, -0.3), heading_error=chi + 0.3, view_margins=(0.5, 0.1))
+    state = in_phase(Phase.WAITING).changed(measurement=start)
+    assert classify(state, SETTINGS) is begun
+
+
 def test_who_may_not_retreat_never_backs_off() -> None:
     aside = sight(bearings=behind(1.2, 0.3), offset=(1.5, -0.6), offset_deviation=0.01)
     passed = sight(offset=(0.0, 0.08), offset_deviation=1e-3)
