@@ -19,11 +19,7 @@ DEEPEST = 100  # frames between a camera and its base: more are a circle
 
 
 class TransformBroadcaster:
-    """
-    Publishes transforms on /tf, or ``static`` ones on /tf_static, which reach those who come late.
-
-    Without tf2_msgs it says so once, and publishes nothing: headers name the frames all the same.
-    """
+    """Publishes transforms on /tf, or ``static`` ones on /tf_static; none without tf2_msgs."""
 
     def __init__(self, node: Node, *, static: bool = False) -> None:
         topic, profile = ('/tf_static', qos.LATCHED) if static else ('/tf', qos.TRANSFORMS)

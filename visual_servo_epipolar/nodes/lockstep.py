@@ -93,11 +93,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         self.executor.add_node(node)
 
     def record(self, folder: Path, *, exclude: Sequence[str] = ()) -> None:
-        """
-        Record every message of every topic, but for those that match a pattern of ``exclude``.
-
-        Time waits for the disk; the bag is complete after ``run``.
-        """
+        """Record every topic but those like ``exclude``; time waits for the disk."""
         # Only here: without a bag nobody needs the libraries that write one.
         from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 
@@ -201,12 +197,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         return [node for node in reversed(self.nodes) if node in present]
 
     def _hand_out(self, nodes: Sequence[Node]) -> bool:
-        """
-        Call ``nodes`` back for one message of each topic; return whether there was any.
-
-        The executor fills a wait set with every entity of every node twice for each message, which
-        takes longer than most callbacks.
-        """
+        """Call ``nodes`` back for one message a topic, and return whether there was any."""
         subscriptions = [item for node in nodes for item in node.subscriptions]
         return any([hand_out(item) for item in subscriptions])  # by each of them, not the first
 

@@ -30,12 +30,7 @@ PATIENT_DISCOVERIES = 25  # before a topic is missed, five seconds
 
 
 class RecorderNode(ManagedNode):
-    """
-    Hosts a ``Recorder``; subscribes to every selected topic as soon as somebody publishes it.
-
-    Messages pass as serialized bytes, stamped with the time of the node's clock. A bag is begun by
-    an active node alone, and completed before it is active no more.
-    """
+    """Hosts a ``Recorder``, begun and completed while active; messages pass as bytes."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('recorder_node', **options)

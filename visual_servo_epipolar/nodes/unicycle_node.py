@@ -32,13 +32,7 @@ BEGIN_PERIOD_S = 0.5
 
 
 class UnicycleNode(Node):
-    """
-    Hosts a ``SimulatedBase``.
-
-    In wall time a steady timer moves the base, and a silent commander is noticed by the base
-    itself. In lockstep each command moves it by exactly one frame, the node owns /clock, and
-    ``steps`` counts.
-    """
+    """Hosts a ``SimulatedBase``; in lockstep each command is a frame, and /clock is its own."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('unicycle_node', **options)

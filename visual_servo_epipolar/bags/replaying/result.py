@@ -52,12 +52,7 @@ def run_log(
     law: str,
     limits: MotionLimits | None = None,
 ) -> RunLog:
-    """
-    Return the replay as the record of a run; without ground truth all poses are the goal's.
-
-    The path is that of the recorded run: a replay moves nothing. What was recorded after the run
-    had ended is left out.
-    """
+    """Return the replay up to its end as a record; without ground truth poses are the goal's."""
     steps = driven(steps)
     poses = [run.poses.get(step.key[0], DESIRED_POSE) for step in steps]
     samples = tuple(

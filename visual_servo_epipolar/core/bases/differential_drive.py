@@ -52,11 +52,7 @@ class DifferentialDrive:
 
 
 def ramp(wanted: Twist, before: Twist, dt: float, *, linear: float, angular: float) -> Twist:
-    """
-    Limit the change from ``before`` to what ``linear`` [m/s^2] and ``angular`` [rad/s^2] allow.
-
-    Slowing down is allowed twice as fast as speeding up: what brakes is never held up for comfort.
-    """
+    """Limit the change from ``before``, speeding up half as fast as slowing down."""
     return Twist(
         _ramped_speed(wanted.linear, before.linear, linear * dt),
         _ramped_speed(wanted.angular, before.angular, angular * dt),

@@ -46,12 +46,7 @@ class DockPose:
 
 
 def dock_of(geometry: Geometry, noise_ratio: float, stamp_ns: int) -> DockPose:
-    """
-    Return the dock's pose in axes of the base at the last view of a ``geometry``.
-
-    ``noise_ratio`` is the deviation of its residuals over that expected: the covariance is as
-    much larger.
-    """
+    """Return the dock's pose at the last view, its covariance grown by the ``noise_ratio``."""
     unknowns, size = geometry.unknowns, geometry.unknowns.views.size
     view = range(size - VIEW, size - VIEW + HEADING + 1)
     rows = [*view, *range(size + ON_BASE.start, size + ON_BASE.stop)]

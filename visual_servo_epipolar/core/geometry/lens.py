@@ -133,12 +133,7 @@ def spurious_parallax(
 
 
 def corrected(rays: FloatArray, lens: Lens) -> tuple[FloatArray, FloatArray]:
-    """
-    Return true rays of ``rays``, unit ones of shape (..., N, 3), and how angles between them grow.
-
-    The growth, shape (..., N), is the square root of that of a small solid angle: noise of the
-    rays is to be multiplied by it.
-    """
+    """Return true rays, (..., N, 3), and by how much noise of angles grows, (..., N)."""
     ratio = math.exp(lens.log_ratio)
     vectors = rays * [ratio, ratio, 1.0]
     vectors[..., 0] += lens.shift * rays[..., 2]

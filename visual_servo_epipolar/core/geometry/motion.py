@@ -72,12 +72,7 @@ def integrate(pose: Pose, twist: Twist, dt: float) -> Pose:
 def arc(
     x: float, y: float, theta: float, linear: float, angular: float, dt: float
 ) -> tuple[float, float, float]:
-    """
-    Return x, y and theta after ``dt`` [s] at constant velocities.
-
-    The chord of the arc is v dt sinc(w dt / 2) long and points half-way between the two headings;
-    written so, the straight line is no special case.
-    """
+    """Return x, y, theta after ``dt`` [s]: the chord is v dt sinc(w dt / 2), half-way turned."""
     half = 0.5 * angular * dt
     sinc = math.sin(half) / half if abs(half) > 1e-8 else 1.0 - half * half / 6.0
     chord, middle = linear * dt * sinc, theta + half

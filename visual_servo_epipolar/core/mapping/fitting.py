@@ -170,11 +170,7 @@ def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
 def fit_pose_near(
     views: FloatArray, anchors: Anchors, seen: MatchedFeatures, last: FloatArray | None
 ) -> PoseFit:
-    """
-    Return the pose by the ``last`` one, (5,), or by the view most alike if that does not fit.
-
-    ``views``, (K, 5), are those of the keyframes; the newest is tried where there is no last pose.
-    """
+    """Return the pose by the ``last`` one, or by the most alike of ``views``, (K, 5)."""
     fit = fit_pose(anchors, seen, views[-1] if last is None else last)
     if 2 * int(fit.inliers.sum()) > len(seen.rows):
         return fit

@@ -103,12 +103,7 @@ def resect(
     *,
     errors: FeatureErrors | None = None,
 ) -> Resection:
-    """
-    Return the pose and its covariance, after one step with the whole structure's errors.
-
-    ``shrinkage`` is what was known of it before this view: it is one more unknown of the step.
-    ``errors`` are those of the features that are seen, where somebody has looked them up.
-    """
+    """Return the pose and its covariance, after one step with the whole structure's errors."""
     errors = errors_of(geometry, seen.rows) if errors is None else errors
     projection = project(anchors.structure, fit.pose, seen.tangent_basis)
     found = fit.slopes

@@ -52,12 +52,7 @@ class Leg:
         )
 
     def distance(self, psi: float, *, min_turn: float = MIN_TURN) -> float | None:
-        """
-        Return the distance to the goal [m] at the end of the leg, of bearing ``psi`` [rad].
-
-        None where the line of sight has turned by less than ``min_turn`` [rad], or the distance is
-        negative.
-        """
+        """Return the distance to the goal [m] at the end, where ``psi`` [rad]; None if unknown."""
         cos_0, sin_0 = math.cos(self.psi), math.sin(self.psi)
         cos_1, sin_1 = math.cos(psi), math.sin(psi)
         sine = cos_0 * sin_1 - sin_0 * cos_1

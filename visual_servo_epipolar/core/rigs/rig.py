@@ -44,11 +44,7 @@ class Rig(Protocol):
         ...
 
     def head_command(self, rays: FloatArray, joints: Joints) -> HeadCommand | None:
-        """
-        Return what the head is to do next; None of a rig without one.
-
-        ``rays``, (N, 3), are those of the photograph's features in view, in axes of the rig.
-        """
+        """Return what the head does next by ``rays``, (N, 3), in axes of the rig; or None."""
         ...
 
 

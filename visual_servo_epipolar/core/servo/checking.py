@@ -51,12 +51,7 @@ def check_motion(
 def check_lens(
     state: ServoState, observation: Observation | None, event: Event, settings: ServoSettings
 ) -> tuple[ServoState, Event]:
-    """
-    Return state and event: LOST where the robot would set off, but matches contradict the camera.
-
-    That is looked at when a run begins, after a hold and before a retreat: by a focal length that
-    is wrong a goal ahead may look as if it lay beside, and the robot would back off from it.
-    """
+    """Return state and event: LOST where it would set off, but matches contradict the camera."""
     after = settings.machine.next_phase(state.phase, event)
     starts = state.phase in (Phase.WAITING, Phase.HOLDING) and after.drives
     retreats = after.backs_off and not state.phase.backs_off

@@ -52,12 +52,7 @@ def pulse_turn(wanted: Twist, state: ServoState, settings: ServoSettings) -> tup
 
 
 def pulse_to(turn: float, threshold: float, frame_s: float, *, most: float = math.inf) -> float:
-    """
-    Return the rate [rad/s] for one frame, of those that lead to ``turn`` [rad].
-
-    It is the ``threshold`` at least, and ``most`` at most. A turn of less than a hop takes two
-    pulses: the first leads away.
-    """
+    """Return the rate for one frame [rad/s] that leads to ``turn`` [rad], in whole hops."""
     hops = math.floor(abs(turn) / (threshold * frame_s))
     if not hops:
         return math.copysign(threshold, -turn)

@@ -115,12 +115,7 @@ def decide(
     *,
     since_command: float = math.nan,
 ) -> ServoState:
-    """
-    Return the state with the ``command`` after an ``observation``, before ``update_map``.
-
-    ``since_command`` is the time since the last command went out, by the clock of who sends it
-    [s]; nan where it goes by the stamps of the images.
-    """
+    """Return the state with the ``command``; ``since_command`` [s] is nan where stamps count."""
     perception = perceive(observation, settings, state.view.frame, state.view.memory)
     return advance(state, perception, settings, since_command=since_command)
 

@@ -87,11 +87,7 @@ def remedy(node: Any) -> str:
 
 
 def answer_the_impossible(node: Any) -> None:
-    """
-    Let ``node`` answer a request for a transition that its state does not have, and live on.
-
-    rclpy would raise RCLError out of spin (rclpy#1209), and whoever asked would wait for ever.
-    """
+    """Let ``node`` refuse a transition that its state does not have (rclpy#1209), and live on."""
     service = getattr(node, '_service_change_state', None)
     if service is None:  # without its interface nobody can ask
         return

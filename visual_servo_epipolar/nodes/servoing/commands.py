@@ -20,12 +20,7 @@ SETTLING_S = 1.0  # zero twists after the end of a run; then others may drive
 
 
 class Commands:
-    """
-    Commands of the servo ``node`` to the base.
-
-    Outside of a run it is silent: zero twists would fight a joystick or another controller. Where
-    time itself waits for the servo (no watchdog), every image is answered.
-    """
+    """Commands of the servo ``node``; outside of a run it is silent: others may drive."""
 
     def __init__(self, node: Node, settings: ServoNodeSettings) -> None:
         self._stamped, self._frame = settings.enable_stamped_cmd_vel, settings.base_frame

@@ -84,12 +84,7 @@ class StraightLeg:
 def straight_on(
     leg: StraightLeg | None, reading: MapMeasurement | None, travel: float, belief: Extrinsics
 ) -> tuple[StraightLeg | None, Extrinsics]:
-    """
-    Return the ``leg`` after ``travel`` [m] to where a ``reading`` has the robot, and the belief.
-
-    At its end the yaw that all legs tell is learnt, if it matters, and a new one begins. Without a
-    reading there is none.
-    """
+    """Return the ``leg`` after ``travel`` [m], and the belief by the yaw that all legs tell."""
     if reading is None:
         return None, belief
     heading = reading.heading_error
