@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image, IntArray
 from visual_servo_epipolar.core.tracking.alignment.sampling import FloatImage, inside_border
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 from visual_servo_epipolar.core.tracking.matchers.nearest import mutual_nearest
@@ -27,6 +27,8 @@ PEAK = np.ones((5, 5), np.uint8)  # around a keypoint none has a higher score
 # Of an image that is searched: a network knows one size, and what is far away appears smaller.
 SIZES, QUICK_SIZES = (1.0, 0.71, 0.5), (0.71, 0.5)
 RATIO = 0.97  # of the nearest to the second nearest distance
+AROUND, SUPPORT = 8, 2  # nearest matches, and those of them that must move along
+ALONG, ALONG_PX = 0.6, 4.0  # of how far they are: views differ in size by a factor of two or so
 BLANK = np.zeros((4 * STRIDE, 4 * STRIDE), np.float32)  # image to try a network with
 EXPORTED = 'export it as docs/examples/export_xfeat.py does'
 
@@ -55,10 +57,29 @@ class Onnx:
         if self._network is None:
             return Keypoints.empty(), np.empty((0, 2), np.int64)
         current = self._network.keypoints(image, limit, QUICK_SIZES if quick else SIZES)
-        return current, mutual_nearest(desired.descriptors, current.descriptors, ratio=RATIO)
+        pairs = mutual_nearest(desired.descriptors, current.descriptors, ratio=RATIO)
+        before, after = desired.pixels[pairs[:, 0]], current.pixels[pairs[:, 1]]
+        return current, pairs[supported(before, after)]
 
 
 ONNX = Onnx()
+
+
+def supported(before: FloatArray, after: FloatArray) -> BoolArray:
+    """
+    Return which matches, pixels of shape (N, 2) each, those around them move along with, (N,).
+
+    Wrong ones go anywhere (Bian et al. 2017, with nearest neighbours instead of cells).
+    """
+    if len(before) <= AROUND:
+        return np.ones(len(before), bool)
+    squared = ((before[:, None] - before) ** 2).sum(axis=2)
+    np.fill_diagonal(squared, np.inf)
+    near = np.argpartition(squared, AROUND, axis=1)[:, :AROUND]
+    distance = np.sqrt(np.take_along_axis(squared, near, axis=1))
+    shift = after - before
+    off = np.linalg.norm(shift[near] - shift[:, None], axis=2)
+    return np.asarray((off <= ALONG_PX + ALONG * distance).sum(axis=1) >= SUPPORT)
 
 
 class Network:
