@@ -24,13 +24,11 @@ FULL_CIRCLE = 2.0 * np.pi - 1e-6  # between the edges of an image [rad]
 IN_FRONT = 0.2  # least z of a ray that has an image-plane point: 78 deg off the axis
 
 
-def feature_difference(
-    current: FloatArray, desired: FloatArray, wide: BoolArray | bool = False
-) -> FloatArray:
+def feature_difference(current: FloatArray, desired: FloatArray, wide: bool = False) -> FloatArray:
     """
     Return D = mean(|p_a|^2 - |p_d|^2), shape (...), of rays of shape (..., N, 3) (eq. 23).
 
-    ``wide``, shape (...), says which lenses are: their D is of the sphere.
+    Of a lens that is ``wide`` it is of the sphere.
     """
     return _difference(current, desired, _counted(current, desired, wide), wide)
 
@@ -38,7 +36,7 @@ def feature_difference(
 def usual_difference(
     current: FloatArray,
     desired: FloatArray,
-    wide: BoolArray | bool = False,
+    wide: bool = False,
     among: BoolArray | bool = True,
 ) -> FloatArray:
     """
@@ -55,22 +53,20 @@ def usual_difference(
 def difference_deviation(
     current: FloatArray,
     desired: FloatArray,
-    noise: FloatArray | float,
-    wide: BoolArray | bool = False,
+    noise: float,
+    wide: bool = False,
 ) -> FloatArray:
     """
     Return the deviation of D, shape (...), of rays of shape (..., N, 3).
 
-    ``noise``, shape (...), is that of image-plane coordinates of both views; of angles where
-    the lens is ``wide``.
+    ``noise`` is that of image-plane coordinates of both views; of angles in a ``wide`` lens.
     """
     counted = _counted(current, desired, wide)
     # Of |p_a|^2 - |p_d|^2, on the average of the features that are counted: 4 |p|^2 noise^2 each,
     # and of 2 (1 - z) 4 sin^2 noise^2.
     slopes = _squares(desired)
-    if _any(wide):
-        z = desired[..., 2]
-        slopes = np.where(np.asarray(wide)[..., None], 1.0 - z * z, slopes)
+    if wide:
+        slopes = 1.0 - desired[..., 2] ** 2
     squares = np.where(counted, slopes, 0.0).sum(axis=-1)
     return np.asarray(np.sqrt(8.0 * squares) * noise / _count(counted))
 
@@ -116,13 +112,13 @@ def view_margins(
 
 
 def _difference(
-    current: FloatArray, desired: FloatArray, counted: BoolArray, wide: BoolArray | bool
+    current: FloatArray, desired: FloatArray, counted: BoolArray, wide: bool
 ) -> FloatArray:
     """Return D over the features that are ``counted``, (..., N), shape (...); nan of none."""
-    change = _squares(current) - _squares(desired)
-    if _any(wide):
-        chords = 2.0 * (desired[..., 2] - current[..., 2])
-        change = np.where(np.asarray(wide)[..., None], chords, change)
+    if wide:
+        change = 2.0 * (desired[..., 2] - current[..., 2])
+    else:
+        change = _squares(current) - _squares(desired)
     squares = np.where(counted, change, 0.0)
     return np.asarray(squares.sum(axis=-1) / _count(counted))
 
@@ -133,15 +129,11 @@ def _count(counted: BoolArray) -> FloatArray:
     return np.asarray(np.where(count, count, np.nan))
 
 
-def _counted(current: FloatArray, desired: FloatArray, wide: BoolArray | bool) -> BoolArray:
+def _counted(current: FloatArray, desired: FloatArray, wide: bool) -> BoolArray:
     """Return which features count for D, shape (..., N): those in front, of a wide lens all."""
-    in_front = np.minimum(current[..., 2], desired[..., 2]) > IN_FRONT
-    return np.asarray(in_front | np.asarray(wide)[..., None] if _any(wide) else in_front)
-
-
-def _any(wide: BoolArray | bool) -> bool:
-    """Return whether any lens is wide; of one robot it is a bool, which costs nothing to ask."""
-    return wide if isinstance(wide, bool) else bool(np.any(wide))
+    if wide:
+        return np.ones(current.shape[:-1], bool)
+    return np.asarray(np.minimum(current[..., 2], desired[..., 2]) > IN_FRONT)
 
 
 def _squares(rays: FloatArray) -> FloatArray:
