@@ -77,7 +77,7 @@ def _size(documents: Mapping[str, Mapping[str, Any]]) -> tuple[float, float]:
 
 def _draw_panel(axes: Axes, runs: Sequence[Run], field_of_view: float) -> PathCollection:
     draw_field_of_view(axes, DESIRED_POSE, field_of_view, WEDGE_REACH)
-    draw_robot(axes, DESIRED_POSE)
+    draw_robot(axes, DESIRED_POSE, dashed=True)
     size = float(np.clip(900.0 / len(runs), 5.0, 30.0))  # of a marker [pt^2]
     groups = {
         name: [run for run in runs if kind(run) == name]
