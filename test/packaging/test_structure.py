@@ -80,3 +80,13 @@ def test_a_class_name_occurs_once() -> None:
         if isinstance(node, ast.ClassDef) and not node.name.startswith('_')
     )
     assert {name for name, count in names.items() if count > 1} <= DOUBLE_NAMES
+
+
+def test_laws_know_the_servo_by_its_types_alone() -> None:
+    imports = [
+        (str(path.relative_to(PACKAGE)), node.module)
+        for path in (PACKAGE / 'core' / 'laws').rglob('*.py')
+        for node in ast.parse(path.read_text(encoding='utf-8')).body
+        if isinstance(node, ast.ImportFrom)  # at run time: not below TYPE_CHECKING
+    ]
+    assert [each for each in imports if 'core.servo' in (each[1] or '')] == []
