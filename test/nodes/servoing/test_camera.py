@@ -11,8 +11,8 @@ from servo_rig import CAMERA, Rig, tracks
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.perception.lens_check import LensCheck
+from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
@@ -50,9 +50,9 @@ def test_tracks_that_are_refused_are_complained_about(bench) -> None:
 def test_what_contradicts_a_camera_does_not_outlive_it(bench, camera, doubted) -> None:
     servo = ServoCamera(bench.probe, ServoNodeSettings(), print)
     settings = ServoSettings()
-    servo.hear(write.camera_info(CAMERA, 0, 'camera'), ServoState(), settings)
+    servo.hear(write.camera_info(CAMERA, 0, 'camera'), Session(), settings)
     servo._lens_check = LensCheck(doubt='the tracks contradict camera_info')
-    servo.hear(write.camera_info(camera, 0, 'camera'), ServoState(), settings)
+    servo.hear(write.camera_info(camera, 0, 'camera'), Session(), settings)
     assert bool(servo._lens_check.doubt) == doubted
 
 
@@ -67,7 +67,7 @@ def test_a_focal_deviation_is_of_a_pinhole_alone(bench, camera, deviation, wrong
     said: list[str] = []
     servo = ServoCamera(bench.probe, ServoNodeSettings(), said.append)
     settings = ServoSettings(focal_deviation=deviation)
-    servo.hear(write.camera_info(camera, 0, 'camera'), ServoState(), settings)
+    servo.hear(write.camera_info(camera, 0, 'camera'), Session(), settings)
     assert any('focal_deviation is of a pinhole' in text for text in said) == wrong
 
 
