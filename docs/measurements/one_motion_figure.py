@@ -48,9 +48,10 @@ def draw(logs: dict[str, Sequence[RunLog]]) -> Figure:
     grid = figure.add_gridspec(4, 2, width_ratios=(1.0, 1.5))
     for row, (law, runs) in enumerate(logs.items()):
         _map(figure.add_subplot(grid[2 * row : 2 * row + 2, 0]), law, runs)
-        words = dict.fromkeys(sample.phase.value for log in runs for sample in log.samples)
+        on_the_way = (s for log in runs for s in log.samples if s.phase.drives)
+        words = dict.fromkeys(sample.phase.value for sample in on_the_way)
         phases = [Line2D([], [], color=phase_colour(word), label=word) for word in words]
-        figure.axes[-1].legend(handles=phases, loc='lower left', fontsize=7.0)
+        figure.axes[-1].legend(handles=phases, loc='upper left', bbox_to_anchor=(1.02, 1.0))
         for place, index in enumerate(SHOWN):
             _velocities(figure.add_subplot(grid[2 * row + place, 1]), law, runs[index])
     return figure
