@@ -155,7 +155,13 @@ def test_a_second_sigterm_does_not_cut_off_the_tidying_up() -> None:
     assert tidied
 
 
-@pytest.mark.parametrize('signalled', [os.kill, os.killpg], ids=['alone', 'with its processes'])
+@pytest.mark.parametrize(
+    'signalled',
+    [
+        pytest.param(os.kill, id='alone', marks=pytest.mark.long),
+        pytest.param(os.killpg, id='with its processes'),
+    ],
+)
 def test_a_demo_that_is_terminated_closes_its_bag_and_leaves_no_half_video(
     tmp_path: Path, signalled: Callable[[int, int], None]
 ) -> None:
@@ -164,7 +170,7 @@ def test_a_demo_that_is_terminated_closes_its_bag_and_leaves_no_half_video(
 
     (tmp_path / 'small.yaml').write_text(SMALL)
     process = subprocess.Popen(
-        [*COMMAND, 'demo', *START, '--scenario', 'small.yaml', '--out', 'out'],
+        [*COMMAND, 'demo', *START, '--scenario', 'small.yaml', '--out', 'out', '--bag', 'images'],
         cwd=tmp_path,
         env=environment(),
         stdout=subprocess.PIPE,
