@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.matchers.base import Matcher
 from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
 from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView, match, Matches
+from visual_servo_epipolar.core.tracking.robust_geometry import MIN_MATCHES
 
 REFINEMENT = 15  # iterations of the alignment after the match
 MIN_CORRELATION = 0.75
@@ -74,7 +75,12 @@ def _aligned(view: DesiredView, matches: Matches, image: Image) -> tuple[FloatAr
     start = Warps(matches.indices, desired, matches.pixels, affine)
     alignment = Anchor(view.image).align(start, float_image(image), iterations=REFINEMENT)
     good = alignment.correlation >= MIN_CORRELATION
-    if int(good.sum()) < 8:
+    if int(good.sum()) < MIN_MATCHES:
+        if not np.ptp(view.keypoints.sizes):  # of a matcher that knows no sizes: too coarse
+            raise TrackingError(
+                f'of {len(good)} matches {int(good.sum())} show the same, {MIN_MATCHES} are '
+                'needed; move nearer, or take the photograph in such light'
+            )
         return matches.pixels, desired  # blurred, or seen from far aside: as SIFT has them
     return alignment.warps.current[good], desired[good]
 

@@ -6,6 +6,7 @@ the current one, so that both patches show equal detail.
 """
 
 from collections.abc import Sequence
+import math
 
 import cv2
 import numpy as np
@@ -24,6 +25,7 @@ LEVELS = 8  # down to 1 / 11 of the size in the desired image
 SCALES = 2.0 ** (-np.arange(LEVELS) / LEVELS_PER_OCTAVE)  # of the current image at each level
 PIXEL_BLUR = 0.5  # standard deviation of what one pixel integrates over [px]
 DAMPING = 1e-3  # of the Hessian, over its mean eigenvalue (Levenberg)
+LEAST_CONTRAST = 1e-6  # of a patch of unit norm without its ramps: of a ramp nothing is left
 PARAMETERS = 6  # of an affine step: shift along x and y, then the linear part row by row
 IDENTITY = np.eye(PARAMETERS)
 STACKS = 2  # kept, the last used: of the tracked features, and of those found anew
@@ -118,6 +120,8 @@ class SteepestDescent:
 
     def __init__(self, grid: PatchGrid) -> None:
         self._x, self._y = np.ascontiguousarray(grid.offsets.T)
+        bias = np.stack([np.ones_like(self._x), self._x, self._y])  # orthogonal on a square grid
+        self._bias = bias / np.sqrt((bias * bias).sum(axis=1, keepdims=True))
         # One unit of each parameter moves pixels by one.
         self._scale = np.array([1.0, 1.0, *[1.0 / grid.offsets.max()] * 4])[:, None]
 
@@ -135,11 +139,13 @@ class SteepestDescent:
         for slope in (slope_x, slope_y):
             for offset in (self._x, self._y):
                 np.multiply(slope, offset, out=next(rest))
-        wide = patch.astype(np.float64)
-        # Light must not look like motion: its gain, its bias, and one that grows across the patch,
-        # as where it comes from another side, are projected out.
-        basis = np.linalg.qr(np.stack([np.ones(len(wide)), self._x, self._y, wide], axis=1))[0]
-        descent -= (descent @ basis) @ basis.T
+        # Light must not look like motion: its bias, one that grows across the patch, as where it
+        # comes from another side, and its gain are projected out.
+        contrast = patch.astype(np.float64)
+        contrast -= (self._bias @ contrast) @ self._bias
+        contrast /= max(math.sqrt(contrast @ contrast), LEAST_CONTRAST)
+        descent -= (descent @ self._bias.T) @ self._bias
+        descent -= (descent @ contrast)[:, None] * contrast
         descent *= self._scale
         hessian = descent @ descent.T
         trace = float(hessian.trace())
