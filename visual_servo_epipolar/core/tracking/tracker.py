@@ -10,29 +10,23 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, Image
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.goal import Goal
+from visual_servo_epipolar.core.goal import Goal, GoalView
 from visual_servo_epipolar.core.tracking.alignment.sampling import (
     float_image,
     FloatImage,
     inside_border,
 )
-from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.features import Features, Passing
 from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
-from visual_servo_epipolar.core.tracking.matching import (
-    desired_view,
-    DesiredView,
-    match,
-    match_quickly,
-    Matches,
-)
+from visual_servo_epipolar.core.tracking.matching import desired_view, Matches
 from visual_servo_epipolar.core.tracking.passing import PassingFeatures
 from visual_servo_epipolar.core.tracking.predicted_features import fit_motion, Predictions
 from visual_servo_epipolar.core.tracking.reacquisition import reacquire
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.tied_view import best_match, tied, TiedView
 from visual_servo_epipolar.core.tracking.tracks import Tracks
 
 FIRST_ITERATIONS = 15  # of the alignment after a match: its scale is only known by SIFT
@@ -48,14 +42,15 @@ class Tracker:
 
     ``track`` returns no features before ``set_desired``. The id of a feature is its number in the
     desired view and never changes; a feature that was lost may come back under its id. ``goal``
-    is what the features lead to, without views before there is a desired image.
+    is what the features lead to, without views before there is a desired image. Of its
+    photographs, in different light, that number ``photograph`` is tracked, from 0 on.
     ``matchings`` counts matchings of whole images; ``reason`` says why the last one failed.
     """
 
     def __init__(self, settings: TrackerSettings) -> None:
         self.settings = settings
-        self._view: DesiredView | None = None
-        self._anchor: Anchor | None = None
+        self._views: tuple[TiedView, ...] = ()
+        self.photograph = 0
         self._previous: Frame | None = None
         self._tracked = Tracks.empty()
         self._candidates: Candidates | None = None
@@ -70,11 +65,23 @@ class Tracker:
     @property
     def has_desired(self) -> bool:
         """Whether there is a desired view."""
-        return self._view is not None
+        return bool(self._views)
+
+    @property
+    def which(self) -> str:
+        """Which of several photographs is tracked, in words; '' of one alone, or of none."""
+        if len(self._views) < 2 or not len(self._tracked):
+            return ''
+        return f'photograph {self.photograph + 1} of {len(self._views)}'
+
+    @property
+    def _tied(self) -> TiedView:
+        """The photograph that is tracked."""
+        return self._views[self.photograph]
 
     def is_desired(self, image: Image) -> bool:
         """Return whether ``image``, of shape (H, W), is the desired one, pixel by pixel."""
-        return self._view is not None and np.array_equal(self._view.image, image)
+        return self.has_desired and np.array_equal(self._views[0].view.image, image)
 
     def set_desired(self, image: Image) -> None:
         """
@@ -84,18 +91,38 @@ class Tracker:
         """
         matcher = matcher_of(self.settings.matcher, self.settings.matcher_model)
         view = desired_view(image, matcher)
-        self._view, self._anchor = view, Anchor(view.image)
+        self._views = (TiedView.first(view),)
         self.goal = Goal.of(view.image)
+        self.redetect()
+
+    def add_desired(self, image: Image) -> None:
+        """
+        Add ``image``, uint8 of shape (H, W): a photograph of the same pose, in other light.
+
+        Raises ValueError or TrackingError, and changes nothing, if it cannot be used, is of
+        another pose, or if there is no desired view yet.
+        """
+        if not self.has_desired:
+            raise ValueError('no desired image yet; set the one that defines the goal first')
+        first = self._views[0]
+        view = tied(desired_view(image, first.view.matcher), first, self._views[-1].next_id)
+        self._views = (*self._views, view)
+        self.goal = self.goal.with_view(GoalView(view.view.image))
         self.redetect()
 
     def redetect(self) -> None:
         """Forget all features; the next image is matched to the desired one anew."""
         if self.has_desired:
             self.reason = 'the photograph was not looked for yet'
-        self._previous, self._tracked, self._match_frame = None, Tracks.empty(), None
-        self._candidates = None if self._view is None else Candidates(self._view)
-        self._predictions, self._is_prepared = Predictions(), True
+        self._previous, self._match_frame = None, None
+        self._begin(0)
         self._passing.forget()
+
+    def _begin(self, photograph: int) -> None:
+        """Begin to track that number of ``photograph``, of which no feature is known."""
+        self.photograph, self._tracked = photograph, Tracks.empty()
+        self._candidates = Candidates(self._tied.view) if self.has_desired else None
+        self._predictions, self._is_prepared = Predictions(), True
 
     def track(self, image: Image) -> Features:
         """
@@ -110,11 +137,12 @@ class Tracker:
 
         """
         image = as_gray(image)
-        if self._view is None or self._anchor is None:
+        if not self.has_desired:
             return Features()
-        if image.shape != self._view.image.shape:
+        desired = self._views[0].view.image
+        if image.shape != desired.shape:
             raise ValueError(
-                f'image must have the size of the desired one, {_size(self._view.image)}, got '
+                f'image must have the size of the desired one, {_size(desired)}, got '
                 f'{_size(image)}; take both with the same camera and resolution'
             )
         self.prepare()
@@ -194,22 +222,21 @@ class Tracker:
 
     def _aligned(self, tracked: Tracks, image: FloatImage, iterations: int) -> Tracks:
         """Return the tracks aligned with the desired image, without those unlike it."""
-        assert self._anchor is not None
-        alignment = self._anchor.align(tracked.warps, image, iterations=iterations)
+        alignment = self._tied.anchor.align(tracked.warps, image, iterations=iterations)
         aligned = Tracks(alignment.warps, tracked.ages, alignment.residual)
         similar = alignment.correlation >= self.settings.min_correlation
         return aligned.take(similar & inside_border(aligned.warps.current, image.shape, BORDER))
 
     def _reacquired(self, tracked: Tracks, image: FloatImage) -> Tracks:
         """Return the tracks and those missing candidates, tried in turn, that are in ``image``."""
-        assert self._anchor is not None and self._candidates is not None
+        assert self._candidates is not None
         factor = FEW_FACTOR if len(tracked) < self.settings.min_features else 1
         ids = self._candidates.next_missing(
             tracked.warps, factor * self.settings.search_per_frame, self.settings.max_features
         )
         if not len(ids):
             return tracked
-        warps = reacquire(self._predictions.select(ids), tracked.warps, self._anchor, image)
+        warps = reacquire(self._predictions.select(ids), tracked.warps, self._tied.anchor, image)
         found = self._aligned(Tracks.detected(warps), image, FIRST_ITERATIONS)
         if not len(found):
             return tracked
@@ -220,13 +247,18 @@ class Tracker:
 
     def _replenished(self, tracked: Tracks, image: Image) -> Tracks:
         """Return the tracks filled up with features of a new matching of the whole image."""
-        assert self._candidates is not None
         try:
-            matches = self._matched(image)
+            photograph, matches = self._matched(image)
         except TrackingError as error:
             self.reason = str(error)
             return tracked
         self.reason = ''
+        if photograph != self.photograph:
+            if len(matches.indices) <= len(tracked):
+                return tracked
+            self._begin(photograph)
+            tracked = self._tracked
+        assert self._candidates is not None
         warps = self._untracked(matches, tracked)
         detected = self._aligned(Tracks.detected(warps), float_image(image), FIRST_ITERATIONS)
         joined = tracked.joined(detected).without_epipolar_outliers()
@@ -234,24 +266,26 @@ class Tracker:
         self._predictions.correct(joined.warps)
         return self._limited(joined, tracked)
 
-    def _matched(self, image: Image) -> Matches:
-        """Match the desired view with ``image``; not on the halved one where nothing is known."""
-        assert self._view is not None
-        first = self._match_frame is None
+    def _matched(self, image: Image) -> tuple[int, Matches]:
+        """Match ``image``; return the number of the photograph that fits best, and its matches."""
+        first, enough = self._match_frame is None, self.settings.max_features
+        count, numbers = len(self._views), [self.photograph]
+        if first:  # nothing is known: not with the halved image
+            numbers = list(range(count))
+        elif count > 1 and len(self._tracked) < FEW:  # another in turn
+            numbers.append((self.photograph + 1 + self.matchings % (count - 1)) % count)
         self._match_frame, self.matchings = self._frame, self.matchings + 1
-        if first:
-            return match(self._view, image)
-        return match_quickly(self._view, image, enough=self.settings.max_features)
+        return best_match(self._views, numbers, image, None if first else enough)
 
     def _untracked(self, matches: Matches, tracked: Tracks) -> Warps:
         """Return the warps of matches that are not ``tracked``, spread over the desired image."""
-        assert self._view is not None and self._candidates is not None
+        assert self._candidates is not None
         rows = np.flatnonzero(~contained(matches.indices, tracked.warps.ids))
         preferred, limit = np.zeros(len(rows), bool), self.settings.candidates
         rows = rows[self._candidates.bucketed(matches.indices[rows], preferred, limit)]
         ids = matches.indices[rows]
         affine = matches.scales[rows, None, None] * np.eye(2)
-        return Warps(ids, self._view.keypoints.pixels[ids], matches.pixels[rows], affine)
+        return Warps(ids, self._tied.view.keypoints.pixels[ids], matches.pixels[rows], affine)
 
     def _limited(self, tracks: Tracks, preferred: Tracks) -> Tracks:
         """Return at most ``max_features`` of ``tracks``, spread, ``preferred`` ones first."""
@@ -264,6 +298,10 @@ class Tracker:
         warps, ages, residuals = self._tracked.warps, self._tracked.ages, self._tracked.residuals
         # The border of the image is where every position was tested: all are finite.
         columns = warps.ids, warps.current, warps.desired, ages, residuals
+        if self.photograph:
+            tied_view = self._tied
+            ids, desired = warps.ids + tied_view.first_id, tied_view.first_pixels[warps.ids]
+            columns = ids, warps.current, desired, ages, residuals
         return Features.owning(*columns, passing, self.goal.id)
 
 
