@@ -24,7 +24,7 @@ from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 from visual_servo_epipolar.nodes.tracking.image_faults import Lateness, Repetition
-from visual_servo_epipolar.nodes.tracking.photograph import read_photograph
+from visual_servo_epipolar.nodes.tracking.photograph import read_photographs
 from visual_servo_epipolar.nodes.tracking.photographer import Photographer
 from visual_servo_epipolar.nodes.tracking.reports import TrackerReports
 
@@ -46,6 +46,7 @@ class TrackerNode(ManagedNode):
         self._settings = parameters.declare(self, TrackerSettings)
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
+        parameters.watch(self, lambda: self._node_settings, self._use_node)
         self._tracker = Tracker(self._settings)
         self.create_service(Trigger, '~/capture_desired', self._on_capture)
         self.create_service(Trigger, '~/redetect', self._on_redetect)
@@ -108,6 +109,11 @@ class TrackerNode(ManagedNode):
         if self.is_configured:
             self._announce()
 
+    def _use_node(self, settings: TrackerNodeSettings) -> None:
+        is_new, self._node_settings = settings != self._node_settings, settings
+        if is_new and self.is_configured:
+            self._announce()
+
     def _announce(self) -> None:
         """Publish the settings in force, so that a bag can be replayed with them."""
         self._reports.settings((self._node_settings, self._settings), self._stamp_ns)
@@ -118,14 +124,32 @@ class TrackerNode(ManagedNode):
         self._reports.desired(image, self._stamp_ns)
 
     def _load_photograph(self) -> None:
-        """Take the photograph from a file, if one is there; raises ValueError if it is broken."""
-        given, kept = self._node_settings.desired_image, self._photographer.load()
-        if given:
-            self._set_desired(read_photograph(given))
-        elif kept is not None:
-            self._set_desired(kept)
-        if given or kept is not None:
-            self.get_logger().info(f'desired image is {given or self._node_settings.photograph}')
+        """Take photographs from files, if any are there; raises ValueError if one is broken."""
+        given, name = self._node_settings.desired_image, self._node_settings.photograph
+        kept = self._photographer.load()
+        photographs = read_photographs(given) if given else {name: kept[0]} if kept else {}
+        photographs |= {f'{name}, number {k + 2}': image for k, image in enumerate(kept[1:])}
+        for path, image in photographs.items():
+            if self._tracker.has_desired:
+                self._add_desired(image, path)
+            else:
+                self._set_desired(image)
+        if photographs:
+            several = f', {len(photographs)} photographs' if len(photographs) > 1 else ''
+            self.get_logger().info(f'desired image is {given or name}{several}')
+
+    def _add_desired(self, image: Pixels, name: str) -> None:
+        """Add a photograph of the same pose; raises ValueError if it is none, or one too many."""
+        most = self._node_settings.max_photographs
+        if len(self._tracker.goal.views) >= most:
+            raise ValueError(
+                f'{name} is one photograph more than max_photographs, {most}; raise it, or begin '
+                'anew without capture_adds'
+            )
+        try:
+            self._tracker.add_desired(image)
+        except (ValueError, TrackingError) as error:
+            raise ValueError(f'{name} cannot be added: {error}') from None
 
     def _on_info(self, message: CameraInfo) -> None:
         self._inputs.info_frame = message.header.frame_id
@@ -188,8 +212,7 @@ class TrackerNode(ManagedNode):
             )
         for complaint in filter(None, (tracking.warning, behind)):
             self._warn(complaint)
-        features = len(tracking.features)
-        self._reports.diagnose(tracking.warning, behind, features, self._stamp_ns, age_s)
+        self._reports.diagnose(tracking, behind, self._stamp_ns, age_s, self._tracker.which)
 
     def _on_desired(self, message: Image | CompressedImage) -> None:
         try:
@@ -208,9 +231,17 @@ class TrackerNode(ManagedNode):
         """Capture the photograph, and return what to say; raises ValueError if it is none."""
         image, count = self._photographer.capture()
         assert self._camera is not None  # or there were no images
+        images = 'one image' if count == 1 else f'the mean of {count} images'
+        if self._node_settings.capture_adds and self._tracker.has_desired:
+            foreign = self._photographer.complaint(self._camera)
+            if foreign:
+                raise ValueError(foreign)
+            self._add_desired(image, 'what the camera sees')
+            kept = self._photographer.add(image)
+            number = len(self._tracker.goal.views)
+            return f'this is photograph {number} of the pose to come back to, {images}{kept}'
         self._set_desired(image)
         kept = self._photographer.keep(image, count, self._camera, self._stamp_ns or 0)
-        images = 'one image' if count == 1 else f'the mean of {count} images'
         return f'this is the pose to come back to, {images}{kept}'
 
     def _on_capture(

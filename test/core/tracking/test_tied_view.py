@@ -1,4 +1,4 @@
-"""Several photographs of one pose: the one that fits the light is tracked, to where the first is."""
+"""Several photographs of one pose: the one that fits is tracked, to where the first is."""
 
 from dataclasses import replace
 import math

@@ -7,15 +7,22 @@ import shutil
 import cv2
 import numpy as np
 import pytest
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 import yaml
 
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.goal import goal_id
 from visual_servo_epipolar.messages import camera_file, read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
-from visual_servo_epipolar.nodes.tracking.photograph import keep, load, Photograph
+from visual_servo_epipolar.nodes.tracking.photograph import (
+    keep,
+    load,
+    Photograph,
+    read_photographs,
+)
 
 HOME = Pose.from_start(0.0, 0.0, 0.0)
 
@@ -250,3 +257,48 @@ def test_every_camera_comes_back_from_its_file(simulator, tmp_path, lens) -> Non
         camera = Equidistant(320, 240, 100.0, 100.0, 159.5, 119.5, (0.01, 0.0, -0.002, 0.0))
     document = yaml.safe_load(yaml.safe_dump(camera_file.to_document(camera)))
     assert camera_file.from_document(document) == camera
+
+
+def test_photographs_in_other_light_are_added_and_kept(bench, simulator, tmp_path) -> None:
+    path = tmp_path / 'goal.yaml'
+    rig = Rig(bench, simulator, photograph=str(path), max_photographs=2)
+    rig.see(times=2)
+    assert rig.capture().success
+    goal = rig.node._tracker.goal.id
+    rig.node.set_parameters([Parameter('capture_adds', value=True)])
+    rig.see(Pose.from_start(0.3, -0.3, 0.0), times=2)
+    refused = rig.capture()
+    assert not refused.success
+    assert 'cannot be added: the photograph was taken from another pose' in refused.message
+    rig.see(times=11)
+    added = rig.capture()
+    assert 'this is photograph 2 of the pose to come back to' in added.message
+    assert rig.node._tracker.goal.id == goal
+    rig.see()
+    assert bench.logged('of 2 fits the light best')
+    assert 'one photograph more than max_photographs, 2; raise it' in rig.capture().message
+    assert [len(images) for images in (load(path).more, list(tmp_path.glob('*.png')))] == [1, 2]
+    bench.executor.remove_node(rig.node)
+    bench.nodes.remove(rig.node)
+    rig.node.destroy_node()
+    rig = Rig(bench, simulator, photograph=str(path))
+    assert len(rig.node._tracker.goal.views) == 2
+    assert rig.node._tracker.goal.id == goal
+    next(tmp_path.glob(f'*{goal_id(load(path).more[0]):08x}.png')).unlink()
+    with pytest.raises(ValueError, match='cannot be used: .*; move it away, and capture anew'):
+        load(path)
+
+
+def test_a_folder_or_a_list_gives_several_photographs(simulator, tmp_path) -> None:
+    names = [str(tmp_path / f'{name}.png') for name in ('noon', 'dusk')]
+    for number, name in enumerate(names):
+        cv2.imwrite(name, simulator.capture(HOME, number))
+    (tmp_path / 'notes.txt').touch()
+    assert list(read_photographs(names[0])) == names[:1]
+    assert list(read_photographs(os.pathsep.join(names))) == names
+    assert list(read_photographs(str(tmp_path))) == sorted(names)
+    (tmp_path / 'none').mkdir()
+    with pytest.raises(ValueError, match='must be a folder with pictures, got .*none'):
+        read_photographs(str(tmp_path / 'none'))
+    with pytest.raises(ValueError, match=r'must be a readable image file, got .*rain.png'):
+        read_photographs(os.pathsep.join([*names, 'rain.png']))

@@ -71,7 +71,9 @@ class TrackerNodeSettings(LifecycleSettings):
     """Settings of the node: source of the photograph, and QoS of images."""
 
     desired_image: str = fixed(
-        '', 'File of the photograph; empty: wait for desired/image_raw or ~/capture_desired'
+        '',
+        'File of the photograph, or several of one pose: a folder, or files with colons between '
+        'them; empty: wait for desired/image_raw or ~/capture_desired',
     )
     photograph: str = fixed(
         '',
@@ -80,6 +82,10 @@ class TrackerNodeSettings(LifecycleSettings):
     capture_frames: int = fixed(
         10, 'Images at rest of which a captured photograph is the mean', low=1, high=100
     )
+    capture_adds: bool = setting(
+        False, 'A captured photograph is added to those of this pose; false: it replaces them'
+    )
+    max_photographs: int = setting(4, 'Most photographs of one pose', low=1, high=16)
     rectified: bool = fixed(
         False, 'Images are rectified: P of camera_info holds, its distortion does not apply'
     )

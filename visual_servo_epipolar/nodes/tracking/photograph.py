@@ -24,17 +24,23 @@ from visual_servo_epipolar.messages.calibrations.calibration import entry, text,
 from visual_servo_epipolar.messages.images.encodings import GrayReader
 
 LAST_NS = 2**63 - 1  # of a stamp
+PICTURES = frozenset({'.png', '.jpg', '.jpeg', '.tif', '.tiff', '.webp', '.bmp', '.pgm'})
 HEAD = '# The photograph of a tracker_node, and the camera it was taken with.\n'
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Photograph:
-    """Photograph: ``image``, uint8 of shape (H, W), of ``images``, with its camera and time."""
+    """
+    Photograph: ``image``, uint8 of shape (H, W), of ``images``, with its camera and time.
+
+    ``more`` are photographs of the same pose in other light.
+    """
 
     image: Image
     camera: CameraModel
     stamp_ns: int = 0
     images: int = 1
+    more: tuple[Image, ...] = ()
 
 
 def read_picture(path: Path, name: str) -> Image:
@@ -42,8 +48,29 @@ def read_picture(path: Path, name: str) -> Image:
     return as_gray(GrayReader().picture(path.read_bytes(), name))
 
 
-def read_photograph(path: str) -> Image:
-    """Read the photograph that a parameter names, or raise ValueError."""
+def read_photographs(given: str) -> dict[str, Image]:
+    """
+    Read the photographs that a parameter names, by path, or raise ValueError.
+
+    It names a file, several with colons between them, or a folder of pictures, taken by name. The
+    first one defines the goal.
+    """
+    path = Path(given)
+    if path.is_dir():
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() in PICTURES)
+        if not files:
+            raise ValueError(
+                f'desired_image must be a folder with pictures, got {given!r}, where none is; '
+                'put them there'
+            )
+        return {str(file): _read_photograph(str(file)) for file in files}
+    several = os.pathsep in given and not path.exists()
+    return {
+        file: _read_photograph(file) for file in (given.split(os.pathsep) if several else [given])
+    }
+
+
+def _read_photograph(path: str) -> Image:
     try:
         return read_picture(Path(path), path)
     except (OSError, ValueError) as error:
@@ -66,7 +93,9 @@ def load(path: Path) -> Photograph | None:
         with suppress(FileNotFoundError, ValueError):
             image = read_picture(picture, picture.name)
         stamp_ns = whole_number(entry(document, 'stamp_ns'), 'stamp_ns', 0, LAST_NS)
-        photograph = Photograph(_check_picture(image, camera, document), camera, stamp_ns)
+        first = _check_picture(image, camera, document)
+        more = tuple(read_picture(path.with_name(name), name) for name in _more(document))
+        photograph = Photograph(first, camera, stamp_ns, more=more)
     except (OSError, RecursionError, ValueError, yaml.YAMLError) as error:
         reason = ' '.join(str(error).split())
         raise ValueError(
@@ -87,20 +116,30 @@ def check(path: Path) -> None:
 
 def keep(path: Path, photograph: Photograph) -> None:
     """Keep a photograph in place of the former one; raises OSError if that cannot be done."""
-    goal = goal_id(photograph.image)
-    picture = path.with_name(f'{path.stem}-{goal:08x}.png')
+    images = photograph.image, *photograph.more
+    pictures = [path.with_name(f'{path.stem}-{goal_id(image):08x}.png') for image in images]
     document = {
-        'photograph': picture.name,
+        'photograph': pictures[0].name,
         'stamp_ns': photograph.stamp_ns,
         'images': photograph.images,
-        'goal': goal,
+        'goal': goal_id(photograph.image),
+        **({'more': [picture.name for picture in pictures[1:]]} if photograph.more else {}),
         **camera_file.to_document(photograph.camera),
     }
-    _write(picture, cv2.imencode('.png', photograph.image)[1].tobytes())
+    for picture, image in zip(pictures, images, strict=True):
+        _write(picture, cv2.imencode('.png', image)[1].tobytes())
     _write(path, (HEAD + yaml.safe_dump(document, sort_keys=False)).encode())
     for former in path.parent.glob(f'{path.stem}-{"[0-9a-f]" * 8}.png'):
-        if former != picture:
+        if former not in pictures:
             former.unlink(missing_ok=True)
+
+
+def _more(document: Any) -> list[str]:
+    """Return the names of the pictures in other light, or raise ValueError."""
+    more = document.get('more', [])
+    if not isinstance(more, list):
+        raise ValueError(f'more must be a list of pictures, got {more!r}')
+    return [Path(text(name, 'more')).name for name in more]
 
 
 def _check_picture(image: Image | None, camera: CameraModel, document: Any) -> Image:

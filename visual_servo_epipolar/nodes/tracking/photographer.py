@@ -1,6 +1,7 @@
 """The photographer of the tracker: captures the goal from the last images, and keeps it."""
 
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 
 from rclpy.clock import Clock, ClockType
@@ -24,14 +25,15 @@ class Photographer:
         self._path = Path(path).expanduser() if path else None
         self._seen_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
         self._taken_with: CameraModel | None = None
+        self._photograph: Photograph | None = None
 
-    def load(self) -> Image | None:
-        """Return the photograph that was kept, if there is one; raises ValueError if broken."""
+    def load(self) -> tuple[Image, ...]:
+        """Return the photographs that were kept, the first first; raises ValueError if broken."""
         kept = None if self._path is None else photograph.load(self._path)
         if kept is None:
-            return None
-        self._taken_with = kept.camera
-        return kept.image
+            return ()
+        self._photograph, self._taken_with = kept, kept.camera
+        return kept.image, *kept.more
 
     def see(self, image: Image | None) -> None:
         """Take in an image; None is one that cannot be used."""
@@ -59,17 +61,28 @@ class Photographer:
     def keep(self, image: Image, count: int, camera: CameraModel, stamp_ns: int) -> str:
         """Keep what was captured, if it is to be kept; return in words what became of it."""
         self._taken_with = camera
+        self._photograph = Photograph(image, camera, stamp_ns, count)
+        return self._keep(self._photograph)
+
+    def add(self, image: Image) -> str:
+        """Keep one more beside what was captured; return in words what became of it."""
+        if self._photograph is None:
+            return ', but it is not kept, for the first one was not captured'
+        self._photograph = replace(self._photograph, more=(*self._photograph.more, image))
+        return self._keep(self._photograph)
+
+    def _keep(self, captured: Photograph) -> str:
         if self._path is None:
             return ''
         try:
-            photograph.keep(self._path, Photograph(image, camera, stamp_ns, count))
+            photograph.keep(self._path, captured)
         except OSError as error:
             return f', but it is not kept: {self._path}: {error.strerror}'
         return f', kept in {self._path}'
 
     def forget_camera(self) -> None:
         """Forget which camera the photograph was taken with: it came from elsewhere."""
-        self._taken_with = None
+        self._taken_with = self._photograph = None
 
     def complaint(self, camera: CameraModel | None) -> str:
         """Return that the photograph was taken with another camera than this, or ''."""

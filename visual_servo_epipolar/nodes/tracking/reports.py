@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import diagnostics, event_log, settings_text, write
+from visual_servo_epipolar.messages.validation import TrackingResult
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.qos import report_publisher
 from visual_servo_epipolar.report.images.overlay import draw_overlay
@@ -27,7 +28,7 @@ class TrackerReports:
 
     def __init__(self, node: Node) -> None:
         self._node, self._name = node, node.get_fully_qualified_name()
-        self._complained = False  # of the last tracks
+        self._complained, self._photograph = False, ''  # of the last tracks
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.expect_images()
         node.create_timer(LOOK_PERIOD_S, self._look, clock=self._steady)
@@ -74,15 +75,35 @@ class TrackerReports:
         self._complained = True
 
     def diagnose(
-        self, reason: str, behind: str, features: int, stamp_ns: int, age_s: float | None
+        self,
+        tracking: TrackingResult,
+        behind: str,
+        stamp_ns: int,
+        age_s: float | None,
+        photograph: str = '',
     ) -> None:
-        """Publish what is wrong with the tracks, as long as that lasts, and that it is over."""
+        """
+        Publish what is wrong with the tracks, as long as that lasts, and that it is over.
+
+        And which ``photograph`` of several is found, when it is another one.
+        """
+        reason, features = tracking.warning, len(tracking.features)
         self.expect_images('the camera is silent')
         complains = bool(reason or behind)
-        if complains or self._complained:
+        is_another = photograph not in ('', self._photograph)
+        if is_another:
+            self._photograph = photograph
+            self._node.get_logger().info(f'{photograph} fits the light best, and is tracked')
+        if complains or self._complained or is_another:
             self._diagnostics_pub.publish(
                 diagnostics.tracking_diagnosis(
-                    reason, features, stamp_ns, name=self._name, age_s=age_s, behind=behind
+                    reason,
+                    features,
+                    stamp_ns,
+                    name=self._name,
+                    age_s=age_s,
+                    behind=behind,
+                    photograph=photograph,
                 )
             )
         self._complained = complains
