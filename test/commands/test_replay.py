@@ -56,9 +56,9 @@ def test_the_recorded_parameters_give_the_same_and_exit_0(bag, capsys) -> None:
 
 
 def test_other_parameters_exit_1_and_say_where_they_part(bag, capsys) -> None:
-    assert main(['replay', bag, '--set', 'servo.turn_gain=0.4']) == 1
+    assert main(['replay', bag, '--set', 'servo.max_angular_acceleration=0.4']) == 1
     output = capsys.readouterr().out
-    assert 'servo.turn_gain = 0.4' in output
+    assert 'servo.max_angular_acceleration = 0.4' in output
     assert 'recorded and replayed diverge at 0.0' in output
     assert 'angular_rad_s: recorded ' in output
     assert 'quantity' in output
@@ -77,7 +77,18 @@ def test_the_json_is_that_of_a_run_with_the_comparison(bag, capsys) -> None:
 def test_result_and_figure_are_written(bag, tmp_path, capsys) -> None:
     out = tmp_path / 'out ä'
     assert (
-        main(['replay', bag, '--tracks', '--set', 'servo.turn_gain=0.4', '--out', str(out)]) == 1
+        main(
+            [
+                'replay',
+                bag,
+                '--tracks',
+                '--set',
+                'servo.max_angular_acceleration=0.4',
+                '--out',
+                str(out),
+            ]
+        )
+        == 1
     )
     assert json.loads((out / 'replay.json').read_text())['comparison']['equal'] is False
     assert cv2.imread(str(out / 'replay.png')).shape[1] > 800
@@ -88,13 +99,19 @@ def test_a_parameter_file_of_a_node_is_taken_and_overruled(bag, tmp_path, capsys
     path = tmp_path / 'parameters.yaml'
     path.write_text(
         '/**:\n  ros__parameters: {max_features: 50, k1: 0.2, use_sim_time: true}\n'
-        'servo_node:\n  ros__parameters: {turn_gain: 0.4, watchdog: false}\n'
+        'servo_node:\n  ros__parameters: {max_angular_acceleration: 0.4, watchdog: false}\n'
     )
     _, result = shown_json(
-        capsys, bag, '--tracks', '--params', str(path), '--set', 'servo.turn_gain=0.8'
+        capsys,
+        bag,
+        '--tracks',
+        '--params',
+        str(path),
+        '--set',
+        'servo.max_angular_acceleration=1.2',
     )
     assert result['changes'] == {
-        'servo': {'k1': 0.2, 'turn_gain': 0.8},
+        'servo': {'k1': 0.2, 'max_angular_acceleration': 1.2},
         'tracker': {'max_features': 50},
     }
 
@@ -102,11 +119,15 @@ def test_a_parameter_file_of_a_node_is_taken_and_overruled(bag, tmp_path, capsys
 def test_only_settings_that_were_recorded_otherwise_are_shown(bag, tmp_path, capsys) -> None:
     everything = tmp_path / 'parameters.yaml'
     text = (ROOT / 'config/servo_node.yaml').read_text()
-    everything.write_text(text.replace('turn_gain: 0.8', 'turn_gain: 0.4'))
+    everything.write_text(
+        text.replace('max_angular_acceleration: 1.2', 'max_angular_acceleration: 0.4')
+    )
     assert main(['replay', bag, '--tracks', '--params', str(everything)]) == 1
     shown = capsys.readouterr().out
-    assert [line for line in shown.splitlines() if ' = ' in line] == ['  servo.turn_gain = 0.4']
-    assert main(['replay', bag, '--tracks', '--set', 'servo.turn_gain=0.8']) == 0
+    assert [line for line in shown.splitlines() if ' = ' in line] == [
+        '  servo.max_angular_acceleration = 0.4'
+    ]
+    assert main(['replay', bag, '--tracks', '--set', 'servo.max_angular_acceleration=1.2']) == 0
     shown = capsys.readouterr().out
     assert ' = ' not in shown
     assert 'all settings given are those that were recorded' in shown
@@ -158,7 +179,10 @@ def test_what_is_more_than_rounding_or_asked_for_is_not_called_so(
     assert 'rounding' not in shown
     assert 'diverge at' in shown
     assert 'note: recorded with numpy 1.21.5' in shown
-    assert main(['replay', bag, '--tracks', '--set', 'servo.turn_gain=0.80000000001']) == 1
+    assert (
+        main(['replay', bag, '--tracks', '--set', 'servo.max_angular_acceleration=1.20000000001'])
+        == 1
+    )
     assert 'rounding' not in capsys.readouterr().out
 
 

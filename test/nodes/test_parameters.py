@@ -254,7 +254,7 @@ def test_a_good_change_reaches_what_it_is_for(bench, name, parameter, current) -
 def test_a_law_is_changed_by_an_expression_and_by_its_departures(
     bench, values, expression
 ) -> None:
-    servo = bench.start(ServoNode)
+    servo = bench.start(ServoNode, law='full')
     before = servo._settings
     assert before.options == law_named('full')
     changed = [Parameter(name, value=value) for name, value in values.items()]
@@ -267,7 +267,7 @@ def test_a_law_is_changed_by_an_expression_and_by_its_departures(
 
 
 def test_a_misspelt_departure_is_refused_while_the_node_runs(bench) -> None:
-    servo = bench.start(ServoNode)
+    servo = bench.start(ServoNode, law='full')
     result = set_one(bench, 'servo_node', Parameter('law', value='full-retreet'))
     assert not result.successful
     assert 'names no departure retreet; there are true_sigma' in result.reason

@@ -23,8 +23,8 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance
 
-SETTINGS = ServoSettings()
-TWO_VIEWS = ServoSettings(memory=False)  # who has no memory of views never doubts
+SETTINGS = ServoSettings(law='full')
+TWO_VIEWS = ServoSettings(law='full', memory=False)  # who has no memory of views never doubts
 MEMORY = fresh_memory(SETTINGS)
 PHASES = tuple(TWO_STEPS.rows)
 DRIVING = tuple(phase for phase in PHASES if phase.drives)

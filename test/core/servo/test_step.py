@@ -28,7 +28,9 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
 # Accelerations as good as unlimited: what the laws ask for shows at once.
-SETTINGS = ServoSettings(max_acceleration=20.0, max_angular_acceleration=90.0, memory=False)
+SETTINGS = ServoSettings(
+    law='full', max_acceleration=20.0, max_angular_acceleration=90.0, memory=False
+)
 MEMORY = fresh_memory(SETTINGS)
 QUIET = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)
 LAWS = st.sampled_from(['paper', 'corrected', 'full']) | st.builds(
@@ -196,7 +198,7 @@ def test_d_hat_never_falls_below_its_floor(
 
 
 def test_d_hat_starts_at_its_floor_if_told_to_start_below() -> None:
-    settings = ServoSettings(initial_distance=0.1, min_distance=0.3)
+    settings = ServoSettings(law='full', initial_distance=0.1, min_distance=0.3)
     assert after(measurement(), settings=settings).motion.distance >= settings.min_distance
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.laws.registry import phase_named
+from visual_servo_epipolar.core.laws.smooth.phases import APPROACHING as ONE_MOTION
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import EVERYWHERE, Fault, StruckRun
 from visual_servo_epipolar.evaluation.faults.judging.judge import judge_run
 from visual_servo_epipolar.evaluation.faults.judging.record import moving, SafetyBounds
@@ -100,7 +101,8 @@ class FaultDrive:
 SLACK_S = 0.15  # watchdog, messages and ticks of the base
 BESIDE = 0.25  # part of the starts from which the robot turns and backs off first
 NO_TIMEOUT = 0.5  # part of the bases that do not stop by themselves
-LONGEST_DELAY_S = 3.0  # into the phase
+LONGEST_DELAY_S = 3.0  # into a phase
+WHOLE_WAY_S = 5.5  # delay into one motion, which lasts 6 to 8 s from these starts
 
 
 def run(name: str, fault: Fault, seed: int) -> dict[str, Any]:
@@ -142,7 +144,8 @@ def _moment(fault: Fault, rng: np.random.Generator, *, beside: bool) -> StrikeTi
     if beside and set(EVERYWHERE) <= set(phases):
         phases = (*phases, Phase.ORIENTING, Phase.RETREATING)
     phase = phases[int(rng.integers(len(phases)))]
-    return StrikeTime(phase, float(rng.uniform(0.0, LONGEST_DELAY_S)))
+    longest_s = WHOLE_WAY_S if phase is ONE_MOTION.phase else LONGEST_DELAY_S
+    return StrikeTime(phase, float(rng.uniform(0.0, longest_s)))
 
 
 def _bounds(world: World) -> SafetyBounds:

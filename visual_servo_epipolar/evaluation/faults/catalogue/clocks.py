@@ -58,7 +58,7 @@ def _restart(scene: StruckRun) -> None:
 
 def _freeze(scene: StruckRun) -> None:
     """Let the /clock of the servo alone go for a while and then stand still; images go on."""
-    wire, seconds = scene.world.wire, scene.draw(2.0, 15.0)
+    wire, seconds = scene.world.wire, scene.draw(1.0, 7.0)
     scene.notes.append(f'after {seconds:.1f} s')
     end_ns = wire.now_ns + round(seconds * NANOSECONDS)
     tick(scene, lambda: wire.now_ns < end_ns)

@@ -51,7 +51,7 @@ def _look_far(scene: StruckRun) -> None:
 
 def _jpeg_damaged(scene: StruckRun) -> None:
     """Send JPEGs, some damaged in the middle for a while: they decode all the same."""
-    begin_s, share = scene.witness.now_s + scene.draw(3.0, 10.0), scene.draw(0.3, 1.0)
+    begin_s, share = scene.witness.now_s + scene.draw(1.0, 6.0), scene.draw(0.3, 1.0)
     end_s = begin_s + scene.draw(0.5, 8.0)
     scene.notes.append(f'{share:.0%} of them, for {end_s - begin_s:.1f} s')
     scene.later(end_s - scene.witness.now_s, lambda: None)
