@@ -247,9 +247,10 @@ def test_bearings_are_those_of_the_base_where_the_yaw_is_told(photographs: Path)
 
 
 def test_a_mount_that_is_no_angle_is_bad_input(photographs: Path, capsys) -> None:
-    with pytest.raises(SystemExit):
-        inspect(photographs, 'current', '--tilt', 'nan')
-    assert 'not an angle from -90 to 90 deg' in capsys.readouterr().err
+    for text, reason in (('91', 'not an angle from -90 to 90 deg'), ('nan', 'not finite')):
+        with pytest.raises(SystemExit):
+            inspect(photographs, 'current', '--tilt', text)
+        assert reason in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -316,7 +317,7 @@ def test_a_camera_file_of_the_upright_picture_is_told_what_to_do(
     )
     images = [str(photographs / 'desired.png'), str(photographs / 'current.png')]
     assert main(['inspect', *images, '--camera', str(tmp_path / 'camera.yaml')]) == 2
-    assert 'calibrate with the pixels as they are stored' in capsys.readouterr().err
+    assert 'calibrate with the pixels as stored' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -35,11 +35,11 @@ class DisturbedLoop(Loop):
         self._interfere, self.states, self.poses = interfere, list[ServoState](), [self.pose]
 
     def drive(self) -> None:
-        command = self._interfere(self.now_ns / 1e9, self._state.command)
+        command = self._interfere(self.now_ns / 1e9, self._session.state.command)
         self._base.command(command)
         self._base.advance(self.now_ns + self._period_ns)
         self.pose = published(self._base.pose)
-        self.states.append(self._state)
+        self.states.append(self._session.state)
         self.poses.append(self.pose)
 
     def run(self, seconds: float) -> 'DisturbedLoop':

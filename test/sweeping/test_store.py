@@ -127,7 +127,7 @@ def test_a_folder_has_one_writer(tmp_path: Path) -> None:
         ('{"a": 1}\n', 'not the results of a sweep'),
         ('hello\n', 'runs.jsonl:1: not a line of a sweep'),
         ('{HEADER}\nhello\n', 'runs.jsonl:2: not a line of a sweep'),
-        ('{HEADER}\n{"law": "full"}\n', "runs.jsonl:2: no 'result'"),
+        ('{HEADER}\n{"law": "full"}\n', "runs.jsonl:2: lacks 'result'"),
     ],
 )
 def test_a_file_that_is_no_store_is_refused(tmp_path: Path, content: str, reason: str) -> None:

@@ -141,7 +141,7 @@ def test_which_of_several_cameras_is_asked_for() -> None:
     assert from_text(CAMCHAIN, name='cam1') == fisheye
     with pytest.raises(ValueError, match=r'cam2\.camera_model must be pinhole, got .omni.: omni'):
         from_text(CAMCHAIN, name='cam2')
-    with pytest.raises(ValueError, match='the cameras cam0, cam1, cam2, got cam9; say which'):
+    with pytest.raises(ValueError, match='the cameras cam0, cam1, cam2, got cam9; choose one'):
         from_text(CAMCHAIN, name='cam9')
     with pytest.raises(ValueError, match='the cameras 1, 2, got no name'):
         from_text(OPENCV_STEREO, size=(640, 480))

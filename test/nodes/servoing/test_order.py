@@ -3,7 +3,7 @@
 import pytest
 from servo_rig import Rig, tracks
 
-from visual_servo_epipolar.nodes.servoing import run
+from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 
@@ -12,7 +12,7 @@ def test_the_twist_goes_out_before_the_reports_and_before_anything_is_learnt(
     bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls: list[str] = []
-    for owner, name in ((Commands, 'answer'), (Reports, 'step'), (run, 'update_map')):
+    for owner, name in ((Commands, 'answer'), (Reports, 'step'), (Session, 'update_map')):
         kept = getattr(owner, name)
 
         def noted(*values: object, kept=kept, name: str = name) -> object:

@@ -101,7 +101,7 @@ def test_a_step_is_what_ends_the_silence(bench) -> None:
     run = rig.node._run
     a_second_later(run.freshness)
     assert run.freshness.idle > 0.9
-    run.advance(run.state, rig.stamp_ns, 'camera')
+    run.advance(run.session, rig.stamp_ns, 'camera')
     assert run.freshness.idle == 0.0
 
 

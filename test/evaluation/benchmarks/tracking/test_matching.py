@@ -14,7 +14,7 @@ def test_a_dim_lamp_does_not_hide_the_photograph() -> None:
     document = measure(plan, {'sift': matcher_of('sift')}, 0, lambda _: None)
     (row,) = document['rows']
     (pair,) = row['pairs']
-    assert pair['mean_grey'] < 60.0
+    assert pair['mean_grey'] < 80.0  # 123 at noon
     assert pair['error_deg'] < 1.0
     assert figures(document) == {'sift lamp_right fixed not right': 0.0}
     assert 'lamp_right  fixed' in table(document)
