@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, inside_border
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
-from visual_servo_epipolar.core.tracking.alignment.warps import Warps
+from visual_servo_epipolar.core.tracking.alignment.warps import squared_lengths, Warps
 from visual_servo_epipolar.core.tracking.matching import (
     BORDER,
     DesiredView,
@@ -35,6 +35,7 @@ MIN_COMMON = 30  # features in both photographs
 MAX_SHIFT, MAX_PARALLAX = 0.04, 0.0015
 ONE_PLACE = 0.00015  # parallax within a millimetre or two: features move smoothly
 OUTLIER_PX = 2.0
+NEAR_PX = 8.0  # distance from a feature within which others move as it does
 REMEDY = 'take it where the first one was taken, best when the robot has arrived there'
 
 
@@ -134,8 +135,9 @@ def _mapped(view: DesiredView, common: Warps) -> tuple[IntArray, FloatArray]:
     """
     Return the keypoints of ``view`` that can be tied, (M,), and where the first has them, (M, 2).
 
-    All, by a smooth motion, where photographs of one place leave nothing else; otherwise those
-    that both show, where each was found. Raises TrackingError if the places are too far apart.
+    All, as what is common moves around each, where photographs of one place leave nothing else;
+    otherwise those that both show, where each was found. Raises TrackingError if the places are
+    too far apart.
     """
     width = view.image.shape[1]
     common, motion = _agreed(common)
@@ -151,9 +153,24 @@ def _mapped(view: DesiredView, common: Warps) -> tuple[IntArray, FloatArray]:
         )
     if parallax <= ONE_PLACE * width:
         pixels = view.keypoints.pixels
-        return np.arange(len(pixels)), motion.applied(pixels)
+        return np.arange(len(pixels)), _moved_alike(pixels, common, motion)
     kept = off <= OUTLIER_PX + OUTLIER_MEDIANS * parallax
     return common.ids[kept], common.current[kept]
+
+
+def _moved_alike(pixels: FloatArray, common: Warps, motion: ImageMotion) -> FloatArray:
+    """
+    Return where the first photograph has ``pixels``, shape (N, 2), of the other one.
+
+    The affine part of the ``motion``, and what is ``common`` nearby: a smoother map would take
+    parallax of a millimetre out of the pixels, and lead the robot to the other place.
+    """
+    squared = squared_lengths(pixels)[:, None] - 2.0 * pixels @ common.desired.T
+    squared += squared_lengths(common.desired)
+    weight = (np.maximum(squared, 0.0) + NEAR_PX**2) ** -2.0
+    rows = np.column_stack([pixels, np.ones(len(pixels))])
+    local = (weight @ motion.residuals) / weight.sum(axis=1, keepdims=True)
+    return np.asarray(rows @ motion.affine + local)
 
 
 def _agreed(common: Warps) -> tuple[Warps, ImageMotion]:
