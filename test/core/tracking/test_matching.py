@@ -8,6 +8,7 @@ import pytest
 
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.tracking.candidates import Candidates, STRONG
 from visual_servo_epipolar.core.tracking.matchers.sift import detect, ENOUGH
 from visual_servo_epipolar.core.tracking.matching import desired_view, match
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
@@ -95,3 +96,19 @@ def test_noise_shows_no_photograph() -> None:
         noise = np.random.default_rng(seed).integers(0, 256, (256, 320)).astype(np.uint8)
         with pytest.raises(TrackingError, match='the photograph is not seen from here'):
             match(view, noise)
+
+
+def test_weak_features_are_tracked_only_where_strong_ones_are_too_few() -> None:
+    view = desired_view(photograph(SMALL))
+    strong, ids = view.deviations <= STRONG, np.arange(len(view.keypoints))
+    count, nothing = int(strong.sum()), np.zeros(len(ids), bool)
+    assert 60 <= count < len(ids)  # both kinds
+    candidates = Candidates(view)
+    assert strong[candidates.bucketed(ids, nothing, 60)].all()
+    more = candidates.bucketed(ids, nothing, count + 20)
+    assert strong[more].sum() == count
+    assert len(more) == count + 20
+    tracked = ~strong & (np.cumsum(~strong) <= 20)
+    kept = candidates.bucketed(ids, tracked, 60)
+    assert tracked[kept].any()
+    assert (strong | tracked)[kept].all()

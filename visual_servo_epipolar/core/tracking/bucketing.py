@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, IntArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 
 GRID = (4, 3)  # columns and rows of the coarse grid that measures coverage
 CELLS = GRID[0] * GRID[1]
@@ -21,10 +21,12 @@ def cells(pixels: FloatArray, size: tuple[int, int], *, grid: tuple[int, int] = 
 
 
 def bucketed(
-    pixels: FloatArray, quality: FloatArray, count: int, size: tuple[int, int]
+    pixels: FloatArray, quality: FloatArray, strong: BoolArray, count: int, size: tuple[int, int]
 ) -> IntArray:
     """
     Choose ``count`` points spread over an image: the best of every cell, then the second best.
+
+    Those that are not ``strong`` only where these do not suffice.
 
     Parameters
     ----------
@@ -32,6 +34,8 @@ def bucketed(
         Candidates.
     quality : array, shape (N,)
         Larger is better.
+    strong : array, shape (N,)
+        Which are chosen before all others.
     count : int
         How many to choose; all when there are not so many.
     size : (int, int)
@@ -46,7 +50,7 @@ def bucketed(
     columns = max(2, round((1.5 * count) ** 0.5))
     rows = max(2, round(columns * size[1] / size[0]))
     rank = _rank_in_cell(cells(pixels, size, grid=(columns, rows)), quality)
-    best_first = np.lexsort((-quality, rank))
+    best_first = np.lexsort((-quality, rank, ~strong))
     return np.sort(best_first[:count])
 
 

@@ -12,6 +12,8 @@ FULL_SHARE = 4  # with a full set the search of a frame is divided by this
 FULL_PERIOD = 3  # and made once in so many frames
 # Candidates tried in a frame for each feature that is missing: eight took as long as all else.
 TRIES = 3
+# Deviation by noise of a strong feature [px]: weaker ones are tracked where these do not suffice.
+STRONG = 0.03
 SPARSE = 2  # features in a cell of the desired image that is hardly covered
 
 
@@ -19,7 +21,7 @@ class Candidates:
     """Candidates: the features of one desired view that could be matched at least once."""
 
     def __init__(self, view: DesiredView) -> None:
-        self._view = view
+        self._view, self._is_strong = view, view.deviations <= STRONG
         self._cells = cells(view.keypoints.pixels, self.size)
         self._ids: IntArray = np.empty(0, np.int64)
         self._next, self._frames = 0, 0
@@ -40,15 +42,16 @@ class Candidates:
         """
         Choose at most ``count`` of ``ids``, shape (N,), spread over the desired image.
 
-        Within a cell ``preferred`` ones, shape (N,), and good corners come first. Returns the
-        chosen rows in ascending order.
+        ``preferred`` ones, shape (N,), and strong ones come before weak ones; within a cell
+        preferred ones and good corners. Returns the chosen rows in ascending order.
         """
         pixels, (_, height) = self._view.keypoints.pixels[ids], self.size
         # What lies at the height of the camera hardly moves in a planar motion.
         height_share = np.abs(pixels[:, 1] - 0.5 * height) / (0.5 * height)
         quality = self._view.corners[ids] * np.minimum(height_share / INFORMATIVE_HEIGHT, 1.0)
-        quality = quality + preferred * self._view.corners.max()
-        return bucketed(pixels, quality, count, self.size)
+        strong = preferred | self._is_strong[ids]
+        quality = quality + (1.0 * strong + preferred) * self._view.corners.max()
+        return bucketed(pixels, quality, strong, count, self.size)
 
     def next_missing(self, tracked: Warps, count: int, enough: int) -> IntArray:
         """

@@ -1,6 +1,7 @@
 """Matching of the desired with a current image: pairs of a matcher, one epipolar geometry."""
 
 from dataclasses import dataclass
+import math
 
 import cv2
 import numpy as np
@@ -8,12 +9,18 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.significance import log_false_alarms
-from visual_servo_epipolar.core.tracking.alignment.sampling import inside_border, patch_radius
+from visual_servo_epipolar.core.tracking.alignment.sampling import (
+    inside_border,
+    noise,
+    patch_radius,
+)
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints, Matcher
 from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
 from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_geometry, MIN_MATCHES
 
 CORNER_WINDOW = 15  # side of the window of the corner measure [px]
+CORNER_SCALE = (0.5 * CORNER_WINDOW * 255) ** 2  # of OpenCV's measure, which is no sum
+LEAST = 1e-6  # of a corner: a wall is none
 BORDER = 2  # so much farther than a patch's radius from the border of the desired image [px]
 LARGEST_SIDE = 32766  # of an image [px]: cv2.remap has limits
 AROUND, MOST_AROUND = 8, 400  # matches that tell a scale, and of how many they are taken
@@ -26,13 +33,20 @@ class DesiredView:
     Desired view: the photograph to come back to.
 
     ``image``, uint8 of shape (H, W); its N ``keypoints``, found by the ``matcher``; ``corners``,
-    shape (N,), the smaller eigenvalue of the gradient matrix around each (Shi and Tomasi 1994).
+    shape (N,), the smaller eigenvalue of the gradient matrix around each (Shi and Tomasi 1994),
+    summed [grey levels^2 / px^2]; ``noise`` of the image [grey levels].
     """
 
     image: Image
     keypoints: Keypoints
     corners: FloatArray
+    noise: float
     matcher: Matcher
+
+    @property
+    def deviations(self) -> FloatArray:
+        """Deviation of each keypoint by noise, of this image and of another, shape (N,) [px]."""
+        return np.asarray(self.noise * math.sqrt(2.0) / np.sqrt(np.maximum(self.corners, LEAST)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,8 +91,8 @@ def desired_view(image: Image, matcher: Matcher = SIFT, *, limit: int = 4000) ->
         )
     measure = cv2.cornerMinEigenVal(image, CORNER_WINDOW, ksize=3)
     columns, rows = np.rint(keypoints.pixels).astype(int).T
-    corners = measure[rows, columns].astype(np.float64)
-    return DesiredView(image, keypoints, corners, matcher)
+    corners = CORNER_SCALE * measure[rows, columns].astype(np.float64)
+    return DesiredView(image, keypoints, corners, noise(image), matcher)
 
 
 def match(view: DesiredView, image: Image, *, limit: int = 4000, quick: bool = False) -> Matches:
