@@ -14,17 +14,21 @@ from visual_servo_epipolar.simulation.light.lights import Light, LIGHTS
 from visual_servo_epipolar.simulation.light.settings import LightSettings, SAME
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME, Sensor, SensorSettings
+from visual_servo_epipolar.simulation.mounts.sensor import (
+    DESIRED_FRAME,
+    MAX_NOISE,
+    Sensor,
+    SensorSettings,
+)
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
-from visual_servo_epipolar.simulation.rooms.scene import room
+from visual_servo_epipolar.simulation.rooms.scene import painted_room, room
 from visual_servo_epipolar.simulation.view import View
 
 LARGEST_VIEW = 4  # of a lens that distorts, in images
-SENSORS = 4  # kept, each for one gain
+SENSORS = 4  # kept, each for one noise
 WHITE = (1.0, 1.0, 1.0)
-MAX_NOISE = 50.0  # of a sensor [grey levels]
 
 
 class CameraSimulator:
@@ -44,14 +48,14 @@ class CameraSimulator:
     ) -> None:
         self._settings, rig = settings, new_rig(settings)
         self.camera = rig.camera
-        self._scenes: dict[tuple[str, tuple[str, bool]], Scene] = {}  # by light and thing
+        self._room = painted_room(settings.scene_seed, settings.scene)
         self._light = LightSettings() if light is None else light
         self._exposure = Exposure(self._light, has_colours=settings.encoding == 'bgr8')
         scene = self._scene(self._light.light_of(settings.seed), has_changed=True)
         self.renderer = Renderer(scene, rig)
         if self._light.passing_light != SAME:  # lit beforehand: that takes a second or two
             self._scene(LIGHTS[self._light.passing_light], has_changed=True)
-        self._sensors: dict[float, Sensor] = {}  # by gain
+        self._sensors: dict[float, Sensor] = {}  # by noise
         self._last: tuple[bytes, Scene, Image] | None = None
         self.disturb(DisturbanceSettings() if disturbances is None else disturbances)
 
@@ -122,24 +126,20 @@ class CameraSimulator:
         return self._light.light_of(self.settings.seed)
 
     def _scene(self, light: Light, *, has_changed: bool) -> Scene:
-        settings, thing = self.settings, self._light.changed
-        key = light.name, (thing, has_changed and thing != 'none')
-        if key not in self._scenes:
-            self._scenes[key] = room(settings.scene_seed, settings.scene, *key)
-        return self._scenes[key]
+        return self._room.by(light.name, self._light.thing(has_changed=has_changed))
 
     def _sensor(self, gain: float) -> Sensor:
         """Return the sensor at that gain, which its noise grows with."""
-        if gain not in self._sensors:
+        settings, size = self.settings, (self.settings.width, self.settings.height)
+        noise = min(gain * settings.noise, MAX_NOISE)
+        if noise not in self._sensors:
             if len(self._sensors) == SENSORS:
                 del self._sensors[next(iter(self._sensors))]
-            settings, size = self.settings, (self.settings.width, self.settings.height)
-            noise = min(gain * settings.noise, MAX_NOISE)
             sensor = SensorSettings(
                 noise=noise, gain_drift=settings.gain_drift, blur=settings.blur
             )
-            self._sensors[gain] = Sensor(size, sensor, settings.seed)
-        return self._sensors[gain]
+            self._sensors[noise] = Sensor(size, sensor, settings.seed)
+        return self._sensors[noise]
 
     def _render(self, pose: Pose, frame: int) -> Image:
         """Return the image before the sensor: the last one, read-only, of a camera that stands."""
@@ -163,9 +163,8 @@ def assistant_of(
     """
     if cores() == 1:
         return nullcontext()
-    light = light or LightSettings()
-    thing = light.changed, light.changed != 'none'
-    name = light.light_of(settings.seed).name
+    light = LightSettings() if light is None else light
+    name, thing = light.light_of(settings.seed).name, light.thing(has_changed=True)
     build = partial(room, settings.scene_seed, settings.scene, name, thing)
     return Assistant(build, LARGEST_VIEW * settings.width * settings.height)
 

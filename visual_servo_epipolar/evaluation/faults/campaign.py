@@ -28,18 +28,7 @@ from visual_servo_epipolar.evaluation.tables import markdown
 from visual_servo_epipolar.sweeping.local import worker_pool
 from visual_servo_epipolar.sweeping.provenance import commit
 
-GROUPS = (
-    streams,
-    images,
-    scenes,
-    tracks,
-    calibration,
-    clocks,
-    orders,
-    base,
-    nodes,
-    odometry,
-)
+GROUPS = (streams, images, scenes, tracks, calibration, clocks, orders, base, nodes, odometry)
 FAULTS: Faults = {'none': Fault('nothing is wrong')} | {
     name: fault for group in GROUPS for name, fault in group.FAULTS.items()
 }

@@ -56,6 +56,10 @@ class LightSettings(Settings):
         0.0, 'Time from the first row to the last; 0: global shutter [s]', low=0.0, high=0.1
     )
 
+    def thing(self, *, has_changed: bool) -> tuple[str, bool]:
+        """Return what changes, and whether it has, in the photograph or in the run."""
+        return self.changed, has_changed and self.changed != 'none'
+
     def light_of(self, seed: int) -> Light:
         """Return the light of a run with that seed."""
         return LIGHTS[DAY[seed % len(DAY)] if self.light == EACH else self.light]

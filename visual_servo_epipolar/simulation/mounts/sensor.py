@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.settings import setting, Settings
 
 DESIRED_FRAME = -1  # frame index of the desired photograph
 DRIFT_PERIOD = 97.0  # frames in one slow wave of the gain
+MAX_NOISE = 50.0  # standard deviation [grey levels]
 SPARE = 64  # how far the noise field may be shifted [px]
 # Codes of cv2.flip for how a field of noise may be mirrored: rows, columns.
 MIRRORINGS: Mapping[tuple[int, ...], int | None] = {
@@ -26,7 +27,7 @@ MIRRORINGS: Mapping[tuple[int, ...], int | None] = {
 class SensorSettings(Settings):
     """How good the sensor is."""
 
-    noise: float = setting(2.0, 'Noise, standard deviation [grey levels]', low=0.0, high=50.0)
+    noise: float = setting(2.0, 'Noise, standard deviation [grey levels]', low=0.0, high=MAX_NOISE)
     gain_drift: float = setting(0.0, 'Amplitude of the drift of the gain', low=0.0, high=0.9)
     blur: float = setting(0.0, 'Blur, sigma [px]', low=0.0, high=10.0)
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.simulation.light.exposure import WHITE
 from visual_servo_epipolar.simulation.light.lights import Light
 from visual_servo_epipolar.simulation.light.sources import Box
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface
@@ -17,7 +18,7 @@ from visual_servo_epipolar.simulation.rooms.textures import fractal_grain, Paint
 LEFT, RIGHT, REAR, HEIGHT = -5.5, 5.5, -13.0, 2.8  # the shell [m]
 DENSITY = 250.0  # texels a metre on furniture
 LIGHT_STEP = 0.15  # spacing of the points where the light is computed [m]
-PANE_DENSITY, WHITE, FRAME = 100.0, 255, 70  # of windows: texels a metre, grey of panes and frame
+PANE_DENSITY, FRAME = 100.0, 70  # of windows: texels a metre, grey of the frame
 SHADOW_STEP = 0.1  # the same, where something casts shadows [m]
 
 Painter = Callable[[Painting], None]

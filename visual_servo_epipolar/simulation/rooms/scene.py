@@ -71,9 +71,7 @@ def room(
         If the kind is unknown.
 
     """
-    if kind not in KINDS:
-        raise ValueError(f'kind of room must be one of {", ".join(KINDS)}, got {kind!r}')
-    return _painted_room(seed, kind).by(light, thing)
+    return painted_room(seed, kind).by(light, thing)
 
 
 class PaintedRoom:
@@ -104,8 +102,10 @@ class PaintedRoom:
 
 
 @lru_cache(maxsize=1)  # a room and its filtered pictures take some 200 MB
-def _painted_room(seed: int, kind: str) -> PaintedRoom:
-    """Build a room, which takes one to two seconds."""
+def painted_room(seed: int, kind: str = 'room') -> PaintedRoom:
+    """Build a room, in one to two seconds; raises ValueError as ``room`` does."""
+    if kind not in KINDS:
+        raise ValueError(f'kind of room must be one of {", ".join(KINDS)}, got {kind!r}')
     rng = np.random.default_rng((seed, KINDS.index(kind)))
     lamps = [(x, y) for x, y in LAMPS if y < END[kind]]
     builder = Builder(rng, lamps, END[kind])

@@ -98,11 +98,10 @@ class Network:
                 f'{_line(error)}; {EXPORTED}'
             ) from None
         self._names = self._net.getUnconnectedOutLayersNames()
-        self._roles = self._roles_of_outputs(path)
-        self._length = self._outputs(BLANK)[self._roles[1]].shape[1]
+        self._roles, self._length = self._roles_of_outputs(path)
 
-    def _roles_of_outputs(self, path: str) -> tuple[int, int, int | None]:
-        """Return which outputs are logits, descriptors and, if any, reliabilities."""
+    def _roles_of_outputs(self, path: str) -> tuple[tuple[int, int, int | None], int]:
+        """Return which outputs are logits, descriptors, reliabilities, if any; descriptors' C."""
         side = len(BLANK)
         try:
             shapes = [each.shape for each in self._outputs(BLANK)]
@@ -121,7 +120,7 @@ class Network:
                 f'{", ".join(map(str, shapes))}; {EXPORTED}'
             )
         reliability = channels.index(1) if 1 in channels else None
-        return channels.index(LOGITS), others[0], reliability
+        return (channels.index(LOGITS), others[0], reliability), channels[others[0]]
 
     def _outputs(self, image: FloatImage) -> list[FloatImage]:
         self._net.setInput(image[None, None])

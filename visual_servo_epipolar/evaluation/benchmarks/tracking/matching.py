@@ -1,7 +1,8 @@
 """Matching benchmark: photographs of the simulated room in other light, inspected."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 import math
 from time import process_time
 from typing import Any
@@ -71,8 +72,7 @@ def measure(
         camera = replace(CAMERA, scene=plan.scene, scene_seed=scene, seed=seed + scene)
         world = CameraSimulator(camera, None, LightSettings(photograph_light=NOON, light=NOON))
         desired = world.photograph()
-        for light, exposure in _cells(plan):
-            # A world of its own: its exposure has settled before the first image.
+        for light, exposure in product(plan.lights, plan.exposures):  # a room keeps few lights
             settings = LightSettings(photograph_light=NOON, light=light, exposure=exposure)
             world = CameraSimulator(camera, None, settings)
             images = [world.capture(pose, 0) for pose in poses]
@@ -81,14 +81,15 @@ def measure(
                 for pose, image in zip(poses, images, strict=True):
                     pairs.append(_pair(world, desired, image, pose, matcher))
     rows = [
-        {'matcher': name, 'light': light, 'exposure': exposure, 'pairs': pairs}
-        for (name, light, exposure), pairs in sorted(cells.items(), key=lambda item: item[0][0])
+        {
+            'matcher': name,
+            'light': light,
+            'exposure': exposure,
+            'pairs': cells[name, light, exposure],
+        }
+        for name, exposure, light in product(sorted(matchers), plan.exposures, plan.lights)
     ]
     return {'seed': seed, 'scene': plan.scene, 'rows': rows}
-
-
-def _cells(plan: MatchingPlan) -> Iterator[tuple[str, str]]:
-    return ((light, exposure) for exposure in plan.exposures for light in plan.lights)
 
 
 def _start(rng: np.random.Generator) -> Pose:
