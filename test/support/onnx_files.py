@@ -5,20 +5,34 @@ from pathlib import Path
 
 import numpy as np
 
-FLOAT, OPSET, IR = 1, 16, 8
+FLOAT, INT64, OPSET, IR = 1, 7, 16, 8
 INT, INTS = 2, 7  # types of attributes
 
 
-def cells(path: Path, kernels: Mapping[str, np.ndarray], side: int = 8) -> Path:
-    """Write a network whose outputs are convolutions of cells, (C, side, side) each, by name."""
+def cells(
+    path: Path,
+    kernels: Mapping[str, np.ndarray],
+    side: int = 8,
+    shape: tuple[int, int] | None = None,
+) -> Path:
+    """
+    Write a network whose outputs are convolutions of cells, (C, side, side) each, by name.
+
+    With a ``shape`` it takes only images of so many rows and columns of cells.
+    """
     graph = _text(2, 'cells') + _field(11, _value('image', [1, 1, 'height', 'width']))
     for name, kernel in kernels.items():
+        made = name if shape is None else f'{name}_free'
         attributes = _ints('kernel_shape', [side, side]) + _ints('strides', [side, side])
         inputs = _text(1, 'image') + _text(1, f'{name}_kernel')
         graph += _field(
-            1, inputs + _text(2, name) + _text(3, name) + _text(4, 'Conv') + attributes
+            1, inputs + _text(2, made) + _text(3, made) + _text(4, 'Conv') + attributes
         )
         graph += _field(5, _tensor(f'{name}_kernel', kernel[:, None]))
+        if shape is not None:
+            inputs = _text(1, made) + _text(1, f'{name}_shape')
+            graph += _field(1, inputs + _text(2, name) + _text(3, name) + _text(4, 'Reshape'))
+            graph += _field(5, _whole(f'{name}_shape', [1, len(kernel), *shape]))
         graph += _field(12, _value(name, [1, len(kernel), 'rows', 'columns']))
     path.write_bytes(
         _number(1, IR) + _field(7, graph) + _field(8, _text(1, '') + _number(2, OPSET))
@@ -51,6 +65,11 @@ def _ints(name: str, values: list[int]) -> bytes:
 def _tensor(name: str, values: np.ndarray) -> bytes:
     sides = b''.join(_number(1, side) for side in values.shape)
     return sides + _number(2, FLOAT) + _text(8, name) + _field(9, values.astype('<f4').tobytes())
+
+
+def _whole(name: str, values: list[int]) -> bytes:
+    content = np.array(values, '<i8').tobytes()
+    return _number(1, len(values)) + _number(2, INT64) + _text(8, name) + _field(9, content)
 
 
 def _value(name: str, sides: list[int | str]) -> bytes:

@@ -284,18 +284,26 @@ def test_photographs_in_other_light_are_added_and_kept(bench, simulator, tmp_pat
     rig = Rig(bench, simulator, photograph=str(path))
     assert len(rig.node._tracker.goal.views) == 2
     assert rig.node._tracker.goal.id == goal
+    assert load(path).images == 2
     next(tmp_path.glob(f'*{goal_id(load(path).more[0]):08x}.png')).unlink()
     with pytest.raises(ValueError, match='cannot be used: .*; move it away, and capture anew'):
         load(path)
 
 
-def test_a_folder_or_a_list_gives_several_photographs(simulator, tmp_path) -> None:
+def test_a_folder_or_a_list_gives_several_photographs(simulator, tmp_path, monkeypatch) -> None:
     names = [str(tmp_path / f'{name}.png') for name in ('noon', 'dusk')]
     for number, name in enumerate(names):
         cv2.imwrite(name, simulator.capture(HOME, number))
     (tmp_path / 'notes.txt').touch()
     assert list(read_photographs(names[0])) == names[:1]
     assert list(read_photographs(os.pathsep.join(names))) == names
+    monkeypatch.chdir(tmp_path)
+    short = [f'{number}{"_" * 90}.png' for number in range(4)]  # longer than a name may be
+    for name in short:
+        os.link(names[0], name)
+    assert list(read_photographs(os.pathsep.join(short))) == short
+    for name in short:
+        os.remove(name)
     assert list(read_photographs(str(tmp_path))) == sorted(names)
     (tmp_path / 'none').mkdir()
     with pytest.raises(ValueError, match='must be a folder with pictures, got .*none'):

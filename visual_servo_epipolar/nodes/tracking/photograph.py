@@ -24,6 +24,7 @@ from visual_servo_epipolar.messages.calibrations.calibration import entry, text,
 from visual_servo_epipolar.messages.images.encodings import GrayReader
 
 LAST_NS = 2**63 - 1  # of a stamp
+MOST_IMAGES = 2**31 - 1  # of which a photograph is the mean
 PICTURES = frozenset({'.png', '.jpg', '.jpeg', '.tif', '.tiff', '.webp', '.bmp', '.pgm'})
 HEAD = '# The photograph of a tracker_node, and the camera it was taken with.\n'
 
@@ -55,16 +56,19 @@ def read_photographs(given: str) -> dict[str, Image]:
     It names a file, several with colons between them, or a folder of pictures, taken by name. The
     first one defines the goal.
     """
-    path = Path(given)
-    if path.is_dir():
-        files = sorted(file for file in path.iterdir() if file.suffix.lower() in PICTURES)
+    # Of a list, pathlib would say that its name is too long.
+    if os.path.isdir(given):
+        try:
+            files = sorted(f for f in Path(given).iterdir() if f.suffix.lower() in PICTURES)
+        except OSError as error:
+            raise ValueError(f'desired_image: {given}: {error.strerror}') from None
         if not files:
             raise ValueError(
                 f'desired_image must be a folder with pictures, got {given!r}, where none is; '
                 'put them there'
             )
         return {str(file): _read_photograph(str(file)) for file in files}
-    several = os.pathsep in given and not path.exists()
+    several = os.pathsep in given and not os.path.exists(given)
     return {
         file: _read_photograph(file) for file in (given.split(os.pathsep) if several else [given])
     }
@@ -93,9 +97,10 @@ def load(path: Path) -> Photograph | None:
         with suppress(FileNotFoundError, ValueError):
             image = read_picture(picture, picture.name)
         stamp_ns = whole_number(entry(document, 'stamp_ns'), 'stamp_ns', 0, LAST_NS)
+        images = whole_number(document.get('images', 1), 'images', 1, MOST_IMAGES)
         first = _check_picture(image, camera, document)
         more = tuple(read_picture(path.with_name(name), name) for name in _more(document))
-        photograph = Photograph(first, camera, stamp_ns, more=more)
+        photograph = Photograph(first, camera, stamp_ns, images, more)
     except (OSError, RecursionError, ValueError, yaml.YAMLError) as error:
         reason = ' '.join(str(error).split())
         raise ValueError(

@@ -21,6 +21,7 @@ PIXELS = np.eye(64).reshape(64, 8, 8)
 # The logit of each pixel is its brightness; the last, of no keypoint, is that of nothing.
 LOGITS = np.concatenate([30.0 * PIXELS, np.zeros((1, 8, 8))])
 PATCHES = PIXELS - PIXELS.mean(axis=(1, 2), keepdims=True)  # as descriptors: with zero mean
+KERNELS = {'descriptors': PATCHES, 'logits': LOGITS}
 EXPORT = Path(__file__).parents[4] / 'docs' / 'examples' / 'export_xfeat.py'
 WHOLE = {'limit': 4000, 'quick': False}
 
@@ -28,7 +29,7 @@ WHOLE = {'limit': 4000, 'quick': False}
 @pytest.fixture
 def bright(tmp_path: Path) -> Matcher:
     """A network that takes the brightest pixel of each cell, and its cell as a descriptor."""
-    path = cells(tmp_path / 'bright.onnx', {'descriptors': PATCHES, 'logits': LOGITS})
+    path = cells(tmp_path / 'bright.onnx', KERNELS)
     return matcher_of('onnx', str(path))
 
 
@@ -75,10 +76,14 @@ def test_what_is_no_network_is_refused_with_what_to_do(tmp_path: Path) -> None:
     text, wrong = tmp_path / 'text.onnx', tmp_path / 'wrong.onnx'
     text.write_text('not a network')
     cells(wrong, {'descriptors': PATCHES, 'logits': LOGITS[:-2]})
+    fixed = cells(tmp_path / 'fixed.onnx', KERNELS, shape=(16, 16))
+    twice = cells(tmp_path / 'twice.onnx', KERNELS | {'a': PATCHES[:1], 'b': PATCHES[:1]})
     for path, message in (
         (tmp_path / 'none.onnx', 'must be a readable file, got .*No such file'),
         (text, 'must be an ONNX file that OpenCV reads, .*export it as docs/examples'),
         (wrong, r'must give logits \(1, 65, .* gives of 128x128 px \(1, 64, 16, 16\), '),
+        (fixed, r'must take images of any size, shape \(1, 1, H, W\), got .*fixed.onnx'),
+        (twice, r'perhaps reliabilities \(1, 1, H/8, W/8\), .*twice.onnx. gives of 128x128 px'),
     ):
         with pytest.raises(ValueError, match=message) as error:
             TrackerSettings(matcher='onnx', matcher_model=str(path))

@@ -29,7 +29,8 @@ SIZES, QUICK_SIZES = (1.0, 0.71, 0.5), (0.71, 0.5)
 RATIO = 0.97  # of the nearest to the second nearest distance
 AROUND, SUPPORT = 8, 2  # nearest matches, and those of them that must move along
 ALONG, ALONG_PX = 0.6, 4.0  # of how far they are: views differ in size by a factor of two or so
-BLANK = np.zeros((4 * STRIDE, 4 * STRIDE), np.float32)  # image to try a network with
+# Images to try a network with: one of a fixed size takes one of them at most.
+BLANKS = tuple(np.zeros((4 * STRIDE, side * STRIDE), np.float32) for side in (4, 5))
 EXPORTED = 'export it as docs/examples/export_xfeat.py does'
 
 
@@ -73,7 +74,9 @@ def supported(before: FloatArray, after: FloatArray) -> BoolArray:
     """
     if len(before) <= AROUND:
         return np.ones(len(before), bool)
-    squared = ((before[:, None] - before) ** 2).sum(axis=2)
+    x, y = before.T
+    squared = np.subtract.outer(x, x) ** 2
+    squared += np.subtract.outer(y, y) ** 2
     np.fill_diagonal(squared, np.inf)
     near = np.argpartition(squared, AROUND, axis=1)[:, :AROUND]
     distance = np.sqrt(np.take_along_axis(squared, near, axis=1))
@@ -102,22 +105,27 @@ class Network:
 
     def _roles_of_outputs(self, path: str) -> tuple[tuple[int, int, int | None], int]:
         """Return which outputs are logits, descriptors, reliabilities, if any; descriptors' C."""
-        side = len(BLANK)
         try:
-            shapes = [each.shape for each in self._outputs(BLANK)]
+            tried = [[each.shape for each in self._outputs(blank)] for blank in BLANKS]
         except cv2.error as error:
             raise ValueError(
                 f'matcher_model must take images of any size, shape (1, 1, H, W), got {path!r}: '
                 f'{_line(error)}; {EXPORTED}'
             ) from None
-        maps = [shape for shape in shapes if len(shape) == 4]
-        channels = [shape[1] for shape in maps if shape[2:] == (side // CELL,) * 2]
-        others = [k for k, count in enumerate(channels) if count not in (1, LOGITS)]
-        if len(channels) < len(shapes) or channels.count(LOGITS) != 1 or len(others) != 1:
+        is_whole = [_are_maps(*each) for each in zip(tried, BLANKS, strict=True)]
+        number = 0 if all(is_whole) else is_whole.index(False)
+        shapes, (height, width) = tried[number], BLANKS[number].shape
+        channels = [shape[1] if len(shape) == 4 else 0 for shape in shapes]
+        others = [k for k, count in enumerate(channels) if count not in (0, 1, LOGITS)]
+        if (
+            not all(is_whole)
+            or (channels.count(LOGITS), len(others)) != (1, 1)
+            or channels.count(1) > 1
+        ):
             raise ValueError(
                 'matcher_model must give logits (1, 65, H/8, W/8), descriptors (1, C, H/8, W/8) '
-                f'and perhaps reliabilities (1, 1, H/8, W/8), {path!r} gives of {side}x{side} px '
-                f'{", ".join(map(str, shapes))}; {EXPORTED}'
+                f'and perhaps reliabilities (1, 1, H/8, W/8), {path!r} gives of '
+                f'{width}x{height} px {", ".join(map(str, shapes))}; {EXPORTED}'
             )
         reliability = channels.index(1) if 1 in channels else None
         return (channels.index(LOGITS), others[0], reliability), channels[others[0]]
@@ -156,6 +164,12 @@ class Network:
         best = np.sort(np.argsort(-scores[rows, columns], kind='stable')[:limit])
         pixels = np.stack([columns[best], rows[best]], axis=1).astype(np.float64)
         return pixels, _sampled(outputs[descriptors][0], pixels)
+
+
+def _are_maps(shapes: Sequence[tuple[int, ...]], image: FloatImage) -> bool:
+    """Return whether ``shapes`` of outputs are those of maps of an eighth of ``image``."""
+    cells = tuple(side // CELL for side in image.shape)
+    return all(len(shape) == 4 and shape[2:] == cells for shape in shapes)
 
 
 def _scores(logits: FloatImage) -> FloatImage:
