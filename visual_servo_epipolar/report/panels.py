@@ -149,7 +149,8 @@ def _draw_error(axes: Axes, log: RunLog) -> None:
 
 def _draw_distance(axes: Axes, log: RunLog) -> None:
     true = np.array([sample.pose.distance for sample in log.samples])
-    estimate = column(log, 'distance_estimate')
+    ended = np.array([sample.phase.ended for sample in log.samples])  # nothing goes by it
+    estimate = np.where(ended, np.nan, column(log, 'distance_estimate'))
     axes.plot(seconds(log), true, color=INK, label='true $d$')
     axes.plot(seconds(log), estimate, '--', color=CURRENT_COLOUR, label=r'estimate $\hat{d}$')
     axes.set_ylabel('distance [m]')
