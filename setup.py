@@ -45,6 +45,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (SHARE, ['package.xml']),
         (f'{SHARE}/config', sorted(glob('config/*.*'))),
+        (f'{SHARE}/config/rigs', sorted(glob('config/rigs/*.yaml'))),
         (f'{SHARE}/config/scenarios', sorted(glob('config/scenarios/*.yaml'))),
         (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
     ],

@@ -10,6 +10,7 @@ from visual_servo_epipolar.nodes.startup.launching import (
     given,
     our_node,
     own,
+    rig,
     UNSET_OR_BOOLEAN,
 )
 
@@ -22,6 +23,7 @@ def generate_launch_description():
             argument(
                 'params_file', '', 'Parameters of your own, which win over config/robot.yaml'
             ),
+            argument('rig'),
             argument('image', 'image_raw', "Topic of the camera's images, as /camera/image_raw"),
             argument(
                 'camera_info',
@@ -69,7 +71,7 @@ def nodes(context):
     value = context.launch_configurations
     # The parameter that leaves the nodes to somebody else, if that is so.
     managed = [] if value['lifecycle'] == 'self' else [{'autostart_node': False}]
-    files = [config('robot.yaml'), *own(value['params_file'])]
+    files = [config('robot.yaml'), *rig(value['rig']), *own(value['params_file'])]
     tracker = our_node(
         value,
         'tracker_node',

@@ -11,6 +11,7 @@ from visual_servo_epipolar.nodes.startup.launching import (
     numbers,
     our_node,
     own,
+    rig,
     UNSET_OR_BOOLEAN,
 )
 
@@ -39,6 +40,7 @@ def generate_launch_description():
                 'params_file', '', 'Parameters of tracker and servo, as in config/robot.yaml'
             ),
             argument('world_file', '', 'Parameters of the simulated base and camera, likewise'),
+            argument('rig'),
             argument('image', 'image_raw', 'Topic of the images'),
             argument('camera_info', 'camera_info', 'Topic of the calibration'),
             argument('cmd_vel', 'cmd_vel', 'Topic of the commands'),
@@ -78,7 +80,10 @@ def world(context):
     camera_files = [config('camera_node.yaml')]
     if value['camera_size'] == '640x480':
         camera_files.append(config('camera_node_640x480.yaml'))
-    files, more = own(value['world_file']), given(value, seed=int, frame_prefix=str)
+    files, more = (
+        [*rig(value['rig']), *own(value['world_file'])],
+        given(value, seed=int, frame_prefix=str),
+    )
     start = [{'start': numbers(value['start'])}] if value['start'] else []
     base = [config('unicycle_node.yaml'), *files, *start, *more]
     return [
@@ -92,7 +97,7 @@ def world(context):
 def controller(context):
     """Return tracker and servo, as they run on a real robot."""
     value = context.launch_configurations
-    files, prefix = own(value['params_file']), value['frame_prefix']
+    files, prefix = [*rig(value['rig']), *own(value['params_file'])], value['frame_prefix']
     base_frame = [{'base_frame': f'{prefix}base_link'}] if prefix else []
     tracker = [config('tracker_node.yaml'), *files, *given(value, desired_image=str)]
     servo = [config('servo_node.yaml'), *files, *base_frame, *given(value, autostart=bool)]

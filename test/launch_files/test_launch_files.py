@@ -164,6 +164,14 @@ def test_own_parameters_win_over_ours_and_arguments_over_both(name) -> None:
         assert node.parameters[1:] == ['mine.yaml', {'use_sim_time': True}]
 
 
+@pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
+def test_a_rig_is_a_file_of_ours_or_a_name_and_own_parameters_win_over_it(name) -> None:
+    launch = Launch(name, rig='fisheye', params_file='mine.yaml')
+    for node in (by_name(launch)['tracker_node'], by_name(launch)['servo_node']):
+        assert node.parameters[1:] == [str(ROOT / 'config/rigs/fisheye.yaml'), 'mine.yaml']
+    assert by_name(Launch(name, rig='mine.yaml'))['servo_node'].parameters[1:] == ['mine.yaml']
+
+
 def test_own_parameters_reach_those_alone_whom_they_are_meant_for() -> None:
     # Under /**: servo and base would share max_linear, servo and recorder autostart.
     launch = Launch(

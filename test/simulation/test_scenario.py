@@ -4,15 +4,26 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.nodes.startup.table import accepted_names
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer
 from visual_servo_epipolar.simulation.run_monitor import period_ns
-from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
+from visual_servo_epipolar.simulation.scenario import (
+    CONNECTION,
+    from_document,
+    load,
+    NODES,
+    Scenario,
+)
 
-SCENARIOS = sorted((Path(__file__).parents[2] / 'config' / 'scenarios').glob('*.yaml'))
+SCENARIOS, RIGS = (
+    sorted((Path(__file__).parents[2] / 'config' / kind).glob('*.yaml'))
+    for kind in ('scenarios', 'rigs')
+)
 
 
 def written(folder: Path, text: str) -> Path:
@@ -159,6 +170,25 @@ def test_a_command_is_late_by_whole_frames(name: str, frames: int) -> None:
     # A full frame of speeding up is behind it.
     full = (1.0 - scenario.base.slip) * scenario.base.acceleration * period / 1e9
     assert base.twist.linear == pytest.approx(full, rel=0.02)
+
+
+@pytest.mark.parametrize('path', RIGS, ids=lambda path: path.stem)
+def test_a_rig_has_parameters_of_nodes_alone_and_wins_over_a_scenario(path: Path) -> None:
+    harsh = next(each for each in SCENARIOS if each.stem == 'harsh')
+    scenario, alone = load(harsh, path), load(None, path)
+    assert scenario.disturbances == load(harsh).disturbances
+    for node, body in yaml.safe_load(path.read_text()).items():
+        name = node.rpartition('/')[2]
+        assert body['ros__parameters'].keys() <= accepted_names(name)
+        for key in body['ros__parameters'].keys() - CONNECTION:
+            section = NODES[name]
+            values = {getattr(getattr(each, section), key) for each in (scenario, alone)}
+            assert len(values) == 1, (node, key)
+
+
+def test_the_pinhole_rig_is_the_defaults() -> None:
+    (pinhole,) = (path for path in RIGS if path.stem == 'pinhole')
+    assert load(None, pinhole) == Scenario()
 
 
 def test_harsh_is_worse_than_realistic_and_realistic_than_nominal() -> None:

@@ -168,6 +168,8 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     words = {
         '--estimator NAME': 'estimator of the epipoles',
         '--scenario FILE': 'scenario file, or the name of an installed one',
+        '--rig FILE': 'camera, head and base, set over the scenario: a file, or the name of an '
+        'installed one, such as pinhole, fisheye, panorama (default pinhole)',
     }
     add_words(parser, words)
     add_words(parser, {'--scene N': 'seed of the room in images (default 1)'}, type=seed)
@@ -187,9 +189,13 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def scenario_of(options: argparse.Namespace) -> 'Scenario':
     """Return the scenario that the options ask for."""
-    from visual_servo_epipolar.simulation.scenario import load, Scenario
+    from visual_servo_epipolar.simulation.scenario import load
 
-    scenario = Scenario() if options.scenario is None else load(scenario_path(options.scenario))
+    scenario, rig = options.scenario, options.rig
+    scenario = load(
+        None if scenario is None else scenario_path(scenario),
+        None if rig is None else rig_path(rig),
+    )
     changes = {
         name: getattr(options, name)
         for name in ('law', 'estimator')
@@ -210,9 +216,18 @@ def config_folders() -> Iterator[Path]:
 
 def scenario_path(name: str) -> Path:
     """Return the scenario file called ``name``: a path, or the name of an installed one."""
+    return _config_path(name, 'scenario')
+
+
+def rig_path(name: str) -> Path:
+    """Return the file of the rig called ``name``: a path, or the name of an installed one."""
+    return _config_path(name, 'rig')
+
+
+def _config_path(name: str, kind: str) -> Path:
     if Path(name).is_file():
         return Path(name)
-    installed = [folder / 'scenarios' for folder in config_folders()]
+    installed = [folder / f'{kind}s' for folder in config_folders()]
     for folder in installed:
         if (folder / f'{name}.yaml').is_file():
             return folder / f'{name}.yaml'
@@ -220,6 +235,6 @@ def scenario_path(name: str) -> Path:
     close = alike(name, names)
     meant = f'; did you mean {close[0]}?' if close else ''
     raise InputError(
-        f'no scenario file {name!r}; give a path, or one of '
+        f'no {kind} file {name!r}; give a path, or one of '
         f'{", ".join(names) or "none installed"}{meant}'
     )

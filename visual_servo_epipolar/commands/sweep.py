@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 import hashlib
 import json
+import math
 from pathlib import Path
 import sys
 import time
@@ -63,6 +64,7 @@ def _plan(options: argparse.Namespace) -> SweepPlan:
         seed=options.seed,
         scenes=options.scenes or (),
         scenario_name=options.scenario,
+        rig_name=options.rig,
     )
 
 
@@ -107,7 +109,7 @@ def _workers(options: argparse.Namespace) -> AbstractContextManager[Workers]:
 def _field_of_view(plan: SweepPlan) -> float:
     camera = plan.scenario.camera
     left, right = camera.camera.edges
-    return right - left
+    return min(right - left, math.tau)
 
 
 def _report(

@@ -90,7 +90,13 @@ KINDS: Mapping[str, tuple[str, Mapping[str, SimulatedBaseModel | SimulatedRigMod
 }
 
 # Nodes whose parameters are a section: lines such as `visual_servo gains` prints may be pasted.
-NODES: Mapping[str, str] = {'servo_node': 'servo', 'tracker_node': 'tracker'}
+NODES: Mapping[str, str] = {
+    'servo_node': 'servo',
+    'tracker_node': 'tracker',
+    'camera_node': 'camera',
+    'unicycle_node': 'base',
+}
+ROBOT = ('servo', 'tracker')  # sections of a robot's own nodes, to which a file for all belongs
 ALL_NODES = '/**'
 # Parameters of the connections of these nodes: a simulation has none of them.
 CONNECTION = frozenset(
@@ -118,22 +124,23 @@ CONNECTION = frozenset(
 )
 
 
-def from_document(document: Any, where: str) -> Scenario:
+def from_document(document: Any, where: str, rig: Any = None) -> Scenario:
     """
     Build a scenario from a parsed YAML document: sections of settings, all optional.
 
     ``model`` in the section ``base`` and ``rig`` in the section ``camera`` say which one it is;
-    its settings are the others of that section. The sections ``servo`` and ``tracker`` may as well
-    be ROS parameters of their nodes: ``servo_node: {ros__parameters: {...}}``, or ``/**``.
+    its settings are the others of that section. Sections may as well be ROS parameters of their
+    nodes: ``servo_node: {ros__parameters: {...}}``, and ``/**`` for servo and tracker. What a
+    ``rig`` sets, a document of the same form, wins.
 
     Raises InputError if a section or a setting is unknown, given twice, of a wrong type, or
     out of range.
     """
-    if document is None:
-        document = {}
-    if not isinstance(document, Mapping):
-        raise InputError(f'{where}: a scenario must map sections to settings, got {document!r}')
     document = _by_section(document, where)
+    for section, values in _by_section(rig, where).items():
+        given = document.get(section) or {}
+        is_merged = isinstance(given, Mapping) and isinstance(values, Mapping)
+        document[section] = {**given, **values} if is_merged else values
     names = [item.name for item in fields(Scenario)]
     unknown = sorted(str(key) for key in document if key not in names)
     if unknown:
@@ -148,15 +155,19 @@ def from_document(document: Any, where: str) -> Scenario:
     return replace(Scenario(), **sections)
 
 
-def _by_section(document: Mapping[str, Any], where: str) -> dict[str, Any]:
+def _by_section(document: Any, where: str) -> dict[str, Any]:
     """Return ``document`` with the parameters of nodes in the sections that they belong to."""
+    if document is None:
+        return {}
+    if not isinstance(document, Mapping):
+        raise InputError(f'{where}: a scenario must map sections to settings, got {document!r}')
     nodes = [str(key) for key in document if str(key) == ALL_NODES or _node(key) in NODES]
     sections = {key: values for key, values in document.items() if str(key) not in nodes}
     general, special = _parameters(document, nodes, where)
     # A file for all nodes that one of them knows whole is that one's: both have min_features.
-    whole = [item for item in NODES.values() if general.keys() <= set(_names(item))]
+    whole = [item for item in ROBOT if general.keys() <= set(_names(item))]
     for section in NODES.values():
-        names = _names(section) if section in (whole or NODES.values()) else []
+        names = _names(section) if section in (whole or ROBOT) else []
         merged = {name: value for name, value in general.items() if name in names}
         merged |= special.get(section, {})
         given = sections.get(section) or {}
@@ -205,7 +216,7 @@ def _names(section: str) -> list[str]:
 
 
 def _refuse_unknown(values: Mapping[str, Any], where: str) -> None:
-    known = [name for section in NODES.values() for name in _names(section)]
+    known = [name for section in ROBOT for name in _names(section)]
     unknown = sorted(set(map(str, values)) - set(known))
     if unknown:
         raise InputError(f'{where} has no setting {", ".join(unknown)}; {hint(unknown, known)}')
@@ -223,13 +234,18 @@ def _section(name: str, values: Any, where: str) -> Settings:
     return updated(settings, values, where)
 
 
-def load(path: Path) -> Scenario:
-    """Read a scenario file; raises InputError if it cannot be read or used."""
+def load(path: Path | None, rig: Path | None = None) -> Scenario:
+    """Read a scenario file, and a rig of the same form; InputError if it cannot be used."""
+    documents = [None if each is None else _read(each) for each in (path, rig)]
+    where = ' with '.join(str(each) for each in (path, rig) if each is not None)
+    return from_document(documents[0], where, documents[1])
+
+
+def _read(path: Path) -> Any:
     try:
-        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+        return yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or error
         raise InputError(f'{path}: scenario cannot be read: {reason}') from None
     except (yaml.YAMLError, ValueError) as error:
         raise InputError(f'{path}: scenario is not YAML: {" ".join(str(error).split())}') from None
-    return from_document(document, str(path))

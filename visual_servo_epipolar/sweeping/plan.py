@@ -32,7 +32,8 @@ class SweepPlan:
     A sweep. Each run follows from it and from the index of the run alone.
 
     Runs in images take turns in the rooms with the seeds ``scenes``, if there are any.
-    ``scenario_name`` is how the user called the scenario, if at all: for people, not for runs.
+    ``scenario_name`` is how the user called the scenario, if at all, and ``rig_name`` the rig: for
+    people, not for runs.
     """
 
     region: str
@@ -43,6 +44,7 @@ class SweepPlan:
     seed: int = 0
     scenes: tuple[int, ...] = ()
     scenario_name: str | None = None
+    rig_name: str | None = None
 
     def run_seed(self, index: int) -> int:
         """Return the seed of run number ``index``, from 0 to 2^31 - 1, which all laws share."""
@@ -111,6 +113,8 @@ class SweepPlan:
         default, options = Scenario(), []
         if self.scenario_name is not None:
             options += ['--scenario', self.scenario_name]
+        if self.rig_name is not None:
+            options += ['--rig', self.rig_name]
         if self.scenario.servo.estimator != default.servo.estimator:
             options += ['--estimator', self.scenario.servo.estimator]
         if scene != default.camera.scene_seed:

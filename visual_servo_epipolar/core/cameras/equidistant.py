@@ -30,10 +30,12 @@ class Equidistant(ImageIntrinsics):
     A ray at theta from the axis is imaged at theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8)
     from the principal point, in focal lengths; ``distortion`` is k1 to k4, or nothing for zeros.
     Rays behind the camera, z < 0, are rays as any other, as far as theta_d grows with theta.
-    OpenCV's fisheye functions clamp at 90 deg, and fold what is behind to the other side.
+    OpenCV's fisheye functions clamp at 90 deg, and fold what is behind to the other side. No light
+    comes from beyond ``circle`` [rad] of the axis, which no camera_info tells.
     """
 
     distortion_model: str = 'equidistant'
+    circle: float = WIDEST
 
     def __post_init__(self) -> None:
         ImageIntrinsics.__post_init__(self)  # super() does not know a class with slots
@@ -66,7 +68,7 @@ class Equidistant(ImageIntrinsics):
     @property
     def reach(self) -> float:
         """Angle from the axis [rad] up to which pixels tell directions."""
-        return _reach(self.distortion)
+        return min(_reach(self.distortion), self.circle)
 
     @property
     def edges(self) -> tuple[float, float]:
@@ -78,7 +80,7 @@ class Equidistant(ImageIntrinsics):
         straight = sheared(self, as_points(pixels, 'pixels'), -self.skew)
         points = (straight - [self.cx, self.cy]) / [self.fx, self.fy]
         radius = np.hypot(points[:, 0], points[:, 1])
-        theta = _angle(radius, self.distortion)
+        theta = _angle(radius, self.distortion, self.reach)
         across = np.divide(np.sin(theta), radius, out=np.ones(len(radius)), where=radius > 0.0)
         return np.column_stack([points * across[:, None], np.cos(theta)])
 
@@ -134,9 +136,8 @@ def _reach(distortion: tuple[float, ...]) -> float:
     return float(angles[ends[0] - 1]) if len(ends) else WIDEST
 
 
-def _angle(radius: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
-    """Invert theta_d = ``radius`` by Newton's method within brackets; nan beyond the reach."""
-    reach = _reach(distortion)
+def _angle(radius: FloatArray, distortion: tuple[float, ...], reach: float) -> FloatArray:
+    """Invert theta_d = ``radius`` by Newton's method in brackets; nan beyond the ``reach``."""
     seen = radius <= _radius(np.array([reach]), distortion)[0]
     low, high = np.zeros_like(radius), np.full_like(radius, reach)
     theta = np.minimum(radius, reach)
@@ -161,7 +162,7 @@ def _corner(camera: Equidistant) -> float:
         camera.fy,
     ]
     farthest = np.hypot(corners[:, 0], corners[:, 1]).max(keepdims=True)
-    theta = float(_angle(farthest, camera.distortion)[0])
+    theta = float(_angle(farthest, camera.distortion, camera.reach)[0])
     return camera.reach if math.isnan(theta) else theta
 
 
@@ -174,7 +175,7 @@ def _edges(camera: Equidistant) -> tuple[float, float]:
     for column in (0.0, camera.width - 1.0):
         x = (column - camera.skew * row - camera.cx) / camera.fx
         radius = min(math.hypot(x, row), farthest)
-        theta = float(_angle(np.array([radius]), camera.distortion)[0])
+        theta = float(_angle(np.array([radius]), camera.distortion, camera.reach)[0])
         share = math.sin(theta) * x / max(math.hypot(x, row), 1e-12)
         bearings.append(math.atan2(share, math.cos(theta)))
     return bearings[0], bearings[1]

@@ -17,6 +17,7 @@ SHARED: Mapping[str, tuple[Any, ...]] = {
     'namespace': ('', 'Namespace of the nodes, as robot1'),
     'desired_image': ('', 'File of the photograph; empty: {otherwise}'),
     'use_sim_time': ('', 'true: time comes from /clock, which {who} publishes', UNSET_OR_BOOLEAN),
+    'rig': ('', 'Rig: a parameter file of camera, head and base, or a name, as panorama'),
     'record': ('', 'Folder of a new bag; empty: no recorder'),
     'sigterm_timeout': (
         '30',
@@ -55,9 +56,16 @@ def our_node(
     )
 
 
-def config(name: str) -> PathJoinSubstitution:
+def config(*names: str) -> PathJoinSubstitution:
     """Return the path of a file in this package's config folder."""
-    return PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', name])
+    return PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', *names])
+
+
+def rig(name: str) -> list[Any]:
+    """Return the parameter file of a rig: the user's, or ours of that ``name``; none of ''."""
+    if not name or name.endswith('.yaml'):
+        return list(own(name))
+    return [config('rigs', f'{name}.yaml')]
 
 
 def own(file: str) -> list[str]:

@@ -1,7 +1,9 @@
 """Settings of the simulated camera: lens and image, mount, scene, noise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+import math
 
+from visual_servo_epipolar.core.cameras.equidistant import Equidistant, WIDEST
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_intrinsics
 from visual_servo_epipolar.core.settings import setting, Settings
@@ -36,6 +38,13 @@ class CameraSettings(Settings):
         'plumb_bob',
         'Lens: plumb_bob, rational_polynomial, equidistant (a fisheye, whose focal length is that '
         'of its centre), or one of another package',
+        read_only=True,
+    )
+    image_circle: float = setting(
+        360.0,
+        'Full angle that an equidistant lens shows, dark beyond; camera_info does not tell [deg]',
+        low=10.0,
+        high=360.0,
         read_only=True,
     )
     frame_rate: float = setting(11.0, 'Frames a second [Hz]', low=0.1, high=200.0, read_only=True)
@@ -99,7 +108,10 @@ class CameraSettings(Settings):
         plumb_bob = self.distortion_model == 'plumb_bob'
         # The zeros that stand for no distortion are as many as plumb_bob has.
         distortion = self.distortion if plumb_bob or any(self.distortion) else ()
-        return calibrated_camera((self.width, self.height), k, distortion, self.distortion_model)
+        camera = calibrated_camera((self.width, self.height), k, distortion, self.distortion_model)
+        if isinstance(camera, Equidistant):
+            return replace(camera, circle=min(math.radians(0.5 * self.image_circle), WIDEST))
+        return camera
 
     @property
     def nominal_camera(self) -> CameraModel:
