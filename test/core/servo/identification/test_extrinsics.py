@@ -10,19 +10,21 @@ import pytest
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
+from visual_servo_epipolar.core.servo.identification.camera_path import RHO, YAW
 from visual_servo_epipolar.core.servo.identification.extrinsics import (
     Extrinsics,
+    MAX_CONTRADICTIONS,
+    placed,
+    ranged,
+)
+from visual_servo_epipolar.core.servo.identification.extrinsics_update import (
     FAULT,
     is_significant,
     LEAST_STEP,
-    MAX_CONTRADICTIONS,
     NEAR,
-    placed,
-    RHO,
     UNCERTAIN,
     update_extrinsics,
-    YAW,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
@@ -186,6 +188,40 @@ def test_from_two_views_to_a_memory_the_robot_has_not_moved() -> None:
     # A memory that knows the place may know the bearing less well than two views do.
     theirs = update_extrinsics(belief, replace(remembered, remembered=False), travel, missed=False)
     assert not theirs.remembers
+
+
+@pytest.mark.parametrize('aside', [0.15, 0.2, 0.25, 0.3, 0.5])
+@pytest.mark.parametrize('step', [0.02, 0.03])
+def test_a_goal_far_nearer_than_thought_makes_no_false_certainty(
+    aside: float, step: float
+) -> None:
+    """Of bearings alone, backing off past it on an arc: of which a mount was made, of 13 deg."""
+    base, belief, travel = Pose.from_start(aside, -0.01, -9.0), unknown(), 0.0
+    for _ in range(12):
+        exact = sight(Bearings.from_pose(base), deviation=0.0045)
+        belief = update_extrinsics(belief, exact, travel, missed=False)
+        off = abs(belief.mean[RHO] - math.log(base.distance))
+        assert off <= 3.0 * math.sqrt(belief.covariance[RHO, RHO])
+        base, travel = integrate(base, Twist(-step / 0.09, -0.15), 0.09), -step
+    assert belief.distance == pytest.approx(base.distance, rel=0.1)
+
+
+def test_views_of_one_memory_tell_the_distance_once() -> None:
+    first = ranged(unknown(), 2.0, 0.4)
+    again = first
+    for _ in range(20):
+        again = ranged(again, 2.0, 0.4)
+    known = math.sqrt(again.covariance[RHO, RHO])
+    assert known == pytest.approx(0.2)
+    assert again.distance == pytest.approx(2.0, rel=0.02)
+
+
+def test_a_distance_that_a_memory_contradicts_is_dropped_and_no_mount_is_made_of_it() -> None:
+    begun = close_to_goal()
+    moved_on = begun.covariance + 0.002 * np.ones((5, 5))  # where the mount hangs on the distance
+    after = ranged(replace(begun, covariance=moved_on), 1.0, 0.1)
+    np.testing.assert_array_equal(after.mean[YAW:], begun.mean[YAW:])
+    assert after.distance == pytest.approx(1.0)
 
 
 def test_an_uncertain_bearing_says_nothing_of_the_mount() -> None:

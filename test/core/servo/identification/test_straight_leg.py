@@ -17,9 +17,9 @@ from visual_servo_epipolar.core.servo.identification import identify
 from visual_servo_epipolar.core.servo.identification.extrinsics import (
     Extrinsics,
     MAX_CONTRADICTIONS,
-    PLAUSIBLE,
     ranged,
 )
+from visual_servo_epipolar.core.servo.identification.extrinsics_update import PLAUSIBLE
 from visual_servo_epipolar.core.servo.identification.straight_leg import (
     LEG_M,
     LEVER,

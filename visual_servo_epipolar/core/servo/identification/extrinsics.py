@@ -16,34 +16,30 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
+from visual_servo_epipolar.core.servo.identification.camera_path import (
+    FORWARD,
+    NEAREST,
+    predict_path,
+    PSI,
+    RHO,
+    YAW,
+)
 from visual_servo_epipolar.core.values import changed
 
-PSI, RHO, YAW, FORWARD, LEFT = range(5)
-IDENTITY = np.eye(5)
 FIRST_DISTANCE, FIRST_DEVIATION = 3.0, 1.0  # [m], of the logarithm: one to eight metres
-NEAREST = 0.02  # [m]
 LENS = 0.02  # of a turn of a radian, that two views may show wrong: nobody has told them the lens
 YAW_WALK = math.radians(1.0)  # of the yaw, as bases crab and models err [rad], in a metre
 SLIP = 0.05  # of a travel: what dead reckoning is wrong by
 CORRELATION = 6.0  # bearings share the photograph: so many tell as much as one
 LEAST_DEVIATION = 2e-3  # of a bearing: what tilt and roll are not known to [rad]
-# Deviations from what was told before it is believed, and that of the logarithm of a distance that
-# is known: at first, and after an attempt that missed.
-SIGNIFICANT, RANGED = (4.0, 3.5), (0.25, 0.5)
-# Below which little is gained [rad, m, m]; an offset aside alone is never told apart for certain.
-LEAST = (math.radians(2.0), 0.1, math.inf)
-# Of a yaw that legs by a memory of views tell, and its deviations from what was told.
-LEAST_OF_LEGS, SIGNIFICANT_OF_LEGS = math.radians(0.15), 2.0
 REMEMBERED = 0.1  # least deviation of the logarithm of a distance by a memory of views
-LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
-NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
-GATE = 6.0  # deviations beyond which a bearing begins the path anew
-# Deviations from what was told beyond which it is not the mount that was learnt, and the least
-# deviation of a yaw that walks [rad].
-PLAUSIBLE, WALKED = 5.0, 0.05
-FAULT, MAX_CONTRADICTIONS = 5, 12  # what one bearing beyond it counts, and what is too much
+CONTRADICTED = 4.0  # deviations off that, beyond which the distance of before counts no more
+# Change of the logarithm of a distance: that beyond which an update is iterated; at the end of
+# that, and of one step at most.
+LINEAR, CONVERGED, LONGEST_STEP, MOST_ITERATIONS = 0.1, 0.02, 0.7, 8
+# Deviation of the logarithm of a distance that is known: at first, and after a missed attempt.
+RANGED = (0.25, 0.5)
+MAX_CONTRADICTIONS = 12  # beyond which bearings contradict what was driven
 
 
 @dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
@@ -106,10 +102,11 @@ def told_extrinsics(told: FloatArray, deviations: FloatArray) -> Extrinsics:
     yaw, forward, left = told.tolist()
     cosine, sine = math.cos(yaw), math.sin(yaw)
     told = np.array([yaw, cosine * forward + sine * left, cosine * left - sine * forward])
-    return _unplaced(told, deviations)
+    return unplaced(told, deviations)
 
 
-def _unplaced(told: FloatArray, deviations: FloatArray) -> Extrinsics:
+def unplaced(told: FloatArray, deviations: FloatArray) -> Extrinsics:
+    """Return a belief that has seen nothing, of a mount in axes of the camera, (3,) each."""
     return Extrinsics(
         told,
         deviations,
@@ -134,35 +131,41 @@ def placed(before: Extrinsics, bearings: Bearings, deviation: float) -> Extrinsi
     )
 
 
-def moved(before: Extrinsics, heading: float) -> Extrinsics:
-    """Return the belief after its ``travel``, now at a ``heading`` error [rad]."""
-    psi, rho, yaw, *lever = before.mean.tolist()
-    distance, travel = math.exp(rho), before.travel
-    middle = before.heading + 0.5 * math.remainder(heading - before.heading, 2.0 * math.pi)
-    right, ahead = -travel * math.sin(middle - yaw), travel * math.cos(middle - yaw)
-    swing = camera_swing(before.heading, heading)
-    by_forward, by_left = (swing @ lever).tolist()
-    x, y = distance * math.cos(psi), distance * math.sin(psi)
-    new_x, new_y = right + by_forward + x, ahead + by_left + y
-    square = max(new_x * new_x + new_y * new_y, NEAREST**2)
-    (right_f, right_l), (ahead_f, ahead_l) = swing.tolist()
-    # derivatives of the new place by the states
-    by_place = np.array([[-y, x, ahead, right_f, right_l], [x, y, -right, ahead_f, ahead_l]])
-    east, north = new_x / square, new_y / square
-    transition = IDENTITY.copy()
-    transition[:2] = np.array([[-north, east], [east, north]]) @ by_place
-    mean = before.mean.copy()
-    turn = math.remainder(math.atan2(new_y, new_x) - psi, 2.0 * math.pi)
-    mean[:2] = psi + turn, 0.5 * math.log(square)
-    covariance = transition @ before.covariance @ transition.T
-    slipped = (SLIP * travel) ** 2 / square
+def moved(before: Extrinsics, heading: float, *, at: FloatArray | None = None) -> Extrinsics:
+    """Return the belief after its ``travel`` to a ``heading`` error [rad], linear about ``at``."""
+    at = before.mean if at is None else at
+    path = predict_path(at, (before.heading, heading), before.travel)
+    covariance = path.transition @ before.covariance @ path.transition.T
+    slipped = (SLIP * before.travel) ** 2 / path.square
     covariance[PSI, PSI] += slipped
     covariance[RHO, RHO] += slipped
-    covariance[YAW, YAW] += YAW_WALK * YAW_WALK * abs(travel)
+    covariance[YAW, YAW] += YAW_WALK * YAW_WALK * abs(before.travel)
     if not before.remembers:
         turn = math.remainder(heading - before.heading, 2.0 * math.pi)
         covariance[PSI, PSI] += LENS * LENS * abs(turn)
+    mean = path.from_mean(before.mean, at)
     return changed(before, mean=mean, covariance=covariance, heading=heading, travel=0.0)
+
+
+def moved_to(before: Extrinsics, heading: float, psi: float, deviation: float) -> Extrinsics:
+    """
+    Return the belief after its ``travel``, linear about where ``psi`` [rad] has the camera.
+
+    A distance of which a factor e is unknown turns psi by too much for one tangent: what a
+    bearing tells is overrated, and the mount pays for it. Hence the update is iterated, Gauss and
+    Newton's way, before it is done (Bell and Cathey 1993).
+    """
+    at = before.mean
+    for _ in range(MOST_ITERATIONS):
+        ahead = moved(before, heading, at=at)
+        spread = float(ahead.covariance[PSI, PSI]) + CORRELATION * deviation * deviation
+        innovation = math.remainder(psi - ahead.mean[PSI], 2.0 * math.pi)
+        transition = predict_path(at, (before.heading, heading), before.travel).transition
+        step = before.mean + before.covariance @ transition[PSI] * (innovation / spread) - at
+        if abs(step[RHO]) < CONVERGED:
+            break
+        at = at + step * min(LONGEST_STEP / abs(step[RHO]), 1.0)
+    return moved(before, heading, at=at)
 
 
 def seen(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, float]:
@@ -170,7 +173,7 @@ def seen(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, 
     innovation = math.remainder(psi - before.mean[PSI], 2.0 * math.pi)
     noise = CORRELATION * deviation * deviation
     spread = math.sqrt(float(before.covariance[PSI, PSI]) + noise)
-    return _corrected(before, PSI, innovation, noise), innovation / spread
+    return corrected(before, PSI, innovation, noise), innovation / spread
 
 
 def seen_anew(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, float]:
@@ -185,7 +188,7 @@ def seen_anew(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrins
     return changed(before, mean=mean, covariance=covariance), innovation
 
 
-def _corrected(before: Extrinsics, of: int, innovation: float, noise: float) -> Extrinsics:
+def corrected(before: Extrinsics, of: int, innovation: float, noise: float) -> Extrinsics:
     """Return the belief after one of its states was measured, with variance ``noise`` (Kalman)."""
     column = before.covariance[:, of]
     gain = column / (float(column[of]) + noise)
@@ -196,79 +199,28 @@ def _corrected(before: Extrinsics, of: int, innovation: float, noise: float) -> 
     )
 
 
-def update_extrinsics(
-    before: Extrinsics, measurement: Measurement, travel: float, *, missed: bool
-) -> Extrinsics:
-    """Return the belief after ``travel`` [m] and a ``measurement``; sooner if ``missed``."""
-    # Without a deviation, as the paper's estimator has none, bearings tell nothing of the path.
-    known = math.isfinite(measurement.deviation)
-    bearings = measurement.bearings if known else None
-    deviation = max(measurement.deviation, LEAST_DEVIATION) if bearings else math.nan
-    remembers = measurement.remembered
-    if not before.placed:
-        before = changed(before, remembers=remembers)
-        return placed(before, bearings, deviation) if bearings else before
-    before = changed(before, travel=before.travel + travel)
-    heading = measurement.heading_error
-    turn = math.remainder(heading - before.heading, 2.0 * math.pi)
-    if not math.isfinite(heading) or max(abs(before.travel), abs(turn)) < LEAST_STEP:
-        return before
-    after = moved(before, heading)
-    if measurement.offset is not None:
-        after = ranged(after, math.hypot(*measurement.offset), measurement.offset_deviation)
-    if bearings is None or deviation > UNCERTAIN or after.distance < NEAR:
-        return after
-    # Two views do not know the lens: what they are off by is no motion.
-    switched = remembers is not before.remembers
-    before = changed(before, remembers=remembers)
-    seen_now = seen_anew if switched else seen
-    after, innovation = seen_now(changed(after, remembers=remembers), bearings.psi, deviation)
-    if abs(innovation) > GATE:
-        anew = placed(before, bearings, deviation)
-        return changed(anew, contradictions=before.contradictions + FAULT)
-    if switched:
-        return after
-    if not is_plausible(after):
-        anew = placed(_unplaced(before.told, before.deviations), bearings, deviation)
-        return changed(anew, contradictions=before.contradictions + FAULT)
-    return changed(
-        after,
-        contradictions=max(before.contradictions - 1, 0),
-        believed=after.believed or is_significant(after, missed),
-    )
+def is_linear(belief: Extrinsics, psi: float, deviation: float) -> bool:
+    """Return whether ``psi`` [rad] leaves the distance so much alike that one update will do."""
+    after, _ = seen(belief, psi, deviation)
+    return bool(abs(after.mean[RHO] - belief.mean[RHO]) <= LINEAR)
 
 
 def ranged(before: Extrinsics, distance: float, deviation: float) -> Extrinsics:
-    """Return the belief after a memory of views told the ``distance`` [m], by what was driven."""
+    """
+    Return the belief after a memory of views told the ``distance`` [m], by what was driven.
+
+    All that it tells has one scale, and hence one error: the next view of it adds nothing to what
+    the belief has of it already, and a distance that contradicts it is dropped.
+    """
     distance = max(distance, NEAREST)
     innovation = math.log(distance) - before.mean[RHO]
-    return _corrected(before, RHO, innovation, max(REMEMBERED, deviation / distance) ** 2)
-
-
-def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:
-    """Return the belief after legs showed a ``yaw`` [rad], if it is not the one gone by."""
-    off = abs(math.remainder(yaw - before.mount[0], 2.0 * math.pi))
-    if not (before.believed or off > max(SIGNIFICANT_OF_LEGS * deviation, LEAST_OF_LEGS)):
+    variance, known = max(REMEMBERED, deviation / distance) ** 2, before.covariance[RHO, RHO]
+    if abs(innovation) > CONTRADICTED * math.sqrt(variance + known):
+        mean, covariance = before.mean.copy(), before.covariance.copy()
+        mean[RHO] = math.log(distance)
+        covariance[RHO] = covariance[:, RHO] = 0.0
+        covariance[RHO, RHO] = variance
+        return changed(before, mean=mean, covariance=covariance)
+    if known <= variance:
         return before
-    innovation = math.remainder(yaw - before.mean[YAW], 2.0 * math.pi)
-    after = _corrected(before, YAW, innovation, deviation * deviation)
-    return changed(after, believed=True) if is_plausible(after) else before
-
-
-def is_plausible(belief: Extrinsics) -> bool:
-    """Return whether the mount may be what was learnt, and not a path that led nowhere."""
-    changes = np.abs(belief.mean[YAW:] - belief.told)
-    deviations = np.maximum(belief.deviations, [WALKED, 0.0, 0.0])
-    return bool((changes <= PLAUSIBLE * deviations).all())
-
-
-def is_significant(belief: Extrinsics, missed: bool) -> bool:
-    """Return whether what was learnt of the mount differs from what was told, and matters."""
-    _, distance, *deviations = np.sqrt(belief.covariance.diagonal()).tolist()
-    if distance > RANGED[missed]:
-        return False
-    changes = (belief.mean[YAW:] - belief.told).tolist()
-    return any(
-        abs(change) > SIGNIFICANT[missed] * deviation and abs(change) > least
-        for change, deviation, least in zip(changes, deviations, LEAST, strict=True)
-    )
+    return corrected(before, RHO, innovation, variance * known / (known - variance))

@@ -9,10 +9,8 @@ from visual_servo_epipolar.core.servo.dead_reckoning import DrivenInterval
 from visual_servo_epipolar.core.servo.fusion.fuse import disproved, Fusion
 from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand, learns
 from visual_servo_epipolar.core.servo.identification.delay import Delay
-from visual_servo_epipolar.core.servo.identification.extrinsics import (
-    Extrinsics,
-    update_extrinsics,
-)
+from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics
+from visual_servo_epipolar.core.servo.identification.extrinsics_update import update_extrinsics
 from visual_servo_epipolar.core.servo.identification.straight_leg import straight_on
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Identification, ServoState

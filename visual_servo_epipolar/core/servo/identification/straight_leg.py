@@ -12,7 +12,8 @@ import math
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.rigs.fixed_mount import axle_offset
-from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, with_yaw
+from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics
+from visual_servo_epipolar.core.servo.identification.extrinsics_update import with_yaw
 
 LEG_M = 0.25  # over which a direction is told
 OF_BOTH = 0.3  # of deviations of places: most of what they are off by is the same at both ends
