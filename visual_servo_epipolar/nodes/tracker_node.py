@@ -7,11 +7,13 @@ from typing import Any
 import cv2
 from rclpy.duration import Duration
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -56,7 +58,7 @@ class TrackerNode(ManagedNode):
         """Create all that tracking needs; raises ValueError for a photograph that is broken."""
         self._tracker = Tracker(self._settings)
         self._stamp_ns: int | None = None
-        self._frame_id = ''
+        self._frame_id, self._until_renewal = '', 0  # images
         self._camera: CameraModel | None = None
         self._unusable = ''  # why the last camera_info cannot be used
         self._lateness, self._repetition = Lateness(self), Repetition()
@@ -99,6 +101,8 @@ class TrackerNode(ManagedNode):
         self._inputs = CameraSubscriptions(self, settings.transport, settings.camera_reliability)
         self._inputs.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self._inputs.create_subscription(Image, 'image_raw', self._on_image)
+        if settings.renew:
+            self.create_subscription(String, 'phase', self._on_phase, qos.LATCHED)
         if not settings.desired_image:
             self._inputs.create_subscription(
                 Image, 'desired/image_raw', self._on_desired, qos.LATCHED
@@ -190,6 +194,8 @@ class TrackerNode(ManagedNode):
         self._latest = tracking.image
         self._photographer.see(tracking.image)
         self._report(tracking)
+        if self._until_renewal:
+            self._renew()
 
     def _publish(self, features: Features) -> None:
         assert self._stamp_ns is not None
@@ -237,12 +243,36 @@ class TrackerNode(ManagedNode):
             if foreign:
                 raise ValueError(foreign)
             self._add_desired(image, 'what the camera sees')
-            kept = self._photographer.add(image)
-            number = len(self._tracker.goal.views)
+            kept, number = self._keep_more(), len(self._tracker.goal.views)
             return f'this is photograph {number} of the pose to come back to, {images}{kept}'
         self._set_desired(image)
         kept = self._photographer.keep(image, count, self._camera, self._stamp_ns or 0)
         return f'this is the pose to come back to, {images}{kept}'
+
+    def _keep_more(self) -> str:
+        """Keep all photographs but the first beside it; return what became of it."""
+        more = tuple(view.image for view in self._tracker.goal.views[1:])
+        return self._photographer.keep_more(more)
+
+    def _on_phase(self, message: String) -> None:
+        """After an arrival, let as many images pass as a photograph is made of."""
+        has_arrived = message.data == Phase.ARRIVED.value
+        self._until_renewal = self._node_settings.capture_frames if has_arrived else 0
+
+    def _renew(self) -> None:
+        """Keep the view after an arrival, where it shows other light than the photographs."""
+        self._until_renewal -= 1
+        if self._until_renewal:
+            return
+        try:
+            image, _ = self._photographer.capture()
+            if self._tracker.renew(image, self._node_settings.max_photographs):
+                kept, count = self._keep_more(), len(self._tracker.goal.views)
+                self.get_logger().info(
+                    f'the view in the light of today is one of {count} photographs now{kept}'
+                )
+        except (ValueError, TrackingError) as error:
+            self.get_logger().warning(f'the view in the light of today is not kept: {error}')
 
     def _on_capture(
         self, request: Trigger.Request, response: Trigger.Response

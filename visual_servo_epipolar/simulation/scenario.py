@@ -116,6 +116,7 @@ CONNECTION = frozenset(
         'mount_from_tf',
         'photograph',
         'rectified',
+        'renew',
         'resume',
         'transport',
         'use_sim_time',

@@ -8,6 +8,7 @@ import pytest
 
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.goal import goal_id
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -21,6 +22,7 @@ CAMERA = CameraSettings(
     width=640, height=480, focal_length=384.6, principal_u=319.5, principal_v=239.5
 )
 NEAR = Pose(0.1, -1.0, DESIRED_POSE.theta)
+AT_GOAL = Pose(0.002, -0.005, DESIRED_POSE.theta)
 
 
 @pytest.fixture(scope='module')
@@ -115,3 +117,43 @@ def test_a_robot_arrives_by_the_second_photograph_where_the_first_was_taken(dusk
     assert taught.which == 'photograph 2 of 2'
     end = log.samples[-1].pose
     assert math.hypot(end.x, end.y) < 0.002
+
+
+@pytest.mark.parametrize('times', [2, pytest.param(25, marks=pytest.mark.long)])
+def test_arrivals_through_a_day_of_light_do_not_move_the_goal(dusk, times) -> None:
+    tracker, light = Tracker(TrackerSettings()), dusk.light
+    tracker.set_desired(dusk.photograph())
+    for arrival, now in enumerate(np.repeat(['noon', 'dusk', 'lamp_side', 'dark'], times)):
+        dusk.relight(replace(light, light=str(now)))
+        tracker.redetect()
+        # The robot stands where the photograph that fits says the goal is, but for a millimetre.
+        home = goal_of(dusk, tracker, arrival)
+        assert math.hypot(home.x, home.y) < 0.003
+        ahead = 0.001 * (-1.0) ** arrival
+        pose = Pose(home.x + 0.001, home.y + ahead, home.theta)
+        tracker.renew(dusk.capture(pose, 100 + arrival), 3)
+    dusk.relight(light)
+    assert len(tracker.goal.views) == 3
+    assert tracker.goal.id == goal_id(tracker.goal.views[0].image)
+
+
+def goal_of(world: CameraSimulator, tracker: Tracker, frame: int) -> Pose:
+    """Return the pose from which the features are where they are desired, by least squares."""
+    features = tracker.track(world.capture(AT_GOAL, frame))
+    points = world.renderer.trace(features.current, AT_GOAL)
+    sides = np.array([0.001, 0.001, 0.0005])
+
+    def off(values: np.ndarray) -> np.ndarray:
+        pose = Pose(values[0], values[1], DESIRED_POSE.theta + values[2])
+        return (world.renderer.project(points, pose)[0] - features.desired).ravel()
+
+    jacobian = np.stack(
+        [(off(step) - off(-step)) / (2.0 * step.sum()) for step in np.diag(sides)], axis=1
+    )
+    residual = off(np.zeros(3))
+    good = np.isfinite(residual)
+    for _ in range(5):
+        solution = -np.linalg.lstsq(jacobian[good], residual[good], rcond=None)[0]
+        left = np.abs(residual + jacobian @ solution)
+        good = np.isfinite(left) & (left < 4.0 * np.nanmedian(left) + 0.01)
+    return Pose(solution[0], solution[1], DESIRED_POSE.theta + solution[2])

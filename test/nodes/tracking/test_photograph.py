@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import String
 import yaml
 
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
@@ -23,6 +24,7 @@ from visual_servo_epipolar.nodes.tracking.photograph import (
     Photograph,
     read_photographs,
 )
+from visual_servo_epipolar.simulation.light.settings import LightSettings
 
 HOME = Pose.from_start(0.0, 0.0, 0.0)
 
@@ -310,3 +312,23 @@ def test_a_folder_or_a_list_gives_several_photographs(simulator, tmp_path, monke
         read_photographs(str(tmp_path / 'none'))
     with pytest.raises(ValueError, match=r'must be a readable image file, got .*rain.png'):
         read_photographs(os.pathsep.join([*names, 'rain.png']))
+
+
+def test_an_arrival_in_another_light_renews_the_photographs(bench, simulator, tmp_path) -> None:
+    path, frames = tmp_path / 'goal.yaml', {'capture_frames': 3, 'renew': True}
+    rig = Rig(bench, simulator, photograph=str(path), **frames)
+    say = bench.talk(String, 'phase', qos.LATCHED)
+    rig.see(times=4)
+    assert rig.capture().success
+    goal = rig.node._tracker.goal.id
+    for light, kept in (('ceiling', 0), ('lamp_side', 1), ('lamp_side', 1)):
+        simulator.relight(LightSettings(light=light, exposure='auto'))
+        rig.see(times=4)
+        assert len(rig.node._tracker.goal.views) == 1 + min(kept, len(load(path).more))
+        say(String(data='arrived'))
+        bench.until(lambda: rig.node._until_renewal > 0, 'the arrival')
+        rig.see(times=4)
+        assert len(load(path).more) == kept
+    simulator.relight(LightSettings())
+    assert rig.node._tracker.goal.id == goal
+    assert bench.logged('the view in the light of today is one of 2 photographs now, kept in')

@@ -6,6 +6,8 @@ image, so that small errors do not add up to drift. Lost features are predicted 
 and when too few remain the whole image is matched anew.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, Image
@@ -20,6 +22,7 @@ from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.features import Features, Passing
 from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame, OpenCVError
+from visual_servo_epipolar.core.tracking.light_variety import superfluous
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 from visual_servo_epipolar.core.tracking.matching import desired_view, Matches
 from visual_servo_epipolar.core.tracking.passing import PassingFeatures
@@ -109,6 +112,25 @@ class Tracker:
         self._views = (*self._views, view)
         self.goal = self.goal.with_view(GoalView(view.view.image))
         self.redetect()
+
+    def renew(self, image: Image, most: int) -> bool:
+        """
+        Keep ``image``, of today's light, if no photograph is like it; return whether it is kept.
+
+        Of more than ``most`` the one that differs least in light goes, never the first. Raises
+        as ``add_desired`` does.
+        """
+        image = as_gray(image)
+        gone = superfluous([*(view.image for view in self.goal.views), image], most)
+        if gone == len(self._views):
+            return False
+        self.add_desired(image)
+        if gone is not None:
+            views, tied_views = list(self.goal.views), list(self._views)
+            del views[gone], tied_views[gone]
+            self._views, self.goal = tuple(tied_views), replace(self.goal, views=tuple(views))
+            self.redetect()
+        return True
 
     def redetect(self) -> None:
         """Forget all features; the next image is matched to the desired one anew."""

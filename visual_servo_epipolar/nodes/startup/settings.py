@@ -85,6 +85,9 @@ class TrackerNodeSettings(LifecycleSettings):
     capture_adds: bool = setting(
         False, 'A captured photograph is added to those of this pose; false: it replaces them'
     )
+    renew: bool = fixed(
+        False, 'After an arrival the view in a light that no photograph has is kept beside them'
+    )
     max_photographs: int = setting(4, 'Most photographs of one pose', low=1, high=16)
     rectified: bool = fixed(
         False, 'Images are rectified: P of camera_info holds, its distortion does not apply'

@@ -64,11 +64,11 @@ class Photographer:
         self._photograph = Photograph(image, camera, stamp_ns, count)
         return self._keep(self._photograph)
 
-    def add(self, image: Image) -> str:
-        """Keep one more beside what was captured; return in words what became of it."""
+    def keep_more(self, images: tuple[Image, ...]) -> str:
+        """Keep these beside what was captured; return in words what became of them."""
         if self._photograph is None:
             return ', but it is not kept, for the first one was not captured'
-        self._photograph = replace(self._photograph, more=(*self._photograph.more, image))
+        self._photograph = replace(self._photograph, more=images)
         return self._keep(self._photograph)
 
     def _keep(self, captured: Photograph) -> str:
