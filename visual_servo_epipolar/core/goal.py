@@ -1,4 +1,4 @@
-"""Goal: the pose to come back to, as its photographs show it, and the map around it."""
+"""Goal: the pose to come back to, which a photograph defines, and the map around it."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
@@ -10,39 +10,16 @@ NO_GOAL = 0  # id of no goal, or of one that nobody tells
 MapT = TypeVar('MapT')
 
 
-@dataclass(frozen=True, eq=False)
-class GoalView:
-    """
-    Photograph of a goal: ``image``, uint8 of shape (H, W).
-
-    ``offset`` is where its camera stood: right and ahead of the goal [m], heading error [rad].
-    """
-
-    image: Image
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
 @dataclass(frozen=True)
 class Goal(Generic[MapT]):
     """
-    Goal of a run: its ``id``, which each of its features knows, and its ``views``.
+    Goal of a run: its ``id``, which each of its features knows.
 
-    The first view defines the goal, the others show it in other light; the tracker has them. The
-    ``map`` of what lies around is the servo's, and is learnt anew for each goal.
+    The ``map`` of what lies around is the servo's, and is learnt anew for each goal.
     """
 
     id: int = NO_GOAL
-    views: tuple[GoalView, ...] = ()
     map: MapT | None = None
-
-    @classmethod
-    def of(cls, image: Image) -> 'Goal[MapT]':
-        """Return the goal that a photograph, uint8 of shape (H, W), defines."""
-        return cls(goal_id(image), (GoalView(image),))
-
-    def with_view(self, view: GoalView) -> 'Goal[MapT]':
-        """Return the same goal with one more view."""
-        return replace(self, views=(*self.views, view))
 
     def differs(self, other: int) -> bool:
         """Return whether features of the goal ``other`` lead elsewhere; NO_GOAL is any."""

@@ -145,7 +145,7 @@ class TrackerNode(ManagedNode):
     def _add_desired(self, image: Pixels, name: str) -> None:
         """Add a photograph of the same pose; raises ValueError if it is none, or one too many."""
         most = self._node_settings.max_photographs
-        if len(self._tracker.goal.views) >= most:
+        if len(self._tracker.photographs) >= most:
             raise ValueError(
                 f'{name} is one photograph more than max_photographs, {most}; raise it, or begin '
                 'anew without capture_adds'
@@ -243,7 +243,7 @@ class TrackerNode(ManagedNode):
             if foreign:
                 raise ValueError(foreign)
             self._add_desired(image, 'what the camera sees')
-            kept, number = self._keep_more(), len(self._tracker.goal.views)
+            kept, number = self._keep_more(), len(self._tracker.photographs)
             return f'this is photograph {number} of the pose to come back to, {images}{kept}'
         self._set_desired(image)
         kept = self._photographer.keep(image, count, self._camera, self._stamp_ns or 0)
@@ -251,8 +251,7 @@ class TrackerNode(ManagedNode):
 
     def _keep_more(self) -> str:
         """Keep all photographs but the first beside it; return what became of it."""
-        more = tuple(view.image for view in self._tracker.goal.views[1:])
-        return self._photographer.keep_more(more)
+        return self._photographer.keep_more(self._tracker.photographs.images[1:])
 
     def _on_phase(self, message: String) -> None:
         """After an arrival, let as many images pass as a photograph is made of."""
@@ -267,7 +266,7 @@ class TrackerNode(ManagedNode):
         try:
             image, _ = self._photographer.capture()
             if self._tracker.renew(image, self._node_settings.max_photographs):
-                kept, count = self._keep_more(), len(self._tracker.goal.views)
+                kept, count = self._keep_more(), len(self._tracker.photographs)
                 self.get_logger().info(
                     f'the view in the light of today is one of {count} photographs now{kept}'
                 )

@@ -19,10 +19,13 @@ class Orb:
         bits = np.unpackbits(descriptors, axis=1).astype(np.float32)
         return Keypoints(pixels, ones, 0.0 * ones, bits)
 
-    def correspond(self, desired, image, *, limit, quick):
-        """Return the keypoints of an image, and those that are each other's nearest."""
-        current = self.describe(image, limit=limit, border=0.0)
-        return current, mutual_nearest(desired.descriptors, current.descriptors)
+    def detect(self, image, tuning, *, limit, quick):
+        """Return the keypoints of a current image."""
+        return self.describe(image, limit=limit, border=0.0)
+
+    def pairs(self, desired, current):
+        """Return those that are each other's nearest."""
+        return mutual_nearest(desired.descriptors, current.descriptors)
 
 
 ORB = Orb()

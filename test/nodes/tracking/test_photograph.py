@@ -284,7 +284,7 @@ def test_photographs_in_other_light_are_added_and_kept(bench, simulator, tmp_pat
     bench.nodes.remove(rig.node)
     rig.node.destroy_node()
     rig = Rig(bench, simulator, photograph=str(path))
-    assert len(rig.node._tracker.goal.views) == 2
+    assert len(rig.node._tracker.photographs) == 2
     assert rig.node._tracker.goal.id == goal
     assert load(path).images == 2
     next(tmp_path.glob(f'*{goal_id(load(path).more[0]):08x}.png')).unlink()
@@ -324,7 +324,7 @@ def test_an_arrival_in_another_light_renews_the_photographs(bench, simulator, tm
     for light, kept in (('ceiling', 0), ('lamp_side', 1), ('lamp_side', 1)):
         simulator.relight(LightSettings(light=light, exposure='auto'))
         rig.see(times=4)
-        assert len(rig.node._tracker.goal.views) == 1 + min(kept, len(load(path).more))
+        assert len(rig.node._tracker.photographs) == 1 + min(kept, len(load(path).more))
         say(String(data='arrived'))
         bench.until(lambda: rig.node._until_renewal > 0, 'the arrival')
         rig.see(times=4)

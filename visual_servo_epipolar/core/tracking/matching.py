@@ -24,6 +24,7 @@ LEAST = 1e-6  # of a corner: a wall is none
 BORDER = 2  # so much farther than a patch's radius from the border of the desired image [px]
 LARGEST_SIDE = 32766  # of an image [px]: cv2.remap has limits
 AROUND, MOST_AROUND = 8, 400  # matches that tell a scale, and of how many they are taken
+LIMIT = 4000  # of keypoints of an image
 CHANCE = -2.0  # log10 of the false alarms of a geometry that are expected at most
 
 
@@ -63,7 +64,7 @@ class Matches:
     scales: FloatArray
 
 
-def desired_view(image: Image, matcher: Matcher = SIFT, *, limit: int = 4000) -> DesiredView:
+def desired_view(image: Image, matcher: Matcher = SIFT, *, limit: int = LIMIT) -> DesiredView:
     """
     Return the desired view of ``image``, with at most ``limit`` keypoints of a ``matcher``.
 
@@ -95,13 +96,30 @@ def desired_view(image: Image, matcher: Matcher = SIFT, *, limit: int = 4000) ->
     return DesiredView(image, keypoints, corners, noise(image), matcher)
 
 
-def match(view: DesiredView, image: Image, *, limit: int = 4000, quick: bool = False) -> Matches:
+class CurrentView:
+    """Current view: an image, uint8 of shape (H, W), whose keypoints are detected but once."""
+
+    def __init__(self, image: Image) -> None:
+        self._image = as_gray(image)
+        self._detected: dict[tuple[object, bool], Keypoints] = {}
+
+    def keypoints(self, view: DesiredView, *, quick: bool) -> Keypoints:
+        """Return the keypoints to be paired with those of ``view``; views share one matcher."""
+        key = view.keypoints.tuning, quick
+        if key not in self._detected:
+            self._detected[key] = view.matcher.detect(
+                self._image, view.keypoints.tuning, limit=LIMIT, quick=quick
+            )
+        return self._detected[key]
+
+
+def match(view: DesiredView, image: Image | CurrentView, *, quick: bool = False) -> Matches:
     """
     Find the keypoints of ``view`` in ``image``.
 
     Pairs of the view's matcher, then one robust epipolar geometry that all must fit, and more of
-    them than by chance. ``image`` is uint8 of shape (H, W); ``quick`` gives fewer matches in less
-    time.
+    them than by chance. ``image`` is uint8 of shape (H, W), or a view of it for several matches;
+    ``quick`` gives fewer matches in less time.
 
     Raises
     ------
@@ -110,9 +128,9 @@ def match(view: DesiredView, image: Image, *, limit: int = 4000, quick: bool = F
         another place would.
 
     """
-    keypoints, pairs = view.matcher.correspond(
-        view.keypoints, as_gray(image), limit=limit, quick=quick
-    )
+    image = image if isinstance(image, CurrentView) else CurrentView(image)
+    keypoints = image.keypoints(view, quick=quick)
+    pairs = view.matcher.pairs(view.keypoints, keypoints)
     desired, current = view.keypoints.take(pairs[:, 0]), keypoints.take(pairs[:, 1])
     geometry, inliers = epipolar_geometry(current.pixels, desired.pixels)
     if geometry is None or int(inliers.sum()) < MIN_MATCHES:
@@ -154,7 +172,7 @@ def _frames(keypoints: Keypoints) -> FloatArray:
     return np.column_stack([keypoints.pixels, keypoints.angles, np.log2(keypoints.sizes)])
 
 
-def match_quickly(view: DesiredView, image: Image, *, enough: int) -> Matches:
+def match_quickly(view: DesiredView, image: CurrentView, *, enough: int) -> Matches:
     """
     Match ``view`` with ``image`` quickly, and again with care where that gives too little.
 

@@ -6,13 +6,11 @@ image, so that small errors do not add up to drift. Lost features are predicted 
 and when too few remain the whole image is matched anew.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, Image
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.goal import Goal, GoalView
+from visual_servo_epipolar.core.goal import Goal, goal_id
 from visual_servo_epipolar.core.tracking.alignment.sampling import (
     float_image,
     FloatImage,
@@ -22,14 +20,14 @@ from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.features import Features, Passing
 from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame, OpenCVError
-from visual_servo_epipolar.core.tracking.light_variety import superfluous
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
-from visual_servo_epipolar.core.tracking.matching import desired_view, Matches
+from visual_servo_epipolar.core.tracking.matching import Matches
 from visual_servo_epipolar.core.tracking.passing import PassingFeatures
+from visual_servo_epipolar.core.tracking.photographs.photographs import Photographs
+from visual_servo_epipolar.core.tracking.photographs.tied_view import TiedView
 from visual_servo_epipolar.core.tracking.predicted_features import fit_motion, Predictions
 from visual_servo_epipolar.core.tracking.reacquisition import reacquire
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.core.tracking.tied_view import best_match, tied, TiedView
 from visual_servo_epipolar.core.tracking.tracks import Tracks
 
 FIRST_ITERATIONS = 15  # of the alignment after a match: its scale is only known by SIFT
@@ -45,14 +43,14 @@ class Tracker:
 
     ``track`` returns no features before ``set_desired``. The id of a feature is its number in the
     desired view and never changes; a feature that was lost may come back under its id. ``goal``
-    is what the features lead to, without views before there is a desired image. Of its
-    photographs, in different light, that number ``photograph`` is tracked, from 0 on.
+    is what the features lead to. Of its ``photographs``, in different light, that number
+    ``photograph`` is tracked, from 0 on; there are none before there is a desired image.
     ``matchings`` counts matchings of whole images; ``reason`` says why the last one failed.
     """
 
     def __init__(self, settings: TrackerSettings) -> None:
         self.settings = settings
-        self._views: tuple[TiedView, ...] = ()
+        self.photographs = Photographs()
         self.photograph = 0
         self._previous: Frame | None = None
         self._tracked = Tracks.empty()
@@ -68,23 +66,23 @@ class Tracker:
     @property
     def has_desired(self) -> bool:
         """Whether there is a desired view."""
-        return bool(self._views)
+        return bool(self.photographs.views)
 
     @property
     def which(self) -> str:
         """Which of several photographs is tracked, in words; '' of one alone, or of none."""
-        if len(self._views) < 2 or not len(self._tracked):
+        if len(self.photographs) < 2 or not len(self._tracked):
             return ''
-        return f'photograph {self.photograph + 1} of {len(self._views)}'
+        return f'photograph {self.photograph + 1} of {len(self.photographs)}'
 
     @property
     def _tied(self) -> TiedView:
         """The photograph that is tracked."""
-        return self._views[self.photograph]
+        return self.photographs.views[self.photograph]
 
     def is_desired(self, image: Image) -> bool:
         """Return whether ``image``, of shape (H, W), is the desired one, pixel by pixel."""
-        return self.has_desired and np.array_equal(self._views[0].view.image, image)
+        return self.has_desired and np.array_equal(self.photographs.images[0], image)
 
     def set_desired(self, image: Image) -> None:
         """
@@ -93,9 +91,8 @@ class Tracker:
         Raises ValueError or TrackingError, and keeps the former view, if it cannot be used.
         """
         matcher = matcher_of(self.settings.matcher, self.settings.matcher_model)
-        view = desired_view(image, matcher)
-        self._views = (TiedView.first(view),)
-        self.goal = Goal.of(view.image)
+        self.photographs = Photographs.of(image, matcher)
+        self.goal = Goal(goal_id(self.photographs.images[0]))
         self.redetect()
 
     def add_desired(self, image: Image) -> None:
@@ -105,32 +102,20 @@ class Tracker:
         Raises ValueError or TrackingError, and changes nothing, if it cannot be used, is of
         another pose, or if there is no desired view yet.
         """
-        if not self.has_desired:
-            raise ValueError('no desired image yet; set the one that defines the goal first')
-        first = self._views[0]
-        view = tied(desired_view(image, first.view.matcher), first, self._views[-1].next_id)
-        self._views = (*self._views, view)
-        self.goal = self.goal.with_view(GoalView(view.view.image))
+        self.photographs = self.photographs.with_added(image)
         self.redetect()
 
     def renew(self, image: Image, most: int) -> bool:
         """
-        Keep ``image``, of today's light, if no photograph is like it; return whether it is kept.
+        Keep ``image``, of today's light, among at most ``most`` if no photograph is like it.
 
-        Of more than ``most`` the one that differs least in light goes, never the first. Raises
-        as ``add_desired`` does.
+        Returns whether it is kept; raises as ``add_desired`` does.
         """
-        image = as_gray(image)
-        gone = superfluous([*(view.image for view in self.goal.views), image], most)
-        if gone == len(self._views):
-            return False
-        self.add_desired(image)
-        if gone is not None:
-            views, tied_views = list(self.goal.views), list(self._views)
-            del views[gone], tied_views[gone]
-            self._views, self.goal = tuple(tied_views), replace(self.goal, views=tuple(views))
+        renewed = self.photographs.renewed(image, most)
+        is_kept, self.photographs = renewed is not self.photographs, renewed
+        if is_kept:
             self.redetect()
-        return True
+        return is_kept
 
     def redetect(self) -> None:
         """Forget all features; the next image is matched to the desired one anew."""
@@ -161,7 +146,7 @@ class Tracker:
         image = as_gray(image)
         if not self.has_desired:
             return Features()
-        desired = self._views[0].view.image
+        desired = self._tied.view.image
         if image.shape != desired.shape:
             raise ValueError(
                 f'image must have the size of the desired one, {_size(desired)}, got '
@@ -291,13 +276,13 @@ class Tracker:
     def _matched(self, image: Image) -> tuple[int, Matches]:
         """Match ``image``; return the number of the photograph that fits best, and its matches."""
         first, enough = self._match_frame is None, self.settings.max_features
-        count, numbers = len(self._views), [self.photograph]
+        count, numbers = len(self.photographs), [self.photograph]
         if first:  # nothing is known: not with the halved image
             numbers = list(range(count))
         elif count > 1 and len(self._tracked) < FEW:  # another in turn
             numbers.append((self.photograph + 1 + self.matchings % (count - 1)) % count)
         self._match_frame, self.matchings = self._frame, self.matchings + 1
-        return best_match(self._views, numbers, image, None if first else enough)
+        return self.photographs.best_match(numbers, image, None if first else enough)
 
     def _untracked(self, matches: Matches, tracked: Tracks) -> Warps:
         """Return the warps of matches that are not ``tracked``, spread over the desired image."""

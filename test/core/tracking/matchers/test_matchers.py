@@ -41,9 +41,10 @@ def test_it_fulfils_the_protocol_and_says_the_same_twice(name: str) -> None:
     matcher, image = MATCHERS[name], world().capture(START, 0)
     assert isinstance(matcher, Matcher)
     desired = matcher.describe(world().photograph(), limit=1000, border=12.0)
-    (first, pairs), (second, again) = (matcher.correspond(desired, image, **WHOLE) for _ in '12')
+    first, second = (matcher.detect(image, desired.tuning, **WHOLE) for _ in '12')
+    pairs = matcher.pairs(desired, first)
     assert pairs.shape[1] == 2
-    assert np.array_equal(pairs, again)
+    assert np.array_equal(pairs, matcher.pairs(desired, second))
     assert np.array_equal(first.pixels, second.pixels)
 
 
@@ -61,7 +62,7 @@ def test_its_matches_are_where_the_room_says(name: str) -> None:
 def test_it_never_raises_for_what_an_image_shows(name: str, image: Image) -> None:
     matcher = MATCHERS[name]
     desired = matcher.describe(world().photograph(), limit=1000, border=12.0)
-    _, pairs = matcher.correspond(desired, image, **WHOLE)
+    pairs = matcher.pairs(desired, matcher.detect(image, desired.tuning, **WHOLE))
     assert pairs.shape[1] == 2
     matcher.describe(image, limit=1000, border=12.0)
 
@@ -71,9 +72,11 @@ def test_a_matcher_without_sizes_and_angles_will_do() -> None:
         def describe(self, image, *, limit, border):
             return plain(MATCHERS['sift'].describe(image, limit=limit, border=border))
 
-        def correspond(self, desired, image, *, limit, quick):
-            current, pairs = MATCHERS['sift'].correspond(desired, image, limit=limit, quick=quick)
-            return plain(current), pairs
+        def detect(self, image, tuning, *, limit, quick):
+            return plain(MATCHERS['sift'].detect(image, tuning, limit=limit, quick=quick))
+
+        def pairs(self, desired, current):
+            return MATCHERS['sift'].pairs(desired, current)
 
     def plain(keypoints):
         ones = np.ones(len(keypoints))
@@ -100,12 +103,16 @@ def test_the_tracker_uses_the_matcher_that_it_is_told(monkeypatch: pytest.Monkey
             asked.append('describe')
             return MATCHERS['sift'].describe(image, limit=limit, border=border)
 
-        def correspond(self, desired, image, *, limit, quick):
-            asked.append('correspond')
-            return MATCHERS['sift'].correspond(desired, image, limit=limit, quick=quick)
+        def detect(self, image, tuning, *, limit, quick):
+            asked.append('detect')
+            return MATCHERS['sift'].detect(image, tuning, limit=limit, quick=quick)
+
+        def pairs(self, desired, current):
+            asked.append('pairs')
+            return MATCHERS['sift'].pairs(desired, current)
 
     monkeypatch.setitem(MATCHERS._loaded, 'spy', Spy())
     tracker = Tracker(replace(TrackerSettings(), matcher='spy'))
     tracker.set_desired(world().photograph())
     assert len(tracker.track(world().capture(START, 0))) >= 40
-    assert asked == ['describe', 'correspond']
+    assert asked == ['describe', 'detect', 'pairs']

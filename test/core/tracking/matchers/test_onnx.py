@@ -47,7 +47,8 @@ def test_keypoints_stand_on_the_pixels_that_score_and_follow_them(bright: Matche
     desired = bright.describe(image, limit=4000, border=0.0)
     u, v = desired.pixels[: (image == 255).sum()].astype(int).T
     assert (image[v, u] == 255).all()
-    current, pairs = bright.correspond(desired, moved, **WHOLE)
+    current = bright.detect(moved, None, **WHOLE)
+    pairs = bright.pairs(desired, current)
     shift = current.pixels[pairs[:, 1]] - desired.pixels[pairs[:, 0]]
     assert len(pairs) > 100
     assert (shift == [8.0, 16.0]).all(axis=1).mean() > 0.6  # of the smaller sizes not all
@@ -68,8 +69,8 @@ def test_it_never_raises_for_what_an_image_shows(bright: Matcher, shape: tuple[i
     for image in (np.zeros(shape, np.uint8), np.full(shape, 128, np.uint8)):
         bright.describe(image, limit=100, border=12.0)
         for quick in (False, True):
-            _, pairs = bright.correspond(desired, image, limit=100, quick=quick)
-            assert pairs.shape[1] == 2
+            current = bright.detect(image, None, limit=100, quick=quick)
+            assert bright.pairs(desired, current).shape[1] == 2
 
 
 def test_what_is_no_network_is_refused_with_what_to_do(tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ class Matcher(Protocol):
     """
     Matcher: finds the points of a photograph in an image that may look quite different.
 
-    Images are uint8, shape (H, W), at most ``limit`` keypoints are wanted of each. Both methods
+    Images are uint8, shape (H, W), at most ``limit`` keypoints are wanted of each. Its methods
     are deterministic and never raise for what an image shows. Wrong pairs are expected: the caller
     keeps those that agree on one epipolar geometry.
     """
@@ -57,11 +57,12 @@ class Matcher(Protocol):
     def describe(self, image: Image, *, limit: int, border: float) -> Keypoints:
         """Return keypoints of the photograph; nearer to its border [px] they are not used."""
 
-    def correspond(
-        self, desired: Keypoints, image: Image, *, limit: int, quick: bool
-    ) -> tuple[Keypoints, IntArray]:
+    def detect(self, image: Image, tuning: object, *, limit: int, quick: bool) -> Keypoints:
         """
-        Return keypoints of the current image, and index pairs (desired, current), shape (M, 2).
+        Return keypoints of a current image, to be paired with photographs of that ``tuning``.
 
-        ``quick`` asks for fewer matches in a fraction of the time; nobody needs to obey.
+        ``quick`` asks for fewer in a fraction of the time; nobody needs to obey.
         """
+
+    def pairs(self, desired: Keypoints, current: Keypoints) -> IntArray:
+        """Return index pairs (desired, current) of what may be the same points, shape (M, 2)."""

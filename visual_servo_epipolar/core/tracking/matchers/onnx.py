@@ -51,16 +51,17 @@ class Onnx:
         keypoints = self._network.keypoints(image, limit, SIZES)
         return keypoints.take(inside_border(keypoints.pixels, image.shape, border))
 
-    def correspond(
-        self, desired: Keypoints, image: Image, *, limit: int, quick: bool
-    ) -> tuple[Keypoints, IntArray]:
-        """Return the keypoints of ``image``, and index pairs; of less sizes of it if ``quick``."""
+    def detect(self, image: Image, tuning: object, *, limit: int, quick: bool) -> Keypoints:
+        """Return the best keypoints of ``image``, of fewer sizes of it if ``quick``."""
         if self._network is None:
-            return Keypoints.empty(), np.empty((0, 2), np.int64)
-        current = self._network.keypoints(image, limit, QUICK_SIZES if quick else SIZES)
+            return Keypoints.empty()
+        return self._network.keypoints(image, limit, QUICK_SIZES if quick else SIZES)
+
+    def pairs(self, desired: Keypoints, current: Keypoints) -> IntArray:
+        """Return those that are each other's nearest, and that others around move along with."""
         pairs = mutual_nearest(desired.descriptors, current.descriptors, ratio=RATIO)
         before, after = desired.pixels[pairs[:, 0]], current.pixels[pairs[:, 1]]
-        return current, pairs[supported(before, after)]
+        return pairs[supported(before, after)]
 
 
 ONNX = Onnx()

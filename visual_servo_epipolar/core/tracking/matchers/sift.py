@@ -45,14 +45,14 @@ class Sift:
         keypoints = keypoints.take(inside_border(keypoints.pixels, image.shape, border))
         return replace(keypoints, tuning=enlargement)
 
-    def correspond(
-        self, desired: Keypoints, image: Image, *, limit: int, quick: bool
-    ) -> tuple[Keypoints, IntArray]:
-        """Return the keypoints of ``image``, and index pairs; from a halved image if ``quick``."""
-        enlargement = desired.tuning
-        assert isinstance(enlargement, int)
-        keypoints = detect(image, limit=limit, enlargement=enlargement, halved=quick)
-        return keypoints, mutual_nearest(desired.descriptors, keypoints.descriptors)
+    def detect(self, image: Image, tuning: object, *, limit: int, quick: bool) -> Keypoints:
+        """Return the keypoints of ``image``, of the halved one if ``quick``."""
+        assert isinstance(tuning, int)
+        return detect(image, limit=limit, enlargement=tuning, halved=quick)
+
+    def pairs(self, desired: Keypoints, current: Keypoints) -> IntArray:
+        """Return those that are each other's nearest, and nearer than others."""
+        return mutual_nearest(desired.descriptors, current.descriptors)
 
 
 SIFT = Sift()

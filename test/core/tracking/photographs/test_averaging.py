@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.tracking.averaging import at_rest, averaged, unrest
+from visual_servo_epipolar.core.tracking.photographs.averaging import at_rest, averaged, unrest
 
 SIZE = 240, 320
 NOISE = 2.0

@@ -5,12 +5,11 @@ Features are tracked in the photograph that fits the light, but lead to where th
 taken: their pixels are mapped to it, by what both photographs show.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
+from visual_servo_epipolar.core.arrays import FloatArray, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, inside_border
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
@@ -19,8 +18,6 @@ from visual_servo_epipolar.core.tracking.matching import (
     BORDER,
     DesiredView,
     match,
-    match_quickly,
-    Matches,
 )
 from visual_servo_epipolar.core.tracking.predicted_features import (
     fit_motion,
@@ -58,15 +55,10 @@ class TiedView:
         """Return the photograph that defines the goal."""
         return cls(view, Anchor(view.image), view.keypoints.pixels)
 
-    @property
-    def next_id(self) -> int:
-        """The first id of the next photograph."""
-        return self.first_id + len(self.first_pixels)
 
-
-def tied(view: DesiredView, first: TiedView, next_id: int) -> TiedView:
+def tied(view: DesiredView, first: TiedView, first_id: int) -> TiedView:
     """
-    Return ``view``, with ids from ``next_id`` on, tied to the ``first`` photograph of its goal.
+    Return ``view``, with ids from ``first_id`` on, tied to the ``first`` photograph of its goal.
 
     Raises
     ------
@@ -87,32 +79,7 @@ def tied(view: DesiredView, first: TiedView, next_id: int) -> TiedView:
     shown = inside_border(pixels, shape, anchor.radius + BORDER)
     rows, pixels = rows[shown], pixels[shown]
     view = replace(view, keypoints=view.keypoints.take(rows), corners=view.corners[rows])
-    return TiedView(view, anchor, pixels, next_id)
-
-
-def best_match(
-    views: Sequence[TiedView], numbers: Sequence[int], image: Image, enough: int | None
-) -> tuple[int, Matches]:
-    """
-    Return which of ``views`` with these ``numbers`` has most matches in ``image``, and these.
-
-    The earlier of equal ones; ``enough`` is the number with which quick matches are good enough,
-    None of none. Raises the first's TrackingError if none matches.
-    """
-    found: list[tuple[int, Matches]] = []
-    errors: list[TrackingError] = []
-    for number in numbers:
-        view = views[number].view
-        try:
-            if enough is None:
-                found.append((number, match(view, image)))
-            else:
-                found.append((number, match_quickly(view, image, enough=enough)))
-        except TrackingError as error:
-            errors.append(error)
-    if not found:
-        raise errors[0]
-    return max(found, key=lambda item: len(item[1].indices))
+    return TiedView(view, anchor, pixels, first_id)
 
 
 def _common(view: DesiredView, anchor: Anchor, first: TiedView) -> Warps:

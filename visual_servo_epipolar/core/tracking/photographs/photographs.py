@@ -1,0 +1,139 @@
+"""Photographs of one pose: the first defines the goal, others show it in other light."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
+from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.goal import goal_id
+from visual_servo_epipolar.core.tracking.features import FIRST_PASSING
+from visual_servo_epipolar.core.tracking.matchers.base import Matcher
+from visual_servo_epipolar.core.tracking.matching import (
+    CurrentView,
+    desired_view,
+    match,
+    match_quickly,
+    Matches,
+)
+from visual_servo_epipolar.core.tracking.photographs.tied_view import tied, TiedView
+
+IDS = 1 << 14  # of a photograph, more than it has keypoints
+ALIKE = 0.9  # correlation above which two photographs are of one light
+SIZE = (64, 48)  # to which photographs are reduced: light is seen, a millimetre is not [px]
+DARK_GREY = 8.0  # added to grey levels, of which logarithms are taken: noise in the dark is none
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Photographs:
+    """Photographs of one pose: their ``views``, each tied to the first; none of no goal."""
+
+    views: tuple[TiedView, ...] = ()
+
+    @classmethod
+    def of(cls, image: Image, matcher: Matcher) -> 'Photographs':
+        """Return ``image`` alone, or raise as ``desired_view`` does."""
+        return cls((TiedView.first(desired_view(image, matcher)),))
+
+    def __len__(self) -> int:
+        return len(self.views)
+
+    @property
+    def images(self) -> tuple[Image, ...]:
+        """The images, uint8 of shape (H, W), that of the goal first."""
+        return tuple(view.view.image for view in self.views)
+
+    def with_added(self, image: Image) -> 'Photographs':
+        """
+        Return these and ``image``, of the same pose in other light.
+
+        Raises ValueError or TrackingError if it cannot be used, is of another pose, or the first.
+        """
+        if not self.views:
+            raise ValueError('no desired image yet; set the one that defines the goal first')
+        first = self.views[0]
+        view = desired_view(image, first.view.matcher)
+        return Photographs((*self.views, tied(view, first, self._free_ids(view.image))))
+
+    def renewed(self, image: Image, most: int) -> 'Photographs':
+        """
+        Return these and ``image``, of today's light, or these alone if one of them is like it.
+
+        Of more than ``most`` the one that differs least in light is left out, never the first.
+        Raises as ``with_added`` does.
+        """
+        images = [*self.images, as_gray(image)]
+        out = superfluous(images, most)
+        if out == len(self):
+            return self
+        views = self.with_added(image).views
+        return Photographs(tuple(view for k, view in enumerate(views) if k != out))
+
+    def best_match(
+        self, numbers: Sequence[int], image: Image, enough: int | None
+    ) -> tuple[int, Matches]:
+        """
+        Return which of those ``numbers`` has most matches in ``image``, and these.
+
+        The earlier of equal ones; ``enough`` is the number with which quick matches are good
+        enough, None of none. Raises the first's TrackingError if none matches.
+        """
+        current = CurrentView(image)
+        found: list[tuple[int, Matches]] = []
+        errors: list[TrackingError] = []
+        for number in numbers:
+            view = self.views[number].view
+            try:
+                if enough is None:
+                    found.append((number, match(view, current)))
+                else:
+                    found.append((number, match_quickly(view, current, enough=enough)))
+            except TrackingError as error:
+                errors.append(error)
+        if not found:
+            raise errors[0]
+        return max(found, key=lambda item: len(item[1].indices))
+
+    def _free_ids(self, image: Image) -> int:
+        """
+        Return the first id of ``image``, which follows from what it shows.
+
+        So that a memory never takes its features for those of one that was left out, nor after
+        a start that has other photographs than the last one.
+        """
+        slots, taken = FIRST_PASSING // IDS - 1, {view.first_id for view in self.views}
+        slot = goal_id(image) % slots
+        while IDS * (1 + slot) in taken:
+            slot = (slot + 1) % slots
+        return IDS * (1 + slot)
+
+
+def superfluous(images: Sequence[Image], most: int) -> int | None:
+    """
+    Return which of ``images`` of one pose tells least of other light, None if all may stay.
+
+    Images are uint8 of shape (H, W). The first always stays; the last, new, goes if one is ALIKE.
+    Where there are more than ``most``, the older of the two most alike goes.
+    """
+    small = np.array([_reduced(image) for image in images])
+    correlation = small @ small.T
+    newest = len(images) - 1
+    if newest == 0:
+        return None
+    if most == 1 or correlation[newest, :newest].max() > ALIKE:
+        return newest
+    if len(images) <= most:
+        return None
+    older, newer = max(combinations(range(len(images)), 2), key=lambda pair: correlation[pair])
+    return older or newer
+
+
+def _reduced(image: Image) -> FloatArray:
+    """Return the logarithms of ``image`` reduced to SIZE, zero mean and unit norm, flat."""
+    small = cv2.resize(image, SIZE, interpolation=cv2.INTER_AREA).ravel().astype(np.float64)
+    small = np.log(small + DARK_GREY)
+    small -= small.mean()
+    return np.asarray(small / max(float(np.linalg.norm(small)), 1e-9))
