@@ -13,7 +13,6 @@ from std_srvs.srv import Trigger
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -27,7 +26,7 @@ from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 from visual_servo_epipolar.nodes.tracking.image_faults import Lateness, Repetition
 from visual_servo_epipolar.nodes.tracking.photograph import read_photographs
-from visual_servo_epipolar.nodes.tracking.photographer import Photographer
+from visual_servo_epipolar.nodes.tracking.photographer import Photographer, Renewal
 from visual_servo_epipolar.nodes.tracking.reports import TrackerReports
 
 WARN_PERIOD_S, LAST_WORD_S = 5.0, 0.2
@@ -58,7 +57,7 @@ class TrackerNode(ManagedNode):
         """Create all that tracking needs; raises ValueError for a photograph that is broken."""
         self._tracker = Tracker(self._settings)
         self._stamp_ns: int | None = None
-        self._frame_id, self._until_renewal = '', 0  # images
+        self._frame_id = ''
         self._camera: CameraModel | None = None
         self._unusable = ''  # why the last camera_info cannot be used
         self._lateness, self._repetition = Lateness(self), Repetition()
@@ -70,6 +69,7 @@ class TrackerNode(ManagedNode):
         self._photographer = Photographer(
             self._node_settings.capture_frames, self._node_settings.photograph
         )
+        self._renewal = Renewal(self._node_settings.capture_frames)
         self._load_photograph()
         self._create_subscriptions()
 
@@ -102,7 +102,9 @@ class TrackerNode(ManagedNode):
         self._inputs.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self._inputs.create_subscription(Image, 'image_raw', self._on_image)
         if settings.renew:
-            self.create_subscription(String, 'phase', self._on_phase, qos.LATCHED)
+            self.create_subscription(
+                String, 'phase', lambda phase: self._renewal.follow(phase.data), qos.LATCHED
+            )
         if not settings.desired_image:
             self._inputs.create_subscription(
                 Image, 'desired/image_raw', self._on_desired, qos.LATCHED
@@ -194,7 +196,7 @@ class TrackerNode(ManagedNode):
         self._latest = tracking.image
         self._photographer.see(tracking.image)
         self._report(tracking)
-        if self._until_renewal:
+        if self._renewal.is_due():
             self._renew()
 
     def _publish(self, features: Features) -> None:
@@ -253,16 +255,8 @@ class TrackerNode(ManagedNode):
         """Keep all photographs but the first beside it; return what became of it."""
         return self._photographer.keep_more(self._tracker.photographs.images[1:])
 
-    def _on_phase(self, message: String) -> None:
-        """After an arrival, let as many images pass as a photograph is made of."""
-        has_arrived = message.data == Phase.ARRIVED.value
-        self._until_renewal = self._node_settings.capture_frames if has_arrived else 0
-
     def _renew(self) -> None:
         """Keep the view after an arrival, where it shows other light than the photographs."""
-        self._until_renewal -= 1
-        if self._until_renewal:
-            return
         try:
             image, _ = self._photographer.capture()
             if self._tracker.renew(image, self._node_settings.max_photographs):

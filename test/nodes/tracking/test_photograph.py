@@ -1,6 +1,7 @@
 """The photograph that is captured: of images at rest, kept on disk with its camera."""
 
 from dataclasses import replace
+from functools import partial
 import os
 import shutil
 
@@ -314,6 +315,10 @@ def test_a_folder_or_a_list_gives_several_photographs(simulator, tmp_path, monke
         read_photographs(os.pathsep.join([*names, 'rain.png']))
 
 
+def has_phase(rig: Rig, phase: str) -> bool:
+    return rig.node._renewal._phase == phase
+
+
 def test_an_arrival_in_another_light_renews_the_photographs(bench, simulator, tmp_path) -> None:
     path, frames = tmp_path / 'goal.yaml', {'capture_frames': 3, 'renew': True}
     rig = Rig(bench, simulator, photograph=str(path), **frames)
@@ -325,8 +330,9 @@ def test_an_arrival_in_another_light_renews_the_photographs(bench, simulator, tm
         simulator.relight(LightSettings(light=light, exposure='auto'))
         rig.see(times=4)
         assert len(rig.node._tracker.photographs) == 1 + min(kept, len(load(path).more))
-        say(String(data='arrived'))
-        bench.until(lambda: rig.node._until_renewal > 0, 'the arrival')
+        for phase in ('approaching', 'arrived'):
+            say(String(data=phase))
+            bench.until(partial(has_phase, rig, phase), 'the phase')
         rig.see(times=4)
         assert len(load(path).more) == kept
     simulator.relight(LightSettings())

@@ -11,7 +11,7 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.tracking.photograph import keep, Photograph
-from visual_servo_epipolar.nodes.tracking.photographer import Photographer
+from visual_servo_epipolar.nodes.tracking.photographer import Photographer, Renewal
 
 IMAGE = np.zeros((6, 8), np.uint8)
 NO_IMAGE = 'no usable image is there; check image_raw and camera_info'
@@ -36,6 +36,19 @@ def test_images_from_before_one_that_cannot_be_used_are_left_out() -> None:
     photographer.see(None)
     with pytest.raises(ValueError, match=NO_IMAGE):
         photographer.capture()
+
+
+def test_one_view_follows_an_arrival_that_was_seen() -> None:
+    renewal = Renewal(2)
+    told = ['arrived', 'arrived', 'approaching', 'arrived', 'arrived', 'arrived', 'arrived']
+    due = []
+    for phase in told:  # the servo says it with each image
+        renewal.follow(phase)
+        due.append(renewal.is_due())
+    assert due == [False, False, False, False, True, False, False]
+    for phase in ('approaching', 'arrived', 'waiting'):
+        renewal.follow(phase)
+        assert not renewal.is_due()
 
 
 class Rig:

@@ -9,12 +9,36 @@ from rclpy.clock import Clock, ClockType
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import are_alike
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.photographs.averaging import at_rest, averaged
 from visual_servo_epipolar.nodes.tracking import photograph
 from visual_servo_epipolar.nodes.tracking.photograph import Photograph
 
 MAX_CAPTURE_AGE_S = 1.0
+
+
+class Renewal:
+    """Renewal of photographs: due once ``frames`` images after an arrival, if none follows it."""
+
+    def __init__(self, frames: int) -> None:
+        self._frames, self._left = frames, 0
+        self._phase = ''
+
+    def follow(self, phase: str) -> None:
+        """Note the phase of the servo, which says with each image that it has arrived."""
+        if phase != Phase.ARRIVED.value:
+            self._left = 0
+        elif self._phase not in ('', phase):  # it was seen to arrive
+            self._left = self._frames
+        self._phase = phase
+
+    def is_due(self) -> bool:
+        """Return whether it is due with this image; ask once for each."""
+        if self._left == 0:
+            return False
+        self._left -= 1
+        return self._left == 0
 
 
 class Photographer:
