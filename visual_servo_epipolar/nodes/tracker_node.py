@@ -133,7 +133,9 @@ class TrackerNode(ManagedNode):
         """Take photographs from files, if any are there; raises ValueError if one is broken."""
         given, name = self._node_settings.desired_image, self._node_settings.photograph
         kept = self._photographer.load()
-        photographs = read_photographs(given) if given else {name: kept[0]} if kept else {}
+        photographs = {name: kept[0]} if kept else {}
+        if given:
+            photographs = read_photographs(given, self._node_settings.max_photographs)
         photographs |= {f'{name}, number {k + 2}': image for k, image in enumerate(kept[1:])}
         for path, image in photographs.items():
             if self._tracker.has_desired:

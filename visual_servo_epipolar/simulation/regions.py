@@ -125,17 +125,18 @@ def _conditions(region: str, scenario: Scenario, source: str) -> list[Condition]
         world = points_of(scenario, scenario.camera.seed)
         return [lambda pose: int(world.project(pose)[1].sum()) >= LEAST_FEATURES]
     camera = replace(scenario.camera, seed=0)  # one scene serves all runs
-    scenery = _scenery(camera, scenario.tracker.candidates)
+    light = scenario.light.photograph_light
+    scenery = _scenery(camera, light, scenario.tracker.candidates)
     if not everywhere:
         return [scenery.ground.is_free]
     return [scenery.ground.is_free, lambda pose: scenery.in_view(pose) >= LEAST_FEATURES]
 
 
 class _Scenery:
-    """The room, and the points in it that are worth tracking in the photograph."""
+    """The room, and the points in it that are worth tracking in a photograph by ``light``."""
 
-    def __init__(self, camera: CameraSettings, candidates: int) -> None:
-        scene, rig = room(camera.scene_seed, camera.scene), new_rig(camera)
+    def __init__(self, camera: CameraSettings, light: str, candidates: int) -> None:
+        scene, rig = room(camera.scene_seed, camera.scene, light), new_rig(camera)
         self.ground = Ground(scene, rig)
         # What is kept has no pictures on it: they take hundreds of megabytes.
         self._renderer = Renderer(scene.bare(), rig)
@@ -165,5 +166,5 @@ def _worth_tracking(photograph: Image, candidates: int) -> FloatArray:
 
 
 @lru_cache(maxsize=4)
-def _scenery(camera: CameraSettings, candidates: int) -> _Scenery:
-    return _Scenery(camera, candidates)
+def _scenery(camera: CameraSettings, light: str, candidates: int) -> _Scenery:
+    return _Scenery(camera, light, candidates)

@@ -185,6 +185,24 @@ def test_tracks_alone_are_replayed_by_themselves(small_run, tmp_path) -> None:
     assert replayed(path)[2].equal
 
 
+def test_a_network_that_is_gone_keeps_no_tracks_from_being_replayed(small_run, tmp_path) -> None:
+    topic = '/tracker_node/settings'
+    (settings,) = (
+        TYPES.deserialize_cdr(raw, kind_of(each)).data
+        for each, _, raw in small_run
+        if each == topic
+    )
+    gone = settings.replace('matcher: sift', 'matcher: onnx')
+    gone = gone.replace("matcher_model: ''", 'matcher_model: /gone.onnx')
+    message = (topic, 0, serialize_message(write.text(gone)))
+    path = write_bag(tmp_path / 'gone', [message, *without(small_run, topic)])
+    assert replayed(path, from_tracks=True)[2].equal
+    with pytest.raises(InputError, match=r'recorded tracker: matcher_model .*/gone.onnx'):
+        replayed(path)
+    sift = {'tracker': {'matcher': 'sift', 'matcher_model': ''}}
+    assert replayed(path, changes=sift)[2].equal
+
+
 def test_the_photograph_may_come_from_the_simulator_alone(small_run, tmp_path) -> None:
     path = write_bag(tmp_path / 'desired', without(small_run, '/tracker_node/desired/image_raw'))
     assert replayed(path)[2].equal

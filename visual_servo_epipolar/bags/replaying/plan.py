@@ -21,6 +21,7 @@ from visual_servo_epipolar.messages.settings_text import installed_versions, Nod
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
 NEAR_NS = NANOSECONDS // 2  # how far from the stamp asked for the photograph may be
+OF_IMAGES = 'matcher', 'matcher_model'  # settings that mean nothing to recorded tracks
 OWN_PHOTOGRAPH = 'tracker_node/desired/image_raw'
 
 
@@ -62,7 +63,11 @@ def plan(bag: Bag, run: Recording, overrides: ReplayOverrides) -> tuple[Plan, li
         from_tracks=from_tracks,
         servo=_settings(ServoSettings(), run.servo, overrides.changes.get('servo', {}), notes),
         tracker=_settings(
-            TrackerSettings(), run.tracker, overrides.changes.get('tracker', {}), notes
+            TrackerSettings(),
+            run.tracker,
+            overrides.changes.get('tracker', {}),
+            notes,
+            unused=OF_IMAGES if from_tracks else (),
         ),
         cameras=_cameras(bag, run, overrides),
         photographs=() if from_tracks else _photographs(bag, run, overrides),
@@ -98,10 +103,13 @@ def _settings(
     history: Sequence[tuple[int | None, NodeSettings]],
     changes: Mapping[str, Any],
     notes: list[str],
+    unused: Sequence[str] = (),
 ) -> list[tuple[int | None, SettingsT]]:
-    """Return the settings in their time, each with ``changes`` in place."""
+    """Return the settings in their time, each with ``changes`` in place, without those unused."""
     section = _section(default)
-    names = {item.name for item in fields(default)}
+    # What is changed need not hold any more: a file that is here no longer.
+    names = {item.name for item in fields(default)}.difference(unused, _todays(default, changes))
+    where = section if changes else f'recorded {section}'
     if not history:
         notes.append(f'no parameters of the {section} in the bag: those not given are defaults')
     timeline: list[tuple[int | None, SettingsT]] = []
@@ -109,8 +117,7 @@ def _settings(
         for after_ns, recorded in history:
             values = {name: value for name, value in recorded.values.items() if name in names}
             _note_version(recorded, notes)
-            settings = updated(default, values, f'recorded {section}')
-            timeline.append((after_ns, updated(settings, changes, section)))
+            timeline.append((after_ns, updated(default, {**values, **changes}, where)))
         return timeline or [(None, updated(default, changes, section))]
     except (TypeError, ValueError) as error:
         raise InputError(str(error)) from None
@@ -145,16 +152,18 @@ def effective_changes(
     effective: dict[str, dict[str, Any]] = {}
     for default, history in ((ServoSettings(), run.servo), (TrackerSettings(), run.tracker)):
         section = _section(default)
-        given = changes.get(section, {})
-        before = _settings(default, history, {}, [])
-        after = _settings(default, history, given, [])
-        for name in (default.RENAMED.get(name, name) for name in given):
+        recorded = [settings.values for _, settings in history] or [{}]
+        for name, value in _todays(default, changes.get(section, {})).items():
             if name == 'autostart':  # a replay starts where the recording did
                 continue
-            pairs = zip(before, after, strict=True)
-            if any(getattr(old, name) != getattr(new, name) for (_, old), (_, new) in pairs):
-                effective.setdefault(section, {})[name] = getattr(after[-1][1], name)
+            if any(values.get(name, getattr(default, name)) != value for values in recorded):
+                effective.setdefault(section, {})[name] = value
     return effective
+
+
+def _todays(settings: Settings, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``changes`` by the names that ``settings`` have today."""
+    return {settings.RENAMED.get(name, name): value for name, value in changes.items()}
 
 
 def _section(settings: Settings) -> str:

@@ -49,29 +49,37 @@ def read_picture(path: Path, name: str) -> Image:
     return as_gray(GrayReader().picture(path.read_bytes(), name))
 
 
-def read_photographs(given: str) -> dict[str, Image]:
+def read_photographs(given: str, most: int) -> dict[str, Image]:
     """
     Read the photographs that a parameter names, by path, or raise ValueError.
 
-    It names a file, several with colons between them, or a folder of pictures, taken by name. The
-    first one defines the goal.
+    It names a file, several with colons between them, or a folder of pictures, taken by name;
+    ``most`` at most. The first one defines the goal.
     """
+    files = _photograph_files(given)
+    if len(files) > most:
+        raise ValueError(
+            f'desired_image must name at most max_photographs, {most}, got {len(files)} by '
+            f'{given!r}; raise it, or name fewer'
+        )
+    return {file: _read_photograph(file) for file in files}
+
+
+def _photograph_files(given: str) -> list[str]:
     # Of a list, pathlib would say that its name is too long.
-    if os.path.isdir(given):
-        try:
-            files = sorted(f for f in Path(given).iterdir() if f.suffix.lower() in PICTURES)
-        except OSError as error:
-            raise ValueError(f'desired_image: {given}: {error.strerror}') from None
-        if not files:
-            raise ValueError(
-                f'desired_image must be a folder with pictures, got {given!r}, where none is; '
-                'put them there'
-            )
-        return {str(file): _read_photograph(str(file)) for file in files}
-    several = os.pathsep in given and not os.path.exists(given)
-    return {
-        file: _read_photograph(file) for file in (given.split(os.pathsep) if several else [given])
-    }
+    if not os.path.isdir(given):
+        several = os.pathsep in given and not os.path.exists(given)
+        return given.split(os.pathsep) if several else [given]
+    try:
+        files = sorted(f for f in Path(given).iterdir() if f.suffix.lower() in PICTURES)
+    except OSError as error:
+        raise ValueError(f'desired_image: {given}: {error.strerror}') from None
+    if not files:
+        raise ValueError(
+            f'desired_image must be a folder with pictures, got {given!r}, where none is; '
+            'put them there'
+        )
+    return list(map(str, files))
 
 
 def _read_photograph(path: str) -> Image:

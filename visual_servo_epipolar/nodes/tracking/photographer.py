@@ -90,6 +90,8 @@ class Photographer:
 
     def keep_more(self, images: tuple[Image, ...]) -> str:
         """Keep these beside what was captured; return in words what became of them."""
+        if self._path is None:
+            return ''
         if self._photograph is None:
             return ', but it is not kept, for the first one was not captured'
         self._photograph = replace(self._photograph, more=images)
