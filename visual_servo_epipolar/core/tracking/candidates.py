@@ -1,12 +1,19 @@
-"""Candidates: features of the desired view that are worth tracking, and the order of search."""
+"""
+Candidates: features of the desired view that are worth tracking, and the order of search.
+
+They are spread over the image by bucketing: of the cells of a grid the best of each, then the
+second best.
+"""
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, IntArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
-from visual_servo_epipolar.core.tracking.bucketing import bucketed, CELLS, cells
-from visual_servo_epipolar.core.tracking.matching import DesiredView
+from visual_servo_epipolar.core.tracking.matching import DesiredView, Matches
+from visual_servo_epipolar.core.tracking.tracks import Tracks
 
+GRID = (4, 3)  # columns and rows of the coarse grid that measures coverage
+CELLS = GRID[0] * GRID[1]
 INFORMATIVE_HEIGHT = 0.25  # of half the image: nearer to the horizon a feature counts for less
 FULL_SHARE = 4  # with a full set the search of a frame is divided by this
 FULL_PERIOD = 3  # and made once in so many frames
@@ -53,6 +60,20 @@ class Candidates:
         quality = quality + (1.0 * strong + preferred) * self._view.corners.max()
         return bucketed(pixels, quality, strong, count, self.size)
 
+    def matched(self, matches: Matches, tracked: Warps, limit: int) -> Warps:
+        """Return the warps of at most ``limit`` matches that are not ``tracked``, spread."""
+        rows = np.flatnonzero(~contained(matches.indices, tracked.ids))
+        rows = rows[self.bucketed(matches.indices[rows], np.zeros(len(rows), bool), limit)]
+        ids = matches.indices[rows]
+        affine = matches.scales[rows, None, None] * np.eye(2)
+        return Warps(ids, self._view.keypoints.pixels[ids], matches.pixels[rows], affine)
+
+    def limited(self, tracks: Tracks, preferred: Tracks, limit: int) -> Tracks:
+        """Return at most ``limit`` of ``tracks``, spread, ``preferred`` ones first."""
+        ids = tracks.warps.ids
+        first = contained(ids, preferred.warps.ids)
+        return tracks.take(self.bucketed(ids, first, limit))
+
     def next_missing(self, tracked: Warps, count: int, enough: int) -> IntArray:
         """
         Return the next candidates that are not ``tracked``, in turn, by id, ``count`` at most.
@@ -81,3 +102,59 @@ class Candidates:
         ids = np.take(missing, self._next + np.arange(count), mode='wrap')
         self._next = (self._next + count) % len(missing)
         return ids
+
+
+def cells(pixels: FloatArray, size: tuple[int, int], *, grid: tuple[int, int] = GRID) -> IntArray:
+    """
+    Return the cell of each of ``pixels``, shape (N, 2), row by row from 0, shape (N,).
+
+    ``size`` is width and height of the image [px], ``grid`` its columns and rows of cells.
+    """
+    columns, rows = grid
+    column = np.clip(pixels[:, 0] * columns / size[0], 0, columns - 1).astype(np.int64)
+    row = np.clip(pixels[:, 1] * rows / size[1], 0, rows - 1).astype(np.int64)
+    return np.asarray(row * columns + column)
+
+
+def bucketed(
+    pixels: FloatArray, quality: FloatArray, strong: BoolArray, count: int, size: tuple[int, int]
+) -> IntArray:
+    """
+    Choose ``count`` points spread over an image: the best of every cell, then the second best.
+
+    Those that are not ``strong`` only where these do not suffice.
+
+    Parameters
+    ----------
+    pixels : array, shape (N, 2)
+        Candidates.
+    quality : array, shape (N,)
+        Larger is better.
+    strong : array, shape (N,)
+        Which are chosen before all others.
+    count : int
+        How many to choose; all when there are not so many.
+    size : (int, int)
+        Width and height of the image [px].
+
+    Returns
+    -------
+    indices : array, shape (min(N, count),)
+        The chosen rows in ascending order.
+
+    """
+    columns = max(2, round((1.5 * count) ** 0.5))
+    rows = max(2, round(columns * size[1] / size[0]))
+    rank = _rank_in_cell(cells(pixels, size, grid=(columns, rows)), quality)
+    best_first = np.lexsort((-quality, rank, ~strong))
+    return np.sort(best_first[:count])
+
+
+def _rank_in_cell(cell: IntArray, quality: FloatArray) -> IntArray:
+    """Return the rank of each point by ``quality`` among those of its ``cell``, shape (N,)."""
+    order = np.lexsort((-quality, cell))
+    starts = np.flatnonzero(np.diff(cell[order], prepend=-1))
+    sizes = np.diff(starts, append=len(order))
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order)) - np.repeat(starts, sizes)
+    return rank

@@ -25,6 +25,7 @@ MIN_SUPPORT = 6  # tracked features below which no motion is fitted
 ROUNDS = 2  # of reweighting, so that one outlier does not drag the others along
 RIDGE = 1e-6 * np.eye(3)  # features in a row leave one direction open
 NEAR_PX = 60.0  # distance within which residuals of other features count
+OUTLIER_PX = 8.0  # distance from the motion of most at which a feature is an outlier
 OUTLIER_MEDIANS = 5.0  # residual of an outlier, in medians of all, beyond its limit
 
 
@@ -75,10 +76,21 @@ class Predictions:
         self._features = PredictedFeatures.empty()
         self._motion: tuple[ImageMotion | None, IntArray] | None = None  # to be followed yet
 
-    def follow(self, motion: 'ImageMotion | None', tracked: IntArray) -> None:
-        """Follow the ``motion`` of a frame, without the features ``tracked``, shape (M,)."""
+    def follow(self, last: Warps, tracked: Warps) -> BoolArray:
+        """
+        Follow the motion from the ``last`` frame to the M features ``tracked`` in this one.
+
+        These are in the order of the last frame. Returns which move as most do, shape (M,).
+        """
         self._catch_up()
-        self._motion = motion, tracked
+        before = last.current
+        if len(tracked) < len(last):
+            before = before[contained(last.ids, tracked.ids)]
+        motion = fit_motion(before, tracked.current)
+        self._motion = motion, tracked.ids
+        if motion is None:
+            return np.ones(len(tracked), bool)
+        return ~motion.outliers(before, tracked.current, OUTLIER_PX)
 
     def correct(self, tracked: Warps) -> None:
         """Replace or add the predictions of ``tracked`` features."""

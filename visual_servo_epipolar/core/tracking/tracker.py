@@ -16,25 +16,21 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
     FloatImage,
     inside_border,
 )
-from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
-from visual_servo_epipolar.core.tracking.features import Features, Passing
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
-from visual_servo_epipolar.core.tracking.matching import Matches
 from visual_servo_epipolar.core.tracking.passing import PassingFeatures
-from visual_servo_epipolar.core.tracking.photographs.photographs import Photographs
+from visual_servo_epipolar.core.tracking.photographs.photographs import Photographs, Rematching
 from visual_servo_epipolar.core.tracking.photographs.tied_view import TiedView
-from visual_servo_epipolar.core.tracking.predicted_features import fit_motion, Predictions
+from visual_servo_epipolar.core.tracking.predicted_features import Predictions
 from visual_servo_epipolar.core.tracking.reacquisition import reacquire
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracks import Tracks
 
 FIRST_ITERATIONS = 15  # of the alignment after a match: its scale is only known by SIFT
 BORDER = 4.0  # features nearer to the border of the current image are dropped [px]
-FEW, FEW_PERIOD = 20, 3  # below so many features, matching may come after so few frames
 FEW_FACTOR = 3  # the search is so many times wider below min_features
-OUTLIER_PX = 8.0  # distance from the common motion at which the flow of a feature is dropped
 
 
 class Tracker:
@@ -45,7 +41,7 @@ class Tracker:
     desired view and never changes; a feature that was lost may come back under its id. ``goal``
     is what the features lead to. Of its ``photographs``, in different light, that number
     ``photograph`` is tracked, from 0 on; there are none before there is a desired image.
-    ``matchings`` counts matchings of whole images; ``reason`` says why the last one failed.
+    ``reason`` says why the last matching of a whole image failed.
     """
 
     def __init__(self, settings: TrackerSettings) -> None:
@@ -59,14 +55,18 @@ class Tracker:
         self._passing = PassingFeatures()
         self._frame = 0
         self.goal: Goal[None] = Goal()
-        self._match_frame: int | None = None
-        self.matchings = 0
+        self._rematching = Rematching()
         self.reason = 'no desired image yet; nothing is tracked until one is given or captured'
 
     @property
     def has_desired(self) -> bool:
         """Whether there is a desired view."""
         return bool(self.photographs.views)
+
+    @property
+    def matchings(self) -> int:
+        """How often a whole image was matched."""
+        return self._rematching.count
 
     @property
     def which(self) -> str:
@@ -121,7 +121,8 @@ class Tracker:
         """Forget all features; the next image is matched to the desired one anew."""
         if self.has_desired:
             self.reason = 'the photograph was not looked for yet'
-        self._previous, self._match_frame = None, None
+        self._previous = None
+        self._rematching.forget()
         self._begin(0)
         self._passing.forget()
 
@@ -154,6 +155,7 @@ class Tracker:
             )
         self.prepare()
         self._frame += 1
+        self._rematching.pass_frame()
         try:
             frame = Frame(image)
             self._tracked = self._tracked_in(frame)
@@ -164,7 +166,7 @@ class Tracker:
             self.reason = f'the image could not be tracked in: {" ".join(str(error).split())}'
             return Features()
         self._previous, self._is_prepared = frame, False
-        return self._features(passing)
+        return self._tied.features(self._tracked, passing, self.goal.id)
 
     def prepare(self) -> None:
         """Prepare for the next image, while there is time; ``track`` does what was not done."""
@@ -175,7 +177,8 @@ class Tracker:
     def _tracked_in(self, frame: Frame) -> Tracks:
         """Return the tracks in ``frame``, by matching all of it where few are left."""
         tracked = self._carried_on(frame)
-        if len(tracked) < self.settings.min_features and self._may_match():
+        is_due = self._rematching.is_due(len(self._tracked), self.settings.rematch_period)
+        if len(tracked) < self.settings.min_features and is_due:
             return self._replenished(tracked, frame.image)
         return tracked
 
@@ -189,14 +192,6 @@ class Tracker:
         tracked = self._on_common_motion(tracked.without_residual_outliers())
         return self._reacquired(tracked, pixels).without_epipolar_outliers()
 
-    def _may_match(self) -> bool:
-        """Return whether it is time: matching takes as long as several frames."""
-        if self._match_frame is None:
-            return True
-        elapsed = self._frame - self._match_frame
-        few = len(self._tracked) < FEW
-        return elapsed >= (FEW_PERIOD if few else self.settings.rematch_period)
-
     @property
     def _aligns_now(self) -> bool:
         period = self.settings.anchor_period
@@ -209,23 +204,13 @@ class Tracker:
         before = self._tracked.warps.current.astype(np.float32)
         follow = coarse_flow if self._aligns_now else checked_flow
         after, valid = follow(self._previous, frame, before, settings=self.settings)
-        last, current = self._tracked, after.astype(np.float64)
-        warps = Warps(last.warps.ids, last.warps.desired, current, last.warps.affine)
+        current = after.astype(np.float64)
         valid &= inside_border(current, frame.image.shape, BORDER)
-        return Tracks(warps, last.ages + 1, last.residuals).take(valid)
+        return self._tracked.followed(current, valid)
 
     def _on_common_motion(self, tracked: Tracks) -> Tracks:
         """Drop outliers of the motion since the last frame, which the predictions follow."""
-        last, current = self._tracked.warps, tracked.warps.current
-        before = last.current
-        if len(tracked) < len(last):
-            # Both are in the order of the last frame; lost features are missing in the second.
-            before = before[contained(last.ids, tracked.warps.ids)]
-        motion = fit_motion(before, current)
-        self._predictions.follow(motion, tracked.warps.ids)
-        if motion is None:
-            return tracked
-        return tracked.take(~motion.outliers(before, current, OUTLIER_PX))
+        return tracked.take(self._predictions.follow(self._tracked.warps, tracked.warps))
 
     def _aligned(self, tracked: Tracks, image: FloatImage, iterations: int) -> Tracks:
         """Return the tracks aligned with the desired image, without those unlike it."""
@@ -250,12 +235,15 @@ class Tracker:
         joined = tracked.joined(found)
         if len(joined) <= self.settings.max_features:
             return joined
-        return self._limited(joined, tracked)
+        return self._candidates.limited(joined, tracked, self.settings.max_features)
 
     def _replenished(self, tracked: Tracks, image: Image) -> Tracks:
         """Return the tracks filled up with features of a new matching of the whole image."""
+        limit = self.settings.max_features
         try:
-            photograph, matches = self._matched(image)
+            photograph, matches = self._rematching.matches(
+                (self.photographs, self.photograph), len(self._tracked), image, limit
+            )
         except TrackingError as error:
             self.reason = str(error)
             return tracked
@@ -266,50 +254,12 @@ class Tracker:
             self._begin(photograph)
             tracked = self._tracked
         assert self._candidates is not None
-        warps = self._untracked(matches, tracked)
+        warps = self._candidates.matched(matches, tracked.warps, self.settings.candidates)
         detected = self._aligned(Tracks.detected(warps), float_image(image), FIRST_ITERATIONS)
         joined = tracked.joined(detected).without_epipolar_outliers()
         self._candidates.remember(joined.warps.ids, self.settings.candidates)
         self._predictions.correct(joined.warps)
-        return self._limited(joined, tracked)
-
-    def _matched(self, image: Image) -> tuple[int, Matches]:
-        """Match ``image``; return the number of the photograph that fits best, and its matches."""
-        first, enough = self._match_frame is None, self.settings.max_features
-        count, numbers = len(self.photographs), [self.photograph]
-        if first:  # nothing is known: not with the halved image
-            numbers = list(range(count))
-        elif count > 1 and len(self._tracked) < FEW:  # another in turn
-            numbers.append((self.photograph + 1 + self.matchings % (count - 1)) % count)
-        self._match_frame, self.matchings = self._frame, self.matchings + 1
-        return self.photographs.best_match(numbers, image, None if first else enough)
-
-    def _untracked(self, matches: Matches, tracked: Tracks) -> Warps:
-        """Return the warps of matches that are not ``tracked``, spread over the desired image."""
-        assert self._candidates is not None
-        rows = np.flatnonzero(~contained(matches.indices, tracked.warps.ids))
-        preferred, limit = np.zeros(len(rows), bool), self.settings.candidates
-        rows = rows[self._candidates.bucketed(matches.indices[rows], preferred, limit)]
-        ids = matches.indices[rows]
-        affine = matches.scales[rows, None, None] * np.eye(2)
-        return Warps(ids, self._tied.view.keypoints.pixels[ids], matches.pixels[rows], affine)
-
-    def _limited(self, tracks: Tracks, preferred: Tracks) -> Tracks:
-        """Return at most ``max_features`` of ``tracks``, spread, ``preferred`` ones first."""
-        assert self._candidates is not None
-        ids, limit = tracks.warps.ids, self.settings.max_features
-        first = contained(ids, preferred.warps.ids)
-        return tracks.take(self._candidates.bucketed(ids, first, limit))
-
-    def _features(self, passing: Passing) -> Features:
-        warps, ages, residuals = self._tracked.warps, self._tracked.ages, self._tracked.residuals
-        # The border of the image is where every position was tested: all are finite.
-        columns = warps.ids, warps.current, warps.desired, ages, residuals
-        if self.photograph:
-            tied_view = self._tied
-            ids, desired = warps.ids + tied_view.first_id, tied_view.first_pixels[warps.ids]
-            columns = ids, warps.current, desired, ages, residuals
-        return Features.owning(*columns, passing, self.goal.id)
+        return self._candidates.limited(joined, tracked, limit)
 
 
 def _size(image: Image) -> str:

@@ -1,6 +1,6 @@
 """Tracks: the features tracked at a time, and the tests by which outliers are dropped."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,11 @@ class Tracks:
             np.concatenate([self.ages, more.ages]),
             np.concatenate([self.residuals, more.residuals]),
         )
+
+    def followed(self, pixels: FloatArray, valid: BoolArray) -> 'Tracks':
+        """Return those that are ``valid``, (N,), a frame later, at ``pixels``, (N, 2)."""
+        warps = replace(self.warps, current=pixels)
+        return Tracks(warps, self.ages + 1, self.residuals).take(valid)
 
     def without_residual_outliers(self) -> 'Tracks':
         """

@@ -23,6 +23,7 @@ from visual_servo_epipolar.core.tracking.photographs.tied_view import tied, Tied
 
 IDS = 1 << 14  # of a photograph, more than it has keypoints
 ALIKE = 0.9  # correlation above which two photographs are of one light
+FEW, FEW_PERIOD = 20, 3  # below so many features, matching may come after so few frames
 SIZE = (64, 48)  # to which photographs are reduced: light is seen, a millimetre is not [px]
 DARK_GREY = 8.0  # added to grey levels, of which logarithms are taken: noise in the dark is none
 
@@ -109,6 +110,46 @@ class Photographs:
         while IDS * (1 + slot) in taken:
             slot = (slot + 1) % slots
         return IDS * (1 + slot)
+
+
+class Rematching:
+    """Matching of whole images: when it is time for the next, and with which photographs."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._elapsed: int | None = None  # frames since the last one, None of none
+
+    def forget(self) -> None:
+        """Forget the last one: of the next image nothing is known."""
+        self._elapsed = None
+
+    def pass_frame(self) -> None:
+        """Let a frame pass."""
+        if self._elapsed is not None:
+            self._elapsed += 1
+
+    def is_due(self, left: int, period: int) -> bool:
+        """Return whether it is time, with ``left`` features: it takes as long as many frames."""
+        return self._elapsed is None or self._elapsed >= (FEW_PERIOD if left < FEW else period)
+
+    def matches(
+        self, tracked: tuple[Photographs, int], left: int, image: Image, enough: int
+    ) -> tuple[int, Matches]:
+        """
+        Return which of the photographs has most matches in ``image``, and these.
+
+        All of them are matched where nothing is known, and not quickly; otherwise the one of that
+        number which is ``tracked``, and another in turn where few features are ``left``. Raises
+        TrackingError if none matches.
+        """
+        (photographs, number), is_first = tracked, self._elapsed is None
+        numbers, others = [number], len(photographs) - 1
+        if is_first:
+            numbers = list(range(len(photographs)))
+        elif others and left < FEW:
+            numbers.append((number + 1 + self.count % others) % len(photographs))
+        self._elapsed, self.count = 0, self.count + 1
+        return photographs.best_match(numbers, image, None if is_first else enough)
 
 
 def superfluous(images: Sequence[Image], most: int) -> int | None:

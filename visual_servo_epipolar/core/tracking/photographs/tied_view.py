@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, inside_border
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import squared_lengths, Warps
+from visual_servo_epipolar.core.tracking.features import Features, Passing
 from visual_servo_epipolar.core.tracking.matching import (
     BORDER,
     DesiredView,
@@ -24,6 +25,7 @@ from visual_servo_epipolar.core.tracking.predicted_features import (
     ImageMotion,
     OUTLIER_MEDIANS,
 )
+from visual_servo_epipolar.core.tracking.tracks import Tracks
 
 ITERATIONS = 15  # of the alignment of one photograph with the other
 MIN_CORRELATION = 0.7  # of a patch in both: in other light edges stay, shading does not
@@ -54,6 +56,17 @@ class TiedView:
     def first(cls, view: DesiredView) -> 'TiedView':
         """Return the photograph that defines the goal."""
         return cls(view, Anchor(view.image), view.keypoints.pixels)
+
+    def features(self, tracks: Tracks, passing: Passing, goal: int) -> Features:
+        """Return the features of a ``goal`` that ``tracks`` of this view are."""
+        warps = tracks.warps
+        ids, desired = warps.ids, warps.desired
+        if self.first_id:
+            ids, desired = ids + self.first_id, self.first_pixels[ids]
+        # The border of the image is where every position was tested: all are finite.
+        return Features.owning(
+            ids, warps.current, desired, tracks.ages, tracks.residuals, passing, goal
+        )
 
 
 def tied(view: DesiredView, first: TiedView, first_id: int) -> TiedView:
