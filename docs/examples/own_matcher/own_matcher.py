@@ -8,7 +8,7 @@ from visual_servo_epipolar.core.tracking.matchers.nearest import mutual_nearest
 
 
 class Orb:
-    """Binary descriptors, as vectors of 256 zeros and ones; sizes and angles are not told."""
+    """Binary descriptors, as vectors of zeros and ones; sizes and angles are not told."""
 
     def describe(self, image, *, limit, border):
         """Return the keypoints of a photograph."""
@@ -16,8 +16,7 @@ class Orb:
         if descriptors is None:
             return Keypoints.empty()
         pixels, ones = np.array([point.pt for point in points]), np.ones(len(points))
-        bits = np.unpackbits(descriptors, axis=1).astype(np.float32)
-        return Keypoints(pixels, ones, 0.0 * ones, bits)
+        return Keypoints(pixels, ones, 0.0 * ones, np.float32(np.unpackbits(descriptors, axis=1)))
 
     def detect(self, image, tuning, *, limit, quick):
         """Return the keypoints of a current image."""
