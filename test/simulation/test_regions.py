@@ -19,6 +19,7 @@ from visual_servo_epipolar.simulation.views import points_of
 
 SMALL = load(Path(__file__).parents[2] / 'config' / 'scenarios' / 'small.yaml')
 BOUNDS = {
+    'around': ((-4.0, -4.0, -180.0), (4.0, 4.0, 180.0)),
     'front': ((-1.5, -5.0, -15.0), (1.5, -2.0, 15.0)),
     'beside': ((-1.5, -2.0, -15.0), (1.5, 1.5, 15.0)),
     'anywhere': ((-6.0, -10.0, -180.0), (6.0, 4.0, 180.0)),

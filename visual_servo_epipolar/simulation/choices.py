@@ -11,7 +11,9 @@ BOXES: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, float]
             'front': ((-1.5, -5.0, -15.0), (1.5, -2.0, 15.0)),
             'beside': ((-1.5, -2.0, -15.0), (1.5, 1.5, 15.0)),
             'anywhere': ((-6.0, -10.0, -180.0), (6.0, 4.0, 180.0)),
+            'around': ((-4.0, -4.0, -180.0), (4.0, 4.0, 180.0)),
         }
     )
 )
 REGIONS = tuple(BOXES)
+IN_VIEW = frozenset({'anywhere', 'around'})  # only poses that have the goal's features in view

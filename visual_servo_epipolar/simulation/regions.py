@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.matching import desired_view
-from visual_servo_epipolar.simulation.choices import BOXES, REGIONS
+from visual_servo_epipolar.simulation.choices import BOXES, IN_VIEW, REGIONS
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
@@ -98,7 +98,8 @@ def start_in(
     It depends on the arguments alone, not on how many starts are drawn. In images no start is in
     a wall or in furniture. ``anywhere`` are all poses from which at least 40 of the goal's
     features are in view: points of the cloud that belongs to the seed of ``scenario``, or what
-    the tracker would keep of the photograph, as far as nothing in the room hides it.
+    the tracker would keep of the photograph, as far as nothing in the room hides it. So is
+    ``around``, within 4 m of the goal.
 
     Raises InputError if there is no such region, or no such start.
     """
@@ -118,7 +119,7 @@ def start_in(
 
 
 def _conditions(region: str, scenario: Scenario, source: str) -> list[Condition]:
-    everywhere = region == 'anywhere'
+    everywhere = region in IN_VIEW
     if source == 'features':
         if not everywhere:
             return []

@@ -65,7 +65,8 @@ class CameraModel(Intrinsics, Protocol):
 
     Pixel coordinates (u, v) are OpenCV's: u right, v down, integers at pixel centres. Camera axes:
     x right, y down, z forward; a lens may see rays behind, z < 0. ``focal`` [px per rad at the
-    centre] only turns thresholds in pixels into angles. Equal cameras are equal values.
+    centre] only turns thresholds in pixels into angles. Equal cameras are equal values. Of an
+    image that ``wraps``, u and u + width are one column: nobody may subtract pixels across it.
     """
 
     def __hash__(self) -> int: ...

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from visual_servo_epipolar.core.cameras import equidistant, pinhole
+from visual_servo_epipolar.core.cameras import equidistant, equirectangular, pinhole
 from visual_servo_epipolar.core.cameras.intrinsics import checked_matrix
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.registry import Registry
@@ -18,11 +18,13 @@ class CameraRow:
     Row of a camera: who makes it, and how many ``coefficients`` its lens may have.
 
     ``factory`` takes width, height, fx, fy, cx, cy [px], the coefficients and the name of the
-    lens, and ``skew`` by keyword.
+    lens, and ``skew`` by keyword. Where the size of the image tells all, ``of_size`` makes it from
+    width and height [px]: no K is asked for.
     """
 
     factory: CameraFactory
     coefficients: tuple[int, ...] = (0,)
+    of_size: Callable[[int, int], CameraModel] | None = None
 
 
 CAMERAS: Registry[CameraRow] = Registry(
@@ -33,6 +35,9 @@ CAMERAS: Registry[CameraRow] = Registry(
             for name, counts in pinhole.DISTORTION_MODELS.items()
         },
         'equidistant': CameraRow(equidistant.Equidistant, equidistant.COEFFICIENTS),
+        equirectangular.NAME: CameraRow(
+            equirectangular.Equirectangular, of_size=equirectangular.of_size
+        ),
     },
     CameraRow,
 )
@@ -72,11 +77,25 @@ def calibrated_camera(
         If there is no such camera.
 
     """
-    (fx, skew, cx), (_, fy, cy), _ = checked_matrix(k).tolist()
     name = lens_name(distortion_model)
     row = CAMERAS[name] if name in CAMERAS else UNKNOWN
+    if row.of_size is not None:
+        return row.of_size(*size)
+    (fx, skew, cx), (_, fy, cy), _ = checked_matrix(k).tolist()
     kept = _fitting(distortion, row.coefficients)
     return row.factory(*size, fx, fy, cx, cy, kept, name, skew=skew)
+
+
+def camera_of_size(projection: str, size: tuple[int, int]) -> CameraModel:
+    """Return the camera of a ``projection`` that an image ``size`` [px] tells; else ValueError."""
+    row = CAMERAS[projection] if projection in CAMERAS else UNKNOWN
+    if row.of_size is None:
+        known = [name for name in CAMERAS if CAMERAS[name].of_size is not None]
+        raise ValueError(
+            f'projection must be camera_info, or one that the size of the image tells, of '
+            f'{", ".join(known)}, got {projection!r:.40}; leave others to camera_info'
+        )
+    return row.of_size(*size)
 
 
 def scaled(

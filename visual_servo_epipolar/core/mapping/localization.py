@@ -8,6 +8,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import wrap_angle
 from visual_servo_epipolar.core.mapping.adjustment.projection import points_of, Structure, turns_of
 from visual_servo_epipolar.core.mapping.adjustment.window import HEADING, VIEW, X, Y
 from visual_servo_epipolar.core.mapping.correspondences import Correspondences
@@ -193,7 +194,7 @@ def map_measurement_of(said: MapLocalization, slope: float) -> MapMeasurement:
         said.lateral_deviation,
         longitudinal,
         longitudinal_deviation,
-        heading_error,
+        wrap_angle(heading_error),
         said.heading_deviation,
         (math.sqrt(own[0]), math.sqrt(own[1]), math.sqrt(own[2])),
         longitudinal / said.depth,

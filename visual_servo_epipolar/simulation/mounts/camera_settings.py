@@ -37,7 +37,8 @@ class CameraSettings(Settings):
     distortion_model: str = setting(
         'plumb_bob',
         'Lens: plumb_bob, rational_polynomial, equidistant (a fisheye, whose focal length is that '
-        'of its centre), or one of another package',
+        'of its centre), equirectangular (360 deg, told by the size alone), or one of another '
+        'package',
         read_only=True,
     )
     image_circle: float = setting(

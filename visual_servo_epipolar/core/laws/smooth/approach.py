@@ -5,9 +5,18 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, TYPE_CHECKING
 
+from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.equations import LINE_DAMPING
 from visual_servo_epipolar.core.laws.prediction import is_late
+from visual_servo_epipolar.core.laws.smooth.all_round import (
+    driving_share,
+    goes_around,
+    LEAST_WAY,
+    line_share,
+    off_aim,
+    on_nearer_side,
+)
 from visual_servo_epipolar.core.laws.smooth.steering import (
     aim,
     curvature,
@@ -58,18 +67,25 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
     sight = seen_from(state, measurement, settings)
     if sight is None:
         return STANDSTILL
+    around = goes_around(*sight, measurement)
     left = way_left(measurement, state)
+    if around:
+        left = max(left, LEAST_WAY * math.hypot(sight.x, sight.y))
     braking = BRAKING * settings.max_acceleration
     speed = min(
         rate_within(left, deceleration=braking, delay=TAIL_S), _certain(measurement, settings)
     )
-    if measurement.offset is None:
+    if measurement.offset is None and not around:
         speed = min(speed, max(settings.k_t * abs(measurement.difference), _least(measurement)))
-    elif speed > 0.0:
+    elif speed > 0.0 and not around:
         speed = min(speed, _converging(sight, left, braking))
-    kappa = _kappa(sight, max(STEERING_S * abs(speed), LEAST_LOOK_AHEAD), measurement)
+    look_ahead = max(STEERING_S * abs(speed), LEAST_LOOK_AHEAD)
+    pose = _aimed_pose(sight, look_ahead, around)
+    kappa = _visible_curvature(pose, measurement)
     speed = min(speed, _steerable(kappa, settings))
     turn = kappa * speed if speed > 0.0 else 0.0
+    if around:
+        return _around(pose, speed, turn, settings)
     if measurement.offset is not None:
         facing = _facing(left)
         calm = min(max(1.5 - left / NEAR, 0.0), 1.0) * CALM
@@ -78,10 +94,21 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
     return Twist(speed, _within_view(turn, measurement, settings))
 
 
-def _kappa(sight: Sight, look_ahead: float, measurement: Measurement) -> float:
-    """Return the curvature of the path [1/m], with features in view; of no sharper look-ahead."""
+def _aimed_pose(sight: Sight, look_ahead: float, around: bool) -> PolarPose:
+    """Return the pose against the goal, or what is aimed at ahead of it, by ``look_ahead`` [m]."""
     ahead = max(GAINS.look_aheads * look_ahead + min(sight.y, 0.0), 0.0)
-    return _visible_curvature(polar_pose(*sight, ahead=ahead), measurement)
+    if not around:
+        return polar_pose(*sight, ahead=ahead)
+    return on_nearer_side(polar_pose(*sight, ahead=line_share(sight.y) * ahead), GAINS)
+
+
+def _around(pose: PolarPose, speed: float, turn: float, settings: ServoSettings) -> Twist:
+    """Return the velocity of who goes around the goal: far off its aim it turns in place first."""
+    if not turns_in_place(settings.drive):
+        return Twist(speed, turn)
+    off = off_aim(pose, GAINS)
+    share = driving_share(off)
+    return Twist(share * speed, share * turn - (1.0 - share) * off / TURN_S)
 
 
 def _visible_curvature(pose: PolarPose, measurement: Measurement) -> float:

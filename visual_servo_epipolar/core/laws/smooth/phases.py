@@ -39,6 +39,7 @@ from visual_servo_epipolar.core.laws.phases.matching_features import MATCHING_FE
 from visual_servo_epipolar.core.laws.phases.orienting import ORIENTING
 from visual_servo_epipolar.core.laws.phases.retreating import has_run_up, RETREATING
 from visual_servo_epipolar.core.laws.phases.standing import ARRIVED, FAILED, HOLDING, WAITING
+from visual_servo_epipolar.core.laws.smooth.all_round import goes_around, sees_all_round
 from visual_servo_epipolar.core.laws.smooth.approach import (
     approach,
     back_off,
@@ -75,6 +76,8 @@ def _approaching(state: ServoState, measurement: Measurement, settings: ServoSet
         faces = not turned or faces_goal(state, measurement, settings)
         return Event.MATCHED if faces else Event.TURNED
     x, y = measurement.offset
+    if goes_around(x, y, measurement.heading_error, measurement):
+        return Event.NOTHING
     if not state.settling.settled and y > -PASSED and max(y, abs(x)) > PASSED:
         return _missed(state, settings)
     beside = y < -NEAR_GOAL and _lies_beside(measurement, settings)
@@ -92,7 +95,7 @@ def _lies_beside(
 ) -> bool:
     """Return whether the goal lies beside, ``beyond`` [rad] of where a robot backs off to."""
     bearings = measurement.bearings
-    if bearings is None or not settings.options.retreat:
+    if bearings is None or not settings.options.retreat or sees_all_round(measurement):
         return False
     return not is_behind(bearings) or abs(bearings.chi) > settings.sideways_bearing + beyond
 

@@ -1,0 +1,90 @@
+"""
+Equirectangular image of 360 deg, as 360-degree cameras' drivers publish it: columns are longitudes.
+
+No CameraInfo names it, and none is needed: all 360 deg lie over the width, as many pixels per rad
+along the height, and the horizon in the middle row. Its left edge is its right one.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, packed
+from visual_servo_epipolar.core.cameras.intrinsics import ImageIntrinsics
+
+NAME = 'equirectangular'
+LEAST_LEVEL = 0.3  # cosine of an elevation [-]: nearer to a pole a row is as exact, a column is not
+SLACK = 1.0  # of a width by its focal length, and of a height by the width [px]
+
+
+@dataclass(frozen=True, slots=True)
+class Equirectangular(ImageIntrinsics):
+    """Panorama: u goes with the bearing from -180 to 180 deg, v with the elevation, down."""
+
+    distortion_model: str = NAME
+
+    lens = NAME
+    wide = wraps = True
+    planar = None
+    edges = (-math.inf, math.inf)
+
+    def __post_init__(self) -> None:
+        ImageIntrinsics.__post_init__(self)  # super() does not know a class with slots
+        size = f'{self.width}x{self.height} px'
+        if self.height > 0.5 * self.width + SLACK:
+            raise ValueError(
+                f'an equirectangular image must be at most half as high as wide, got {size}: it '
+                'shows 360 deg over its width, 180 at most over its height; crop it, or say which '
+                'lens it is'
+            )
+        span = math.tau * self.fx
+        if abs(span - self.width) > SLACK or abs(self.fy - self.fx) > SLACK * self.fx / span:
+            raise ValueError(
+                f'an equirectangular image must have all 360 deg over its width, got {size} and '
+                f'{span:.0f} px around; publish it whole, neither cut nor stretched'
+            )
+
+    @property
+    def shows_poles(self) -> bool:
+        """Whether it is whole: twice as wide as high."""
+        return self.height >= 0.5 * self.width - SLACK
+
+    def rays(self, pixels: FloatArray) -> FloatArray:
+        """Return unit rays, (N, 3), of ``pixels``, (N, 2)."""
+        u, v = as_points(pixels, 'pixels').T
+        bearing, elevation = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        level = np.cos(elevation)
+        return np.column_stack(
+            [level * np.sin(bearing), np.sin(elevation), level * np.cos(bearing)]
+        )
+
+    def pixels(self, rays: FloatArray) -> FloatArray:
+        """Return the pixels, shape (N, 2), of ``rays``, (N, 3): all are seen."""
+        level = np.hypot(rays[:, 0], rays[:, 2])
+        bearing = np.arctan2(packed(rays[:, 0]), packed(rays[:, 2]))
+        elevation = np.arctan2(packed(rays[:, 1]), level)
+        return np.column_stack([self.fx * bearing + self.cx, self.fy * elevation + self.cy])
+
+    def round_trips(self, pixels: FloatArray, rays: FloatArray) -> BoolArray:
+        """Return which ``pixels``, shape (N, 2), come back from their ``rays``, (N, 3): all."""
+        return np.asarray(np.isfinite(rays).all(axis=1))
+
+    def resolution(self, rays: FloatArray) -> FloatArray:
+        """Return the angle of a pixel at each of ``rays``, (N, 3): (N,) [rad]; not less at poles."""
+        level = np.hypot(rays[:, 0], rays[:, 2])
+        return np.asarray(np.sqrt(np.maximum(level, LEAST_LEVEL)) / self.focal)
+
+    def contains(self, pixels: FloatArray, *, margin: float = 0.0) -> BoolArray:
+        """Return which ``pixels``, shape (N, 2), lie in the image; it has no border at its sides."""
+        u, v = pixels[:, 0], pixels[:, 1]
+        beyond = 0.5 - min(margin, 0.0)
+        inside_u = (u >= -beyond) & (u <= self.width - 1 + beyond)
+        return np.asarray(inside_u & (v >= margin - 0.5) & (v <= self.height - 0.5 - margin))
+
+
+def of_size(width: int, height: int) -> Equirectangular:
+    """Return the panorama of that size [px], which tells all; ValueError of a lower one."""
+    focal = width / math.tau
+    centre = 0.5 * (width - 1), 0.5 * (height - 1)
+    return Equirectangular(width, height, focal, focal, *centre)

@@ -1,0 +1,58 @@
+"""
+All-round views: with a camera that sees all around, one motion leads home from every pose.
+
+Nothing leaves the view, so no robot backs off: from beside or ahead of the goal the curvature law
+drives around it, with delta at most atan(k_1 pi), 81 deg, and the distance falls all the way. One
+that is turned far from the aim of delta turns in place first, for it would drive away meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+
+from visual_servo_epipolar.core.geometry.motion import wrap_angle
+from visual_servo_epipolar.core.laws.smooth.steering import aim, Gains, PolarPose
+from visual_servo_epipolar.core.perception.measurement import Measurement
+
+NEAR, TURNED = 0.35, 0.7  # within this the line to the goal is followed, if turned by less [rad]
+AT_GOAL = 0.1  # nearer no direction to it is worth a turn [m]
+AHEAD = 0.5  # ahead of the goal, from where on the line is aimed at no farther than it [m]
+BEHIND_IT = 2.6  # |phi| beyond which either side leads around as well [rad]
+STEERED, IN_PLACE = 0.6, 1.0  # off the aim of delta: up to which it drives on, and not at all [rad]
+LEAST_WAY = 0.5  # of the distance, that is left to drive at least while it goes around
+
+
+def sees_all_round(measurement: Measurement) -> bool:
+    """Return whether no turn leads features out of view."""
+    return math.isinf(min(measurement.view_margins))
+
+
+def goes_around(x: float, y: float, heading: float, measurement: Measurement) -> bool:
+    """Return whether one at ``x``, ``y`` [m] goes around the goal, not up a line to it."""
+    distance = math.hypot(x, y)
+    if not sees_all_round(measurement) or distance < AT_GOAL:
+        return False
+    return distance > NEAR or abs(heading) > TURNED
+
+
+def line_share(y: float) -> float:
+    """Return the share of the look-ahead that is aimed at ahead of the goal, by ``y`` [m]."""
+    return min(max(1.0 - y / AHEAD, 0.0), 1.0)
+
+
+def on_nearer_side(pose: PolarPose, gains: Gains) -> PolarPose:
+    """Return ``pose`` with the phi, of the two ahead of the goal, whose aim is the nearer one."""
+    if abs(pose.phi) <= BEHIND_IT:
+        return pose
+    other = pose._replace(phi=pose.phi - math.copysign(math.tau, pose.phi))
+    return min(pose, other, key=lambda each: abs(off_aim(each, gains)))
+
+
+def off_aim(pose: PolarPose, gains: Gains) -> float:
+    """Return by how much delta is off its aim [rad]."""
+    return wrap_angle(pose.delta - aim(pose.phi, gains))
+
+
+def driving_share(off: float) -> float:
+    """Return the share of the speed at which one ``off`` its aim [rad] drives while it turns."""
+    return min(max((IN_PLACE - abs(off)) / (IN_PLACE - STEERED), 0.0), 1.0)
