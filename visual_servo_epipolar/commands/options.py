@@ -83,7 +83,7 @@ def add_sweep(parser: ArgumentParser) -> None:
         '--region',
         choices=REGIONS,
         required=True,
-        help='start in front of the goal, beside it, or anywhere in view',
+        help='start in front of the goal, beside it, anywhere in view, or around it in view',
     )
     add_words(parser, {'--runs N': 'number of starts for each law'}, type=count, required=True)
     add_source(parser)

@@ -1,5 +1,5 @@
 """
-Equirectangular image of 360 deg, as 360-degree cameras' drivers publish it: columns are longitudes.
+Equirectangular image of 360 deg, as drivers of 360-degree cameras publish it.
 
 No CameraInfo names it, and none is needed: all 360 deg lie over the width, as many pixels per rad
 along the height, and the horizon in the middle row. Its left edge is its right one.
@@ -14,7 +14,9 @@ from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, 
 from visual_servo_epipolar.core.cameras.intrinsics import ImageIntrinsics
 
 NAME = 'equirectangular'
-LEAST_LEVEL = 0.3  # cosine of an elevation [-]: nearer to a pole a row is as exact, a column is not
+LEAST_LEVEL = (
+    0.3  # cosine of an elevation [-]: nearer to a pole a row is as exact, a column is not
+)
 SLACK = 1.0  # of a width by its focal length, and of a height by the width [px]
 
 
@@ -71,12 +73,12 @@ class Equirectangular(ImageIntrinsics):
         return np.asarray(np.isfinite(rays).all(axis=1))
 
     def resolution(self, rays: FloatArray) -> FloatArray:
-        """Return the angle of a pixel at each of ``rays``, (N, 3): (N,) [rad]; not less at poles."""
+        """Return the angle of a pixel at each of ``rays``, (N, 3): (N,) [rad], bounded."""
         level = np.hypot(rays[:, 0], rays[:, 2])
         return np.asarray(np.sqrt(np.maximum(level, LEAST_LEVEL)) / self.focal)
 
     def contains(self, pixels: FloatArray, *, margin: float = 0.0) -> BoolArray:
-        """Return which ``pixels``, shape (N, 2), lie in the image; it has no border at its sides."""
+        """Return which ``pixels``, shape (N, 2), lie in the image, which has no sides."""
         u, v = pixels[:, 0], pixels[:, 1]
         beyond = 0.5 - min(margin, 0.0)
         inside_u = (u >= -beyond) & (u <= self.width - 1 + beyond)

@@ -31,8 +31,8 @@ def test_it_goes_on_while_the_way_is_known() -> None:
 
 
 def test_a_goal_that_comes_to_lie_beside_is_backed_off_from() -> None:
-    aside = sight(bearings=behind(1.2, 0.3), offset=(1.5, -0.6), offset_deviation=0.01)
-    assert event(aside) is Event.SIDEWAYS
+    known = {'offset': (1.5, -0.6), 'offset_deviation': 0.01, 'view_margins': (1.0, 1.0)}
+    assert event(sight(bearings=behind(1.2, 0.3), **known)) is Event.SIDEWAYS
 
 
 @pytest.mark.parametrize('offset', [(0.0, 0.08), (0.08, -0.02)])

@@ -14,11 +14,15 @@ from visual_servo_epipolar.core.geometry.motion import wrap_angle
 from visual_servo_epipolar.core.laws.smooth.steering import aim, Gains, PolarPose
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
-NEAR, TURNED = 0.35, 0.7  # within this the line to the goal is followed, if turned by less [rad]
-AT_GOAL = 0.1  # nearer no direction to it is worth a turn [m]
-AHEAD = 0.5  # ahead of the goal, from where on the line is aimed at no farther than it [m]
+NEAR, TURNED = 0.35, 0.7  # [m], [rad]: within both the line to the goal is followed,
+LINE_SLOPE = 0.7  # by who is behind it and no farther aside than that share
+AT_GOAL = 0.12  # nearer no direction to it is worth a turn [m]
 BEHIND_IT = 2.6  # |phi| beyond which either side leads around as well [rad]
-STEERED, IN_PLACE = 0.6, 1.0  # off the aim of delta: up to which it drives on, and not at all [rad]
+STEERED, IN_PLACE = (
+    0.6,
+    1.0,
+)  # off the aim of delta: up to which it drives on, and not at all [rad]
+NEARS, LEADS_AWAY = 1.45, 1.6  # delta at which it drives on, and not at all [rad]
 LEAST_WAY = 0.5  # of the distance, that is left to drive at least while it goes around
 
 
@@ -32,12 +36,12 @@ def goes_around(x: float, y: float, heading: float, measurement: Measurement) ->
     distance = math.hypot(x, y)
     if not sees_all_round(measurement) or distance < AT_GOAL:
         return False
-    return distance > NEAR or abs(heading) > TURNED
+    return distance > NEAR or abs(heading) > TURNED or abs(x) > -LINE_SLOPE * y
 
 
-def line_share(y: float) -> float:
-    """Return the share of the look-ahead that is aimed at ahead of the goal, by ``y`` [m]."""
-    return min(max(1.0 - y / AHEAD, 0.0), 1.0)
+def line_share(x: float, y: float) -> float:
+    """Return the share of the look-ahead that is aimed at ahead of the goal: by who is behind."""
+    return min(max(2.0 * (1.0 + abs(x) / y), 0.0), 1.0) if y < 0.0 else 0.0
 
 
 def on_nearer_side(pose: PolarPose, gains: Gains) -> PolarPose:
@@ -53,6 +57,8 @@ def off_aim(pose: PolarPose, gains: Gains) -> float:
     return wrap_angle(pose.delta - aim(pose.phi, gains))
 
 
-def driving_share(off: float) -> float:
-    """Return the share of the speed at which one ``off`` its aim [rad] drives while it turns."""
-    return min(max((IN_PLACE - abs(off)) / (IN_PLACE - STEERED), 0.0), 1.0)
+def driving_share(delta: float, off: float) -> float:
+    """Return the share of the speed, by how far delta is ``off`` its aim, and leads away [rad]."""
+    steered = (IN_PLACE - abs(off)) / (IN_PLACE - STEERED)
+    nearing = (LEADS_AWAY - abs(delta)) / (LEADS_AWAY - NEARS)
+    return min(max(min(steered, nearing), 0.0), 1.0)

@@ -99,7 +99,7 @@ def _aimed_pose(sight: Sight, look_ahead: float, around: bool) -> PolarPose:
     ahead = max(GAINS.look_aheads * look_ahead + min(sight.y, 0.0), 0.0)
     if not around:
         return polar_pose(*sight, ahead=ahead)
-    return on_nearer_side(polar_pose(*sight, ahead=line_share(sight.y) * ahead), GAINS)
+    return on_nearer_side(polar_pose(*sight, ahead=line_share(sight.x, sight.y) * ahead), GAINS)
 
 
 def _around(pose: PolarPose, speed: float, turn: float, settings: ServoSettings) -> Twist:
@@ -107,7 +107,7 @@ def _around(pose: PolarPose, speed: float, turn: float, settings: ServoSettings)
     if not turns_in_place(settings.drive):
         return Twist(speed, turn)
     off = off_aim(pose, GAINS)
-    share = driving_share(off)
+    share = driving_share(pose.delta, off)
     return Twist(share * speed, share * turn - (1.0 - share) * off / TURN_S)
 
 
