@@ -34,6 +34,8 @@ def track(
         gray = read.gray(message, reader)
         _check_size(gray, camera)
         image = gray
+        if not isinstance(camera, str):
+            tracker.see_through(camera)
         features = tracker.track(image)
     except ValueError as error:
         return TrackingResult(Features(), image, f'image refused: {error}')

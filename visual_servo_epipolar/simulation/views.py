@@ -16,7 +16,7 @@ def view_of(scenario: Scenario, source: str, seed: int) -> View:
     if source == 'features':
         return points_of(scenario, seed)
     simulator = CameraSimulator(scenario.camera, scenario.disturbances, scenario.light)
-    return ImageView(simulator, Tracker(scenario.tracker))
+    return ImageView(simulator, Tracker(scenario.tracker, scenario.camera.nominal_camera))
 
 
 def points_of(scenario: Scenario, seed: int) -> PointWorld:

@@ -27,9 +27,9 @@ def log_false_alarms(
     Parameters
     ----------
     fundamental : array, shape (3, 3)
-        F such that p_desired^T F p_current = 0, in pixels.
-    current, desired : arrays, shape (N, 4)
-        Features of the matches: pixel, angle [rad], and logarithm of the size to base 2.
+        F such that p_desired^T F p_current = 0, in pixels; or E of unit rays.
+    current, desired : arrays, shape (N, 4) or (N, 5)
+        Features of the matches: pixel or ray, angle [rad], and logarithm of the size to base 2.
     inliers : array, shape (N,)
         Which of the matches the geometry rests on.
 
@@ -42,7 +42,7 @@ def log_false_alarms(
     change = _change(current, desired)
     typical = _typical(change[inliers])
     alike = _alike(change, typical)
-    error = _distances(fundamental, current[:, :2], desired[:, :2])
+    error = _distances(fundamental, current[:, :-2], desired[:, :-2])
     errors = np.sort(error[inliers & alike])
     if len(errors) <= SAMPLE:
         return math.inf
@@ -50,7 +50,7 @@ def log_false_alarms(
     paired = current[crossed[:, 0]], desired[crossed[:, 1]]
     like = _alike(_change(*paired), typical)
     chance_alike = (1.0 + float(like.sum())) / (1.0 + len(like))
-    off = np.sort(_distances(fundamental, paired[0][:, :2], paired[1][:, :2]))
+    off = np.sort(_distances(fundamental, paired[0][:, :-2], paired[1][:, :-2]))
     counts = np.arange(SAMPLE + 1, len(errors) + 1)
     chance = (1.0 + np.searchsorted(off, errors[SAMPLE:], side='right')) / (1.0 + len(off))
     values = (
@@ -82,7 +82,7 @@ def _crossed(count: int) -> IntArray:
 
 def _change(current: FloatArray, desired: FloatArray) -> FloatArray:
     """Return turn [rad] and growth [octaves] from each desired to its current, shape (N, 2)."""
-    return np.asarray(current[:, 2:] - desired[:, 2:])
+    return np.asarray(current[:, -2:] - desired[:, -2:])
 
 
 def _typical(change: FloatArray) -> FloatArray:
@@ -99,10 +99,17 @@ def _alike(change: FloatArray, typical: FloatArray) -> BoolArray:
 
 
 def _distances(fundamental: FloatArray, current: FloatArray, desired: FloatArray) -> FloatArray:
-    """Return the larger distance of two points from each other's epipolar lines [px], (N,)."""
-    ones = np.ones(len(current))
-    a, d = np.column_stack([current, ones]), np.column_stack([desired, ones])
+    """Return the larger distance of two points from each other's epipolar lines, (N,)."""
+    a, d = current, desired
+    if current.shape[1] == 2:
+        ones = np.ones(len(current))
+        a, d = np.column_stack([current, ones]), np.column_stack([desired, ones])
     line_desired, line_current = a @ fundamental.T, d @ fundamental
     residual = np.abs(np.einsum('ni,ni->n', d, line_desired))
-    norm = np.minimum(np.hypot(*line_desired[:, :2].T), np.hypot(*line_current[:, :2].T))
+    if current.shape[1] == 2:
+        norm = np.minimum(np.hypot(*line_desired[:, :2].T), np.hypot(*line_current[:, :2].T))
+    else:  # planes, and sines of the angles from them
+        norm = np.sqrt(
+            np.minimum(*((each * each).sum(axis=1) for each in (line_desired, line_current)))
+        )
     return np.asarray(residual / np.maximum(norm, 1e-300))

@@ -14,9 +14,10 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
     noise,
     patch_radius,
 )
+from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints, Matcher
 from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
-from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_geometry, MIN_MATCHES
+from visual_servo_epipolar.core.tracking.robust_geometry import MIN_MATCHES
 
 CORNER_WINDOW = 15  # side of the window of the corner measure [px]
 CORNER_SCALE = (0.5 * CORNER_WINDOW * 255) ** 2  # of OpenCV's measure, which is no sum
@@ -43,6 +44,7 @@ class DesiredView:
     corners: FloatArray
     noise: float
     matcher: Matcher
+    canvas: Canvas = PLANE
 
     @property
     def deviations(self) -> FloatArray:
@@ -64,9 +66,13 @@ class Matches:
     scales: FloatArray
 
 
-def desired_view(image: Image, matcher: Matcher = SIFT, *, limit: int = LIMIT) -> DesiredView:
+def desired_view(
+    image: Image, matcher: Matcher = SIFT, *, limit: int = LIMIT, canvas: Canvas = PLANE
+) -> DesiredView:
     """
     Return the desired view of ``image``, with at most ``limit`` keypoints of a ``matcher``.
+
+    It is painted on the ``canvas``, in whose pixels everything is.
 
     Raises
     ------
@@ -76,7 +82,7 @@ def desired_view(image: Image, matcher: Matcher = SIFT, *, limit: int = LIMIT) -
         If it shows fewer than eight features: a blank wall, a lens cap.
 
     """
-    image = as_gray(image, 'desired image').copy()
+    image = canvas.painted(as_gray(image, 'desired image').copy())
     if max(image.shape) > LARGEST_SIDE:
         raise ValueError(
             f'desired image must have sides of at most {LARGEST_SIDE} px, got '
@@ -84,7 +90,8 @@ def desired_view(image: Image, matcher: Matcher = SIFT, *, limit: int = LIMIT) -
         )
     border = patch_radius(image.shape) + BORDER
     keypoints = matcher.describe(image, limit=limit, border=border)
-    keypoints = keypoints.take(inside_border(keypoints.pixels, image.shape, border))
+    shown = inside_border(keypoints.pixels, image.shape, border) & canvas.owns(keypoints.pixels)
+    keypoints = keypoints.take(shown)
     if len(keypoints) < MIN_MATCHES:
         raise TrackingError(
             f'the desired image shows {len(keypoints)} features, at least {MIN_MATCHES} are '
@@ -93,11 +100,11 @@ def desired_view(image: Image, matcher: Matcher = SIFT, *, limit: int = LIMIT) -
     measure = cv2.cornerMinEigenVal(image, CORNER_WINDOW, ksize=3)
     columns, rows = np.rint(keypoints.pixels).astype(int).T
     corners = CORNER_SCALE * measure[rows, columns].astype(np.float64)
-    return DesiredView(image, keypoints, corners, noise(image), matcher)
+    return DesiredView(image, keypoints, corners, noise(image), matcher, canvas)
 
 
 class CurrentView:
-    """Current view: an image, uint8 of shape (H, W), whose keypoints are detected but once."""
+    """Current view: an image on its canvas, (H, W), whose keypoints are detected but once."""
 
     def __init__(self, image: Image) -> None:
         self._image = as_gray(image)
@@ -107,9 +114,11 @@ class CurrentView:
         """Return the keypoints to be paired with those of ``view``; views share one matcher."""
         key = view.keypoints.tuning, quick
         if key not in self._detected:
-            self._detected[key] = view.matcher.detect(
+            keypoints = view.matcher.detect(
                 self._image, view.keypoints.tuning, limit=LIMIT, quick=quick
             )
+            own = view.canvas.owns(keypoints.pixels)
+            self._detected[key] = keypoints if own.all() else keypoints.take(own)
         return self._detected[key]
 
 
@@ -132,14 +141,15 @@ def match(view: DesiredView, image: Image | CurrentView, *, quick: bool = False)
     keypoints = image.keypoints(view, quick=quick)
     pairs = view.matcher.pairs(view.keypoints, keypoints)
     desired, current = view.keypoints.take(pairs[:, 0]), keypoints.take(pairs[:, 1])
-    geometry, inliers = epipolar_geometry(current.pixels, desired.pixels)
+    geometry, inliers = view.canvas.geometry(current.pixels, desired.pixels)
     if geometry is None or int(inliers.sum()) < MIN_MATCHES:
         raise TrackingError(
             f'the photograph is not seen from here: {len(pairs)} matches of which '
             f'{int(inliers.sum())} agree on one geometry, {MIN_MATCHES} needed; turn the robot '
             'towards it'
         )
-    if log_false_alarms(geometry, _frames(current), _frames(desired), inliers) > CHANCE:
+    frames = _frames(current, view.canvas), _frames(desired, view.canvas)
+    if log_false_alarms(geometry, *frames, inliers) > CHANCE:
         raise TrackingError(
             f'the photograph is not seen from here: {int(inliers.sum())} of {len(pairs)} matches '
             'agree on one geometry, no more than by chance; turn the robot towards it, or take a '
@@ -167,9 +177,10 @@ def _scales(current: Keypoints, desired: Keypoints) -> FloatArray:
     return np.asarray(np.median(after / np.maximum(before, 1.0), axis=1))
 
 
-def _frames(keypoints: Keypoints) -> FloatArray:
-    """Return pixel, angle [rad] and logarithm of the size of each, shape (N, 4)."""
-    return np.column_stack([keypoints.pixels, keypoints.angles, np.log2(keypoints.sizes)])
+def _frames(keypoints: Keypoints, canvas: Canvas) -> FloatArray:
+    """Return pixel or ray, angle [rad] and logarithm of the size of each, (N, 4) or (N, 5)."""
+    points = canvas.points(keypoints.pixels)
+    return np.column_stack([points, keypoints.angles, np.log2(keypoints.sizes)])
 
 
 def match_quickly(view: DesiredView, image: CurrentView, *, enough: int) -> Matches:

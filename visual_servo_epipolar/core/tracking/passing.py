@@ -14,6 +14,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.tracking.alignment.sampling import inside_border
+from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.features import FIRST_PASSING, NOTHING_PASSING, Passing
 from visual_servo_epipolar.core.tracking.flow import coarse_flow, Frame
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -40,7 +41,12 @@ class PassingFeatures:
         self.features = NOTHING_PASSING
 
     def follow(
-        self, previous: Frame | None, frame: Frame, known: FloatArray, settings: TrackerSettings
+        self,
+        previous: Frame | None,
+        frame: Frame,
+        known: FloatArray,
+        settings: TrackerSettings,
+        canvas: Canvas = PLANE,
     ) -> Passing:
         """Return the passing features in a ``frame``, none near the ``known`` pixels, (N, 2)."""
         limit = settings.passing_features
@@ -55,8 +61,8 @@ class PassingFeatures:
             if len(known) >= settings.min_features:
                 followed = _without_oldest(followed)
             followed = self._with_new(followed, frame.image, known, limit - len(followed))
-        self.features = followed
-        return followed
+        self.features = canvas.own_passing(followed)
+        return self.features
 
     def _followed(
         self, previous: Frame, frame: Frame, known: FloatArray, settings: TrackerSettings

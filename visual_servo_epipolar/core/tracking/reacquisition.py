@@ -15,6 +15,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.tracking.alignment.sampling import FloatImage
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
+from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.predicted_features import MAX_UNSEEN, PredictedFeatures
 
 NEIGHBOURS = 8
@@ -41,7 +42,7 @@ class Prediction:
     radius: float
 
 
-def predict(desired: FloatArray, tracked: Warps) -> Prediction | None:
+def predict(desired: FloatArray, tracked: Warps, canvas: Canvas = PLANE) -> Prediction | None:
     """
     Predict the feature at ``desired``, shape (2,) [px], from its nearest ``tracked`` neighbours.
 
@@ -49,12 +50,14 @@ def predict(desired: FloatArray, tracked: Warps) -> Prediction | None:
     """
     if len(tracked) < MIN_NEIGHBOURS:
         return None
-    squared = ((tracked.desired - desired) ** 2).sum(axis=1)
+    offsets = canvas.beside(tracked.desired, desired) - desired
+    squared = (offsets**2).sum(axis=1)
     near = np.argsort(squared, kind='stable')[:NEIGHBOURS]
-    offsets = tracked.desired[near] - desired
-    rows = np.column_stack([offsets, np.ones(len(near))])
-    solution = np.linalg.lstsq(rows, tracked.current[near], rcond=None)[0]
-    scatter = np.sqrt(((rows @ solution - tracked.current[near]) ** 2).sum(axis=1).mean())
+    rows = np.column_stack([offsets[near], np.ones(len(near))])
+    current = tracked.current[near]
+    current = canvas.beside(current, current[0])
+    solution = np.linalg.lstsq(rows, current, rcond=None)[0]
+    scatter = np.sqrt(((rows @ solution - current) ** 2).sum(axis=1).mean())
     radius = RADIUS_DEVIATIONS * float(scatter) + SEARCH_RANGE[0]
     if radius > SEARCH_RANGE[1]:
         return None
@@ -91,7 +94,11 @@ def search(
 
 
 def reacquire(
-    predicted: PredictedFeatures, tracked: Warps, anchor: Anchor, image: FloatImage
+    predicted: PredictedFeatures,
+    tracked: Warps,
+    anchor: Anchor,
+    image: FloatImage,
+    canvas: Canvas = PLANE,
 ) -> Warps:
     """
     Return the warps of those ``predicted`` features that are in ``image``, to be aligned yet.
@@ -102,7 +109,7 @@ def reacquire(
     pixels: list[FloatArray] = []
     affines: list[FloatArray] = []
     for row, feature in enumerate(predicted.warps.ids):
-        prediction = _prediction(predicted, row, tracked)
+        prediction = _prediction(predicted, row, tracked, canvas)
         if prediction is None or not _inside(prediction.current, image, anchor.radius):
             continue
         pixel = search(int(feature), predicted.warps.desired[row], prediction, anchor, image)
@@ -117,11 +124,13 @@ def reacquire(
     )
 
 
-def _prediction(predicted: PredictedFeatures, row: int, tracked: Warps) -> Prediction | None:
+def _prediction(
+    predicted: PredictedFeatures, row: int, tracked: Warps, canvas: Canvas
+) -> Prediction | None:
     """Return the prediction carried on from frame to frame, or by neighbours where it is old."""
     warps, unseen = predicted.warps, predicted.unseen[row]
     if unseen > MAX_UNSEEN:
-        return predict(warps.desired[row], tracked)
+        return predict(warps.desired[row], tracked, canvas)
     radius = SEARCH_RANGE[0] + RADIUS_GROWTH * float(unseen)
     return Prediction(warps.current[row], warps.affine[row], radius)
 

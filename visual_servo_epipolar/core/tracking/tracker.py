@@ -6,9 +6,12 @@ image, so that small errors do not add up to drift. Lost features are predicted 
 and when too few remain the whole image is matched anew.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, Image
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.goal import Goal, goal_id
 from visual_servo_epipolar.core.tracking.alignment.sampling import (
@@ -17,6 +20,7 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
     inside_border,
 )
 from visual_servo_epipolar.core.tracking.candidates import Candidates
+from visual_servo_epipolar.core.tracking.canvas import Canvas
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
@@ -41,11 +45,13 @@ class Tracker:
     desired view and never changes; a feature that was lost may come back under its id. ``goal``
     is what the features lead to. Of its ``photographs``, in different light, that number
     ``photograph`` is tracked, from 0 on; there are none before there is a desired image.
-    ``reason`` says why the last matching of a whole image failed.
+    ``reason`` says why the last matching of a whole image failed. A ``camera`` whose image is no
+    plane is to be told; others need none.
     """
 
-    def __init__(self, settings: TrackerSettings) -> None:
+    def __init__(self, settings: TrackerSettings, camera: CameraModel | None = None) -> None:
         self.settings = settings
+        self._canvas = Canvas.of(camera)
         self.photographs = Photographs()
         self.photograph = 0
         self._previous: Frame | None = None
@@ -91,9 +97,20 @@ class Tracker:
         Raises ValueError or TrackingError, and keeps the former view, if it cannot be used.
         """
         matcher = matcher_of(self.settings.matcher, self.settings.matcher_model)
-        self.photographs = Photographs.of(image, matcher)
+        self.photographs = Photographs.of(image, matcher, self._canvas)
         self.goal = Goal(goal_id(self.photographs.images[0]))
         self.redetect()
+
+    def see_through(self, camera: CameraModel) -> None:
+        """Go by this ``camera`` from now on; where that changes anything, all is found anew."""
+        canvas = Canvas.of(camera)
+        if canvas == self._canvas:
+            return
+        self._canvas, images = canvas, self.photographs.images
+        if images:
+            self.set_desired(images[0])
+            for image in images[1:]:
+                self.add_desired(image)
 
     def add_desired(self, image: Image) -> None:
         """
@@ -147,7 +164,7 @@ class Tracker:
         image = as_gray(image)
         if not self.has_desired:
             return Features()
-        desired = self._tied.view.image
+        desired = self.photographs.images[0]
         if image.shape != desired.shape:
             raise ValueError(
                 f'image must have the size of the desired one, {_size(desired)}, got '
@@ -157,10 +174,13 @@ class Tracker:
         self._frame += 1
         self._rematching.pass_frame()
         try:
-            frame = Frame(image)
-            self._tracked = self._tracked_in(frame)
+            frame = Frame(self._canvas.painted(image))
+            tracked = self._tracked_in(frame)
+            self._tracked = replace(tracked, warps=self._canvas.own(tracked.warps))
             known = self._tracked.warps.current
-            passing = self._passing.follow(self._previous, frame, known, self.settings)
+            passing = self._passing.follow(
+                self._previous, frame, known, self.settings, self._canvas
+            )
         except (OpenCVError, np.linalg.LinAlgError) as error:
             self.redetect()
             self.reason = f'the image could not be tracked in: {" ".join(str(error).split())}'
@@ -190,7 +210,7 @@ class Tracker:
         pixels = float_image(frame.image)
         tracked = self._aligned(tracked, pixels, self.settings.anchor_iterations)
         tracked = self._on_common_motion(tracked.without_residual_outliers())
-        return self._reacquired(tracked, pixels).without_epipolar_outliers()
+        return self._reacquired(tracked, pixels).without_epipolar_outliers(self._canvas)
 
     @property
     def _aligns_now(self) -> bool:
@@ -228,7 +248,9 @@ class Tracker:
         )
         if not len(ids):
             return tracked
-        warps = reacquire(self._predictions.select(ids), tracked.warps, self._tied.anchor, image)
+        predicted = self._predictions.select(ids)
+        predicted = replace(predicted, warps=self._canvas.own(predicted.warps))
+        warps = reacquire(predicted, tracked.warps, self._tied.anchor, image, self._canvas)
         found = self._aligned(Tracks.detected(warps), image, FIRST_ITERATIONS)
         if not len(found):
             return tracked
@@ -256,7 +278,7 @@ class Tracker:
         assert self._candidates is not None
         warps = self._candidates.matched(matches, tracked.warps, self.settings.candidates)
         detected = self._aligned(Tracks.detected(warps), float_image(image), FIRST_ITERATIONS)
-        joined = tracked.joined(detected).without_epipolar_outliers()
+        joined = tracked.joined(detected).without_epipolar_outliers(self._canvas)
         self._candidates.remember(joined.warps.ids, self.settings.candidates)
         self._predictions.correct(joined.warps)
         return self._candidates.limited(joined, tracked, limit)

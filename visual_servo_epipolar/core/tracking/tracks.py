@@ -6,10 +6,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
 from visual_servo_epipolar.core.tracking.alignment.warps import keeps_all, numbers, Warps
-from visual_servo_epipolar.core.tracking.robust_geometry import (
-    agree_on_one_geometry,
-    epipolar_inliers,
-)
+from visual_servo_epipolar.core.tracking.canvas import Canvas
 
 MIN_FEATURES = 15  # below which a test of outliers says nothing
 RESIDUAL_FACTOR, RESIDUAL_FLOOR = 3.0, 2.0  # limit: times the median, plus grey levels
@@ -67,7 +64,7 @@ class Tracks:
         limit = RESIDUAL_FACTOR * median(self.residuals) + RESIDUAL_FLOOR
         return self.take(self.residuals <= limit)
 
-    def without_epipolar_outliers(self) -> 'Tracks':
+    def without_epipolar_outliers(self, canvas: Canvas) -> 'Tracks':
         """
         Drop features off the common epipolar geometry: mistaken twins.
 
@@ -75,7 +72,8 @@ class Tracks:
         """
         if len(self) < MIN_FEATURES:
             return self
-        if agree_on_one_geometry(self.warps.current, self.warps.desired):
+        pixels = self.warps.current, self.warps.desired
+        if canvas.agree(*pixels):
             return self
-        inliers = epipolar_inliers(self.warps.current, self.warps.desired)
+        _, inliers = canvas.geometry(*pixels)
         return self.take(inliers) if 2 * int(inliers.sum()) >= len(self) else self

@@ -10,6 +10,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.goal import goal_id
+from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.features import FIRST_PASSING
 from visual_servo_epipolar.core.tracking.matchers.base import Matcher
 from visual_servo_epipolar.core.tracking.matching import (
@@ -35,9 +36,9 @@ class Photographs:
     views: tuple[TiedView, ...] = ()
 
     @classmethod
-    def of(cls, image: Image, matcher: Matcher) -> 'Photographs':
+    def of(cls, image: Image, matcher: Matcher, canvas: Canvas = PLANE) -> 'Photographs':
         """Return ``image`` alone, or raise as ``desired_view`` does."""
-        return cls((TiedView.first(desired_view(image, matcher)),))
+        return cls((TiedView.first(desired_view(image, matcher, canvas=canvas)),))
 
     def __len__(self) -> int:
         return len(self.views)
@@ -45,7 +46,7 @@ class Photographs:
     @property
     def images(self) -> tuple[Image, ...]:
         """The images, uint8 of shape (H, W), that of the goal first."""
-        return tuple(view.view.image for view in self.views)
+        return tuple(each.view.canvas.image_of(each.view.image) for each in self.views)
 
     def with_added(self, image: Image) -> 'Photographs':
         """
@@ -56,7 +57,7 @@ class Photographs:
         if not self.views:
             raise ValueError('no desired image yet; set the one that defines the goal first')
         first = self.views[0]
-        view = desired_view(image, first.view.matcher)
+        view = desired_view(image, first.view.matcher, canvas=first.view.canvas)
         return Photographs((*self.views, tied(view, first, self._free_ids(view.image))))
 
     def renewed(self, image: Image, most: int) -> 'Photographs':

@@ -63,9 +63,18 @@ class TiedView:
         ids, desired = warps.ids, warps.desired
         if self.first_id:
             ids, desired = ids + self.first_id, self.first_pixels[ids]
+        canvas = self.view.canvas
+        if len(passing):
+            passing = replace(passing, current=canvas.pixels_of_image(passing.current))
         # The border of the image is where every position was tested: all are finite.
         return Features.owning(
-            ids, warps.current, desired, tracks.ages, tracks.residuals, passing, goal
+            ids,
+            canvas.pixels_of_image(warps.current),
+            canvas.pixels_of_image(desired),
+            tracks.ages,
+            tracks.residuals,
+            passing,
+            goal,
         )
 
 

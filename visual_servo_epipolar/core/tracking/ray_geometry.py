@@ -1,0 +1,120 @@
+"""
+One epipolar geometry of matches as unit rays, of which any may be wrong, and some look behind.
+
+Hypotheses are of two kinds: of three matches, as if the motion were planar and the camera level,
+and of eight, as if it were any. The best are refined on all that fit them, as any motion.
+"""
+
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
+from visual_servo_epipolar.core.tracking.robust_geometry import (
+    AGREEMENT_PX,
+    EPIPOLAR_PX,
+    MIN_MATCHES,
+)
+
+SAMPLES = 500  # of either kind
+LEVEL = 4.0  # a hypothesis of a level camera is judged by so many limits: it is tilted a little
+BEST, ROUNDS = 6, 6  # hypotheses that are refined, and how often
+# Elements of E, by rows, that a planar motion of a level camera leaves (y is the vertical).
+PLANAR = np.array([1, 3, 5, 7])
+
+
+def epipolar_geometry(
+    current: FloatArray, desired: FloatArray, pixel: float
+) -> tuple[FloatArray | None, BoolArray]:
+    """
+    Return one robust E with p_d^T E p_a = 0, (3, 3), and which matches fit it, shape (N,).
+
+    ``current`` and ``desired`` are unit rays, shape (N, 3), a ``pixel`` [rad] wide at the centre.
+    No matrix, and no inlier, of fewer than eight finite matches, or where none fits eight.
+    """
+    nothing = np.zeros(len(current), bool)
+    if len(current) < MIN_MATCHES or not np.isfinite([current, desired]).all():
+        return None, nothing
+    limit, products = EPIPOLAR_PX * pixel, _products(current, desired)
+    # Without a baseline any geometry fits.
+    still = np.linalg.norm(current - desired, axis=1) <= limit
+    if still.sum() >= max(MIN_MATCHES, len(still) // 2):
+        return cross_matrix(np.array([0.0, 0.0, 1.0])), np.asarray(still)
+    best, inliers, least = None, nothing, math.inf
+    for essential in _candidates(current, desired, products, limit):
+        essential, distance = _refined(essential, current, desired, products, limit)
+        cost = float(np.minimum(distance / limit, 1.0).sum())
+        if cost < least:
+            best, inliers, least = essential, distance <= limit, cost
+    return (best, inliers) if int(inliers.sum()) >= MIN_MATCHES else (None, nothing)
+
+
+def agree_on_one_geometry(current: FloatArray, desired: FloatArray, pixel: float) -> bool:
+    """Return whether least squares find a geometry that all rays, (N, 3) each, fit closely."""
+    products = _products(current, desired)
+    if not np.isfinite(products).all():
+        return False
+    essential = _least_squares(products, np.ones(len(products)))
+    return bool((distances(essential, current, desired) <= AGREEMENT_PX * pixel).all())
+
+
+def distances(essential: FloatArray, current: FloatArray, desired: FloatArray) -> FloatArray:
+    """Return the angles of rays, (N, 3) each, from their epipolar planes, (..., N) [rad]."""
+    planes = current @ essential.swapaxes(-1, -2)
+    residual = np.abs((planes * desired).sum(axis=-1))
+    back = desired @ essential
+    gradient = (planes * planes).sum(axis=-1) + (back * back).sum(axis=-1)
+    return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))
+
+
+def _products(current: FloatArray, desired: FloatArray) -> FloatArray:
+    """Return the rows a with a . vec(E) = p_d^T E p_a, shape (N, 9), E by rows."""
+    return np.asarray((desired[:, :, None] * current[:, None, :]).reshape(-1, 9))
+
+
+def _candidates(
+    current: FloatArray, desired: FloatArray, products: FloatArray, limit: float
+) -> FloatArray:
+    """Return the best hypotheses of either kind, (K, 3, 3)."""
+    rng = np.random.default_rng(len(products))
+    best = []
+    for size, columns, tolerance in ((3, PLANAR, LEVEL * limit), (8, np.arange(9), limit)):
+        rows = products[_samples(rng, len(products), size)][..., columns]
+        vectors = np.zeros((len(rows), 9))
+        vectors[:, columns] = np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0]
+        hypotheses = vectors.reshape(-1, 3, 3)
+        distance = distances(hypotheses, current, desired)
+        cost = np.minimum(distance / tolerance, 1.0).sum(axis=1)
+        best.append(hypotheses[np.argsort(cost, kind='stable')[:BEST]])
+    return np.concatenate(best)
+
+
+def _samples(rng: np.random.Generator, count: int, size: int) -> IntArray:
+    return np.asarray(rng.random((SAMPLES, count)).argpartition(size, axis=1)[:, :size])
+
+
+def _refined(
+    essential: FloatArray,
+    current: FloatArray,
+    desired: FloatArray,
+    products: FloatArray,
+    limit: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return E, (3, 3), of all that fit it, by ever closer limits, and the distances from it."""
+    distance = distances(essential, current, desired)
+    for tolerance in np.geomspace(LEVEL * limit, limit, ROUNDS):
+        weight = 1.0 / (1.0 + (distance / (0.5 * tolerance)) ** 2) ** 2
+        weight[distance > 2.0 * tolerance] = 0.0
+        if np.count_nonzero(weight) < MIN_MATCHES:
+            break
+        essential = _least_squares(products, weight)
+        distance = distances(essential, current, desired)
+    return essential, distance
+
+
+def _least_squares(products: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return E of rank 2, (3, 3), nearest to all ``products``, (N, 9), by ``weight``, (N,)."""
+    vector = np.linalg.eigh(products.T @ (products * weight[:, None]))[1][:, 0]
+    u, singular, vt = np.linalg.svd(vector.reshape(3, 3))
+    return np.asarray((u * [singular[0], singular[1], 0.0]) @ vt)
