@@ -53,7 +53,7 @@ def epipolar_geometry(
 def agree_on_one_geometry(current: FloatArray, desired: FloatArray, pixel: float) -> bool:
     """Return whether least squares find a geometry that all rays, (N, 3) each, fit closely."""
     products = _products(current, desired)
-    if not np.isfinite(products).all():
+    if len(products) < MIN_MATCHES or not np.isfinite(products).all():
         return False
     essential = _least_squares(products, np.ones(len(products)))
     return bool((distances(essential, current, desired) <= AGREEMENT_PX * pixel).all())
