@@ -9,6 +9,7 @@ import cv2
 import pytest
 
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -120,6 +121,15 @@ def test_nodes_hear_the_same_wheels_as_the_loop_in_memory() -> None:
     assert repr(drive(scenario, settings)) == repr(expected)
     assert all(state.identified.odometry.pose is not None for state in states)
     assert states[-1].identified.odometry.proven
+
+
+def test_nodes_turn_the_same_head_as_the_loop_in_memory() -> None:
+    head = {'rig': 'pan_tilt', 'head_encoder_offset': 0.02, 'head_lever': 0.03}
+    scenario = short(**head).with_servo({'rig': 'pan_tilt', 'law': 'smooth'}).seeded(2)
+    settings = replace(scenario.loop((1.5, -2.0, 30.0), 2), max_duration=2.0)
+    expected = simulate(scenario, settings)
+    assert repr(drive(scenario, settings)) == repr(expected)
+    assert expected.samples[-1].twist != STANDSTILL
 
 
 def test_a_camera_without_distortion_coefficients_runs() -> None:

@@ -17,7 +17,12 @@ from visual_servo_epipolar.core.laws.registry import law_named
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.core.tracking.tracker import TrackerSettings
-from visual_servo_epipolar.nodes.camera_node import CameraFrames, CameraNode
+from visual_servo_epipolar.nodes.camera_node import (
+    CameraFrames,
+    CameraNode,
+    CameraRig,
+    HeadSettings,
+)
 from visual_servo_epipolar.nodes.dock_node import DockNode, DockNodeSettings
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
@@ -34,7 +39,14 @@ NODES = {
     'unicycle_node': (UnicycleNode, (UnicycleSettings, PioneerSettings)),
     'camera_node': (
         CameraNode,
-        (CameraSettings, DisturbanceSettings, LightSettings, CameraFrames),
+        (
+            CameraSettings,
+            HeadSettings,
+            CameraRig,
+            DisturbanceSettings,
+            LightSettings,
+            CameraFrames,
+        ),
     ),
     'tracker_node': (TrackerNode, (TrackerNodeSettings, TrackerSettings)),
     'servo_node': (ServoNode, (ServoNodeSettings, ServoSettings)),

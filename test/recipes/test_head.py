@@ -10,7 +10,14 @@ import pytest
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.rigs.rig import AT_REST, Edges, HeadCommand, Joints
+from visual_servo_epipolar.core.rigs.rig import (
+    AT_REST,
+    Edges,
+    Gaze,
+    HeadCommand,
+    HeadLimits,
+    Joints,
+)
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -29,6 +36,11 @@ SWING, PERIOD = 0.2, 50.0  # of the head [rad, frames]
 class PanHead:
     """Head that turns about the vertical, and looks at the middle of what it sees."""
 
+    turn_rate, search_time = 1.0, 0.0
+
+    def __init__(self, limits: HeadLimits) -> None:
+        self.limits, self.photograph = limits, joints_at(-1)
+
     def rays(self, rays: FloatArray, joints: Joints) -> FloatArray:
         cos, sin = math.cos(joints.pan), math.sin(joints.pan)
         return rays @ np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
@@ -36,7 +48,11 @@ class PanHead:
     def edges(self, edges: Edges, joints: Joints) -> Edges:
         return edges[0] - joints.pan, edges[1] - joints.pan
 
-    def head_command(self, rays: FloatArray, joints: Joints) -> HeadCommand:
+    def reach(self, edges: Edges) -> Edges:
+        return edges[0] - self.limits.pan_max, edges[1] - self.limits.pan_min
+
+    def head_command(self, gaze: Gaze) -> HeadCommand:
+        rays = gaze.current
         bearing = float(np.median(np.arctan2(rays[:, 0], rays[:, 2]))) if len(rays) else 0.0
         return HeadCommand(pan=-bearing)
 
@@ -59,6 +75,13 @@ class SwingingRig(NamedTuple):
     def camera(self):
         return self.fixed.camera
 
+    @property
+    def views(self) -> tuple['SwingingRig']:
+        return (self,)
+
+    def turned(self, joints: Joints) -> 'SwingingRig':
+        return self
+
     def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
         panned = replace(pose, theta=pose.theta + joints_at(frame).pan)
         return CameraPose(
@@ -80,7 +103,9 @@ class Control:
         self, state: ServoState, seen: Observation, settings: ServoSettings
     ) -> ServoState:
         rig, frame = settings.carrier, len(self.commands)
-        state = step(state, seen.on_rig(rig, joints_at(frame), joints_at(-1)), settings)
+        state = step(
+            state, seen if rig.turn_rate == 0.0 else seen.on_rig(rig, joints_at(frame)), settings
+        )
         self.commands.append(state.command.head)
         return state
 

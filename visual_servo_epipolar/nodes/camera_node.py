@@ -8,21 +8,24 @@ from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, JointState
 from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.messages.frames import FrameAxes, frames, upright
+from visual_servo_epipolar.messages.joints import COMMAND_TYPES, joint_states, read_head_command
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.startup.run import spin
-from visual_servo_epipolar.nodes.startup.settings import CameraFrames
+from visual_servo_epipolar.nodes.startup.settings import CameraFrames, CameraRig
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.mounts.registry import carried, head_settings
+from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings, SimulatedHead
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.run_monitor import period_ns
 
@@ -35,20 +38,29 @@ class CameraNode(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__('camera_node', **options)
         self._settings = parameters.declare(self, CameraSettings)
+        self._head_settings = parameters.declare(self, HeadSettings)
+        self._rig = parameters.declare(self, CameraRig)
         self._disturbances = parameters.declare(self, DisturbanceSettings)
         self._light = parameters.declare(self, LightSettings)
         self._names = parameters.declare(self, CameraFrames)
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
+        parameters.watch(self, lambda: self._head_settings, self._use_head)
         parameters.watch(self, lambda: self._disturbances, self._disturb)
         parameters.watch(self, lambda: self._light, self._relight)
-        self._simulator = CameraSimulator(self._settings, self._disturbances, self._light)
+        self._simulator = CameraSimulator(self._carried, self._disturbances, self._light)
         self._frame = 0
         self._last_ns: int | None = None
         self._image_pub = self.create_publisher(Image, 'image_raw', qos.STREAM)
         self._info_pub = self.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
         self._desired_pub = self.create_publisher(Image, 'desired/image_raw', qos.LATCHED)
         self._frames_pub = self.create_publisher(MarkerArray, '~/frames', qos.STREAM)
+        self._head: SimulatedHead | None = None
+        if head_settings(self._carried) is not None:
+            self._joints_pub = self.create_publisher(JointState, 'joint_states', qos.STREAM)
+            # Before the truth: where both have come, the command is taken first.
+            kind = COMMAND_TYPES[self._rig.head_command]
+            self.create_subscription(kind, 'head/command', self._on_head_command, qos.COMMAND)
         self.create_subscription(Odometry, 'ground_truth', self._on_truth, qos.STREAM)
         self.create_subscription(Odometry, 'odom', self._on_odometry, qos.STREAM)
         self._tf = TransformBroadcaster(self, static=True)
@@ -66,8 +78,44 @@ class CameraNode(Node):
             self._names.base, self._names.camera, mount.R_world_camera(base), mount.centre(base)
         )
 
-    def _use(self, settings: Any) -> None:
-        self._settings = self._simulator.settings = settings
+    @property
+    def _carried(self) -> CameraSettings:
+        """Settings of the camera on its rig."""
+        return carried(self._rig.rig, self._settings, self._head_settings)
+
+    def _use(self, settings: CameraSettings) -> None:
+        self._settings = settings
+        self._simulator.settings = self._carried
+
+    def _use_head(self, settings: HeadSettings) -> None:
+        self._head_settings = settings
+        self._simulator.settings = self._carried
+        if self._head is not None:
+            self._head.settings = settings
+
+    @property
+    def _joint_names(self) -> tuple[str, str]:
+        return self._rig.pan_joint, self._rig.tilt_joint
+
+    def _on_head_command(self, message: Any) -> None:
+        try:
+            command = read_head_command(message, self._joint_names)
+        except ValueError as error:
+            self.get_logger().error(str(error), throttle_duration_sec=WARN_PERIOD_S)
+            return
+        if self._head is not None:
+            self._head.command(command)
+
+    def _turn_head(self, stamp_ns: int) -> None:
+        """Let the head, if there is one, move until the time of a ground truth, and say where."""
+        if head_settings(self._carried) is None:
+            return
+        if self._head is None or stamp_ns < self._head.now_ns:  # time began, or begins anew
+            seed = self._settings.seed
+            self._head = SimulatedHead(self._head_settings, seed=seed, now_ns=stamp_ns)
+        self._head.advance(stamp_ns)
+        self._simulator.turn(self._head.joints)
+        self._joints_pub.publish(joint_states(self._head.read(), self._joint_names, stamp_ns))
 
     def _disturb(self, settings: DisturbanceSettings) -> None:
         if settings != self._disturbances:
@@ -85,6 +133,7 @@ class CameraNode(Node):
         except ValueError as error:
             self.get_logger().error(str(error), throttle_duration_sec=WARN_PERIOD_S)
             return
+        self._turn_head(stamp_ns)
         if not self._is_due(stamp_ns):
             return
         image = self._simulator.capture(pose, self._frame)

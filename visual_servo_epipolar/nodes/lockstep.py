@@ -25,6 +25,7 @@ from visual_servo_epipolar.nodes.startup.executor import (
 )
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
+from visual_servo_epipolar.simulation.mounts.registry import rig_name
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -81,9 +82,9 @@ class Lockstep(AbstractContextManager['Lockstep']):
         )
         self.tracker = self._add(TrackerNode, scenario.tracker, {'camera_reliability': 'reliable'})
         self.unicycle = self._add(UnicycleNode, scenario.base, base, simulated_time=False)
-        self.camera = self._add(
-            CameraNode, scenario.camera, asdict(scenario.disturbances) | asdict(scenario.light)
-        )
+        others = asdict(scenario.disturbances) | asdict(scenario.light)
+        others['rig'] = rig_name(scenario.camera)
+        self.camera = self._add(CameraNode, scenario.camera, others)
         if self._assistant is not None:
             self.camera.assisted_by(self._assistant)
 

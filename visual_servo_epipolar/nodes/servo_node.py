@@ -20,6 +20,7 @@ from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.servoing.admission import Admission
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.servoing.commands import Commands
+from visual_servo_epipolar.nodes.servoing.head import Head
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
 from visual_servo_epipolar.nodes.servoing.run import Run, WAITS_FOR_END
@@ -66,7 +67,9 @@ class ServoNode(ManagedNode):
         self._camera = ServoCamera(self, self._node_settings, self._warn)
         # Before tracks: where both have come, the pose is taken first.
         self._wheels = Wheels(self, self._settings, self._node_settings, self._warn)
-        self._commands, self._reports = Commands(self, self._node_settings), Reports(self)
+        self._head = Head(self, self._settings.carrier, self._node_settings, self._warn)
+        self._commands = Commands(self, self._node_settings, self._head)
+        self._reports = Reports(self)
         self._run = Run(self, self._warn, self._commands, self._reports, self._standstill)
         enable = Enable(self, self._node_settings.enable_timeout, self._on_withdrawn)
         self._admission = Admission(
@@ -82,6 +85,7 @@ class ServoNode(ManagedNode):
     def activate(self) -> None:
         """Wait for tracks, or for ~/start."""
         self._wheels.begin_anew()
+        self._head.begin_anew()
         if self._begins:
             self._run.arm()
         self._run.report()
@@ -194,6 +198,7 @@ class ServoNode(ManagedNode):
         waits = self._state.phase is Phase.WAITING
         trouble = self._admission.contested() or self._camera.mount_trouble if waits else ''
         trouble = trouble or self._camera.distrusted(stamp_ns, run.session)
+        trouble = trouble or self._head.trouble(stamp_ns)
         if trouble:
             run.refuse(trouble)
             return
@@ -204,7 +209,7 @@ class ServoNode(ManagedNode):
         unusable = foreign or refused
         if unusable:
             self._warn(unusable)
-        observation = self._wheels.told(observe(features, camera, stamp_ns))
+        observation = self._head.told(self._wheels.told(observe(features, camera, stamp_ns)))
         session = session.decide(
             observation,
             self._settings,
@@ -233,7 +238,8 @@ class ServoNode(ManagedNode):
     def _lacking(self) -> str:
         """What keeps a servo that was told to start from driving; or ''."""
         run, admission = self._run, self._admission
-        reason = self._camera.missing or run.trouble or admission.withheld()
+        reason = self._camera.missing or self._head.trouble()
+        reason = reason or run.trouble or admission.withheld()
         return reason or admission.missing(self._settings) or admission.unseen(self._settings)
 
     def _refusal(self) -> str:
@@ -243,7 +249,11 @@ class ServoNode(ManagedNode):
         contested = self._admission.contested()
         if contested or not self._node_settings.watchdog or self._run.is_armed_for_good:
             return contested
-        missing = self._camera.missing, self._admission.missing(self._settings)
+        missing = (
+            self._camera.missing,
+            self._head.trouble(),
+            self._admission.missing(self._settings),
+        )
         return '; '.join(filter(None, missing))
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -5,6 +5,7 @@ from functools import partial
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.processes import cores
@@ -47,6 +48,7 @@ class CameraSimulator:
         light: LightSettings | None = None,
     ) -> None:
         self._settings, rig = settings, new_rig(settings)
+        self._joints: Joints | None = None  # as long as no head has turned it
         self.camera = rig.camera
         self._room = painted_room(settings.scene_seed, settings.scene)
         self._light = LightSettings() if light is None else light
@@ -66,7 +68,13 @@ class CameraSimulator:
 
     @settings.setter
     def settings(self, settings: CameraSettings) -> None:
-        self._settings, self.renderer.rig = settings, new_rig(settings)
+        rig = new_rig(settings)
+        self._settings = settings
+        self.renderer.rig = rig if self._joints is None else rig.turned(self._joints)
+
+    def turn(self, joints: Joints) -> None:
+        """Let the head that carries the camera have its joints at these angles from now on."""
+        self._joints, self.renderer.rig = joints, self.renderer.rig.turned(joints)
 
     def disturb(self, settings: DisturbanceSettings) -> None:
         """Disturb the images from now on as ``settings`` say."""
@@ -178,6 +186,10 @@ class ImageView(View):
         self.image = self.desired
         self.features = Features()
         tracker.set_desired(self.desired)
+
+    def turn(self, joints: Joints) -> None:
+        """Let the head have its joints at these angles."""
+        self.simulator.turn(joints)
 
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the features seen from ``pose`` in frame number ``frame``."""

@@ -21,6 +21,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance, update_map
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
 from visual_servo_epipolar.simulation.bases.registry import new_base
+from visual_servo_epipolar.simulation.mounts.simulated_head import SimulatedHead
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, period_ns, RunMonitor
 from visual_servo_epipolar.simulation.view import View
 
@@ -45,6 +46,9 @@ class Loop:
         self._servo = settings.servo
         start = Pose.from_start(*settings.start)
         self._base = new_base(settings.base, start, seed=settings.seed)
+        self._head = None
+        if settings.head is not None:
+            self._head = SimulatedHead(settings.head, seed=settings.seed)
         self._session = Session(camera=camera, started=True)
         self._period_ns = period_ns(settings.frame_rate)
         self.pose = published(self._base.pose)
@@ -71,6 +75,7 @@ class Loop:
 
     def decide_by(self, control: Control | None) -> None:
         """Look, and let the servo take it in, or another ``control``."""
+        self.turn()
         features = self.view.observe(self.pose, self.frame)
         seen = self._reckoned(observe(features, self.camera, self.now_ns))
         if control is not None:
@@ -79,8 +84,17 @@ class Loop:
             return
         self._session = self._session.decide(seen, self._servo, goal=features.goal).update_map()
 
+    def turn(self) -> None:
+        """Let the camera look where the head has turned it to."""
+        if self._head is not None:
+            self.view.turn(self._head.joints)
+
     def _reckoned(self, observation: Observation) -> Observation:
-        """Return ``observation`` with where the wheels say that the base is, if they are asked."""
+        """Return ``observation`` with what wheels and joints say where base and head are."""
+        if self._head is not None:
+            joints, carrier = self._head.read(), self._servo.carrier
+            if carrier.turn_rate > 0.0:
+                observation = observation.on_rig(carrier, joints)
         if not self._servo.odometry:
             return observation
         return replace(observation, odometry=published(self._base.odometry))
@@ -95,7 +109,11 @@ class Loop:
     def drive(self) -> None:
         """Obey for one period."""
         self._base.command(self._session.state.command)
-        self._base.advance(self._base.now_ns + self._period_ns)
+        now_ns = self._base.now_ns + self._period_ns
+        self._base.advance(now_ns)
+        if self._head is not None:
+            self._head.command(self._session.state.command.head)
+            self._head.advance(now_ns)
         self.pose = published(self._base.pose)
 
 
@@ -104,6 +122,7 @@ def look(loops: Sequence[Loop]) -> list[RobotView]:
     robot_views: list[RobotView | None] = [None] * len(loops)
     groups: dict[tuple[type[View], CameraModel], list[int]] = {}
     for k, loop in enumerate(loops):
+        loop.turn()
         groups.setdefault((type(loop.view), loop.camera), []).append(k)
     for (kind, camera), indices in groups.items():
         group = [loops[k] for k in indices]

@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
+from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances
@@ -71,6 +72,10 @@ class PointWorld(View):
         self.points: FloatArray = points @ axes.T + centre  # in the world
         self._desired = pixels + settings.noise * rng.standard_normal(pixels.shape)
         self._block, self._noises = -1, np.empty((0, *pixels.shape))
+
+    def turn(self, joints: Joints) -> None:
+        """Let the head have its joints at these angles."""
+        self.rig = self.rig.turned(joints)
 
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the features in view from ``pose``; ``frame``, 0, 1, ..., fixes their noise."""

@@ -19,6 +19,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings
 from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
 from visual_servo_epipolar.simulation.mounts.true_geometry import true_geometry
 
@@ -37,6 +38,7 @@ class LoopSettings:
     max_duration: float = 300.0
     servo: ServoSettings = field(default_factory=ServoSettings)
     base: Settings = field(default_factory=PioneerSettings)
+    head: HeadSettings | None = None
 
 
 def period_ns(frame_rate: float) -> int:
@@ -72,7 +74,8 @@ class RunMonitor:
         if self._seen_ns is None:
             return False
         waited = seconds_between(self._seen_ns, self.samples[-1].stamp_ns)
-        return waited > self.settings.servo.holding_timeout
+        servo = self.settings.servo
+        return waited > servo.holding_timeout + servo.carrier.search_time
 
     @property
     def _settle_frames(self) -> int:

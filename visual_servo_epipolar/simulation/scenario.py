@@ -21,6 +21,7 @@ from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSetti
 from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import (
+    head_settings,
     rig_name,
     SIMULATED_RIGS,
     SimulatedRigModel,
@@ -80,6 +81,7 @@ class Scenario:
             max_duration=self.run.max_duration,
             servo=self.servo,
             base=self.base,
+            head=head_settings(self.camera),
         )
 
 
@@ -111,13 +113,16 @@ CONNECTION = frozenset(
         'desired_image',
         'enable_stamped_cmd_vel',
         'enable_timeout',
+        'head_command',
         'max_latency',
         'max_photographs',
         'mount_from_tf',
+        'pan_joint',
         'photograph',
         'rectified',
         'renew',
         'resume',
+        'tilt_joint',
         'transport',
         'use_sim_time',
         'watchdog',

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Protocol, TypeVar
 
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.tracking.features import Features
 
 V = TypeVar('V', bound='View')
@@ -15,6 +16,10 @@ class View(Protocol):
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the features visible from ``pose`` in frame number ``frame``: 0, 1, ..."""
         ...
+
+    def turn(self, joints: Joints) -> None:
+        """Let the head that carries the camera have its joints at these angles from now on."""
+        raise ValueError(f'{type(self).__name__} has no head to turn; simulate a fixed rig')
 
     @classmethod
     def observe_each(

@@ -5,7 +5,7 @@ import math
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import Key, Recording, StampSequence
-from visual_servo_epipolar.bags.replaying.replay import value_at
+from visual_servo_epipolar.bags.replaying.replay import value_at, with_recorded
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.laws.law import DEFAULT_LAW
 from visual_servo_epipolar.core.laws.registry import law_named, machine_of
@@ -56,7 +56,9 @@ def _is_servo_at_work(
     features = _first_features(bag, run, first, camera)
     if features is None:
         return False
-    state = step(ServoState(), observe(features, camera, first[0]), settings)
+    observation = observe(features, camera, first[0])
+    observation = with_recorded(observation, run.telemetry[first], settings)
+    state = step(ServoState(), observation, settings)
     return not _is_close(telemetry(state), run.telemetry[first])
 
 

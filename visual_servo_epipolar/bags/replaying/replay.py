@@ -23,10 +23,15 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.perception.observation import observe
+from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.servo.session import Interruption, Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.telemetry import odometry_of, SINCE_COMMAND, telemetry
+from visual_servo_epipolar.core.servo.telemetry import (
+    joints_of,
+    odometry_of,
+    SINCE_COMMAND,
+    telemetry,
+)
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -102,9 +107,9 @@ def replay(
         if foreign:
             tracked = replace(tracked, features=features, warning=foreign)
         recorded = run.telemetry.get(tracked.key, {})
-        observation = observe(features, camera, tracked.key[0])
-        observation = replace(observation, odometry=odometry_of(recorded))
         settings = value_at(plan.servo, tracked.key[0])
+        observation = observe(features, camera, tracked.key[0])
+        observation = with_recorded(observation, recorded, settings)
         session = session.decide(
             observation,
             settings,
@@ -123,6 +128,17 @@ def replay(
     if not any(item.telemetry['features'] for item in steps):
         raise InputError(f'{bag.path}: nothing in it can be used: {refusal or "it is empty"}')
     return steps
+
+
+def with_recorded(
+    observation: Observation, recorded: Mapping[str, float], settings: ServoSettings
+) -> Observation:
+    """Return ``observation`` with what a telemetry has of wheels and joints at its image."""
+    observation = replace(observation, odometry=odometry_of(recorded))
+    joints = joints_of(recorded)
+    if joints is None or settings.carrier.turn_rate == 0.0:
+        return observation
+    return observation.on_rig(settings.carrier, joints)
 
 
 def tracked_images(bag: Bag, run: Recording, plan: Plan) -> Iterator[TrackedImage]:

@@ -7,6 +7,8 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 
+UNBOUNDED = (math.inf, math.inf)
+
 
 @dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
 class Measurement:
@@ -24,7 +26,8 @@ class Measurement:
     there are any, else from that rotation, whose own is ``rotation_heading``. ``deviation`` is the
     larger one of psi and phi [rad], ``covariance`` that of both, shape (2, 2) [rad^2], ``jump``
     the change of tilt and roll between the views [rad]; ``view_margins`` is how far the robot may
-    turn to the left and to the right before the features run out of the image [rad]; ``offset`` is
+    turn to the left and to the right before the features run out of the image [rad], by what a
+    head can reach, and ``present_margins`` before they do so where the head is now; ``offset`` is
     where a memory of views has the camera, right and ahead of the goal's [m], None without one,
     with its deviation and that of the heading; ``noise_px`` the deviation of a tracked coordinate
     [px] as the residuals show it. ``remembered`` says that the bearings are those of a memory of
@@ -50,7 +53,8 @@ class Measurement:
     difference_deviation: float = math.nan
     difference_slope: float = math.nan
     feature_error: float = math.nan
-    view_margins: tuple[float, float] = (math.inf, math.inf)
+    view_margins: tuple[float, float] = UNBOUNDED
+    present_margins: tuple[float, float] = UNBOUNDED
     offset: tuple[float, float] | None = None
     offset_deviation: float = math.nan
     heading_deviation: float = math.nan

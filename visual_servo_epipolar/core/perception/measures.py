@@ -89,19 +89,26 @@ def turned(rays: FloatArray, rotation: FloatArray) -> FloatArray:
 
 
 def view_margins(
-    current: FloatArray, counted: BoolArray, edges: tuple[float, float], keep: int
+    current: FloatArray,
+    counted: BoolArray,
+    edges: tuple[float, float],
+    keep: int,
+    ahead: float | None = None,
 ) -> tuple[float, float]:
     """
     Return how far a camera may turn left and right until ``keep`` features remain [rad].
 
     ``current`` rays have shape (N, 3), and ``counted``, shape (N,), says which of them count;
     ``edges`` are the bearings of the left and the right edge of the image [rad], right positive.
-    A camera that sees all round may turn without end.
+    A camera that sees all round may turn without end; one that does not look ahead of the robot
+    looks ``ahead`` [rad], and what it sees is within half a circle of that.
     """
     left, right = edges
     if right - left >= FULL_CIRCLE:
         return np.inf, np.inf
     bearings = np.arctan2(packed(current[:, 0]), packed(current[:, 2]))
+    if ahead is not None:
+        bearings = ahead + np.remainder(bearings - ahead + np.pi, 2.0 * np.pi) - np.pi
     ordered = bearings if counted.all() else bearings[counted]
     ordered.sort()
     keep = min(keep, len(ordered))

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
-from visual_servo_epipolar.core.rigs.rig import AT_REST, Joints, Rig
+from visual_servo_epipolar.core.rigs.rig import Edges, Joints, Rig
 from visual_servo_epipolar.core.tracking.features import Features, Passing
 
 
@@ -41,7 +41,8 @@ class Observation:
     is the number of features left out, for the lens cannot say where they are. ``wide`` is a lens
     that sees farther off its axis than a plane can hold. ``passing`` does not count. ``odometry``
     is where the wheels say that the base was then, in any frame; None where they do not say.
-    ``joints`` are those of the head, in whose rig's axes the rays are.
+    ``joints`` are those of the head, in whose rig's axes the rays are, ``reach`` the edges of all
+    its views together; both None without a head.
     """
 
     stamp_ns: int
@@ -55,7 +56,8 @@ class Observation:
     ids: IntArray | None = None
     passing: PassingRays | None = None
     odometry: Pose | None = None
-    joints: Joints = AT_REST
+    joints: Joints | None = None
+    reach: Edges | None = None
 
     @property
     def resolution(self) -> FloatArray:
@@ -69,25 +71,21 @@ class Observation:
     def __len__(self) -> int:
         return len(self.current)
 
-    def on_rig(
-        self, rig: Rig, joints: Joints = AT_REST, photograph: Joints = AT_REST
-    ) -> 'Observation':
-        """
-        Return the observation in axes of a ``rig``.
-
-        ``joints`` are its angles when the image was taken, ``photograph`` those of the photograph.
-        """
+    def on_rig(self, rig: Rig, joints: Joints) -> 'Observation':
+        """Return the observation in axes of a ``rig``; ``joints`` are its angles at the image."""
         passing = self.passing
         if passing is not None:
             passing = replace(passing, current=rig.rays(passing.current, joints))
         return replace(
             self,
             current=rig.rays(self.current, joints),
-            desired=rig.rays(self.desired, photograph),
+            desired=rig.rays(self.desired, rig.photograph),
             edges=rig.edges(self.edges, joints),
             pixel_angles=self.resolution,  # those of the camera, wherever it looks
+            wide=True,  # seen from the base, features lie on any side
             passing=passing,
             joints=joints,
+            reach=rig.reach(self.edges),
         )
 
     def corrected(self, lens: Lens) -> 'Observation':

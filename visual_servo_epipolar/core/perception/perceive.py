@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.geometry.epipolar import rotations_desired_curre
 from visual_servo_epipolar.core.geometry.lens import change, for_wrong_rays, spurious_parallax
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, RotationFit
 from visual_servo_epipolar.core.perception import measures
-from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.measurement import Measurement, UNBOUNDED
 from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
@@ -104,8 +104,8 @@ def of_few(
         return blank.measurement
     if rays is not None:
         every, keep = np.ones(len(rays), bool), settings.keep_features
-        margins = measures.view_margins(rays, every, observation.edges, keep)
-        return replace(blank.measurement, view_margins=margins)
+        margins, present = _margins(rays, every, observation, keep)
+        return replace(blank.measurement, view_margins=margins, present_margins=present)
     nothing = ValidatedEstimate(memory, blank.measurement.reason)
     rotation = fit_rotation(observation.current, observation.desired)
     measured = _measures(observation, rotation, nothing, settings)
@@ -123,6 +123,7 @@ class Measures:
     difference_deviation: float
     feature_error: float
     view_margins: tuple[float, float]
+    present_margins: tuple[float, float]
 
 
 def _measures(
@@ -146,7 +147,21 @@ def _measures(
         difference,
         deviation,
         median(measures.distances(current, desired)),
-        measures.view_margins(current, counted, observation.edges, settings.keep_features),
+        *_margins(current, counted, observation, settings.keep_features),
+    )
+
+
+def _margins(
+    current: FloatArray, counted: BoolArray, observation: Observation, keep: int
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the margins of all that a head can reach, and of where it looks now."""
+    edges, reach = observation.edges, observation.reach
+    if reach is None:
+        return measures.view_margins(current, counted, edges, keep), UNBOUNDED
+    ahead = 0.5 * (edges[0] + edges[1])
+    return (
+        measures.view_margins(current, counted, reach, keep, ahead),
+        measures.view_margins(current, counted, edges, keep, ahead),
     )
 
 
@@ -247,6 +262,7 @@ def perception(
         difference_deviation=measured.difference_deviation,
         feature_error=measured.feature_error,
         view_margins=measured.view_margins,
+        present_margins=measured.present_margins,
         reason=estimate.reason,
     )
     fundamental = None if geometry is None else for_wrong_rays(geometry.fundamental, before.lens)

@@ -7,7 +7,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.rigs.rig import Edges, Joints
+from visual_servo_epipolar.core.rigs.rig import AT_REST, Edges, Gaze, Joints
 
 STEEPEST = math.radians(46.0)  # of an optical axis off the floor's plane
 MISSHAPEN = 1e-6  # largest element of R^T R - 1 of what is a rotation
@@ -17,6 +17,10 @@ MISSHAPEN = 1e-6  # largest element of R^T R - 1 of what is a rotation
 class FixedMount:
     """Rig without joints: axes of the camera are those of the rig."""
 
+    turn_rate: float = 0.0
+    search_time: float = 0.0
+    photograph: Joints = AT_REST
+
     def rays(self, rays: FloatArray, joints: Joints) -> FloatArray:
         """Return ``rays`` as they are."""
         return rays
@@ -25,7 +29,11 @@ class FixedMount:
         """Return ``edges`` as they are."""
         return edges
 
-    def head_command(self, rays: FloatArray, joints: Joints) -> None:
+    def reach(self, edges: Edges) -> Edges:
+        """Return ``edges`` as they are."""
+        return edges
+
+    def head_command(self, gaze: Gaze) -> None:
         """Return None: there is no head."""
         return None
 

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.laws.settings import ControlSettings
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.rigs.fixed_mount import Mount
 from visual_servo_epipolar.core.rigs.registry import DEFAULT_RIG, rig_of
-from visual_servo_epipolar.core.rigs.rig import Rig
+from visual_servo_epipolar.core.rigs.rig import HeadLimits, Joints, Rig
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, told_extrinsics
 from visual_servo_epipolar.core.settings import setting
 
@@ -28,7 +28,33 @@ class ServoSettings(PerceptionSettings, ControlSettings):
 
     rig: str = setting(
         DEFAULT_RIG,
-        'What carries the camera: fixed (a mount), or one of another package',
+        'What carries the camera: fixed (a mount), pan_tilt (a head), or one of another package',
+        read_only=True,
+    )
+    pan_min: float = setting(
+        -1.745, 'Head: least pan angle [rad]', low=-6.2, high=0.0, read_only=True
+    )
+    pan_max: float = setting(
+        1.745, 'Head: largest pan angle, to the left [rad]', low=0.0, high=6.2, read_only=True
+    )
+    pan_speed: float = setting(
+        1.5, 'Head: speed of its pan joint [rad/s]', low=0.01, high=20.0, read_only=True
+    )
+    head_latency: float = setting(
+        0.1, 'Head: time from its command to its motion [s]', low=0.0, high=1.0, read_only=True
+    )
+    photograph_pan: float = setting(
+        0.0,
+        'Head: pan angle at which the photograph was taken [rad]',
+        low=-6.2,
+        high=6.2,
+        read_only=True,
+    )
+    photograph_tilt: float = setting(
+        0.0,
+        'Head: tilt angle at which the photograph was taken, and which it keeps [rad]',
+        low=-1.5,
+        high=1.5,
         read_only=True,
     )
     camera_yaw: float = setting(
@@ -160,7 +186,12 @@ class ServoSettings(PerceptionSettings, ControlSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _ = self.carrier  # raises ValueError for an unknown rig
+        if self.carrier.turn_rate > 0.0 and not self.calibrated:  # or for an unknown rig
+            raise ValueError(
+                f'focal_deviation must be 0 with rig {self.rig}, got {self.focal_deviation:g}: '
+                'a lens that is not known cannot be told from joints that turn; calibrate the '
+                'camera'
+            )
         if self.latch_engage > self.latch_release:
             raise ValueError(
                 f'latch_engage must not exceed latch_release, got {self.latch_engage:g} and '
@@ -196,7 +227,16 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     @cached_property
     def carrier(self) -> Rig:
         """The rig that carries the camera."""
-        return rig_of(self.rig)
+        limits = HeadLimits(
+            self.pan_min,
+            self.pan_max,
+            self.pan_speed,
+            self.head_latency,
+            Joints(self.photograph_pan, self.photograph_tilt),
+            self.camera_tilt,
+            self.camera_roll,
+        )
+        return rig_of(self.rig, limits)
 
     @cached_property
     def configured_latency(self) -> float:

@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Leg, Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
+from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.servo.fusion.map_state import MapState
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand
@@ -25,6 +26,7 @@ from visual_servo_epipolar.core.servo.identification.odometry import Odometry
 from visual_servo_epipolar.core.servo.identification.straight_leg import StraightLeg
 from visual_servo_epipolar.core.servo.motion.check import MotionCheck
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.values import changed
 
 StateT = TypeVar('StateT', bound='ServoState')
@@ -54,7 +56,8 @@ class ViewState:
     it; ``period``, the time between two images [s], smoothed, nan before the second;
     ``rotation_bias``, what the best rotation is off in heading [rad], nan while unknown;
     ``trusted_heading``, the heading error of the last measurement by which it drove [rad], nan
-    before; ``frame``, the number of steps.
+    before; ``frame``, the number of steps; ``seen_ns``, the stamp of the last image with enough
+    features, or of the first one; ``joints``, those of the head at the last image.
     """
 
     measurement: Measurement | None = None
@@ -64,6 +67,12 @@ class ViewState:
     rotation_bias: float = math.nan
     trusted_heading: float = math.nan
     frame: int = 0
+    seen_ns: int | None = None
+    joints: Joints | None = None
+
+    def unseen(self, stamp_ns: int) -> float:
+        """Return for how long too few features have been seen, at the time of an image [s]."""
+        return 0.0 if self.seen_ns is None else seconds_between(self.seen_ns, stamp_ns)
 
     @property
     def map(self) -> MapState:

@@ -35,7 +35,7 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.perception.validated import noise_learnt
-from visual_servo_epipolar.core.rigs.rig import HeadCommand
+from visual_servo_epipolar.core.rigs.rig import Gaze, HeadCommand
 from visual_servo_epipolar.core.servo.checking import check_lens, check_motion
 from visual_servo_epipolar.core.servo.dead_reckoning import (
     desired_rate,
@@ -64,7 +64,7 @@ def update(
     fusion, identified = identify(state, perception, fusion, drive, settings)
     measurement = fusion.measurement
     after = state.changed(
-        view=_see(state, fusion, dt, settings),
+        view=_see(state, fusion, perception.observation, dt, settings),
         identified=identified,
         motion=reckon(state, measurement, identified, drive, settings),
         desired_rate=desired_rate(state, measurement, dt),
@@ -73,7 +73,13 @@ def update(
     return settle(latched, perception, state.measurement, dt, settings)
 
 
-def _see(state: ServoState, fusion: Fusion, dt: float, settings: ServoSettings) -> ViewState:
+def _see(
+    state: ServoState,
+    fusion: Fusion,
+    observation: Observation | None,
+    dt: float,
+    settings: ServoSettings,
+) -> ViewState:
     """Return what is seen, with what perception and the map carry on."""
     return ViewState(
         measurement=fusion.measurement,
@@ -83,7 +89,16 @@ def _see(state: ServoState, fusion: Fusion, dt: float, settings: ServoSettings) 
         rotation_bias=fusion.rotation_bias,
         trusted_heading=_trusted_heading(state, fusion.measurement, settings),
         frame=state.view.frame,
+        seen_ns=_seen_ns(state, fusion.measurement, settings),
+        joints=None if observation is None else observation.joints,
     )
+
+
+def _seen_ns(state: ServoState, measurement: Measurement, settings: ServoSettings) -> int:
+    """Return when enough features were seen last; or the first image, if never."""
+    before = state.view.seen_ns
+    enough = measurement.features >= settings.min_features
+    return measurement.stamp_ns if enough or before is None else before
 
 
 def _trusted_heading(
@@ -159,8 +174,9 @@ def advance(
     ramp_s = _ramp_step(last_twist, dt, usual_s, since_command)
     limited = _limited(nominal, last_twist, ramp_s, state, settings)
     twist, residual = _beyond_dead_band(limited, state, settings)
+    head = _head_command(state.view, perception.observation, twist, settings)
     return state.changed(
-        command=Command(twist, _head_command(perception.observation, settings)),
+        command=Command(twist, head),
         since_command=since_command,
         dead_band_residual=residual,
         sent=state.motion.sent.after(measurement.stamp_ns, twist),
@@ -168,11 +184,21 @@ def advance(
     )
 
 
-def _head_command(observation: Observation | None, settings: ServoSettings) -> HeadCommand | None:
+def _head_command(
+    view: ViewState, observation: Observation | None, twist: Twist, settings: ServoSettings
+) -> HeadCommand | None:
     """Return what the head is to do; None of a rig without one."""
-    if observation is None:
+    if observation is None or observation.joints is None:
         return None
-    return settings.carrier.head_command(observation.current, observation.joints)
+    gaze = Gaze(
+        observation.joints,
+        observation.current,
+        observation.desired,
+        twist,
+        USUAL_STEP_S if math.isnan(view.period) else view.period,
+        view.unseen(observation.stamp_ns),
+    )
+    return settings.carrier.head_command(gaze)
 
 
 def _time_step(state: ServoState, measurement: Measurement, leapt: str) -> float:

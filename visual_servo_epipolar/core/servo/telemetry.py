@@ -8,6 +8,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.smooth.approach import believed_distance
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
+from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
@@ -15,6 +16,7 @@ from visual_servo_epipolar.core.stamps import seconds_between
 # A replay ramps by the first, and drives by the others.
 SINCE_COMMAND = 'since_command_s'
 ODOMETRY = 'odometry_x_m', 'odometry_y_m', 'odometry_yaw_rad'
+JOINTS = 'pan_rad', 'tilt_rad'
 
 
 def telemetry(state: ServoState) -> dict[str, float]:
@@ -48,6 +50,7 @@ def telemetry(state: ServoState) -> dict[str, float]:
         'dead_band_angular_rad_s': state.identified.dead_band.angular.value,
         'delay_s': state.identified.delay.value,
         **_odometry(state.identified.odometry.pose),
+        **_joints(state.view.joints),
     }
 
 
@@ -96,6 +99,17 @@ def odometry_of(values: Mapping[str, float]) -> Pose | None:
     """Return the pose of the wheels that a telemetry has; None without one."""
     x, y, theta = (values.get(name, math.nan) for name in ODOMETRY)
     return None if math.isnan(x + y + theta) else Pose(x, y, theta)
+
+
+def _joints(joints: Joints | None) -> dict[str, float]:
+    """Return the angles of the head at the image."""
+    return dict(zip(JOINTS, (math.nan,) * 2 if joints is None else joints, strict=True))
+
+
+def joints_of(values: Mapping[str, float]) -> Joints | None:
+    """Return the angles of the head that a telemetry has; None without one."""
+    pan, tilt = (values.get(name, math.nan) for name in JOINTS)
+    return None if math.isnan(pan + tilt) else Joints(pan, tilt)
 
 
 def _distance(state: ServoState, measurement: Measurement) -> float:

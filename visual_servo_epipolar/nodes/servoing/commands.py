@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.servoing.head import Head
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 STOP_TIMEOUT_S = 0.2
@@ -22,7 +23,8 @@ SETTLING_S = 1.0  # zero twists after the end of a run; then others may drive
 class Commands:
     """Commands of the servo ``node``; outside of a run it is silent: others may drive."""
 
-    def __init__(self, node: Node, settings: ServoNodeSettings) -> None:
+    def __init__(self, node: Node, settings: ServoNodeSettings, head: Head) -> None:
+        self._head = head
         self._stamped, self._frame = settings.enable_stamped_cmd_vel, settings.base_frame
         self._always, self._steady = not settings.watchdog, Clock(clock_type=ClockType.STEADY_TIME)
         self._ended_ns: int | None = None  # when the run ended
@@ -63,7 +65,8 @@ class Commands:
         return seconds_between(self._sent_ns, self._steady.now().nanoseconds)
 
     def send(self, command: Command, stamp_ns: int) -> None:
-        """Publish ``command``: its twist on cmd_vel."""
+        """Publish ``command``: that to the head, then its twist on cmd_vel."""
+        self._head.send(command, stamp_ns)
         self._sent_ns = self._steady.now().nanoseconds
         if self._stamped:
             self._command_pub.publish(write.twist_stamped(command.twist, stamp_ns, self._frame))

@@ -7,6 +7,7 @@ from visual_servo_epipolar.core.settings import fixed, setting, Settings
 RELIABILITIES = ('auto', 'reliable', 'best_effort')  # of images, as in nodes.qos
 RESUMES = ('automatic', 'manual')
 TRANSPORTS = ('raw', 'compressed')
+HEAD_COMMANDS = ('position', 'velocity', 'trajectory')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +64,16 @@ class ServoNodeSettings(LifecycleSettings):
         'auto',
         'Subscribe to camera_info as: auto finds out what the driver offers',
         choices=RELIABILITIES,
+    )
+    pan_joint: str = fixed('pan_joint', 'Joint of joint_states that pans the head to the left')
+    tilt_joint: str = fixed(
+        'tilt_joint', 'Joint of joint_states that tilts the head down; empty: there is none'
+    )
+    head_command: str = fixed(
+        'position',
+        'On head/command go out, as JointState: position, angles; velocity, rates; as '
+        'JointTrajectory: trajectory',
+        choices=HEAD_COMMANDS,
     )
 
 
@@ -154,6 +165,20 @@ class UnicycleSettings(Settings):
             frame_name(prefix, self.odom_frame),
             frame_name(prefix, self.base_frame),
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraRig(Settings):
+    """What carries the simulated camera, and the names of its joints."""
+
+    rig: str = fixed('fixed', 'What carries the camera: fixed (a mount), or pan_tilt (a head)')
+    pan_joint: str = fixed('pan_joint', 'Joint of joint_states that pans the head to the left')
+    tilt_joint: str = fixed('tilt_joint', 'Joint of joint_states that tilts the head down')
+    head_command: str = fixed(
+        'position',
+        'Takes on head/command, as the servo sends them: position, velocity, trajectory',
+        choices=HEAD_COMMANDS,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

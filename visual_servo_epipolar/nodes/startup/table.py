@@ -24,9 +24,10 @@ class NodeRow:
 NODES: Mapping[str, NodeRow] = {
     'servo_node': NodeRow(
         does='Drives the robot to the pose of the photograph: features in, velocities out.',
-        subscribes=('tracks', 'camera_info', 'stop_button', 'odom'),
+        subscribes=('tracks', 'camera_info', 'stop_button', 'odom', 'joint_states'),
         publishes=(
             'cmd_vel',
+            'head/command',
             'epipoles',
             'phase',
             '/diagnostics',
@@ -79,11 +80,13 @@ NODES: Mapping[str, NodeRow] = {
     ),
     'camera_node': NodeRow(
         does='Simulates the camera of the robot in a textured room.',
-        subscribes=('ground_truth', 'odom'),
-        publishes=('image_raw', 'camera_info', 'desired/image_raw', '~/frames'),
+        subscribes=('head/command', 'ground_truth', 'odom'),
+        publishes=('image_raw', 'camera_info', 'desired/image_raw', 'joint_states', '~/frames'),
         services=(),
         settings=(
             'simulation.mounts.camera_settings:CameraSettings',
+            'simulation.mounts.simulated_head:HeadSettings',
+            'nodes.startup.settings:CameraRig',
             'simulation.disturbances.image:DisturbanceSettings',
             'simulation.light.settings:LightSettings',
             'nodes.startup.settings:CameraFrames',

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, floor_jitter
 from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
@@ -17,6 +18,15 @@ class FixedRig:
     mount: CameraMount = CameraMount()
     jitter: float = 0.0
     seed: int = 0
+
+    @property
+    def views(self) -> tuple['FixedRig']:
+        """The rig as it is, alone."""
+        return (self,)
+
+    def turned(self, joints: Joints) -> 'FixedRig':
+        """Return the rig as it is: no joint turns it."""
+        return self
 
     def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
         """Return where the camera is with the robot at ``pose``; frame None is a level floor."""

@@ -1,0 +1,58 @@
+"""Joint history: angles at the time of an image, and why they are not known."""
+
+import math
+
+from hypothesis import given
+import pytest
+from strategies import floats
+
+from visual_servo_epipolar.core.rigs.joint_history import JointHistory
+from visual_servo_epipolar.core.rigs.rig import Joints
+
+MS = 1_000_000
+
+
+def history(*stamps_ms: int, rate: float = 2.0) -> JointHistory:
+    """Return the history of a pan joint that turns at ``rate`` [rad/s]."""
+    found = JointHistory()
+    for stamp in stamps_ms:
+        assert found.add(stamp * MS, Joints(rate * stamp / 1000.0)) == ''
+    return found
+
+
+@given(milliseconds=floats(1000.0, 1180.0))
+def test_between_readings_and_shortly_after_angles_go_on(milliseconds: float) -> None:
+    joints = history(*range(1000, 1101, 20)).at(round(milliseconds * MS))
+    assert joints is not None
+    assert joints.pan == pytest.approx(2.0 * milliseconds / 1000.0, abs=1e-8)
+
+
+def test_at_a_reading_it_is_that_to_the_last_bit() -> None:
+    assert history(1000, 1037).at(1037 * MS) == Joints(2.0 * 1037 / 1000.0)
+
+
+@pytest.mark.parametrize(
+    ('stamps', 'image', 'words'),
+    [
+        ((), 1000, 'no joint angles yet'),
+        ((1000, 1020), 1200, 'older than the image'),
+        ((1000, 1020), 900, 'begin 0.10 s after the image'),
+        ((1000, 1300), 1150, 'silent for 0.30 s'),
+    ],
+)
+def test_what_is_not_known_is_told(stamps: tuple[int, ...], image: int, words: str) -> None:
+    found = history(*stamps, rate=0.1)
+    assert found.at(image * MS) is None
+    assert words in found.trouble(image * MS)
+
+
+def test_a_leap_and_a_clock_that_is_set_back_begin_it_anew() -> None:
+    found = history(1000, 1020)
+    assert 'leap by' in found.add(1040 * MS, Joints(-3.0))
+    assert found.at(1030 * MS) is None
+    assert 'went back' in found.add(500 * MS, Joints(-3.0))
+    assert found.at(500 * MS) == Joints(-3.0)
+
+
+def test_angles_that_are_no_numbers_are_refused() -> None:
+    assert 'finite' in history(1000).add(1020 * MS, Joints(math.nan))

@@ -1,0 +1,114 @@
+"""The head of the servo: without the angles of its joints at an image, the robot stands."""
+
+from sensor_msgs.msg import JointState
+from servo_rig import AWAY, PERIOD_NS, Rig, tracks
+from trajectory_msgs.msg import JointTrajectory
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.rigs.rig import Joints
+from visual_servo_epipolar.messages.joints import joint_states
+
+NAMES = 'pan_joint', 'tilt_joint'
+
+
+class Headed(Rig):
+    """A servo node whose camera sits on a head that looks ahead."""
+
+    def __init__(self, bench, kind=JointState, **values) -> None:
+        self.angles = bench.talk(JointState, 'joint_states')
+        self.orders = bench.listen(kind, 'head/command')
+        super().__init__(bench, rig='pan_tilt', law='smooth', **values)
+
+    def say(self, stamp_ns: int, names: tuple[str, str] = NAMES) -> None:
+        self.angles(joint_states(Joints(0.0, 0.0), names, stamp_ns))
+        self.bench.settle()
+
+    def see_with_angles(self, **said) -> None:
+        self.say(self.stamp_ns, **said)
+        self.see()
+
+    def drive(self):
+        for _ in range(20):
+            self.see_with_angles()
+            if self.node._state.twist != STANDSTILL:
+                return self
+        raise AssertionError(f'the robot stands: {self.node._state.reason}')
+
+    @property
+    def trouble(self) -> str:
+        return self.node._run.trouble
+
+
+def test_it_drives_and_turns_its_head(bench) -> None:
+    rig = Headed(bench).drive()
+    assert rig.phase == 'approaching'
+    assert list(rig.orders[-1].name) == list(NAMES)
+    assert len(rig.orders[-1].position) == 2 and not rig.orders[-1].velocity
+    assert rig.orders[-1].position[0] != 0.0
+
+
+def test_without_angles_it_does_not_begin(bench) -> None:
+    rig = Headed(bench)
+    for _ in range(10):
+        rig.see()
+    assert rig.phase == 'waiting' and not rig.orders
+    assert 'no angle of pan_joint on /joint_states' in rig.trouble
+
+
+def test_a_head_that_falls_silent_stops_the_robot(bench) -> None:
+    rig = Headed(bench).drive()
+    rig.stamp_ns += 2 * PERIOD_NS
+    rig.see()
+    assert rig.twists()[-1] == STANDSTILL
+    assert rig.phase == 'holding'
+    assert 'older than the image' in rig.trouble
+    for _ in range(10):
+        rig.see()
+    assert rig.twists()[-1] == STANDSTILL
+
+
+def test_a_head_that_speaks_again_lets_it_go_on(bench) -> None:
+    rig = Headed(bench).drive()
+    rig.stamp_ns += 3 * PERIOD_NS
+    rig.see()
+    assert rig.phase == 'holding'
+    rig.drive()
+    assert rig.phase == 'approaching'
+
+
+def test_other_names_are_told_with_those_that_are_there(bench) -> None:
+    rig = Headed(bench)
+    rig.see_with_angles(names=('head_pan_joint', 'head_tilt_joint'))
+    assert 'head_pan_joint' in rig.trouble and 'set pan_joint' in rig.trouble
+    assert rig.phase == 'waiting'
+
+
+def test_the_other_usual_names_and_a_trajectory(bench) -> None:
+    names = 'head_pan_joint', 'head_tilt_joint'
+    rig = Headed(
+        bench,
+        JointTrajectory,
+        pan_joint=names[0],
+        tilt_joint=names[1],
+        head_command='trajectory',
+    )
+    for _ in range(8):
+        rig.see_with_angles(names=names)
+    assert rig.twists()[-1] != STANDSTILL
+    assert list(rig.orders[-1].joint_names) == list(names)
+    assert len(rig.orders[-1].points[0].positions) == 2
+
+
+def test_rates_are_sent_where_the_head_takes_those(bench) -> None:
+    rig = Headed(bench, head_command='velocity').drive()
+    assert len(rig.orders[-1].velocity) == 2 and not rig.orders[-1].position
+
+
+def test_angles_are_those_at_the_image(bench) -> None:
+    rig = Headed(bench)
+    for number, pan in enumerate((0.0, 0.2)):
+        stamp_ns = rig.stamp_ns + (2 * number - 1) * 10_000_000
+        rig.angles(joint_states(Joints(pan, 0.0), NAMES, stamp_ns))
+        bench.settle()
+    rig.tell(tracks(AWAY, rig.stamp_ns))
+    assert abs(rig.node._state.view.joints.pan - 0.1) < 1e-12

@@ -1,0 +1,118 @@
+"""Joints of a head in messages: angles as JointState, its command as JointState or trajectory."""
+
+from collections.abc import Mapping, Sequence
+import math
+from typing import Any
+
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from visual_servo_epipolar.core.rigs.rig import HeadCommand, Joints
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.messages.write import header
+
+# What goes out on head/command, by what it tells.
+COMMAND_TYPES: Mapping[str, type[Any]] = {
+    'position': JointState,
+    'velocity': JointState,
+    'trajectory': JointTrajectory,
+}
+REACHED_S = 0.1  # from now, when a trajectory is to be there
+SHOWN = 6  # names of joints in a message
+
+
+def read_joints(message: Any, names: tuple[str, str]) -> Joints | None:
+    """
+    Return the angles in a sensor_msgs/JointState of the joints ``names``, pan and tilt.
+
+    None of a message that has neither: many publish on one topic. A head without tilt is at zero.
+    Raises ValueError for one that cannot be used.
+    """
+    pan, tilt = names
+    known = list(message.name)
+    if pan not in known and (not tilt or tilt not in known):
+        return None
+    if pan not in known:
+        raise ValueError(
+            f'joint_states must have the joint {pan} (pan_joint), got {_listed(known)}; set '
+            'pan_joint to its name'
+        )
+    if len(message.position) != len(known):
+        raise ValueError(
+            f'joint_states must have a position for each of its {len(known)} joints, got '
+            f'{len(message.position)}; look at who publishes them'
+        )
+    angles = dict(zip(known, map(float, message.position), strict=True))
+    found = Joints(angles[pan], angles.get(tilt, 0.0))
+    if not all(map(math.isfinite, found)):
+        raise ValueError(f'joint angles must be finite, got {found.pan} and {found.tilt}')
+    return found
+
+
+def joint_names(message: Any) -> str:
+    """Return the names of the joints of a message in words."""
+    return _listed(list(message.name))
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
+    return ', '.join(map(str, names[:SHOWN])) + more or 'none'
+
+
+def joint_states(joints: Joints, names: tuple[str, str], stamp_ns: int) -> JointState:
+    """Return angles as a sensor_msgs/JointState."""
+    message = JointState(header=header(stamp_ns, ''))
+    message.name, message.position = list(names), [float(angle) for angle in joints]
+    return message
+
+
+def head_command(
+    command: HeadCommand, names: tuple[str, str], stamp_ns: int, *, kind: str
+) -> JointState | JointTrajectory:
+    """Return a command to a head, of a ``kind`` of COMMAND_TYPES; an empty name has no joint."""
+    rows = [
+        (name, float(angle), float(rate))
+        for name, angle, rate in zip(
+            names,
+            (command.pan, command.tilt),
+            (command.pan_rate, command.tilt_rate),
+            strict=True,
+        )
+        if name
+    ]
+    present, angles, rates = (list(column) for column in zip(*rows, strict=True))
+    if kind == 'trajectory':
+        point = JointTrajectoryPoint(positions=angles)
+        point.time_from_start.nanosec = round(REACHED_S * NANOSECONDS)
+        # Stamped zero: to begin at once, whatever the clock of the controller says.
+        return JointTrajectory(joint_names=present, points=[point])
+    message = JointState(header=header(stamp_ns, ''), name=present)
+    if kind == 'velocity':
+        message.velocity = rates
+    else:
+        message.position = angles
+    return message
+
+
+def read_head_command(message: Any, names: tuple[str, str]) -> HeadCommand:
+    """
+    Return the command in a sensor_msgs/JointState or trajectory_msgs/JointTrajectory.
+
+    One of rates alone has angles of nan. Raises ValueError for one that cannot be used.
+    """
+    if hasattr(message, 'points'):
+        known, point = list(message.joint_names), message.points[-1] if message.points else None
+        angles, rates = ([], []) if point is None else (list(point.positions), [])
+    else:
+        known, angles, rates = list(message.name), list(message.position), list(message.velocity)
+    values = angles or rates
+    if names[0] not in known or len(values) != len(known) or not all(map(math.isfinite, values)):
+        raise ValueError(
+            f'head/command must have finite angles or rates of {names[0]}, got {_listed(known)} '
+            f'with {values}; set pan_joint of servo and head alike'
+        )
+    given = dict(zip(known, map(float, values), strict=True))
+    pan, tilt = given[names[0]], given.get(names[1], 0.0)
+    if angles:
+        return HeadCommand(pan, tilt)
+    return HeadCommand(math.nan, math.nan, pan, tilt)

@@ -1,0 +1,93 @@
+"""Head of the servo: angles of its joints in, where they were at an image and commands out."""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.rigs.joint_history import JointHistory
+from visual_servo_epipolar.core.rigs.rig import Rig
+from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.messages.joints import (
+    COMMAND_TYPES,
+    head_command,
+    joint_names,
+    read_joints,
+)
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+
+
+class Head:
+    """
+    The head of ``node`` that carries its camera, where the ``rig`` has one.
+
+    What is wrong with what it says is said by ``warn``. Without angles of an image no robot
+    drives by it: a head that has turned looks as if the robot had.
+    """
+
+    def __init__(
+        self, node: Node, rig: Rig, settings: ServoNodeSettings, warn: Callable[[str], None]
+    ) -> None:
+        self._rig, self._warn = rig, warn
+        self._names = settings.pan_joint, settings.tilt_joint
+        self._kind = settings.head_command
+        self._topic = node.resolve_topic_name('joint_states')
+        self.begin_anew()
+        if self.is_there:
+            profile = qos.ODOMETRY if settings.watchdog else qos.STREAM
+            node.create_subscription(JointState, 'joint_states', self._take, profile)
+            self._command_pub = node.create_publisher(
+                COMMAND_TYPES[self._kind], 'head/command', qos.COMMAND
+            )
+
+    @property
+    def is_there(self) -> bool:
+        """Whether a head carries the camera."""
+        return self._rig.turn_rate > 0.0
+
+    def begin_anew(self) -> None:
+        """Forget where the joints were."""
+        self._history, self._others = JointHistory(), ''
+
+    def trouble(self, stamp_ns: int | None = None) -> str:
+        """Return why the angles at an image, or any, are not known; or ''."""
+        if not self.is_there:
+            return ''
+        last_ns = self._history.last_ns
+        if last_ns is None:
+            others = f' (it has {self._others})' if self._others else ''
+            return (
+                f'no angle of {self._names[0]} on {self._topic}{others}, a rig with a head needs '
+                'those of its joints; start its driver, remap joint_states, or set pan_joint and '
+                'tilt_joint to their names'
+            )
+        return '' if stamp_ns is None else self._history.trouble(stamp_ns)
+
+    def told(self, observation: Observation) -> Observation:
+        """Return ``observation`` in axes of the base, by the angles at its image."""
+        joints = self._history.at(observation.stamp_ns) if self.is_there else None
+        return observation if joints is None else observation.on_rig(self._rig, joints)
+
+    def send(self, command: Command, stamp_ns: int) -> None:
+        """Publish what the head is to do; a ``command`` without leaves it as it is."""
+        if command.head is not None and self.is_there:
+            self._command_pub.publish(
+                head_command(command.head, self._names, stamp_ns, kind=self._kind)
+            )
+
+    def _take(self, message: Any) -> None:
+        try:
+            joints = read_joints(message, self._names)
+        except ValueError as error:
+            self._warn(f'{error}; the robot stands without')
+            return
+        if joints is None:
+            self._others = joint_names(message)
+            return
+        odd = self._history.add(read.stamp_ns(message.header), joints)
+        if odd:
+            self._warn(odd)
