@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.regions import LEAST_FEATURES, REGIONS, Start, start_in
-from visual_servo_epipolar.simulation.scenario import load, Scenario
+from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
 from visual_servo_epipolar.simulation.views import points_of
 
 SMALL = load(Path(__file__).parents[2] / 'config' / 'scenarios' / 'small.yaml')
@@ -71,6 +71,13 @@ def test_anywhere_forty_points_of_the_run_are_in_view(seed: int, index: int) -> 
     assert int(world.project(pose)[1].sum()) >= LEAST_FEATURES
     # 40 of the cloud are at least 40 of those handed on: the floor does not shake, nobody passes.
     assert len(world.observe(pose, 0)) >= LEAST_FEATURES
+
+
+def test_a_head_may_be_turned_to_see_the_goal() -> None:
+    on_a_head = from_document({'camera': {'rig': 'pan_tilt'}}, 'test')
+    starts = np.array([start_in('around', 0, index, on_a_head) for index in range(60)])
+    fixed = np.array([start_in('around', 0, index, Scenario()) for index in range(60)])
+    assert np.abs(starts[:, 2]).max() > 150.0 > 120.0 > np.abs(fixed[:, 2]).max()
 
 
 def test_anywhere_is_on_every_side_and_at_every_heading_that_shows_the_scene() -> None:

@@ -14,7 +14,9 @@ from visual_servo_epipolar.core.tracking.matching import desired_view
 from visual_servo_epipolar.simulation.choices import BOXES, IN_VIEW, REGIONS
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
+from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
 from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
+from visual_servo_epipolar.simulation.point_world import PointWorld
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms.scene import room
@@ -99,7 +101,7 @@ def start_in(
     a wall or in furniture. ``anywhere`` are all poses from which at least 40 of the goal's
     features are in view: points of the cloud that belongs to the seed of ``scenario``, or what
     the tracker would keep of the photograph, as far as nothing in the room hides it. So is
-    ``around``, within 4 m of the goal.
+    ``around``, within 4 m of the goal. A head may be turned to see them.
 
     Raises InputError if there is no such region, or no such start.
     """
@@ -124,13 +126,26 @@ def _conditions(region: str, scenario: Scenario, source: str) -> list[Condition]
         if not everywhere:
             return []
         world = points_of(scenario, scenario.camera.seed)
-        return [lambda pose: int(world.project(pose)[1].sum()) >= LEAST_FEATURES]
+        return [lambda pose: _is_seen(world, pose)]
     camera = replace(scenario.camera, seed=0)  # one scene serves all runs
     light = scenario.light.photograph_light
     scenery = _scenery(camera, light, scenario.tracker.candidates)
     if not everywhere:
         return [scenery.ground.is_free]
-    return [scenery.ground.is_free, lambda pose: scenery.in_view(pose) >= LEAST_FEATURES]
+    return [scenery.ground.is_free, scenery.is_seen]
+
+
+def _is_seen(world: PointWorld, pose: Pose) -> bool:
+    """Return whether enough points are in view from ``pose``, wherever a head looks."""
+    rig, frame = world.rig, DESIRED_FRAME
+    try:
+        for world.rig in rig.views:
+            if int(world.project(pose, frame)[1].sum()) >= LEAST_FEATURES:
+                return True
+            frame = 0  # of a head that is turned: the photograph's is at rest
+        return False
+    finally:
+        world.rig = rig
 
 
 class _Scenery:
@@ -145,8 +160,19 @@ class _Scenery:
         points = self._renderer.trace(_worth_tracking(photograph, candidates), DESIRED_POSE)
         self._points = points[np.isfinite(points).all(axis=1)]
 
+    def is_seen(self, pose: Pose) -> bool:
+        """Return whether enough of the goal's features can be seen, wherever a head looks."""
+        rig = self._renderer.rig
+        try:
+            for self._renderer.rig in rig.views:
+                if self.in_view(pose) >= LEAST_FEATURES:
+                    return True
+            return False
+        finally:
+            self._renderer.rig = rig
+
     def in_view(self, pose: Pose) -> int:
-        """Return how many of the goal's features can be seen from ``pose``."""
+        """Return how many of the goal's features are in view from ``pose``."""
         pixels, visible = self._renderer.project(self._points, pose)
         if int(visible.sum()) < LEAST_FEATURES:
             return int(visible.sum())  # too few even if nothing hides them
