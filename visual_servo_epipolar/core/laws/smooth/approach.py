@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple, TYPE_CHECKING
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist, wrap_angle
 from visual_servo_epipolar.core.laws.equations import LINE_DAMPING
 from visual_servo_epipolar.core.laws.prediction import is_late
 from visual_servo_epipolar.core.laws.smooth.all_round import (
@@ -20,11 +20,17 @@ from visual_servo_epipolar.core.laws.smooth.all_round import (
 from visual_servo_epipolar.core.laws.smooth.steering import (
     aim,
     curvature,
-    Gains,
     polar_pose,
     PolarPose,
     rate_within,
     visible_aim,
+)
+from visual_servo_epipolar.core.laws.smooth.wide_view import (
+    GAINS,
+    goes_around_in_view,
+    IN_PLACE,
+    RESERVE,
+    STEERED,
 )
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -33,14 +39,12 @@ if TYPE_CHECKING:
     from visual_servo_epipolar.core.servo.settings import ServoSettings
     from visual_servo_epipolar.core.servo.state import ServoState
 
-GAINS = Gains()
 BRAKING = 1.6  # of max_acceleration, at which it closes in: the ramps slow down by 2
 TAIL_S = 0.25  # time constant of the last centimetre, and of the turn at its end
 STEERING_S = 0.35  # look-ahead in time: what is steered within less, a late loop swings by
 CONVERGING_S = 0.25  # the same, where the rest aside decides on the speed
 LEAST_LOOK_AHEAD = 0.02  # [m]
 RESIDUAL = 3e-4  # what steering may leave aside [m]
-RESERVE = 0.05  # of the margins of the view [rad]
 TURN_S = 0.5  # time constant of turns to where features stay in view
 FACING_FROM, FACING_AT = 0.02, 0.006  # way left at which the heading alone counts, at last [m]
 UNCERTAIN = 0.06  # deviation of the bearings at which the robot drives at half speed [rad]
@@ -69,12 +73,15 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
         return STANDSTILL
     around = goes_around(*sight, measurement)
     left = way_left(measurement, state)
-    if around:
+    in_view = not around and goes_around_in_view(polar_pose(*sight), measurement)
+    if around or in_view:
         left = max(left, LEAST_WAY * math.hypot(sight.x, sight.y))
     braking = BRAKING * settings.max_acceleration
     speed = min(
         rate_within(left, deceleration=braking, delay=TAIL_S), _certain(measurement, settings)
     )
+    if in_view:
+        return _around_in_view(polar_pose(*sight), speed, measurement, settings)
     if measurement.offset is None and not around:
         speed = min(speed, max(settings.k_t * abs(measurement.difference), _least(measurement)))
     elif speed > 0.0 and not around:
@@ -109,6 +116,21 @@ def _around(pose: PolarPose, speed: float, turn: float, settings: ServoSettings)
     off = off_aim(pose, GAINS)
     share = driving_share(pose.delta, off)
     return Twist(share * speed, share * turn - (1.0 - share) * off / TURN_S)
+
+
+def _around_in_view(
+    pose: PolarPose, speed: float, measurement: Measurement, settings: ServoSettings
+) -> Twist:
+    """Return the velocity around the goal of a wide view: far off its aim it turns in place."""
+    left, right = measurement.view_margins
+    wanted = aim(pose.phi, GAINS)
+    held = visible_aim(wanted, pose.delta, (left - RESERVE, right - RESERVE))
+    off = wrap_angle(pose.delta - wanted) if held is None else pose.delta - held
+    kappa = curvature(pose, GAINS, delta_held=held)
+    share = min(max((IN_PLACE - abs(off)) / (IN_PLACE - STEERED), 0.0), 1.0)
+    speed = min(speed, _steerable(kappa, settings))
+    turn = share * kappa * speed - (1.0 - share) * off / TURN_S
+    return Twist(share * speed, _within_view(turn, measurement, settings))
 
 
 def _visible_curvature(pose: PolarPose, measurement: Measurement) -> float:
@@ -184,6 +206,9 @@ def back_off(state: ServoState, measurement: Measurement, settings: ServoSetting
     sight, bearings = seen_from(state, measurement, settings), measurement.bearings
     turn, speed = 0.0, settings.retreat_speed
     pose = None if sight is None else polar_pose(-sight.x, -sight.y, sight.heading, ahead=RUN_UP)
+    if pose is not None and goes_around_in_view(pose, measurement, least=0.0):
+        twist = _around_in_view(pose, speed, measurement, settings)
+        return Twist(-twist.linear, twist.angular)
     if pose is not None and max(abs(pose.delta), abs(pose.phi)) < BACKING:
         kappa = _visible_curvature(pose, measurement)
         speed = min(speed, _steerable(kappa, settings))
@@ -226,7 +251,12 @@ def _facing(left: float) -> float:
 
 
 def _within_view(turn: float, measurement: Measurement, settings: ServoSettings) -> float:
-    """Return a turn that features stay in view of [rad/s]: the barrier."""
+    """
+    Return a turn that features stay in view of [rad/s]: the barrier.
+
+    Of what a head can reach, and of where it looks now: no faster than it follows from there.
+    """
+    turn = _within_present(turn, measurement, settings)
     bounds = [
         rate_within(margin - RESERVE, deceleration=settings.max_angular_acceleration, delay=TURN_S)
         for margin in measurement.view_margins
@@ -238,3 +268,17 @@ def _within_view(turn: float, measurement: Measurement, settings: ServoSettings)
     if left + right <= 0.0:
         return 0.5 * (left - right)
     return min(max(turn, -right), left)
+
+
+def _within_present(turn: float, measurement: Measurement, settings: ServoSettings) -> float:
+    """Return a turn that a head follows before features leave its view as it is [rad/s]."""
+    left, right = (
+        settings.carrier.turn_rate
+        + rate_within(
+            margin - RESERVE, deceleration=settings.max_angular_acceleration, delay=TURN_S
+        )
+        if math.isfinite(margin)
+        else math.inf
+        for margin in measurement.present_margins
+    )
+    return min(max(turn, -max(right, 0.0)), max(left, 0.0))

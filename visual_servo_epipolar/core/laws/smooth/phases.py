@@ -46,6 +46,13 @@ from visual_servo_epipolar.core.laws.smooth.approach import (
     TAIL_S,
     way_left,
 )
+from visual_servo_epipolar.core.laws.smooth.steering import polar_pose
+from visual_servo_epipolar.core.laws.smooth.wide_view import (
+    goes_around_in_view,
+    KEPT_SHARE,
+    leads_around,
+    LEAST_SHARE,
+)
 from visual_servo_epipolar.core.laws.two_steps import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
@@ -76,7 +83,9 @@ def _approaching(state: ServoState, measurement: Measurement, settings: ServoSet
         faces = not turned or faces_goal(state, measurement, settings)
         return Event.MATCHED if faces else Event.TURNED
     x, y = measurement.offset
-    if goes_around(x, y, measurement.heading_error, measurement):
+    pose = polar_pose(x, y, measurement.heading_error)
+    all_round = goes_around(x, y, measurement.heading_error, measurement)
+    if all_round or goes_around_in_view(pose, measurement):
         return Event.NOTHING
     if not state.settling.settled and y > -PASSED and max(y, abs(x)) > PASSED:
         return _missed(state, settings)
@@ -91,11 +100,22 @@ def _is_lined_up(measurement: Measurement, bearings: Bearings) -> bool:
 
 
 def _lies_beside(
-    measurement: Measurement, settings: ServoSettings, *, beyond: float = HYSTERESIS
+    measurement: Measurement,
+    settings: ServoSettings,
+    *,
+    beyond: float = HYSTERESIS,
+    least: float = KEPT_SHARE,
 ) -> bool:
-    """Return whether the goal lies beside, ``beyond`` [rad] of where a robot backs off to."""
+    """
+    Return whether the goal lies beside, ``beyond`` [rad] of where a robot backs off to.
+
+    It does not where a wide view leads around it with the ``least`` share of the distance left.
+    """
     bearings = measurement.bearings
     if bearings is None or not settings.options.retreat or sees_all_round(measurement):
+        return False
+    pose = polar_pose(math.cos(bearings.psi), math.sin(bearings.psi), bearings.heading_error)
+    if leads_around(pose, measurement, least=least):
         return False
     return not is_behind(bearings) or abs(bearings.chi) > settings.sideways_bearing + beyond
 
@@ -185,7 +205,11 @@ def _retreating(state: ServoState, measurement: Measurement, settings: ServoSett
     has_room = has_run_up(state, measurement, settings) and is_far_enough(measurement, settings)
     if measurement.bearings is None or not has_room:
         return Event.NOTHING
-    return Event.NOTHING if _lies_beside(measurement, settings, beyond=0.0) else Event.APART
+    return (
+        Event.NOTHING
+        if _lies_beside(measurement, settings, beyond=0.0, least=1.0)
+        else Event.APART
+    )
 
 
 def _retreat(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
@@ -197,7 +221,9 @@ def _surveyed(row: PhaseRow) -> PhaseRow:
 
     def classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
         event = row.classify(state, measurement, settings)
-        if event is Event.SIDEWAYS and not _lies_beside(measurement, settings, beyond=BESIDE):
+        if event is Event.SIDEWAYS and not _lies_beside(
+            measurement, settings, beyond=BESIDE, least=LEAST_SHARE
+        ):
             event = Event.APART
         known = measurement.offset is not None or measurement.bearings is not None
         return Event.APART if known and event in (Event.ALIGNED, Event.NO_BASELINE) else event

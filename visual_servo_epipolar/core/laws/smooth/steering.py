@@ -17,6 +17,8 @@ from typing import NamedTuple
 
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 
+TURN = 2.0 * math.pi
+
 
 class PolarPose(NamedTuple):
     """Pose of the robot as seen from itself: ``distance`` [m], ``delta`` and ``phi`` [rad]."""
@@ -70,7 +72,8 @@ def curvature(pose: PolarPose, gains: Gains, *, delta_held: float | None = None)
     stay in view: the robot turns to that heading, and drives straight.
     """
     if delta_held is not None:
-        return -gains.k2 * wrap_angle(pose.delta - delta_held) / pose.distance
+        turn = min(max(pose.delta - delta_held, -math.pi), math.pi)
+        return -gains.k2 * turn / pose.distance
     turn = gains.k2 * wrap_angle(pose.delta - aim(pose.phi, gains))
     rate = gains.k1 / (1.0 + (gains.k1 * pose.phi) ** 2)
     return -(turn + (1.0 + rate) * math.sin(pose.delta)) / pose.distance
@@ -86,8 +89,11 @@ def visible_aim(wanted: float, delta: float, margins: tuple[float, float]) -> fl
     left, right = margins
     if left + right <= 0.0:
         return delta + 0.5 * (left - right)
+    if left + right > math.pi:  # where the short way leads out of view, the long one may not
+        turns = sorted((wanted, wanted - TURN, wanted + TURN), key=lambda each: abs(each - delta))
+        wanted = min(turns, key=lambda each: max(delta - right - each, each - delta - left, 0.0))
     visible = min(max(wanted, delta - right), delta + left)
-    return None if visible == wanted else visible
+    return None if visible == wanted and abs(visible - delta) <= math.pi else visible
 
 
 def rate_within(margin: float, *, deceleration: float, delay: float) -> float:

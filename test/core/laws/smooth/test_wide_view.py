@@ -1,0 +1,92 @@
+"""Wide views: around the goal by a window of headings, and what is left of the distance."""
+
+from dataclasses import replace
+import math
+
+import pytest
+from servo_states import sight
+
+from visual_servo_epipolar.core.laws.smooth.approach import approach
+from visual_servo_epipolar.core.laws.smooth.steering import aim, Gains, polar_pose, visible_aim
+from visual_servo_epipolar.core.laws.smooth.wide_view import (
+    goes_around_in_view,
+    leads_around,
+    share_left,
+)
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.scenario import from_document
+from visual_servo_epipolar.simulation.views import points_of
+
+GAINS, STEP = Gains(), 1e-3
+PINHOLE, HEAD = (0.35, 0.35), (2.2, 2.2)  # margins of a view that faces the goal [rad]
+ON_A_HEAD = from_document(
+    {'camera': {'rig': 'pan_tilt'}, 'servo': {'rig': 'pan_tilt', 'law': 'smooth'}}, 'test'
+)
+
+
+def seen(margins: tuple[float, float]) -> Measurement:
+    return sight(heading_error=0.0, view_margins=margins)
+
+
+def driven_straight(phi: float, heading: float) -> float:
+    """Return the distance at which a straight line from a metre away meets the aim of delta."""
+    x, y = -math.sin(phi), -math.cos(phi)
+    for _ in range(4000):
+        pose = polar_pose(x, y, heading)
+        if pose.delta < aim(pose.phi, GAINS):
+            return pose.distance
+        x, y = x - STEP * math.sin(heading), y + STEP * math.cos(heading)
+    return math.nan
+
+
+@pytest.mark.parametrize(('degrees', 'edge'), [(70.0, 100.0), (90.0, 115.0), (60.0, 95.0)])
+def test_what_is_left_of_the_distance_is_that_of_a_straight_line(degrees, edge) -> None:
+    phi, edge = math.radians(degrees), math.radians(edge)
+    share = share_left(phi, GAINS, (-edge, edge))
+    assert share == pytest.approx(driven_straight(phi, -edge), abs=5e-3)
+    assert share == share_left(-phi, GAINS, (-edge, edge))
+
+
+def test_a_head_leads_around_from_beside_and_not_from_ahead_of_the_goal() -> None:
+    beside, ahead = polar_pose(-2.0, 0.0, 0.0), polar_pose(-0.5, 2.0, 0.0)
+    assert leads_around(beside, seen(HEAD)) and not leads_around(ahead, seen(HEAD))
+    assert not leads_around(beside, seen(PINHOLE))
+
+
+def test_at_the_goal_and_behind_it_the_line_is_followed() -> None:
+    assert goes_around_in_view(polar_pose(-2.0, 0.0, 0.0), seen(HEAD))
+    assert not goes_around_in_view(polar_pose(-0.2, 0.0, 0.0), seen(HEAD))
+    assert not goes_around_in_view(polar_pose(-0.2, -3.0, 0.0), seen(HEAD))
+
+
+def test_a_turn_goes_the_long_way_where_the_short_one_leads_out_of_view() -> None:
+    margins = 0.2, 4.2  # turned left as far as it sees
+    held = visible_aim(-2.0, 1.5, margins)
+    assert held == -2.0  # 3.5 rad to the right, not 2.8 to the left
+    assert visible_aim(1.0, 1.5, margins) is None
+    assert visible_aim(2.5, 1.5, (0.2, 0.3)) == pytest.approx(1.7)
+
+
+@pytest.mark.parametrize('side', [1.0, -1.0])
+def test_the_base_waits_for_a_head_that_lags(side: float) -> None:
+    settings = ServoSettings(law='smooth', rig='pan_tilt', pan_speed=0.1)
+    ahead = sight(offset=(side * 2.0, -1.0), heading_error=0.0, view_margins=HEAD)
+    free = approach(ServoState(), ahead, settings)
+    assert side * free.angular > 0.3
+    lagging = replace(ahead, present_margins=(0.05, 0.05))
+    held = approach(ServoState(), lagging, settings)
+    assert side * held.angular == pytest.approx(settings.pan_speed)
+
+
+@pytest.mark.parametrize('start', [(-2.0, 0.1, 5.0), (0.4, 2.0, 80.0)])
+def test_with_a_head_no_robot_goes_away_from_its_goal(start) -> None:
+    camera = ON_A_HEAD.camera.nominal_camera
+    result = summarise(run(ON_A_HEAD.loop(start, 3), points_of(ON_A_HEAD, 3), camera))
+    assert result['outcome'] == 'arrived', result['reason']
+    assert result['position_error_m'] < 0.003
+    assert result['max_distance_ratio'] < 1.05
+    assert result['path_length_m'] < 2.0 * math.hypot(*start[:2])
