@@ -37,6 +37,8 @@ def generate_launch_description():
                 "Topic of the base's odometry: for the dock node, which takes metres from it, and "
                 'for a servo with odometry: true',
             ),
+            argument('joint_states', 'joint_states', 'Topic of the angles of a head'),
+            argument('head_command', 'head/command', 'Topic on which a head takes its command'),
             argument('desired_image', otherwise='call tracker_node/capture_desired'),
             argument(
                 'autostart',
@@ -82,7 +84,7 @@ def nodes(context):
         value,
         'servo_node',
         [*files, *given(value, autostart=bool), *managed],
-        ['camera_info', 'cmd_vel', 'odom'],
+        ['camera_info', 'cmd_vel', 'odom', 'joint_states', 'head/command'],
     )
     # Files of both: robot.yaml tells what the dock node shares with the servo.
     dock = our_node(

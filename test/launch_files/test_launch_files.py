@@ -194,11 +194,13 @@ def test_own_parameters_reach_those_alone_whom_they_are_meant_for() -> None:
 @pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
 def test_topics_go_where_they_are_sent(name) -> None:
     topics = {'image': '/cam/image', 'camera_info': '/cam/info', 'cmd_vel': '/base/cmd'}
-    odometry = {'odom': '/base/odom'} if name == 'robot.launch.py' else {}
-    nodes = by_name(Launch(name, namespace='r', **topics, **odometry))
+    robots = {'odom': '/base/odom', 'joint_states': '/joints', 'head_command': '/neck'}
+    robots = robots if name == 'robot.launch.py' else {}
+    nodes = by_name(Launch(name, namespace='r', **topics, **robots))
     image, info = ('image_raw', '/cam/image'), ('camera_info', '/cam/info')
     assert nodes['tracker_node'].remappings == [image, info]
-    expected = [info, ('cmd_vel', '/base/cmd'), *odometry.items()]
+    sent = [(key.replace('head_command', 'head/command'), topic) for key, topic in robots.items()]
+    expected = [info, ('cmd_vel', '/base/cmd'), *sent]
     assert nodes['servo_node'].remappings == expected
     if 'camera_node' in nodes:
         assert nodes['camera_node'].remappings == [image, info]

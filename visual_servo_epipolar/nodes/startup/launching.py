@@ -25,7 +25,14 @@ SHARED: Mapping[str, tuple[Any, ...]] = {
     ),
 }
 # The argument that names the topic of a name in the nodes.
-TOPICS = {'image_raw': 'image', 'camera_info': 'camera_info', 'cmd_vel': 'cmd_vel', 'odom': 'odom'}
+TOPICS = {
+    'image_raw': 'image',
+    'camera_info': 'camera_info',
+    'cmd_vel': 'cmd_vel',
+    'odom': 'odom',
+    'joint_states': 'joint_states',
+    'head/command': 'head_command',
+}
 
 
 def argument(
