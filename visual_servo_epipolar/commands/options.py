@@ -20,10 +20,10 @@ from visual_servo_epipolar.commands.arguments import (
 )
 from visual_servo_epipolar.core.laws.gains import Circumstances
 from visual_servo_epipolar.core.settings import range_of
-from visual_servo_epipolar.simulation.choices import REGIONS
+from visual_servo_epipolar.simulation.choices import REGIONS, STEERINGS, WAYS
 
 DEMO_START = (1.0, -3.5, 8.0)
-DEMO_FOLDER, SWEEP_FOLDER = 'demo_out', 'sweep_out'
+DEMO_FOLDER, SWEEP_FOLDER, ROUTE_FOLDER = 'demo_out', 'sweep_out', 'route_out'
 # What a bag leaves out. Images have 1.3 MB each; a bag without them is replayed from tracks.
 EXCLUDED = {'tracks': ('*image_raw',), 'images': ('*overlay/image_raw',)}
 MOUNT_DEVIATION = 1.0  # of a tilt and roll that are given [deg]
@@ -168,6 +168,43 @@ def add_report(parser: ArgumentParser) -> None:
     add_words(parser, {'--out DIR': folder})
 
 
+def add_route(parser: ArgumentParser) -> None:
+    """Add the actions of ``route``."""
+    actions = parser.add_subparsers(dest='action', required=True, metavar='ACTION')
+    text = 'learn a route from a bag with images, camera_info and odom'
+    teach = actions.add_parser('teach', help=text, description=f'{text.capitalize()}.')
+    teach.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap, .db3, or ROS 1 .bag')
+    several = {'--topics ROLE=NAME': 'names of topics by role: image, camera_info, cmd_vel'}
+    add_words(teach, several, nargs='+', action='extend', default=[])
+    words = {
+        '--out DIR': 'folder of the route (default BAG_route)',
+        '--camera FILE': f'use this instead of camera_info: {CAMERA}',
+    }
+    add_words(teach, words)
+    add_words(teach, {'--odometry NAME': 'topic of the odometry (default odom)'}, default='')
+    add_flags(teach, {'--rectified': 'images are rectified: use P of camera_info'})
+    add_json(teach)
+    text = 'teach a way in a simulated storey, repeat it, and judge by ground truth'
+    demo = actions.add_parser('demo', help=text, description=f'{text.capitalize()}.')
+    demo.add_argument(
+        '--way', choices=WAYS, default='short', help='the way through the storey (default short)'
+    )
+    add_words(demo, {'--runs N': 'repetitions (default 1)'}, type=count, default=1)
+    add_words(
+        demo, {'--kidnaps N': 'starts beside the route (default 20)'}, type=count, default=20
+    )
+    add_flags(demo, {'--reverse': 'repeat it backward, from the last station to the first'})
+    demo.add_argument(
+        '--steering',
+        choices=STEERINGS,
+        default=STEERINGS[0],
+        help='steer by the structure of key views, or by the epipole of the next',
+    )
+    out = f'folder for the route and result.json (default {ROUTE_FOLDER})'
+    add_words(demo, {'--out DIR': out}, default=ROUTE_FOLDER)
+    add_run_options(demo)
+
+
 def _add_bag(parser: ArgumentParser, metavar: str, kinds: str) -> None:
     parser.add_argument('bag', metavar=metavar, help=kinds)
     several = {
@@ -243,6 +280,12 @@ COMMANDS: Mapping[str, CommandRow] = {
         'Write one HTML page on a run or a bag; the page needs no network.',
         add_report,
         'report.run:report',
+    ),
+    'route': CommandRow(
+        'learn a way from a drive, and repeat it by photographs',
+        'Routes: driven once, kept as photographs, and found by them.',
+        add_route,
+        'route.run:route',
     ),
     'gains': CommandRow(
         'derive gains from distance, image rate and speed limits',

@@ -190,3 +190,14 @@ def nearest_view(anchors: Anchors, seen: MatchedFeatures, views: FloatArray) -> 
     again = project(anchors.structure, turned, tangent_basis)
     squares = np.sort(squares_of(again, np.broadcast_to(seen.rays, again.points.shape)), axis=1)
     return np.asarray(turned[int(squares[:, squares.shape[1] // 2].argmin())])
+
+
+def pose_covariance(anchors: Anchors, seen: MatchedFeatures, fit: PoseFit) -> FloatArray:
+    """Return the covariance of a fitted pose, (5, 5), by features as if independent."""
+    projection = project(anchors.structure, fit.pose, seen.tangent_basis)
+    at = _slopes(anchors, seen, fit.pose, projection)
+    weight = robust_weight(fit.squares / fit.widening) / fit.widening
+    rows = (at.weighted * weight).reshape(VIEW, -1)
+    matrix = rows @ at.own.reshape(VIEW, -1).T
+    matrix.ravel()[::EVERY] += anchors.known[1]
+    return np.asarray(np.linalg.inv(matrix))

@@ -97,6 +97,13 @@ def desired_view(
             f'the desired image shows {len(keypoints)} features, at least {MIN_MATCHES} are '
             'needed; take the photograph where there is texture and light'
         )
+    return view_of_keypoints(image, keypoints, matcher, canvas)
+
+
+def view_of_keypoints(
+    image: Image, keypoints: Keypoints, matcher: Matcher = SIFT, canvas: Canvas = PLANE
+) -> DesiredView:
+    """Return the desired view of an ``image`` on a ``canvas`` whose ``keypoints`` are known."""
     measure = cv2.cornerMinEigenVal(image, CORNER_WINDOW, ksize=3)
     columns, rows = np.rint(keypoints.pixels).astype(int).T
     corners = CORNER_SCALE * measure[rows, columns].astype(np.float64)

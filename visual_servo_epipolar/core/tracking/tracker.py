@@ -19,11 +19,13 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
     FloatImage,
     inside_border,
 )
+from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.canvas import Canvas
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
+from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView
 from visual_servo_epipolar.core.tracking.passing import PassingFeatures
 from visual_servo_epipolar.core.tracking.photographs.photographs import Photographs, Rematching
 from visual_servo_epipolar.core.tracking.photographs.tied_view import TiedView
@@ -97,8 +99,12 @@ class Tracker:
         Raises ValueError or TrackingError, and keeps the former view, if it cannot be used.
         """
         matcher = matcher_of(self.settings.matcher, self.settings.matcher_model)
-        self.photographs = Photographs.of(image, matcher, self._canvas)
-        self.goal = Goal(goal_id(self.photographs.images[0]))
+        self.set_view(desired_view(image, matcher, canvas=self._canvas))
+
+    def set_view(self, view: DesiredView) -> None:
+        """Make ``view`` the desired one, of which all is known, and forget all features."""
+        self.photographs = Photographs((TiedView.first(view),))
+        self.goal = Goal(goal_id(view.image))
         self.redetect()
 
     def see_through(self, camera: CameraModel) -> None:
@@ -133,6 +139,25 @@ class Tracker:
         if is_kept:
             self.redetect()
         return is_kept
+
+    def expect(self, image: Image, warps: Warps) -> int:
+        """
+        Begin anew with what ``warps`` expect in ``image``; return how many features are there.
+
+        A matching of the whole image is saved where somebody knows how the photograph is seen.
+        """
+        self.redetect()
+        limit = self.settings.max_features
+        frame = Frame(self._canvas.painted(image))
+        aligned = self._aligned(Tracks.detected(warps), float_image(frame.image), FIRST_ITERATIONS)
+        found = aligned.without_residual_outliers().without_epipolar_outliers(self._canvas)
+        if self._candidates is None or len(found) < self.settings.min_features:
+            return len(found)
+        self._candidates.remember(warps.ids, self.settings.candidates)
+        self._tracked = self._candidates.limited(found, found, limit)
+        self._predictions.correct(found.warps)
+        self._previous = frame
+        return len(found)
 
     def redetect(self) -> None:
         """Forget all features; the next image is matched to the desired one anew."""

@@ -52,7 +52,9 @@ class CameraSettings(Settings):
     encoding: str = setting(
         'mono8', 'Encoding of the images', choices=('mono8', 'bgr8'), read_only=True
     )
-    scene: str = setting('room', 'What is seen', choices=('room', 'wall', 'plain'), read_only=True)
+    scene: str = setting(
+        'room', 'What is seen', choices=('room', 'wall', 'plain', 'storey'), read_only=True
+    )
     scene_seed: int = setting(1, 'Seed of the scene', low=0, high=2**31 - 1, read_only=True)
     seed: int = setting(0, 'Seed of noise and jitter', low=0, high=2**31 - 1, read_only=True)
     mount_height: float = setting(

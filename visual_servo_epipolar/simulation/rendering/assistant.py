@@ -170,10 +170,11 @@ def _assist(
         if what is None:
             return
         view, spared = what
-        raster = rasterize(scene, view)
+        seen = scene.seen_from(view.centre)
+        raster = rasterize(seen, view)
         image = _image(pixels, (view.height, view.width))
         image[:] = 0
-        draw_textures(scene, raster, image, sharing.shares(raster, spared)[ASSISTANT])
+        draw_textures(seen, raster, image, sharing.shares(raster, spared)[ASSISTANT])
         drawn_s.value = perf_counter()
         drawn.release()
 
@@ -209,6 +210,7 @@ def _is_asked(asked: Semaphore) -> bool:
 
 def draw(scene: Scene, view: PinholeView, assistant: Assistant | None = None) -> Image:
     """Return the image of ``scene``, shape (H, W), the same to the last bit with an assistant."""
+    scene = scene.seen_from(view.centre)
     if assistant is None or not assistant.begin(view):
         return shade(scene, view, rasterize(scene, view))
     raster = rasterize(scene, view)

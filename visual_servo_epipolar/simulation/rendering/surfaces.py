@@ -76,6 +76,10 @@ class Scene:
         blank = Texture(np.zeros((1, 1), np.uint8))
         return Scene(tuple(replace(surface, texture=blank) for surface in self.surfaces))
 
+    def seen_from(self, centre: FloatArray) -> 'Scene':
+        """Return what of it may be seen from ``centre``, shape (3,): all of a room."""
+        return self
+
     @cached_property
     def texture_sizes(self) -> IntArray:
         """Width and height of the texture of each surface, shape (N, 2) [texel]."""

@@ -129,22 +129,22 @@ class Builder:
         }[side]
         edge = np.array([end[0] - start[0], end[1] - start[1], 0.0])
         frame = (np.array([*start, HEIGHT]), edge, np.array([0.0, 0.0, -HEIGHT]))
-        self._add(f'{side} wall', ROOM, frame, paint, density=density)
+        self.panel(f'{side} wall', ROOM, frame, paint, density=density)
 
     def floor(self, paint: Painter, furniture: Sequence[Furniture]) -> None:
         """Lay the floor and cast the shadows of furniture on it."""
         origin = np.array([LEFT, self.end, 0.0])
         frame = (origin, np.array([RIGHT - LEFT, 0.0, 0.0]), np.array([0.0, REAR - self.end, 0.0]))
         standing = [piece for piece in furniture if piece.bottom < 0.3]
-        self._add('floor', ROOM, frame, paint, density=190.0, standing=standing)
+        self.panel('floor', ROOM, frame, paint, density=190.0, standing=standing)
 
     def ceiling(self, paint: Painter) -> None:
         """Hang the ceiling."""
         origin = np.array([LEFT, REAR, HEIGHT])
         frame = (origin, np.array([RIGHT - LEFT, 0.0, 0.0]), np.array([0.0, self.end - REAR, 0.0]))
-        self._add('ceiling', ROOM, frame, paint, density=150.0)
+        self.panel('ceiling', ROOM, frame, paint, density=150.0)
 
-    def stand(self, piece: Furniture) -> None:
+    def stand(self, piece: Furniture, *, density: float = DENSITY) -> None:
         """Put a piece of furniture in its place: all faces but the one it stands on."""
         self.boxes.append(piece.box)
         right, back = piece.axes()
@@ -164,9 +164,11 @@ class Builder:
         for name, frame in faces.items():
             material = piece.front if name == 'front' else piece.sides
             paint, glows = _in_grey(material, grey), piece.glows and name == 'front'
-            self._add(f'{piece.name} {name}', piece.name, frame, paint, glows=glows)
+            self.panel(
+                f'{piece.name} {name}', piece.name, frame, paint, density=density, glows=glows
+            )
 
-    def _add(
+    def panel(
         self,
         name: str,
         body: str,
@@ -177,6 +179,7 @@ class Builder:
         standing: Sequence[Furniture] = (),
         glows: bool = False,
     ) -> None:
+        """Add a painted rectangle of a ``body``: its ``frame`` is corner and edges [m]."""
         _, edge_u, edge_v = frame
         width, height = float(np.linalg.norm(edge_u)), float(np.linalg.norm(edge_v))
         sheet = Painting(width, height, density, self.rng, self._grain)

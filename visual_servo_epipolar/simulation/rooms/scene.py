@@ -13,9 +13,11 @@ from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms import plain
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, LEFT, REAR, RIGHT
 from visual_servo_epipolar.simulation.rooms.changes import CHANGES
+from visual_servo_epipolar.simulation.rooms.storey import Storey, storey
 from visual_servo_epipolar.simulation.rooms.textures import Painting
 
 KINDS = ('room', 'wall', 'plain')
+STOREY = 'storey'  # of a building, in the coordinates of its plan
 END = {'room': 8.0, 'wall': 5.0, 'plain': 8.0}  # how far the front wall is from the goal [m]
 NOTHING = ('none', False)
 KEPT = 3  # lights by which a room is kept
@@ -102,8 +104,10 @@ class PaintedRoom:
 
 
 @lru_cache(maxsize=1)  # a room and its filtered pictures take some 200 MB
-def painted_room(seed: int, kind: str = 'room') -> PaintedRoom:
+def painted_room(seed: int, kind: str = 'room') -> PaintedRoom | Storey:
     """Build a room, in one to two seconds; raises ValueError as ``room`` does."""
+    if kind == STOREY:
+        return storey(seed)
     if kind not in KINDS:
         raise ValueError(f'kind of room must be one of {", ".join(KINDS)}, got {kind!r}')
     rng = np.random.default_rng((seed, KINDS.index(kind)))

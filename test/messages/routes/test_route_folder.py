@@ -1,0 +1,150 @@
+"""The folder of a route: what is read is what was written, or one clear error."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_intrinsics
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.routes.path import TaughtPath
+from visual_servo_epipolar.core.routes.route import Route, RouteView
+from visual_servo_epipolar.core.routes.structure import LocalStructure
+from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
+from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
+
+SIZE = (64, 48)
+CAMERA = calibrated_camera(
+    SIZE, (50.0, 0.0, 31.5, 0.0, 50.0, 23.5, 0.0, 0.0, 1.0), (), 'plumb_bob'
+)
+
+
+def same(image: Image) -> Image:
+    return image
+
+
+def key_view(number: int) -> RouteView:
+    rng, count = np.random.default_rng(number), 12 + number
+    pixels = rng.uniform(5.0, 40.0, (count, 2))
+    descriptors = rng.integers(0, 200, (count, 128)).astype(np.float32)
+    covariance = np.repeat(np.eye(3)[:, :, None], count, axis=2)
+    way = number + np.arange(4.0)
+    return RouteView(
+        partial(same, rng.integers(0, 255, SIZE[::-1], np.uint8)),
+        Keypoints(pixels, np.ones(count), np.zeros(count), descriptors, 2),
+        LocalStructure(
+            pixels,
+            np.zeros((2, count)),
+            rng.uniform(0.1, 1.0, count),
+            covariance,
+            np.zeros(5),
+            0.01,
+        ),
+        TaughtPath(way, rng.standard_normal((4, 3)), np.zeros(4), np.full(4, 0.5)),
+        float(number),
+        np.array([float(number), 0.0, 0.1]),
+        number == 2,
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_route(Route(CAMERA, tuple(map(key_view, range(3)))), tmp_path / 'hall')
+    return tmp_path / 'hall'
+
+
+def test_a_route_is_read_as_it_was_written(folder: Path) -> None:
+    route = read_route(folder)
+    assert route.camera == CAMERA and route.stations == [2]
+    for number, view in enumerate(route.views):
+        expected = key_view(number)
+        assert np.array_equal(view.image, expected.image)
+        assert np.array_equal(view.keypoints.descriptors, expected.keypoints.descriptors)
+        assert np.array_equal(view.structure.pixels, expected.structure.pixels)
+        assert np.array_equal(view.structure.inverse_depth, expected.structure.inverse_depth)
+        assert np.array_equal(view.path.poses, expected.path.poses)
+        assert view.keypoints.tuning == 2 and view.way == expected.way
+    assert sorted(file.name for file in folder.iterdir()) == [
+        '000000.png',
+        '000001.png',
+        '000002.png',
+        'camera.yaml',
+        'route.yaml',
+        'structure.npz',
+    ]
+
+
+@pytest.mark.parametrize(
+    ('name', 'match'),
+    [
+        ('route.yaml', 'route.yaml cannot be read'),
+        ('camera.yaml', 'camera.yaml'),
+        ('structure.npz', 'structure.npz is missing, cut off or damaged'),
+    ],
+)
+def test_a_file_that_is_cut_off_is_named(folder: Path, name: str, match: str) -> None:
+    data = (folder / name).read_bytes()
+    (folder / name).write_bytes(data[: len(data) // 2])
+    with pytest.raises(InputError, match=match):
+        read_route(folder)
+
+
+def test_a_photograph_that_is_missing_is_named(folder: Path) -> None:
+    (folder / '000001.png').unlink()
+    with pytest.raises(
+        InputError, match='1 of 3 photographs are missing, the first is 000001.png'
+    ):
+        read_route(folder)
+
+
+def test_a_photograph_that_is_cut_off_is_named_when_it_is_needed(folder: Path) -> None:
+    data = (folder / '000001.png').read_bytes()
+    (folder / '000001.png').write_bytes(data[:200])
+    route = read_route(folder)
+    with pytest.raises(InputError, match='000001.png: the photograph cannot be read'):
+        _ = route.views[1].image
+
+
+def test_a_calibration_that_was_changed_is_refused(folder: Path) -> None:
+    text = (folder / 'camera.yaml').read_text().replace('- 50.0', '- 51.0', 1)
+    (folder / 'camera.yaml').write_text(text)
+    with pytest.raises(InputError, match='its hash differs'):
+        read_route(folder)
+
+
+def test_another_camera_or_resolution_is_refused(folder: Path) -> None:
+    route = read_route(folder)
+    with pytest.raises(InputError, match='taught with another camera'):
+        route.check_camera(with_intrinsics(CAMERA, fx=60.0, fy=60.0, cx=31.5, cy=23.5))
+    large = (100.0, 0.0, 63.5, 0.0, 100.0, 47.5, 0.0, 0.0, 1.0)
+    with pytest.raises(InputError, match='taught at 64x48, the camera gives 128x96'):
+        route.check_camera(calibrated_camera((128, 96), large, (), 'plumb_bob'))
+
+
+def test_a_disk_that_is_full_leaves_the_earlier_route(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(np, 'savez', full)
+    with pytest.raises(InputError, match='No space left on device'):
+        write_route(Route(CAMERA, tuple(map(key_view, range(2)))), folder)
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
+    assert list(folder.parent.iterdir()) == [folder]
+
+
+def test_a_folder_of_something_else_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / 'thesis.tex').write_text('years of work')
+    with pytest.raises(InputError, match='holds something else'):
+        write_route(Route(CAMERA, tuple(map(key_view, range(2)))), tmp_path)
+    assert (tmp_path / 'thesis.tex').exists()
+
+
+def test_a_folder_without_a_route_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='no folder of a route'):
+        read_route(tmp_path)

@@ -1,0 +1,84 @@
+"""A few metres, taught and repeated: on images, judged by ground truth alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.routes.chain import seam
+from visual_servo_epipolar.core.routes.run import RouteRun, RouteStep
+from visual_servo_epipolar.core.routes.settings import FollowSettings
+from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.routes.drives import repeat, route_scenario, Taught, teach
+from visual_servo_epipolar.simulation.routes.ways import rounded
+from visual_servo_epipolar.simulation.scenario import Scenario
+
+SCENARIO = route_scenario(Scenario(base=PioneerSettings(wheel_ratio=1.01)), 1).with_servo(
+    {'law': 'smooth'}
+)
+SETTINGS = FollowSettings(latency=0.0)
+
+
+@pytest.fixture(scope='module')
+def taught() -> Taught:
+    return teach(SCENARIO, rounded(((3.0, -3.9), (3.0, -1.2), (4.4, -1.2))))
+
+
+def test_the_seam_between_key_views_is_millimetres(taught: Taught) -> None:
+    assert np.sqrt(np.nanmean(seam(taught.route.views) ** 2)) < 2e-3
+
+
+def test_key_views_are_close_where_the_view_changes(taught: Taught) -> None:
+    ways = np.array([view.way for view in taught.route.views])
+    assert np.diff(ways).min() < 0.7 < np.diff(ways).max() < 1.65
+
+
+def test_a_taught_way_is_repeated_to_millimetres(taught: Taught) -> None:
+    log = repeat(SCENARIO.seeded(5), taught, SETTINGS)
+    assert log.outcome == 'arrived', log.reason
+    offsets = np.abs(log.offsets)
+    assert np.sqrt((offsets**2).mean()) < 4e-3 and offsets.max() < 0.015
+    assert log.station[0] < 3e-3 and abs(log.station[1]) < np.radians(0.1)
+    assert log.turn_jump(SETTINGS.max_angular) < 0.05
+
+
+def test_a_way_is_repeated_backward(taught: Taught) -> None:
+    log = repeat(SCENARIO.seeded(9), taught, SETTINGS, reverse=True)
+    assert log.outcome == 'arrived', log.reason
+    assert np.abs(log.offsets).max() < 0.02
+    assert min(sample.twist.linear for sample in log.samples) < -0.3
+    assert log.station[0] < 3e-3
+
+
+def test_progress_of_a_robot_that_stands_does_not_move(taught: Taught) -> None:
+    simulator = CameraSimulator(SCENARIO.seeded(6).camera)
+    run = RouteRun(taught.route, SETTINGS, SCENARIO.servo, way=0.0)
+    steps = [
+        run.step(simulator.capture(taught.stations[0], k), round(k * 9e7)).progress
+        for k in range(30)
+    ]
+    ways = [step.way for step in steps if step is not None]
+    assert len(ways) == 30 and np.ptp(ways[10:]) < 0.01
+
+
+def test_a_robot_that_was_kidnapped_finds_itself(taught: Taught) -> None:
+    start = replace(taught.stations[0], x=3.1, y=-3.4, theta=1.45)
+    log = repeat(SCENARIO.seeded(8), taught, SETTINGS, start=start)
+    assert log.outcome == 'arrived', log.reason
+    assert log.station[0] < 3e-3 and abs(log.offsets[-1]) < 0.01
+
+
+def test_a_robot_off_the_route_stands_and_says_so(taught: Taught) -> None:
+    elsewhere = replace(taught.stations[0], x=12.0, y=5.0)
+    settings = replace(SETTINGS, lost_timeout=1.0)
+    moved = []
+
+    def watch(image: Image, pose: Pose, step: RouteStep) -> None:
+        moved.append(pose != elsewhere)
+
+    log = repeat(SCENARIO.seeded(7), taught, settings, start=elsewhere, watch=watch)
+    assert log.outcome == 'failed' and log.reason
+    assert not any(moved)

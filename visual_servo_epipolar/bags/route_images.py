@@ -1,0 +1,123 @@
+"""Images along a way that was recorded, with where the base was at the time of each."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from visual_servo_epipolar.bags.reading.bag import Bag, BagTopic
+from visual_servo_epipolar.bags.reading.run import usable
+from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_note
+from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose
+from visual_servo_epipolar.messages import read
+
+ODOMETRY = 'nav_msgs/msg/Odometry'
+COMMAND_HOLDS_S = 0.5  # longest time that a command is obeyed
+
+
+class RecordedWay:
+    """
+    Way in a bag: its ``camera``, and its images with poses of the base, by odometry or commands.
+
+    ``requested`` are names of topics by role, ``odometry`` that of the odometry. Raises InputError
+    if the bag lacks what is needed.
+    """
+
+    def __init__(
+        self,
+        bag: Bag,
+        requested: Mapping[str, str],
+        *,
+        odometry: str = '',
+        camera: CameraModel | None = None,
+        rectified: bool = False,
+    ) -> None:
+        self._bag, self._topics = bag, assign_roles(bag, requested)
+        if 'image' not in self._topics:
+            raise InputError(
+                f'{bag.path}: no images to learn a route from; it has '
+                f'{", ".join(bag.topics) or "no topics"}: name them with --topics image=NAME'
+            )
+        note = camera_note(bag, self._topics)
+        self.notes = [note] if note else []
+        self.camera = self._recorded_camera(rectified) if camera is None else camera
+        self._stamps, self._poses = self._driven(odometry)
+
+    def images(self) -> Iterator[tuple[Image, int, Pose]]:
+        """Yield the images in the order of recording, their stamps, and where the base was."""
+        for item in self._bag.messages([self._topics['image'].name]):
+            with usable(self._bag.path, item):
+                stamp_ns, image = read.stamp_ns(item.message.header), read.gray(item.message)
+            if self._stamps[0] <= stamp_ns <= self._stamps[-1]:
+                pose = [float(np.interp(stamp_ns, self._stamps, each)) for each in self._poses.T]
+                yield image, stamp_ns, Pose(*pose)
+
+    def _recorded_camera(self, rectified: bool) -> CameraModel:
+        topic = self._topics.get('camera_info')
+        item = None if topic is None else next(iter(self._bag.messages([topic.name])), None)
+        if item is None:
+            raise InputError(
+                f'{self._bag.path}: no camera_info; name its topic with --topics '
+                'camera_info=NAME, or give a camera file: --camera FILE.yaml'
+            )
+        with usable(self._bag.path, item):
+            return read.camera(item.message, rectified=rectified)
+
+    def _driven(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Return stamps [ns], (M,), and poses of the base, (M, 3), headings unwrapped."""
+        topic = self._odometry(name)
+        if topic is not None:
+            rows = self._by_odometry(topic)
+        elif 'cmd_vel' in self._topics:
+            self.notes.append(f'no odometry: the way is that of {self._topics["cmd_vel"].name}')
+            rows = self._by_commands(self._topics['cmd_vel'])
+        else:
+            raise InputError(
+                f'{self._bag.path}: nothing tells how far the robot drove; record odom as well, '
+                'or cmd_vel, or name the topic by --odometry NAME'
+            )
+        if len(rows) < 2:
+            raise InputError(f'{self._bag.path}: the robot does not move in it; record a drive')
+        rows.sort(key=lambda row: row[0])
+        table = np.array(rows)
+        table[:, 3] = np.unwrap(table[:, 3])
+        return table[:, 0], table[:, 1:]
+
+    def _odometry(self, name: str) -> BagTopic | None:
+        known = [it for it in self._bag.topics.values() if it.kind == ODOMETRY]
+        if name:
+            found = [it for it in known if it.name.strip('/') == name.strip('/')]
+            if not found:
+                raise InputError(
+                    f'{self._bag.path}: no odometry {name!r}; it has '
+                    f'{", ".join(it.name for it in known) or "none"}'
+                )
+            return found[0]
+        usual = [it for it in known if it.name.endswith('odom')]
+        if len(usual) > 1:
+            names = ', '.join(it.name for it in usual)
+            raise InputError(f'{self._bag.path}: odometry may be {names}; say --odometry NAME')
+        return usual[0] if usual else None
+
+    def _by_odometry(self, topic: BagTopic) -> list[Sequence[float]]:
+        rows: list[Sequence[float]] = []
+        for item in self._bag.messages([topic.name]):
+            with usable(self._bag.path, item):
+                pose = read.odometry(item.message)
+            rows.append((read.stamp_ns(item.message.header), pose.x, pose.y, pose.theta))
+        return rows
+
+    def _by_commands(self, topic: BagTopic) -> list[Sequence[float]]:
+        rows: list[Sequence[float]] = []
+        pose, twist, last_ns = Pose(0.0, 0.0, 0.0), None, 0
+        for item in self._bag.messages([topic.name]):
+            if twist is not None:
+                held = min(1e-9 * (item.log_ns - last_ns), COMMAND_HOLDS_S)
+                pose = integrate(pose, twist, max(held, 0.0))
+            with usable(self._bag.path, item):
+                twist = read.twist(item.message)
+            last_ns = item.log_ns
+            rows.append((last_ns, pose.x, pose.y, pose.theta))
+        return rows

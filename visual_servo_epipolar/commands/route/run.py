@@ -1,0 +1,168 @@
+"""Routes on the command line: learnt from a bag, or taught, repeated and judged in simulation."""
+
+import argparse
+from dataclasses import asdict, replace
+import math
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from visual_servo_epipolar.commands.arguments import scenario_of
+from visual_servo_epipolar.commands.console import Progress
+from visual_servo_epipolar.commands.files.output import publish, write_json
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.routes.chain import seam
+from visual_servo_epipolar.core.routes.route import Route
+from visual_servo_epipolar.core.routes.settings import FollowSettings
+from visual_servo_epipolar.core.routes.teaching import Teacher
+from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.simulation.routes.drives import RepeatLog, Taught
+    from visual_servo_epipolar.simulation.scenario import Scenario
+
+FOLDER = 'route'  # within that of a demo
+
+
+def route(options: argparse.Namespace) -> int:
+    """Run the action that was asked for."""
+    return {'teach': teach, 'demo': demo}[options.action](options)
+
+
+def teach(options: argparse.Namespace) -> int:
+    """Learn a route from a bag, and write its folder."""
+    from visual_servo_epipolar.bags.reading.bag import Bag
+    from visual_servo_epipolar.bags.reading.topics import parse
+    from visual_servo_epipolar.bags.route_images import RecordedWay
+    from visual_servo_epipolar.commands.files.camera import read_camera
+
+    camera = None if options.camera is None else read_camera(options.camera)
+    with Bag(Path(options.bag)) as bag:
+        way = RecordedWay(
+            bag,
+            parse(options.topics),
+            odometry=options.odometry,
+            camera=camera,
+            rectified=options.rectified,
+        )
+        teacher = Teacher(way.camera)
+        for image, stamp_ns, pose in way.images():
+            teacher.add(image, stamp_ns, pose)
+        route = teacher.finish()
+    folder = Path(options.out or f'{Path(options.bag).name}_route')
+    write_route(route, folder)
+    result = summary_of(route, folder)
+    lines = [*way.notes, _sentence(result), f'written to {folder}']
+    publish(result, '\n'.join(lines), options.json)
+    return 0
+
+
+def summary_of(route: Route, folder: Path) -> dict[str, Any]:
+    """Return what a route is like, for JSON."""
+    return {
+        'length_m': route.length,
+        'key_views': len(route.views),
+        'stations': route.stations,
+        'seam_rms_m': _rms(seam(route.views)),
+        'features': float(np.median([len(view.structure) for view in route.views])),
+        'folder_bytes': sum(file.stat().st_size for file in folder.iterdir()),
+    }
+
+
+def _sentence(result: dict[str, Any]) -> str:
+    return (
+        f'{result["length_m"]:.2f} m, {result["key_views"]} key views of '
+        f'{result["features"]:.0f} features, {1e-6 * result["folder_bytes"]:.1f} MB; neighbours '
+        f'disagree by {1e3 * result["seam_rms_m"]:.2f} mm rms'
+    )
+
+
+def demo(options: argparse.Namespace) -> int:
+    """Teach a way in the simulated storey, repeat it from its folder, and judge by the truth."""
+    from visual_servo_epipolar.simulation.routes import drives
+    from visual_servo_epipolar.simulation.routes.kidnaps import kidnap
+    from visual_servo_epipolar.simulation.routes.ways import way_named
+
+    scenario = drives.route_scenario(
+        scenario_of(options), 1 if options.scene is None else options.scene
+    )
+    progress = Progress()
+    progress.say('building the storey, teaching ...')
+    taught = drives.teach(scenario, way_named(options.way))
+    folder = Path(options.out) / FOLDER
+    write_route(taught.route, folder)
+    taught = replace(taught, route=read_route(folder))
+    taught.route.check_camera(scenario.camera.nominal_camera)
+    progress.say('repeating ...')
+    logs = [
+        repeat(scenario.seeded(options.seed + 1 + k), taught, options.reverse, options.steering)
+        for k in range(options.runs)
+    ]
+    progress.say('kidnapping ...')
+    kidnaps = kidnap(scenario, taught, options.kidnaps, options.seed)
+    progress.close()
+    result = {**_judged(taught, logs, folder), 'kidnapped': asdict(kidnaps)}
+    write_json(result, str(Path(options.out) / 'result.json'))
+    publish(result, _report(result, options.out), options.json)
+    return 0 if result['outcome'] == 'arrived' else 1
+
+
+def repeat(scenario: 'Scenario', taught: 'Taught', reverse: bool, steering: str) -> 'RepeatLog':
+    """Repeat a taught route by a base that obeys as that of the ``scenario`` does."""
+    from visual_servo_epipolar.simulation.routes import drives
+
+    delay = float(getattr(scenario.base, 'command_delay', 0.0))
+    settings = FollowSettings(latency=delay, steering=steering)
+    return drives.repeat(scenario, taught, settings, reverse=reverse)
+
+
+def _judged(taught: 'Taught', logs: 'list[RepeatLog]', folder: Path) -> dict[str, Any]:
+    offsets = np.abs(np.concatenate([log.offsets for log in logs]))
+    failed = [log for log in logs if log.outcome != 'arrived']
+    most = FollowSettings().max_angular
+    return {
+        'outcome': 'failed' if failed else 'arrived',
+        'reason': failed[0].reason if failed else '',
+        'runs': len(logs),
+        'arrived': len(logs) - len(failed),
+        **summary_of(taught.route, folder),
+        'duration_s': logs[0].duration_s,
+        'lateral_rms_m': _rms(offsets),
+        'lateral_p95_m': float(np.percentile(offsets, 95.0)),
+        'lateral_max_m': float(offsets.max()),
+        'max_turn_jump': max(log.turn_jump(most) for log in logs),
+        'stations': [
+            {
+                'position_error_m': log.station[0],
+                'heading_error_deg': math.degrees(log.station[1]),
+            }
+            for log in logs
+        ],
+        'laps': [{'lateral_rms_m': _rms(log.offsets)} for log in logs],
+    }
+
+
+def _rms(values: FloatArray) -> float:
+    return math.sqrt(float(np.nanmean(np.square(values)))) if len(values) else math.nan
+
+
+def _report(result: dict[str, Any], out: str) -> str:
+    stations = [1e3 * each['position_error_m'] for each in result['stations']]
+    headings = [abs(each['heading_error_deg']) for each in result['stations']]
+    reason = f': {result["reason"]}' if result['reason'] else ''
+    return '\n'.join(
+        [
+            f'{result["arrived"]} of {result["runs"]} arrived{reason}',
+            _sentence(result),
+            f'off the taught way: {1e3 * result["lateral_rms_m"]:.2f} mm rms, p95 '
+            f'{1e3 * result["lateral_p95_m"]:.2f}, at most {1e3 * result["lateral_max_m"]:.2f} mm',
+            f'at the station: {max(stations):.2f} mm and {max(headings):.3f} deg at most',
+            f'largest jump of w at a key view: {100.0 * result["max_turn_jump"]:.1f} % of '
+            'max_angular',
+            'kidnapped {tried} times: {right} right, {refused} refused, {wrong} wrong'.format(
+                **result['kidnapped']
+            ),
+            f'written to {out}: {FOLDER}, result.json',
+        ]
+    )

@@ -1,0 +1,150 @@
+"""
+Places: where on a route an image was taken, by nothing but the photographs.
+
+The descriptors of all key views are one matrix: a product with those of an image, a vote for each
+key view whose descriptor is by far the nearest of all, and a geometry that the shortlist must
+pass. Beyond some thousand photographs an index of vectors does the same (``docs/routes.md``).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image, IntArray
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
+from visual_servo_epipolar.core.routes.route import Route, RouteView
+from visual_servo_epipolar.core.routes.structure import ViewPose
+from visual_servo_epipolar.core.tracking.matchers.sift import detect
+from visual_servo_epipolar.core.tracking.matching import CurrentView
+
+MOST_KEYPOINTS = 500  # of the image that is looked for
+SHORTLIST = 5  # key views that are looked at closely
+STARTS = 4  # along the path of each, from which its place is looked for
+LEAST_VOTES = 6  # of a key view to be on it
+RATIO = 0.85  # of the nearest to the nearest of another place
+SAME_PLACE = 4  # key views before and after that show the same
+LEAST_INLIERS, LEAST_SHARE = 18, 0.6  # of a geometry that is believed
+CERTAIN = 0.05  # deviation of a place that is believed [m]
+FARTHEST, MOST_TURN = 3.0, 1.2  # from the path, that the structure can tell [m, rad]
+RIVAL = 0.7  # of the inliers of the best: another place with so many leaves it open
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Place on a route: the key ``view`` ahead, the camera's pose in its axes, the ``way`` [m]."""
+
+    view: int
+    pose: ViewPose
+    way: float
+    offset: float
+
+
+class PlaceFinder:
+    """Finds images on a route; ``reason`` says why the last one was not found."""
+
+    def __init__(self, route: Route) -> None:
+        self.route, self.reason = route, ''
+
+    @cached_property
+    def _descriptors(self) -> NDArray[np.float32]:
+        return np.concatenate([view.keypoints.descriptors for view in self.route.views])
+
+    @cached_property
+    def _owners(self) -> IntArray:
+        counts = [len(view.keypoints) for view in self.route.views]
+        return np.repeat(np.arange(len(counts)), counts)
+
+    def votes(self, image: Image) -> FloatArray:
+        """Return for each key view how many descriptors of an image are by far nearest to its."""
+        keypoints = detect(as_gray(image), limit=MOST_KEYPOINTS)
+        count = len(self.route.views)
+        votes = np.zeros(count)
+        if not len(keypoints):
+            return votes
+        # Of one norm: the nearest has the largest product.
+        products = keypoints.descriptors @ self._descriptors.T
+        best = np.stack([products[:, self._owners == k].max(axis=1) for k in range(count)], axis=1)
+        norm = float(np.median((keypoints.descriptors**2).sum(axis=1)))
+        squared = np.maximum(2.0 * (norm - best), 0.0)
+        nearest = squared.argmin(axis=1)
+        apart = np.abs(np.arange(count) - nearest[:, None]) > SAME_PLACE
+        least = squared[np.arange(len(squared)), nearest]
+        other = np.where(apart, squared, np.inf).min(axis=1)
+        distinct = least < RATIO**2 * other if apart.any() else np.ones(len(least), bool)
+        near = squared < least[:, None] / RATIO**2
+        votes += (near & distinct[:, None] & ~apart).sum(axis=0)
+        return votes
+
+    def find(self, image: Image) -> Place | None:
+        """Return where ``image``, uint8 of shape (H, W), was taken; None, and why, if unsure."""
+        votes = self.votes(image)
+        shortlist = [k for k in np.argsort(-votes)[:SHORTLIST].tolist() if votes[k] >= LEAST_VOTES]
+        if not shortlist:
+            self.reason = (
+                f'no key view has {LEAST_VOTES} features in common with the image, the best has '
+                f'{votes.max():.0f}; put the robot on the route, looking along it'
+            )
+            return None
+        image, current = as_gray(image), CurrentView(image)
+        places = [self._verified(image, current, k) for k in shortlist]
+        found = [place for place in places if place is not None]
+        if not found:
+            self.reason = (
+                f'{len(shortlist)} key views look alike, and none fits as a place; put the robot '
+                'on the route, looking along it'
+            )
+            return None
+        best = max(found, key=lambda place: place.pose.inliers)
+        rivals = [
+            place
+            for place in found
+            if abs(place.way - best.way) > FARTHEST
+            and place.pose.inliers > RIVAL * best.pose.inliers
+        ]
+        if rivals:
+            self.reason = (
+                f'two places look alike, after {best.way:.1f} m and {rivals[0].way:.1f} m; drive '
+                'on a little'
+            )
+            return None
+        self.reason = ''
+        return best
+
+    def _verified(self, image: Image, current: CurrentView, number: int) -> Place | None:
+        view = self.route.views[number]
+        found = _located(image, current, view, self.route.camera)
+        if found is None:
+            return None
+        point = view.path.beside(found.pose, self._nearest_way(view, found.pose))
+        spread = math.sqrt(max(found.covariance[0, 0], found.covariance[1, 1]))
+        is_near = abs(point.offset) < FARTHEST and abs(point.turn) < MOST_TURN
+        if not is_near or spread > CERTAIN:
+            return None
+        return Place(number, found, point.way, point.offset)
+
+    @staticmethod
+    def _nearest_way(view: RouteView, pose: FloatArray) -> float:
+        apart = view.path.poses[:, :2] - pose[:2]
+        return float(view.path.way[int(np.argmin((apart * apart).sum(1)))])
+
+
+def _located(
+    image: Image, current: CurrentView, view: RouteView, camera: CameraModel
+) -> ViewPose | None:
+    """Return where an image was taken, by matching it with one key view; None if that fails."""
+    tracker = KeyViewTracker(view, camera)
+    features = tracker.match(image, current)
+    starts = view.path.poses[:: max(len(view.path.poses) // STARTS, 1)]
+    places = [tracker.place(features, near) for near in starts]
+    best = max(
+        (place for place in places if place is not None),
+        key=lambda place: place.inliers,
+        default=None,
+    )
+    if best is None or best.inliers < max(LEAST_INLIERS, LEAST_SHARE * len(features)):
+        return None
+    return best

@@ -1,0 +1,76 @@
+"""Route: key views along a way that was driven once, with the path between them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.routes.path import TaughtPath
+from visual_servo_epipolar.core.routes.structure import LocalStructure
+from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
+
+
+@dataclass(frozen=True, eq=False)
+class RouteView:
+    """
+    Key view: a photograph on the way, and what was learnt of the scene in it.
+
+    ``load`` returns its image, uint8 of shape (H, W), which may lie on a disk; its ``keypoints``
+    are the features of the ``structure``, row by row; ``path`` is the taught one around it.
+    ``way`` [m] is where it was taken, ``pose``, (3,), where in axes of the first key view. At a
+    station the robot ends exactly.
+    """
+
+    load: Callable[[], Image]
+    keypoints: Keypoints
+    structure: LocalStructure
+    path: TaughtPath
+    way: float
+    pose: FloatArray
+    is_station: bool = False
+
+    @property
+    def image(self) -> Image:
+        """The photograph."""
+        return self.load()
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """Route: its ``camera``, and at least two key views in the order in which they were taken."""
+
+    camera: CameraModel
+    views: tuple[RouteView, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.views) < 2:
+            raise ValueError(
+                f'a route must have two key views or more, got {len(self.views)}; drive farther '
+                'while it is recorded'
+            )
+
+    def check_camera(self, camera: CameraModel) -> None:
+        """Raise InputError if the route was taught with another camera."""
+        mine, its = (self.camera.width, self.camera.height), (camera.width, camera.height)
+        if mine != its:
+            raise InputError(
+                f'the route was taught at {mine[0]}x{mine[1]}, the camera gives '
+                f'{its[0]}x{its[1]}; set that resolution, or teach the route anew'
+            )
+        if camera != self.camera:
+            raise InputError(
+                f'the route was taught with another camera, a {self.camera.lens} lens of '
+                f'{self.camera.focal:.2f} px, got a {camera.lens} lens of {camera.focal:.2f} px; '
+                'use the camera and the calibration of then, or teach the route anew'
+            )
+
+    @property
+    def length(self) -> float:
+        """Length of the way from the first to the last key view [m]."""
+        return self.views[-1].way - self.views[0].way
+
+    @property
+    def stations(self) -> list[int]:
+        """Numbers of the key views that are stations."""
+        return [k for k, view in enumerate(self.views) if view.is_station]

@@ -1,0 +1,52 @@
+"""Settings of routes: how key views are chosen, and how the path is followed."""
+
+from dataclasses import dataclass
+
+from visual_servo_epipolar.core.settings import setting, Settings
+
+
+@dataclass(frozen=True, kw_only=True)
+class TeachSettings(Settings):
+    """When a new key view is taken, and what its features must show."""
+
+    min_shared: float = setting(
+        0.55,
+        'Share of the features of a key view below which the next is taken',
+        low=0.1,
+        high=0.9,
+    )
+    max_spacing: float = setting(1.5, 'Longest way between key views [m]', low=0.1, high=10.0)
+    max_turn: float = setting(0.35, 'Largest turn between key views [rad]', low=0.05, high=1.0)
+    overlap: float = setting(
+        0.35, 'Way by which key views know more than the way between them [m]', low=0.0, high=2.0
+    )
+    pause: float = setting(
+        3.0, 'Standstill that marks a station; 0 = none does [s]', low=0.0, high=60.0
+    )
+    features: int = setting(100, 'Features of a key view', low=20, high=400)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FollowSettings(Settings):
+    """How the taught path is followed."""
+
+    max_speed: float = setting(0.5, 'Largest speed [m/s]', low=0.01, high=5.0)
+    max_angular: float = setting(1.0, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
+    max_acceleration: float = setting(0.3, 'Acceleration [m/s^2]', low=0.01, high=20.0)
+    steering_length: float = setting(
+        0.5, 'Way in which an offset from the path fades [m]', low=0.05, high=5.0
+    )
+    latency: float = setting(
+        0.09, 'Delay from an image to the motion that it leads to [s]', low=0.0, high=2.0
+    )
+    steering: str = setting(
+        'structure',
+        'Steered by: the structure of the key views, or the epipole of the next (Becerra 2014)',
+        choices=('structure', 'epipole'),
+    )
+    station_distance: float = setting(
+        0.3, 'Way before a station from which the servo drives [m]', low=0.0, high=2.0
+    )
+    lost_timeout: float = setting(
+        10.0, 'Time to look for the route where it is lost [s]', low=0.1, high=600.0
+    )

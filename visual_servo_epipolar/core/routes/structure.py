@@ -1,0 +1,200 @@
+"""Local structure: where the features of one photograph are, learnt from views around it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, IntArray
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
+from visual_servo_epipolar.core.mapping.adjustment.factors import (
+    camera_poses,
+    factors_of,
+    views_of,
+)
+from visual_servo_epipolar.core.mapping.adjustment.projection import structure_of
+from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
+from visual_servo_epipolar.core.mapping.adjustment.window import (
+    EMPTY,
+    KeyframeWindow,
+    MOUNT,
+    SHARED,
+    Unknowns,
+)
+from visual_servo_epipolar.core.mapping.feature_observations import (
+    FeatureObservations,
+    tangent_basis_of,
+)
+from visual_servo_epipolar.core.mapping.fitting import (
+    Anchors,
+    fit_pose,
+    MatchedFeatures,
+    pose_covariance,
+)
+from visual_servo_epipolar.core.mapping.initialization import (
+    refine_narrowing,
+    shared_at,
+    triangulate,
+)
+from visual_servo_epipolar.core.mapping.localization import seen_rays
+
+STEPS = 12
+SCALE_DEVIATION = 0.01  # of the logarithm of the true way over that of the odometry
+NOISE_PX = 0.1  # of a tracked feature
+LEAST_INVERSE_DEPTH = 1e-3  # [1/m]
+LEAST_VIEWS = 2  # in which a feature is seen, to be kept
+LEAST_FEATURES = 12  # of a structure
+MIN_AGREEING, MIN_SHARE = 8, 0.5  # features of a view that agree with one place
+
+
+class SeenView(NamedTuple):
+    """What a view shows of a photograph's features: ``ids``, (n,), ``rays``, (n, 3), its place."""
+
+    ids: IntArray
+    rays: FloatArray
+    pose: FloatArray  # of the camera in axes of the photograph, by the odometry, (3,)
+
+
+class ViewPose(NamedTuple):
+    """Pose of a camera, (3,), in axes of a key view, its covariance, (3, 3), how many agree."""
+
+    pose: FloatArray
+    covariance: FloatArray
+    inliers: int
+
+
+@dataclass(frozen=True, eq=False)
+class LocalStructure:
+    """
+    Features of one photograph: ``pixels``, (N, 2), moved by ``offsets``, (2, N), in deviations.
+
+    ``inverse_depth``, (N,), along their rays [1/m]; ``covariance``, (3, 3, N), of both offsets and
+    of it; ``shared``, (5,), attitudes of photograph and mount, and the lens, as ``Unknowns``;
+    ``jitter`` is the deviation of the attitude of a view [rad].
+    """
+
+    pixels: FloatArray
+    offsets: FloatArray
+    inverse_depth: FloatArray
+    covariance: FloatArray
+    shared: FloatArray
+    jitter: float
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    def anchors(self, camera: CameraModel) -> Anchors:
+        """Return the features as anchors of other views."""
+        rays = camera.rays(self.pixels)
+        tangents = tangent_basis_of(rays, 1.0 / _noise(camera, rays))
+        unknowns = Unknowns(np.empty((0, 5)), self.shared, self.offsets, self.inverse_depth)
+        structure = structure_of(rays, tangents, unknowns)
+        deviation = np.full(2, self.jitter)
+        return Anchors(structure, self.covariance, self.shared[MOUNT], deviation)
+
+
+class Localizer:
+    """Places views among the features of one key view."""
+
+    def __init__(self, structure: LocalStructure, camera: CameraModel) -> None:
+        self._anchors, self._camera = structure.anchors(camera), camera
+
+    def rays_seen(self, pose: FloatArray) -> FloatArray:
+        """Return unit rays, (N, 3), at which a camera at a ``pose``, (3,), sees the features."""
+        view = views_of(pose[None], self._anchors.attitude)[0]
+        return seen_rays(self._anchors.structure, view)
+
+    def distances(self, pose: FloatArray) -> FloatArray:
+        """Return how far from a camera at a ``pose``, (3,), the features are, (N,) [m]."""
+        points = self._anchors.structure.rays / np.maximum(
+            self._anchors.structure.inverse_depth, LEAST_INVERSE_DEPTH
+        )
+        away = points.T - np.array([-pose[1], 0.0, pose[0]])
+        return np.asarray(np.linalg.norm(away, axis=1))
+
+    def locate(self, ids: IntArray, pixels: FloatArray, near: FloatArray) -> ViewPose | None:
+        """Return the pose by features ``ids``, (n,), at ``pixels``, (n, 2); None if unsure."""
+        if len(ids) < MIN_AGREEING:
+            return None
+        rays = self._camera.rays(pixels)
+        basis = tangent_basis_of(rays, _noise(self._camera, rays))
+        seen, anchors = MatchedFeatures(ids, rays.T, basis), self._anchors.of(ids)
+        start = views_of(near[None], anchors.attitude)[0]
+        fit = fit_pose(anchors, seen, start)
+        agree = int(fit.inliers.sum())
+        if agree < max(MIN_AGREEING, MIN_SHARE * len(ids)):
+            return None
+        covariance = pose_covariance(anchors, seen, fit)
+        turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        covariance = turn @ covariance[:3, :3] @ turn.T
+        return ViewPose(camera_poses(fit.pose[None])[0], covariance, agree)
+
+
+def learn_structure(
+    photograph: FloatArray, views: Sequence[SeenView], camera: CameraModel, mount: Attitude
+) -> tuple[IntArray, LocalStructure]:
+    """
+    Return which features have a place, (N,), and their structure.
+
+    ``photograph``, (M, 2), are the pixels of all features there, to which ids in ``views`` count;
+    those are in the order in which they were driven.
+
+    Raises DegenerateGeometryError if the views do not fit one geometry.
+    """
+    window = _window(photograph, views, camera)
+    poses = np.array([view.pose for view in views])
+    attitude = np.array([mount.tilt, mount.roll])
+    count = len(window.ids)
+    start = Unknowns(
+        views_of(poses, attitude), shared_at(attitude), np.zeros((2, count)), np.ones(count)
+    )
+    near = triangulate(window, start, np.ones(len(views), bool))
+    unknowns = Unknowns(start.views, start.shared, start.offsets, near)
+    factors = factors_of(mount, window, SCALE_DEVIATION)
+    at = Evaluation(window, unknowns, np.ones(count, bool), factors)
+    geometry = refine(*_narrowed(at))
+    rows = np.flatnonzero(geometry.trusted & (window.seen.sum(0) >= LEAST_VIEWS))
+    if len(rows) < LEAST_FEATURES:
+        raise DegenerateGeometryError(
+            f'{len(rows)} features of a key view have a place, {LEAST_FEATURES} are needed; '
+            'drive slower there, or where there is more to see'
+        )
+    return window.ids[rows], _structure(geometry, rows, photograph)
+
+
+def _narrowed(at: Evaluation) -> tuple[Evaluation, int, float]:
+    at, damping = refine_narrowing(at)
+    return at, STEPS, damping
+
+
+def _structure(geometry: Geometry, rows: IntArray, photograph: FloatArray) -> LocalStructure:
+    unknowns = geometry.unknowns
+    return LocalStructure(
+        photograph[geometry.window.ids[rows]],
+        unknowns.offsets[:, rows],
+        unknowns.inverse_depth[rows],
+        geometry.feature_covariance[..., rows],
+        unknowns.shared[:SHARED],
+        float(geometry.evaluation.factors.jitter),
+    )
+
+
+def _window(
+    photograph: FloatArray, views: Sequence[SeenView], camera: CameraModel
+) -> KeyframeWindow:
+    desired = camera.rays(photograph)
+    noise = _noise(camera, desired)
+    window = EMPTY
+    for view in views:
+        both = np.column_stack([_noise(camera, view.rays), noise[view.ids]])
+        features = FeatureObservations(view.ids, view.rays, desired[view.ids], both)
+        window = window.with_view(features, views_of(view.pose[None], np.zeros(2))[0, :2])
+    return window
+
+
+def _noise(camera: CameraModel, rays: FloatArray) -> FloatArray:
+    return np.asarray(NOISE_PX * camera.resolution(rays))

@@ -1,0 +1,177 @@
+"""Drives in simulation: a way is taught by a driver, and repeated by photographs alone."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist, wrap_angle
+from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.routes.following import RouteProgress
+from visual_servo_epipolar.core.routes.route import Route
+from visual_servo_epipolar.core.routes.run import ARRIVED, RouteRun, RouteStep
+from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
+from visual_servo_epipolar.core.routes.teaching import Teacher
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.simulation.bases.registry import new_base
+from visual_servo_epipolar.simulation.bases.simulated_base import SimulatedBase
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.routes.ways import DrivenWay, Driver, SPACING
+from visual_servo_epipolar.simulation.run_monitor import period_ns
+from visual_servo_epipolar.simulation.scenario import Scenario
+
+REST_FRAMES = 8  # after the last command, until the base stands
+LONGEST = 4.0  # times that a run may take, of driving at full speed
+SIZE, FOCAL = (640, 480), 385.0  # of the camera of routes [px]
+
+
+def route_scenario(scenario: Scenario, seed: int) -> Scenario:
+    """
+    Return a ``scenario`` in the storey of a seed, with a camera of 640x480.
+
+    Raises InputError for a lens that is no pinhole.
+    """
+    if scenario.camera.camera.planar is None:
+        raise InputError(
+            f'routes are simulated with a pinhole, got a {scenario.camera.camera.lens} lens; '
+            'leave out --rig'
+        )
+    camera = replace(
+        scenario.camera,
+        width=SIZE[0],
+        height=SIZE[1],
+        focal_length=FOCAL,
+        principal_u=0.5 * (SIZE[0] - 1),
+        principal_v=0.5 * (SIZE[1] - 1),
+        scene='storey',
+        scene_seed=seed,
+    )
+    return replace(scenario, camera=camera)
+
+
+@dataclass(frozen=True, eq=False)
+class Taught:
+    """A route, the true way that was driven, and the true poses of its stations by key view."""
+
+    route: Route
+    way: DrivenWay
+    stations: dict[int, Pose]
+
+
+def teach(
+    scenario: Scenario,
+    way: DrivenWay,
+    *,
+    speed: float = 0.5,
+    settings: TeachSettings | None = None,
+    watch: Callable[[Image, Pose, int], None] = lambda image, pose, frame: None,
+) -> Taught:
+    """Drive along a ``way``, and return the route that is learnt."""
+    driver, simulator = Driver(way, speed), CameraSimulator(scenario.camera)
+    base = new_base(scenario.base, way.start, seed=scenario.camera.seed)
+    teacher = Teacher(scenario.camera.nominal_camera, settings)
+    poses: list[Pose] = []
+    rest = REST_FRAMES
+    while rest:
+        image = simulator.capture(base.pose, len(poses))
+        teacher.add(image, base.now_ns, base.odometry)
+        watch(image, base.pose, len(poses))
+        poses.append(base.pose)
+        rest -= driver.is_there
+        twist = Twist(0.0, 0.0) if driver.is_there else driver.twist(base.pose)
+        _drive(base, twist, scenario)
+    route = teacher.finish()
+    return Taught(route, _resampled(poses), {0: poses[0], len(route.views) - 1: poses[-1]})
+
+
+def _drive(base: SimulatedBase, twist: Twist, scenario: Scenario) -> None:
+    base.command(Command(twist))
+    base.advance(base.now_ns + period_ns(scenario.camera.frame_rate))
+
+
+def _resampled(poses: list[Pose]) -> DrivenWay:
+    points = np.array([[pose.x, pose.y] for pose in poses])
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    moved = np.concatenate([[True], np.diff(length) > 1e-6])
+    at = np.arange(0.0, length[-1], SPACING)
+    columns = [np.interp(at, length[moved], column) for column in points[moved].T]
+    return DrivenWay(np.stack(columns, axis=1))
+
+
+class RouteSample(NamedTuple):
+    """A step of a repetition: true pose and true offset from the taught way, and what was done."""
+
+    stamp_ns: int
+    pose: Pose
+    offset: float
+    progress: RouteProgress
+    twist: Twist
+
+
+@dataclass(eq=False)
+class RepeatLog:
+    """Record of a repetition; errors of the station, (position [m], heading [rad]), at its end."""
+
+    samples: list[RouteSample] = field(default_factory=list)
+    outcome: str = 'failed'
+    reason: str = ''
+    station: tuple[float, float] = (math.nan, math.nan)
+    duration_s: float = 0.0
+
+    @property
+    def offsets(self) -> FloatArray:
+        """True offsets from the taught way, (M,) [m]."""
+        return np.array([sample.offset for sample in self.samples])
+
+    def turn_jump(self, max_angular: float) -> float:
+        """Return the largest change of w in a step that changed the key view, a share of most."""
+        jumps = [
+            abs(after.twist.angular - before.twist.angular)
+            for before, after in zip(self.samples[:-1], self.samples[1:], strict=True)
+            if after.progress.switched
+        ]
+        return max(jumps, default=0.0) / max_angular
+
+
+def repeat(
+    scenario: Scenario,
+    taught: Taught,
+    settings: FollowSettings,
+    *,
+    start: Pose | None = None,
+    reverse: bool = False,
+    watch: Callable[[Image, Pose, RouteStep], None] = lambda image, pose, step: None,
+) -> RepeatLog:
+    """Repeat a route to its end, from its beginning or from any ``start``; return the record."""
+    simulator, last = CameraSimulator(scenario.camera), len(taught.route.views) - 1
+    begin, end = (last, 0) if reverse else (0, last)
+    base = new_base(scenario.base, start or taught.stations[begin], seed=scenario.camera.seed + 1)
+    way = None if start else taught.route.views[begin].way
+    run = RouteRun(taught.route, settings, scenario.servo, way=way, reverse=reverse)
+    log, frame, near, rest = RepeatLog(), 0, -1, REST_FRAMES
+    limit_s = LONGEST * taught.route.length / settings.max_speed + scenario.run.max_duration
+    while rest and base.now_ns < limit_s * NANOSECONDS:
+        pose, stamp_ns = base.pose, base.now_ns
+        image = simulator.capture(pose, frame)
+        step = run.step(image, stamp_ns)
+        watch(image, pose, step)
+        if step.progress is not None:
+            if near < 0:
+                near = round(step.progress.way / SPACING)
+            near, offset = taught.way.offset(pose, near)
+            log.samples.append(RouteSample(stamp_ns, pose, offset, step.progress, step.twist))
+        frame, rest = frame + 1, rest - run.ended
+        _drive(base, step.twist, scenario)
+    log.outcome, log.reason = (step.phase, step.reason) if run.ended else ('failed', 'out of time')
+    log.duration_s = base.now_ns / NANOSECONDS
+    truth, pose = taught.stations[end], base.pose
+    if log.outcome == ARRIVED:
+        log.station = (
+            math.hypot(pose.x - truth.x, pose.y - truth.y),
+            wrap_angle(pose.theta - truth.theta),
+        )
+    return log
