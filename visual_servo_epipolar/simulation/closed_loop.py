@@ -91,10 +91,13 @@ class Loop:
 
     def _reckoned(self, observation: Observation) -> Observation:
         """Return ``observation`` with what wheels and joints say where base and head are."""
-        if self._head is not None:
-            joints, carrier = self._head.read(), self._servo.carrier
-            if carrier.turn_rate > 0.0:
-                observation = observation.on_rig(carrier, joints)
+        joints, carrier = None if self._head is None else self._head.read(), self._servo.carrier
+        if carrier.turn_rate > 0.0:
+            observation = (
+                observation.without_features()
+                if joints is None
+                else observation.on_rig(carrier, joints)
+            )
         if not self._servo.odometry:
             return observation
         return replace(observation, odometry=published(self._base.odometry))

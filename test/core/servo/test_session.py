@@ -4,10 +4,12 @@ import pytest
 from servo_states import DRIVING, in_phase, PHASES, sight
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import Goal, NO_GOAL
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.perception.observation import observe
+from visual_servo_epipolar.core.rigs.rig import AT_REST
 from visual_servo_epipolar.core.servo.fusion.map_state import MapState
 from visual_servo_epipolar.core.servo.session import (
     change_goal,
@@ -15,6 +17,10 @@ from visual_servo_epipolar.core.servo.session import (
     Interruption,
     Session,
 )
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 MOVE = Command(Twist(0.2, 0.1))
 RUNNING = (*DRIVING, Phase.HOLDING)
@@ -85,3 +91,19 @@ def test_a_run_keeps_to_the_camera_that_it_began_with(phase: Phase) -> None:
     assert after.camera == (first if phase.runs else second)
     assert ('camera_info has changed' in after.other_camera(second)) == phase.runs
     assert Session(in_phase(phase)).with_camera(second).camera == second
+
+
+@pytest.mark.parametrize('told', [True, False])
+def test_without_the_angles_of_its_head_a_robot_stands(told: bool) -> None:
+    settings = ServoSettings(law='smooth', rig='pan_tilt')
+    camera = CameraSettings().camera
+    world = PointWorld(PointSettings(), FixedRig(camera), seed=0)
+    session = Session(camera=camera, started=True)
+    for number in range(4):
+        features = world.observe(Pose.from_start(1.0, -3.5, 8.0), number)
+        seen = observe(features, camera, (number + 1) * 90_909_091)
+        if told:
+            seen = seen.on_rig(settings.carrier, AT_REST)
+        session = session.decide(seen, settings).update_map()
+    assert (session.state.twist != STANDSTILL) is told
+    assert told or session.state.phase is Phase.WAITING

@@ -71,6 +71,13 @@ class Observation:
     def __len__(self) -> int:
         return len(self.current)
 
+    def without_features(self) -> 'Observation':
+        """Return the observation of an image in which nothing is to be trusted."""
+        nothing = np.empty((0, 3))
+        return replace(
+            self, current=nothing, desired=nothing, pixel_angles=None, ids=None, passing=None
+        )
+
     def on_rig(self, rig: Rig, joints: Joints) -> 'Observation':
         """Return the observation in axes of a ``rig``; ``joints`` are its angles at the image."""
         passing = self.passing

@@ -31,6 +31,11 @@ GOAL_CHANGED = (
     'began with, or reset'
 )
 
+NO_JOINTS = (
+    'the angles of the head at the image are not known: it may look anywhere; let its driver '
+    'publish them, or set rig: fixed'
+)
+
 
 class Interruption(Enum):
     """
@@ -150,7 +155,13 @@ class Session:
         since_command: float = math.nan,
         trouble: str = '',
     ) -> 'Session':
-        """Return the session with the command; ``trouble``: why features were not admitted."""
+        """
+        Return the session with the command; ``trouble``: why features were not admitted.
+
+        None are where a head carries the camera and nobody told its angles.
+        """
+        if settings.carrier.turn_rate > 0.0 and observation.joints is None and len(observation):
+            observation, trouble = observation.without_features(), trouble or NO_JOINTS
         state = change_goal(self.state, goal)
         state = decide(state, observation, settings, since_command=since_command)
         if trouble and state.phase is Phase.HOLDING:
