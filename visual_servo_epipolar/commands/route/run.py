@@ -12,6 +12,7 @@ from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.output import publish, write_json
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.chain import seam
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
@@ -47,9 +48,12 @@ def teach(options: argparse.Namespace) -> int:
             rectified=options.rectified,
         )
         teacher = Teacher(way.camera)
-        for image, stamp_ns, pose in way.images():
-            teacher.add(image, stamp_ns, pose)
-        route = teacher.finish()
+        try:
+            for image, stamp_ns, pose in way.images():
+                teacher.add(image, stamp_ns, pose)
+            route = teacher.finish()
+        except ValueError as error:
+            raise InputError(f'{options.bag}: no route can be learnt: {error}') from None
     folder = Path(options.out or f'{Path(options.bag).name}_route')
     write_route(route, folder)
     result = summary_of(route, folder)

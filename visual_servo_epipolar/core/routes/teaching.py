@@ -32,6 +32,7 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 
 LEAST_STEP, LEAST_TURN = 0.01, 0.005  # between two images that are kept [m, rad]
+TIGHTEST = 0.2  # radius of a curve [m]
 FEWEST = 20  # features of a view that is learnt from
 MOST_VIEWS = 12  # from which a structure is learnt
 
@@ -105,7 +106,17 @@ class Teacher:
         return len(self._views) + (self._pending is not None)
 
     def add(self, image: Image, stamp_ns: int, odometry: Pose) -> None:
-        """Take in an image, uint8 of shape (H, W), and where the base was by its odometry."""
+        """
+        Take in an image, uint8 of shape (H, W), and where the base was by its odometry.
+
+        Raises ValueError for an image of another size than the camera's, and
+        DegenerateGeometryError where the way shows too little to be learnt.
+        """
+        if image.shape != (self.camera.height, self.camera.width):
+            raise ValueError(
+                f'images must be {self.camera.width}x{self.camera.height} as the camera, got '
+                f'{image.shape[1]}x{image.shape[0]}; use the calibration of this resolution'
+            )
         pose = np.array([odometry.x, odometry.y, odometry.theta])
         latest = StampedImage(image, stamp_ns, pose)
         if self._kept is None or self._has_moved(self._kept.pose, pose):
@@ -161,6 +172,11 @@ class Teacher:
         self._most = max(self._most, count)
         settings, since = self._settings, self._pending.frame
         turn = abs(float(relative_pose(since.pose, frame.pose)[2]))
+        if turn > settings.max_turn and frame.way - since.way < settings.max_turn * TIGHTEST:
+            raise DegenerateGeometryError(
+                f'the robot turns on the spot after {frame.way:.2f} m, which a route cannot hold; '
+                f'drive curves of {TIGHTEST:g} m and more'
+            )
         too_far = frame.way - since.way > settings.max_spacing or turn > settings.max_turn
         if too_far or count < settings.min_shared * self._most:
             self._begin_key_view(frame)
