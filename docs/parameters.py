@@ -38,6 +38,8 @@ compares the two.
   [`robot.yaml`](../config/robot.yaml) does.
 * *fixed* marks parameters that can be set at the start only. The others can be changed while the
   robot drives: `ros2 param set /servo_node look_ahead 0.3`.
+* *Step 1*, *Step 2*: of laws `paper`, `corrected` and `full`. Law `smooth` has one motion instead,
+  and ends by step 2 only where it has no memory of views. What names neither serves all laws.
 * Scenario files accept these names in sections `servo`, `tracker`, `base`, `camera` and
   `disturbances`, and the names at the end of this page.
   `visual_servo replay --set servo.look_ahead=0.3` accepts those of servo and tracker.

@@ -107,7 +107,7 @@ def test_the_page_on_a_run_says_first_how_it_ended(run_page) -> None:
     assert verdict < text.index('<h2>Result')
     for heading in ('Path', 'Signals', 'Phases', 'Parameters', 'Versions'):
         assert f'<h2>{heading}</h2>' in text
-    assert 'Gain k1 of eq. (12)' in text
+    assert 'gain k1 of eq. (12)' in text
     assert 'class="changed"' in text  # the seed
     assert 'visual_servo_epipolar' in text
 

@@ -49,7 +49,7 @@ class ControlSettings(Settings):
 
     gains: str = setting(
         'given',
-        'Where gains come from: given (as set below), derived (section IV-C, where step 1 begins)',
+        'Gains of both steps: given (as set below), derived (section IV-C, where step 1 begins)',
         choices=('given', 'derived'),
     )
     nearest_distance: float = setting(
@@ -63,39 +63,43 @@ class ControlSettings(Settings):
     )
     latency: float = setting(
         0.1,
-        'Time from an image to the motion it causes; above 0.25 law full looks ahead [s]',
+        'Time from an image to the motion it causes; above 0.25 full and smooth look ahead [s]',
         low=0.0,
         high=2.0,
     )
     k1: float = setting(
-        0.08, 'Gain k1 of eq. (12) on the current epipole [1/s]', low=0.0, high=5.0
+        0.08, 'Step 1: gain k1 of eq. (12) on the current epipole [1/s]', low=0.0, high=5.0
     )
-    k2: float = setting(0.23, 'Gain k2 of eq. (12) on the desired epipole', low=0.0, high=5.0)
-    exponent: float = setting(7.0 / 9.0, 'beta/gamma of eq. (12)', low=0.05, high=1.0)
-    finite_time: bool = setting(False, 'Use eq. (20): zero both epipoles in finite time')
+    k2: float = setting(
+        0.23, 'Step 1: gain k2 of eq. (12) on the desired epipole', low=0.0, high=5.0
+    )
+    exponent: float = setting(7.0 / 9.0, 'Step 1: beta/gamma of eq. (12)', low=0.05, high=1.0)
+    finite_time: bool = setting(False, 'Step 1: use eq. (20), zero both epipoles in finite time')
     initial_distance: float = setting(
         8.0, 'Upper bound d_hat_0 of the distance to the goal [m]', low=0.1, high=100.0
     )
     min_distance: float = setting(0.3, 'Floor of the estimate d_hat [m]', low=0.01, high=10.0)
     k_t: float = setting(
-        16.0, 'Gain k_t of eq. (21), D at unit focal length [m/s]', low=0, high=200
+        16.0, 'Step 2: gain k_t of eq. (21), D at unit focal length [m/s]', low=0, high=200
     )
     approach_rate: float = setting(
         1.0,
-        'Slope gain: rate at which step 2 closes in at most, as the slope of D has it [1/s]',
+        'Step 2: rate at which it closes in at most, as the slope of D has it [1/s]',
         low=0.01,
         high=50.0,
     )
     gain_at_goal: float = setting(
-        1.0, 'Slope gain: factor of the gain of step 2 at D = 0; 1 is constant', low=0.1, high=10.0
+        1.0, 'Step 2: factor of its gain at D = 0; 1 is constant', low=0.1, high=10.0
     )
     gain_slope: float = setting(
-        20.0, 'Slope gain: how fast that factor falls with |D| at first', low=0.0, high=1e4
+        20.0, 'Step 2: how fast that factor falls with |D| at first', low=0.0, high=1e4
     )
     turn_gain: float = setting(
         0.8, 'Gain of turns in place and of holding e_au [1/s]', low=0, high=5
     )
-    look_ahead: float = setting(0.6, 'Look-ahead of line following [m]', low=0.05, high=10.0)
+    look_ahead: float = setting(
+        0.6, 'Step 2: look-ahead of line following [m]', low=0.05, high=10.0
+    )
     curvature_drift: float = setting(
         0.01,
         'Curvature feed-forward: change in a metre of the turn that was not commanded [rad/m]',
@@ -124,31 +128,34 @@ class ControlSettings(Settings):
         high=999,
     )
     braking: float = setting(
-        0.2, 'Contact braking: deceleration to end step 1 with [m/s^2]', low=0.01, high=20.0
+        0.2, 'Step 1: deceleration to end it with [m/s^2]', low=0.01, high=20.0
     )
     spiral_ratio: float = setting(
         0.4,
-        'Part of the distance that the spiral of step 1 leaves for step 2',
+        'Step 1: part of the distance that its spiral leaves for step 2',
         low=0.05,
         high=0.95,
     )
     least_spiral_ratio: float = setting(
         0.15,
-        'Retreat: part of the distance below which the spiral ends too near the goal',
+        'Step 1: part of the distance below which its spiral ends too near; the robot backs off',
         low=0.01,
         high=0.95,
     )
     min_displacement: float = setting(
-        0.14, 'Least bearing of the displaced current epipole [rad]', low=0.01, high=0.6
+        0.14, 'Step 1: least bearing of the displaced current epipole [rad]', low=0.01, high=0.6
     )
     max_displacement: float = setting(
-        0.35, 'Largest bearing of the displaced current epipole [rad]', low=0.05, high=1.0
+        0.35, 'Step 1: largest bearing of the displaced current epipole [rad]', low=0.05, high=1.0
     )
     displacement_tolerance: float = setting(
-        0.03, 'Bearing error at which the displacement is done [rad]', low=1e-4, high=0.3
+        0.03, 'Step 1: bearing error at which the displacement is done [rad]', low=1e-4, high=0.3
     )
     singular_epipole: float = setting(
-        0.02, 'Bearing of e_au below which the paper displaces it first [rad]', low=0, high=0.5
+        0.02,
+        'Step 1: bearing of e_au below which the paper displaces it first [rad]',
+        low=0,
+        high=0.5,
     )
     base: str = setting(
         DEFAULT_BASE,

@@ -104,15 +104,17 @@ class ServoSettings(PerceptionSettings, ControlSettings):
         False, 'Start by itself once there are tracks; false: on ~/start', read_only=True
     )
     latch_engage: float = setting(
-        0.002, 'Bearing of e_du at which step 1 calls it zero [rad]', low=0.0, high=0.2
+        0.002, 'Step 1: bearing of e_du that counts as zero [rad]', low=0.0, high=0.2
     )
     latch_release: float = setting(
-        0.007, 'Bearing of e_du at which it has escaped again [rad]', low=0.0, high=0.5
+        0.007, 'Step 1: bearing of e_du at which it has escaped again [rad]', low=0.0, high=0.5
     )
     align_tolerance: float = setting(
-        0.0015, 'Bearing of e_au at which step 1 ends [rad]', low=1e-5, high=0.1
+        0.0015, 'Step 1: bearing of e_au at which it ends [rad]', low=1e-5, high=0.1
     )
-    align_frames: int = setting(3, 'Frames in a row that must be aligned', low=1, high=100)
+    align_frames: int = setting(
+        3, 'Step 1: frames in a row that must be aligned at its end', low=1, high=100
+    )
     arrival_difference: float = setting(
         1e-4, '|D| at unit focal length below which the features match', low=1e-8, high=0.1
     )

@@ -32,6 +32,7 @@ from visual_servo_epipolar.core.laws.smooth.wide_view import (
     RESERVE,
     STEERED,
 )
+from visual_servo_epipolar.core.mapping.adjustment.window import X
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
@@ -44,9 +45,9 @@ TAIL_S = 0.25  # time constant of the last centimetre, and of the turn at its en
 STEERING_S = 0.35  # look-ahead in time: what is steered within less, a late loop swings by
 CONVERGING_S = 0.25  # the same, where the rest aside decides on the speed
 LEAST_LOOK_AHEAD = 0.02  # [m]
-RESIDUAL = 3e-4  # what steering may leave aside [m]
+RESIDUAL, LEAST_RESIDUAL = 3e-4, 1e-4  # what steering may leave aside [m]
 TURN_S = 0.5  # time constant of turns to where features stay in view
-FACING_FROM, FACING_AT = 0.02, 0.006  # way left at which the heading alone counts, at last [m]
+FACING_FROM, FACING_AT = 0.012, 0.004  # way left at which the heading alone counts, at last [m]
 UNCERTAIN = 0.06  # deviation of the bearings at which the robot drives at half speed [rad]
 NEAR = 0.35  # way left on which the rest aside is steered to zero [m]
 CALM = 0.5  # share of the last turn in the next, near the goal: noise is no reason to turn
@@ -85,7 +86,7 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
     if measurement.offset is None and not around:
         speed = min(speed, max(settings.k_t * abs(measurement.difference), _least(measurement)))
     elif speed > 0.0 and not around:
-        speed = min(speed, _converging(sight, left, braking))
+        speed = min(speed, _converging(sight, left, braking, _residual(state)))
     look_ahead = max(STEERING_S * abs(speed), LEAST_LOOK_AHEAD)
     pose = _aimed_pose(sight, look_ahead, around)
     kappa = _visible_curvature(pose, measurement)
@@ -150,9 +151,17 @@ def way_left(measurement: Measurement, state: ServoState) -> float:
     return believed_distance(state) * math.cos(measurement.bearings.current)
 
 
-def _converging(sight: Sight, left: float, braking: float) -> float:
+def _residual(state: ServoState) -> float:
+    """Return what steering may leave aside [m]: half of what the averaged place is unknown by."""
+    place = state.view.map.place
+    if place is None:
+        return RESIDUAL
+    return min(max(0.5 * math.sqrt(place.covariance[X, X]), LEAST_RESIDUAL), RESIDUAL)
+
+
+def _converging(sight: Sight, left: float, braking: float, residual: float) -> float:
     """
-    Return the speed at which what is aside decays on the way that is ``left`` [m/s].
+    Return the speed at which what is aside decays to a ``residual`` on the way ``left`` [m/s].
 
     It does by exp(-0.9 s / L) over a way s, and no look-ahead L is driven within less than
     CONVERGING_S.
@@ -160,7 +169,7 @@ def _converging(sight: Sight, left: float, braking: float) -> float:
     # From farther away the offset falls as d^(1 + k1) until then.
     shrinks = min(NEAR / max(left, NEAR), 1.0) ** (1.0 + GAINS.k1)
     aside = (abs(sight.x) + LEAST_LOOK_AHEAD * abs(sight.heading)) * shrinks
-    decays = math.log(max(aside / RESIDUAL, 1.0))
+    decays = math.log(max(aside / residual, 1.0))
     if decays == 0.0:
         return math.inf
     near = min(left, NEAR)
