@@ -145,3 +145,44 @@ def test_too_few_matches_tell_nothing() -> None:
     view = observed(pair)
     with pytest.raises(DegenerateGeometryError, match='8 matches, got 7'):
         general_motion(rays_of(view.current[:7], view.desired[:7], view.resolution[:7]))
+
+
+def wall_with_few(wrong: int) -> tuple[Observation, np.ndarray]:
+    """
+    Return 60 matches of a wall and ``wrong`` ones off it; and the bearings and heading.
+
+    A wall is seen alike from two places, as its homography decomposes in two ways: those off it
+    are as from the second.
+    """
+    rng = np.random.default_rng(3)
+    focal, normal, centre = 600.0, np.array([0.35, 0.1, 1.0]) / 3.0, np.array([0.8, 0.0, 0.6])
+    wall = np.column_stack([rng.uniform(-0.5, 0.5, (60, 2)), np.ones(60)])
+    wall /= (wall @ normal)[:, None]
+    _, rotations, ways, normals = cv2.decomposeHomographyMat(
+        np.eye(3) - np.outer(centre, normal), np.eye(3)
+    )
+    rotation, way = next(
+        (rotation, way[:, 0])
+        for rotation, way, facing in zip(rotations, ways, normals, strict=True)
+        if facing[2, 0] > 0.0 and np.abs(rotation - np.eye(3)).max() > 0.1
+    )
+    off = np.column_stack([rng.uniform(-0.5, 0.5, (wrong, 2)), np.ones(wrong)])
+    off *= rng.uniform(0.5, 0.8, (wrong, 1)) / (off @ normal)[:, None]
+    points = np.vstack([wall, off]), np.vstack([wall - centre, off @ rotation.T + way])
+    desired, current = (
+        np.column_stack([each[:, :2] / each[:, 2:], np.ones(len(each))])
+        + np.column_stack([rng.normal(0.0, 0.2 / focal, (len(each), 2)), np.zeros(len(each))])
+        for each in points
+    )
+    desired /= np.linalg.norm(desired, axis=1, keepdims=True)
+    current /= np.linalg.norm(current, axis=1, keepdims=True)
+    truth = bearings_of(Motions(np.eye(3)[None], centre[None]))[0]
+    return Observation(0, current, desired, focal), truth
+
+
+@pytest.mark.parametrize('wrong', [0, 6])
+def test_a_few_matches_off_a_wall_do_not_decide_from_where_it_is_seen(wrong: int) -> None:
+    view, truth = wall_with_few(wrong)
+    found, _ = judged(view, SETTINGS)
+    told = np.array([found.bearing_current, found.bearing_desired, found.rotation])
+    assert not found.trusted or errors(told, truth)[:2].max() < 3.0

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimators.general.motion import costs_of, GeneralFit, improved
+from visual_servo_epipolar.core.estimators.general.motion import costs_of, GeneralFit, improved, losses_of
 from visual_servo_epipolar.core.estimators.general.steps import (
     AXES,
     GeneralStep,
@@ -28,6 +28,7 @@ RADII = np.radians([0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0])  # around the be
 AZIMUTHS = 8
 REFITS = (3.0, 2.0, 1.0, 1.0)  # noises of the steps of their rotations
 ROUNDS, RETRIED, NO_BETTER = 3, 6, 0.5  # improvements that are tried; excess that is none
+FEW = 0.05  # of the matches, on which alone no answer may hang
 POSSIBLE = 13.8  # excess cost of what may still be true: 99.9 % of a direction by two angles
 # Of a good calibration: principal point [px], focal length, radial distortion.
 CENTRE_PX, FOCAL_RATIO, RADIAL = 2.5, 0.003, 0.004
@@ -96,12 +97,24 @@ def spread_of(fit: GeneralFit, rays: Rays) -> tuple[GeneralFit, Spread]:
     slopes = _slopes(fit.motions.take(slice(1)), last.tangents)[0]
     noise = np.sqrt(np.diagonal(slopes @ covariance @ slopes.T))
     motions = Motions(*(np.concatenate(p) for p in zip(around, fit.motions, strict=True)))
-    every = np.concatenate([costs, fit.costs])
-    noise = np.maximum(noise, _implied(motions, every - fit.costs[0], fit, tails))
+    excess = np.concatenate([costs - fit.costs[0], _lasting_excess(fit, rays)])
+    noise = np.maximum(noise, _implied(motions, excess, fit, tails))
     shifts = np.stack([_shift(last, fit, moved)[0] for moved in _wrong_cameras(rays)], axis=-1)
     shifts[:, COMMON:] *= _hand(fit.motions.rotation[0])
     camera = np.sqrt(np.square(slopes @ shifts).sum(axis=-1))
     return fit, Spread(noise, camera, tails)
+
+
+def _lasting_excess(fit: GeneralFit, rays: Rays) -> FloatArray:
+    """
+    Return by how much each motion, (K,), costs more than the best, without its FEW best reasons.
+
+    A wall is seen alike from two places, and a handful of matches off it tells them apart: if some
+    of these are wrong, the wrong place.
+    """
+    losses = losses_of(fit, rays)
+    reasons = np.sort(losses - losses[0], axis=1)
+    return np.asarray(reasons[:, : -math.ceil(FEW * losses.shape[1])].sum(axis=1))
 
 
 def _hand(rotation: FloatArray) -> float:

@@ -149,6 +149,11 @@ def costs_of(motions: Motions, rays: Rays, table: FloatArray, scale: float) -> F
     return _costs(*_squared(motions, rays, table, scale))
 
 
+def losses_of(fit: GeneralFit, rays: Rays) -> FloatArray:
+    """Return what each match, (K, N), costs each motion of a fit."""
+    return _losses(*_squared(fit.motions, rays, fit.table, fit.scale))
+
+
 def cost_of_essential(essential: FloatArray, fit: GeneralFit, rays: Rays) -> float:
     """Return the cost of E, shape (3, 3), as ``GeneralFit`` has them: of the better motion."""
     motions = twins(_motions(essential[None]))
@@ -162,8 +167,12 @@ def plain_cost(fundamental: FloatArray, fit: GeneralFit) -> float:
 
 
 def _costs(squared: FloatArray, wrong: BoolArray) -> FloatArray:
-    costs = np.where(wrong, WORST, np.minimum(squared, WORST)).sum(axis=1)
+    costs = _losses(squared, wrong).sum(axis=1)
     return np.asarray(np.where(np.isfinite(costs), costs, WORST * squared.shape[1]))
+
+
+def _losses(squared: FloatArray, wrong: BoolArray) -> FloatArray:
+    return np.where(wrong, WORST, np.minimum(squared, WORST))
 
 
 def _squared(
