@@ -11,7 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimators.general.motion import costs_of, GeneralFit, improved, losses_of
+from visual_servo_epipolar.core.estimators.general.motion import (
+    costs_of,
+    GeneralFit,
+    improved,
+    losses_of,
+)
 from visual_servo_epipolar.core.estimators.general.steps import (
     AXES,
     GeneralStep,
