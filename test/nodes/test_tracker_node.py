@@ -9,6 +9,7 @@ import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tagged_pictures import huge
 
+from visual_servo_epipolar.core.cameras.equirectangular import of_size
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.tracker import Tracker, TrackerSettings
 from visual_servo_epipolar.messages import read, write
@@ -451,3 +452,37 @@ def test_the_process_of_the_tracker_takes_one_thread_of_opencv(
     finally:
         cv2.setNumThreads(threads)
     assert during == [1]
+
+
+def test_a_panorama_needs_no_camera_info_and_the_tracker_publishes_it(
+    bench, photograph, view
+) -> None:
+    infos, clouds = bench.listen(CameraInfo, 'camera_info'), bench.listen(PointCloud2, 'tracks')
+    send = bench.talk(Image, 'image_raw')
+    teach = bench.talk(Image, 'desired/image_raw', qos.LATCHED)
+    node = bench.start(TrackerNode, projection='equirectangular')
+    panorama = of_size(640, 300)
+    wide, goal = (np.ascontiguousarray(each[90:390]) for each in (view, photograph))
+    teach(message(goal))
+    bench.until(lambda: node.ready, 'the photograph to arrive')
+    send(message(wide))
+    bench.until(lambda: clouds and infos, 'tracks and camera_info')
+    assert read.camera(infos[-1]) == panorama
+    tracker = Tracker(TrackerSettings(), panorama)
+    tracker.set_desired(goal)
+    expected, features = tracker.track(wide), read.features(clouds[-1])
+    assert len(features) > 20
+    np.testing.assert_array_equal(features.ids, expected.ids)
+    np.testing.assert_allclose(features.current, expected.current, atol=1e-4)
+
+
+def test_an_image_that_is_no_panorama_and_a_camera_info_of_another_lens_stop_the_robot(
+    bench, simulator, photograph, view
+) -> None:
+    rig = Rig(bench, simulator, projection='equirectangular')
+    rig.taught(photograph)
+    assert len(rig.track(view)) == 0  # 640x480
+    assert rig.node._camera is None
+    rig.calibrate(write.camera_info(simulator.camera, 0, 'camera'))
+    bench.until(lambda: rig.node._unusable, 'camera_info to arrive')
+    assert 'is of a plumb_bob lens; remap camera_info' in rig.node._unusable

@@ -7,6 +7,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.registry import camera_of_size
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -23,23 +24,34 @@ class TrackingResult:
     features: Features
     image: Image | None
     warning: str
+    camera: CameraModel | None = None
 
 
 def track(
-    tracker: Tracker, message: Any, camera: CameraModel | str, reader: GrayReader | None = None
+    tracker: Tracker,
+    message: Any,
+    camera: CameraModel | str,
+    reader: GrayReader | None = None,
+    *,
+    projection: str = '',
 ) -> TrackingResult:
-    """Track features in an image message; ``camera`` may be the reason why there is none."""
+    """
+    Track features in an image message; ``camera`` may be the reason why there is none.
+
+    Where it is '' the size of the image tells it, by its ``projection``.
+    """
     image: Image | None = None
     try:
         gray = read.gray(message, reader)
-        _check_size(gray, camera)
+        if camera == '':
+            camera = camera_of_size(projection, (gray.shape[1], gray.shape[0]))
+        known = _checked(gray, camera)
         image = gray
-        if not isinstance(camera, str):
-            tracker.see_through(camera)
+        tracker.see_through(known)
         features = tracker.track(image)
     except ValueError as error:
         return TrackingResult(Features(), image, f'image refused: {error}')
-    return TrackingResult(features, image, tracker.reason)
+    return TrackingResult(features, image, tracker.reason, known)
 
 
 def checked_tracks(message: Any, camera: CameraModel) -> tuple[Features, str]:
@@ -86,7 +98,7 @@ def left_out(observation: Observation, camera: CameraModel) -> str:
     )
 
 
-def _check_size(image: Image, camera: CameraModel | str) -> None:
+def _checked(image: Image, camera: CameraModel | str) -> CameraModel:
     height, width = image.shape
     if isinstance(camera, str):
         raise ValueError(f'camera_info cannot be used: {camera}')
@@ -95,3 +107,4 @@ def _check_size(image: Image, camera: CameraModel | str) -> None:
             f'image has {width}x{height} px, its camera_info says '
             f'{camera.width}x{camera.height}; calibrate at the resolution in use'
         )
+    return camera

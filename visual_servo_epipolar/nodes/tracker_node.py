@@ -22,7 +22,7 @@ from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
-from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
+from visual_servo_epipolar.nodes.startup.settings import CAMERA_INFO, TrackerNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 from visual_servo_epipolar.nodes.tracking.image_faults import Lateness, Repetition
 from visual_servo_epipolar.nodes.tracking.photograph import read_photographs
@@ -98,6 +98,9 @@ class TrackerNode(ManagedNode):
 
     def _create_subscriptions(self) -> None:
         settings = self._node_settings
+        self._info_pub = None
+        if settings.projection != CAMERA_INFO:
+            self._info_pub = self.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
         self._inputs = CameraSubscriptions(self, settings.transport, settings.camera_reliability)
         self._inputs.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self._inputs.create_subscription(Image, 'image_raw', self._on_image)
@@ -166,6 +169,7 @@ class TrackerNode(ManagedNode):
             self._camera = read.camera(
                 message, rectified=settings.rectified, cropped=settings.cropped
             )
+            self._refuse_other(self._camera)
             self._unusable, sounds = '', self._inputs.sounds_rectified(message)
             if sounds and not settings.rectified:
                 self._warn(sounds)
@@ -177,16 +181,33 @@ class TrackerNode(ManagedNode):
             pending, self._pending_image = self._pending_image, None
             self._on_image(pending)
 
+    def _refuse_other(self, camera: CameraModel) -> None:
+        """Raise ValueError where camera_info is not what the projection says."""
+        projection = self._node_settings.projection
+        if projection == CAMERA_INFO or camera.lens == projection:
+            return
+        topic = self.resolve_topic_name('camera_info')
+        raise ValueError(
+            f'projection is {projection}, but {topic} is of a {camera.lens} lens; remap '
+            'camera_info of tracker and servo to a name of its own, or leave projection out'
+        )
+
     def _on_image(self, message: Image | CompressedImage) -> None:
-        if self._camera is None and not self._unusable:
+        told = self._node_settings.projection == CAMERA_INFO
+        if told and self._camera is None and not self._unusable:
             self._pending_image = message
             self._warn(NO_CAMERA)
             self._reports.miss('images wait for a usable camera_info')
             return
         self._inputs.compare_frames(message.header.frame_id)
         tracking = validation.track(
-            self._tracker, message, self._camera or self._unusable, self._reader
+            self._tracker,
+            message,
+            self._camera or self._unusable,
+            self._reader,
+            projection=self._node_settings.projection,
         )
+        self._tell_camera(message, tracking.camera)
         self._repetition.see(tracking.image)
         foreign = self._photographer.complaint(self._camera)
         if foreign:
@@ -200,6 +221,15 @@ class TrackerNode(ManagedNode):
         self._report(tracking)
         if self._renewal.is_due():
             self._renew()
+
+    def _tell_camera(self, message: Image | CompressedImage, camera: CameraModel | None) -> None:
+        """Publish the ``camera`` that the projection tells, where nobody else does."""
+        if self._info_pub is None or camera is None:
+            return
+        self._camera = camera
+        if self.count_publishers(self._info_pub.topic_name) == 1:
+            stamp_ns = read.stamp_ns(message.header)
+            self._info_pub.publish(write.camera_info(camera, stamp_ns, message.header.frame_id))
 
     def _publish(self, features: Features) -> None:
         assert self._stamp_ns is not None

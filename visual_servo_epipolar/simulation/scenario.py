@@ -119,6 +119,7 @@ CONNECTION = frozenset(
         'mount_from_tf',
         'pan_joint',
         'photograph',
+        'projection',
         'rectified',
         'renew',
         'resume',

@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 
+from visual_servo_epipolar.core.cameras.registry import camera_of_size
 from visual_servo_epipolar.core.settings import fixed, setting, Settings
 
 RELIABILITIES = ('auto', 'reliable', 'best_effort')  # of images, as in nodes.qos
 RESUMES = ('automatic', 'manual')
 TRANSPORTS = ('raw', 'compressed')
 HEAD_COMMANDS = ('position', 'velocity', 'trajectory')
+CAMERA_INFO = 'camera_info'  # the projection that is not told
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +108,11 @@ class TrackerNodeSettings(LifecycleSettings):
     cropped: bool = fixed(
         False, 'Images are cut out of larger ones: the principal point may lie anywhere'
     )
+    projection: str = fixed(
+        CAMERA_INFO,
+        'Images are: camera_info, what it says; equirectangular, 360 deg, which their size tells '
+        'and the tracker publishes as camera_info where nobody does',
+    )
     transport: str = fixed(
         'raw',
         'Images come as: compressed are JPEG, PNG, TIFF, on image_raw/compressed',
@@ -124,6 +131,8 @@ class TrackerNodeSettings(LifecycleSettings):
                 'desired_image and photograph exclude each other: the first is given, the second '
                 'captured; set one of them'
             )
+        if self.projection != CAMERA_INFO:
+            camera_of_size(self.projection, (64, 32))  # ValueError for one that is unknown
 
 
 @dataclass(frozen=True, kw_only=True)

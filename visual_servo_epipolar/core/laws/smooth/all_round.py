@@ -18,10 +18,7 @@ NEAR, TURNED = 0.35, 0.7  # [m], [rad]: within both the line to the goal is foll
 LINE_SLOPE = 0.7  # by who is behind it and no farther aside than that share
 AT_GOAL = 0.12  # nearer no direction to it is worth a turn [m]
 BEHIND_IT = 2.6  # |phi| beyond which either side leads around as well [rad]
-STEERED, IN_PLACE = (
-    0.6,
-    1.0,
-)  # off the aim of delta: up to which it drives on, and not at all [rad]
+STEERED, IN_PLACE = 0.6, 1.0  # off the aim: up to which it drives on, and not at all [rad]
 NEARS, LEADS_AWAY = 1.45, 1.6  # delta at which it drives on, and not at all [rad]
 LEAST_WAY = 0.5  # of the distance, that is left to drive at least while it goes around
 
