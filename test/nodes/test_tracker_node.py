@@ -461,8 +461,8 @@ def test_a_panorama_needs_no_camera_info_and_the_tracker_publishes_it(
     send = bench.talk(Image, 'image_raw')
     teach = bench.talk(Image, 'desired/image_raw', qos.LATCHED)
     node = bench.start(TrackerNode, projection='equirectangular')
-    panorama = of_size(640, 300)
-    wide, goal = (np.ascontiguousarray(each[90:390]) for each in (view, photograph))
+    wide, goal = (np.ascontiguousarray(each[40:200]) for each in (view, photograph))
+    panorama = of_size(*wide.shape[::-1])
     teach(message(goal))
     bench.until(lambda: node.ready, 'the photograph to arrive')
     send(message(wide))
@@ -471,7 +471,7 @@ def test_a_panorama_needs_no_camera_info_and_the_tracker_publishes_it(
     tracker = Tracker(TrackerSettings(), panorama)
     tracker.set_desired(goal)
     expected, features = tracker.track(wide), read.features(clouds[-1])
-    assert len(features) > 20
+    assert len(features) > 8
     np.testing.assert_array_equal(features.ids, expected.ids)
     np.testing.assert_allclose(features.current, expected.current, atol=1e-4)
 
@@ -481,7 +481,7 @@ def test_an_image_that_is_no_panorama_and_a_camera_info_of_another_lens_stop_the
 ) -> None:
     rig = Rig(bench, simulator, projection='equirectangular')
     rig.taught(photograph)
-    assert len(rig.track(view)) == 0  # 640x480
+    assert len(rig.track(view)) == 0  # it is too high
     assert rig.node._camera is None
     rig.calibrate(write.camera_info(simulator.camera, 0, 'camera'))
     bench.until(lambda: rig.node._unusable, 'camera_info to arrive')

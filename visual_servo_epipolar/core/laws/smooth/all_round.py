@@ -56,6 +56,10 @@ def off_aim(pose: PolarPose, gains: Gains) -> float:
 
 def driving_share(delta: float, off: float) -> float:
     """Return the share of the speed, by how far delta is ``off`` its aim, and leads away [rad]."""
-    steered = (IN_PLACE - abs(off)) / (IN_PLACE - STEERED)
-    nearing = (LEADS_AWAY - abs(delta)) / (LEADS_AWAY - NEARS)
-    return min(max(min(steered, nearing), 0.0), 1.0)
+    steered = min(max((IN_PLACE - abs(off)) / (IN_PLACE - STEERED), 0.0), 1.0)
+    return min(steered, nearing_share(delta))
+
+
+def nearing_share(delta: float) -> float:
+    """Return the share of the speed at which nobody drives away from the goal."""
+    return min(max((LEADS_AWAY - abs(delta)) / (LEADS_AWAY - NEARS), 0.0), 1.0)

@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.laws.smooth.all_round import (
     goes_around,
     LEAST_WAY,
     line_share,
+    nearing_share,
     off_aim,
     on_nearer_side,
 )
@@ -28,6 +29,7 @@ from visual_servo_epipolar.core.laws.smooth.steering import (
 from visual_servo_epipolar.core.laws.smooth.wide_view import (
     GAINS,
     goes_around_in_view,
+    heading_window,
     IN_PLACE,
     RESERVE,
     STEERED,
@@ -123,12 +125,15 @@ def _around_in_view(
     pose: PolarPose, speed: float, measurement: Measurement, settings: ServoSettings
 ) -> Twist:
     """Return the velocity around the goal of a wide view: far off its aim it turns in place."""
-    left, right = measurement.view_margins
-    wanted = aim(pose.phi, GAINS)
-    held = visible_aim(wanted, pose.delta, (left - RESERVE, right - RESERVE))
-    off = wrap_angle(pose.delta - wanted) if held is None else pose.delta - held
+    low, high = heading_window(measurement, RESERVE)
+    # Headings from -180 to 180 deg: a turn to one in the window is never the way around the back.
+    wanted = aim(pose.phi, GAINS) - pose.phi
+    target = min(max(wanted, low), high)
+    off = wrap_angle(pose.delta - pose.phi) - target
+    held = None if target == wanted else pose.phi + target
     kappa = curvature(pose, GAINS, delta_held=held)
     share = min(max((IN_PLACE - abs(off)) / (IN_PLACE - STEERED), 0.0), 1.0)
+    share = min(share, nearing_share(pose.delta))
     speed = min(speed, _steerable(kappa, settings))
     turn = share * kappa * speed - (1.0 - share) * off / TURN_S
     return Twist(share * speed, _within_view(turn, measurement, settings))

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 
-from visual_servo_epipolar.core.geometry.motion import wrap_angle
 from visual_servo_epipolar.core.laws.smooth.steering import aim, Gains, PolarPose
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
@@ -33,10 +32,10 @@ def heading_window(measurement: Measurement, reserve: float) -> tuple[float, flo
     left, right = measurement.view_margins
     if math.isinf(left + right):
         return -math.inf, math.inf
-    # Of the turns that lead to one heading it is that whose window faces the goal.
-    middle = wrap_angle(measurement.heading_error + 0.5 * (left - right))
+    # About the photograph's heading, whatever features are tracked from here: of a fixed lens
+    # these are others from another heading, and a window that moves along leads back and forth.
     half = 0.5 * (left + right) - reserve
-    return middle - half, middle + half
+    return -half, half
 
 
 def is_wide(window: tuple[float, float]) -> bool:

@@ -15,6 +15,7 @@ from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
+from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.matchers.base import Matcher
 from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
 from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView, match, Matches
@@ -38,9 +39,12 @@ def inspect(
     Never raises for what the photographs show: a blank one, or one of another place, is an
     inspection that is not trusted.
     """
+    canvas = Canvas.of(current_camera) if current_camera == desired_camera else PLANE
     try:
-        view = desired_view(desired, matcher)
-        pixels_current, pixels_desired = _aligned(view, match(view, current), current)
+        view, painted = desired_view(desired, matcher, canvas=canvas), canvas.painted(current)
+        pixels_current, pixels_desired = map(
+            canvas.pixels_of_image, _aligned(view, match(view, painted), painted)
+        )
     except TrackingError as error:
         return Inspection(False, str(error))
     rays_current = current_camera.rays(pixels_current)
