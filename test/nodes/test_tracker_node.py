@@ -485,4 +485,4 @@ def test_an_image_that_is_no_panorama_and_a_camera_info_of_another_lens_stop_the
     assert rig.node._camera is None
     rig.calibrate(write.camera_info(simulator.camera, 0, 'camera'))
     bench.until(lambda: rig.node._unusable, 'camera_info to arrive')
-    assert 'is of a plumb_bob lens; remap camera_info' in rig.node._unusable
+    assert 'is of a pinhole lens; remap camera_info' in rig.node._unusable
