@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_pose
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
+from visual_servo_epipolar.core.routes.path import PathPoint
 from visual_servo_epipolar.core.routes.route import Route, RouteView
 from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.core.tracking.matchers.sift import detect
@@ -119,17 +121,25 @@ class PlaceFinder:
         found = _located(image, current, view, self.route.camera)
         if found is None:
             return None
-        point = view.path.beside(found.pose, self._nearest_way(view, found.pose))
+        point = self._beside(number, found.pose)
         spread = math.sqrt(max(found.covariance[0, 0], found.covariance[1, 1]))
         is_near = abs(point.offset) < FARTHEST and abs(point.turn) < MOST_TURN
         if not is_near or spread > CERTAIN:
             return None
         return Place(number, found, point.way, point.offset)
 
-    @staticmethod
-    def _nearest_way(view: RouteView, pose: FloatArray) -> float:
-        apart = view.path.poses[:, :2] - pose[:2]
-        return float(view.path.way[int(np.argmin((apart * apart).sum(1)))])
+    def _beside(self, number: int, pose: FloatArray) -> PathPoint:
+        """Return where a pose in axes of a key view is beside the path, as who knows it best."""
+        views, best = self.route.views, (math.inf, number, pose, 0.0)
+        for k in range(max(number - SAME_PLACE, 0), min(number + SAME_PLACE + 1, len(views))):
+            # The path that a key view knows ends soon before and behind it.
+            here = compose(relative_pose(views[k].pose, views[number].pose), pose)
+            apart = np.linalg.norm(views[k].path.poses[:, :2] - here[:2], axis=1)
+            nearest = int(np.argmin(apart))
+            if apart[nearest] < best[0]:
+                best = float(apart[nearest]), k, here, float(views[k].path.way[nearest])
+        _, k, here, way = best
+        return views[k].path.beside(here, way)
 
 
 def _located(
