@@ -82,6 +82,12 @@ def test_the_base_waits_for_a_head_that_lags(side: float) -> None:
     assert side * held.angular == pytest.approx(settings.pan_speed)
 
 
+def test_turned_away_it_turns_back_the_way_that_shows_the_goal() -> None:
+    settings = ServoSettings(law='smooth', rig='pan_tilt')
+    away = sight(offset=(-2.0, -0.5), heading_error=-3.07, view_margins=(0.02, 4.2))
+    assert approach(ServoState(), away, settings).angular < -0.3
+
+
 @pytest.mark.parametrize('start', [(-2.0, 0.1, 5.0), (0.4, 2.0, 80.0)])
 def test_with_a_head_no_robot_goes_away_from_its_goal(start) -> None:
     camera = ON_A_HEAD.camera.nominal_camera

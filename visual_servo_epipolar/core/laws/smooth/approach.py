@@ -129,7 +129,11 @@ def _around_in_view(
     # Headings from -180 to 180 deg: a turn to one in the window is never the way around the back.
     wanted = aim(pose.phi, GAINS) - pose.phi
     target = min(max(wanted, low), high)
-    off = wrap_angle(pose.delta - pose.phi) - target
+    left, right = measurement.view_margins
+    heading = wrap_angle(pose.delta - pose.phi)
+    # Turned away by half a turn, it turns back the way that shows the goal.
+    middle = heading + 0.5 * (left - right)
+    off = heading + wrap_angle(middle) - middle - target
     held = None if target == wanted else pose.phi + target
     kappa = curvature(pose, GAINS, delta_held=held)
     share = min(max((IN_PLACE - abs(off)) / (IN_PLACE - STEERED), 0.0), 1.0)
