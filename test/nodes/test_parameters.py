@@ -29,14 +29,14 @@ from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
 from visual_servo_epipolar.nodes.startup.settings import RecorderNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSettings
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode, UnicycleSettings
-from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.simulation.bases.ackermann import AckermannSettings
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 CONFIG = Path(__file__).parents[2] / 'config'
 NODES = {
-    'unicycle_node': (UnicycleNode, (UnicycleSettings, PioneerSettings)),
+    'unicycle_node': (UnicycleNode, (UnicycleSettings, AckermannSettings)),
     'camera_node': (
         CameraNode,
         (

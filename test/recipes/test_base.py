@@ -26,7 +26,7 @@ def tracks(limits: BaseLimits) -> Tracks:
     return Tracks(limits)
 
 
-def car(limits: BaseLimits) -> Tracks:
+def lorry(limits: BaseLimits) -> Tracks:
     return Tracks(limits, max_curvature=0.5)
 
 
@@ -40,6 +40,6 @@ def test_the_servo_drives_a_base_of_another_package(install) -> None:
 
 
 def test_a_law_that_turns_in_place_refuses_a_base_that_does_not(install) -> None:
-    install('bases', 'car', f'{__name__}:car')
-    with pytest.raises(ValueError, match='orienting, base car drives curves of 0.5 1/m at most'):
-        ServoSettings(base='car')
+    install('bases', 'lorry', f'{__name__}:lorry')
+    with pytest.raises(ValueError, match='orienting, base lorry drives curves of 0.5 1/m at most'):
+        ServoSettings(base='lorry', law='full')

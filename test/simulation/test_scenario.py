@@ -73,7 +73,10 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ('servo: {law: best}', 'bad.yaml: servo: law must be one of paper, corrected, full'),
         ('servo: {finite_time: 1}', 'bad.yaml: servo: finite_time must be bool, got 1'),
         ('servo: {latch_engage: 0.2}', 'bad.yaml: servo: latch_engage must not exceed'),
-        ('base: {model: cart}', "bad.yaml: base: model must be one of pioneer, got 'cart'"),
+        (
+            'base: {model: cart}',
+            "bad.yaml: base: model must be one of pioneer, ackermann, got 'cart'",
+        ),
         ('camera: {rig: [1]}', r'bad.yaml: camera: rig must be one of fixed, pan_tilt, got \[1\]'),
         ('base: {slip: 2001-01-01}', 'bad.yaml: base: slip must be float'),
         pytest.param(

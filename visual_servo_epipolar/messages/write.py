@@ -1,5 +1,7 @@
 """Writing: core values into messages, every scalar as float or int: rclpy checks nothing."""
 
+from importlib import import_module
+import math
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -92,6 +94,29 @@ def twist(value: Twist) -> TwistMessage:
 def twist_stamped(value: Twist, stamp_ns: int, frame_id: str) -> TwistStamped:
     """Return a geometry_msgs/TwistStamped."""
     return TwistStamped(header=header(stamp_ns, frame_id), twist=twist(value))
+
+
+def ackermann_type() -> Any:
+    """Return the type of commands to a car; ValueError where its package is not installed."""
+    try:
+        return import_module('ackermann_msgs.msg').AckermannDriveStamped
+    except ImportError:
+        raise ValueError(
+            'ackermann is true, but ackermann_msgs cannot be imported; install '
+            'ros-jazzy-ackermann-msgs, or set ackermann: false and let the base take cmd_vel'
+        ) from None
+
+
+def ackermann_drive(
+    kind: Any, value: Twist, wheelbase: float, stamp_ns: int, frame_id: str
+) -> Any:
+    """Return an AckermannDriveStamped, of type ``kind``; a car that stands steers straight."""
+    message = kind(header=header(stamp_ns, frame_id))
+    message.drive.speed = float(value.linear)
+    if value.linear:
+        angle = math.atan(wheelbase * value.angular / value.linear)
+        message.drive.steering_angle = angle
+    return message
 
 
 def odometry(

@@ -25,6 +25,7 @@ from visual_servo_epipolar.nodes.startup.executor import (
 )
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
+from visual_servo_epipolar.simulation.bases.registry import base_name
 from visual_servo_epipolar.simulation.mounts.registry import rig_name
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
@@ -74,7 +75,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
 
     def _populate(self, scenario: Scenario, loop: LoopSettings) -> None:
         base = {'lockstep': True, 'begin': False, 'start': loop.start, 'seed': loop.seed}
-        base['frame_rate'] = loop.frame_rate
+        base |= {'frame_rate': loop.frame_rate, 'model': base_name(scenario.base)}
         self.servo = self._add(
             ServoNode,
             scenario.servo,

@@ -19,7 +19,7 @@ from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.servoing.admission import Admission
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
-from visual_servo_epipolar.nodes.servoing.commands import Commands
+from visual_servo_epipolar.nodes.servoing.commands import Commands, refuse_ackermann
 from visual_servo_epipolar.nodes.servoing.head import Head
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
@@ -51,6 +51,7 @@ class ServoNode(ManagedNode):
         self._node_settings = parameters.declare(self, ServoNodeSettings)
         self._settings = parameters.declare(self, ServoSettings)
         parameters.refuse_unknown(self, options)
+        refuse_ackermann(self._node_settings, self._settings)
         parameters.watch(self, lambda: self._settings, self._use)
         parameters.watch(self, lambda: self._node_settings, self._use_connections)
         self._begins = self._settings.autostart  # a run, when it is activated
@@ -68,7 +69,9 @@ class ServoNode(ManagedNode):
         # Before tracks: where both have come, the pose is taken first.
         self._wheels = Wheels(self, self._settings, self._node_settings, self._warn)
         self._head = Head(self, self._settings.carrier, self._node_settings, self._warn)
-        self._commands = Commands(self, self._node_settings, self._head)
+        self._commands = Commands(
+            self, self._node_settings, self._head, wheelbase=self._settings.wheelbase
+        )
         self._reports = Reports(self)
         self._run = Run(self, self._warn, self._commands, self._reports, self._standstill)
         enable = Enable(self, self._node_settings.enable_timeout, self._on_withdrawn)

@@ -1,4 +1,4 @@
-"""A simulated Pioneer 3-DX: velocity commands in, odometry and ground truth out."""
+"""A simulated base: velocity commands in, odometry and ground truth out."""
 
 import sys
 from typing import Any
@@ -18,12 +18,12 @@ from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import UnicycleSettings
+from visual_servo_epipolar.simulation.bases.ackermann import AckermannSettings
 from visual_servo_epipolar.simulation.bases.dead_reckoning import (
     DeadReckoning,
     world_to_odometry,
 )
-from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
-from visual_servo_epipolar.simulation.bases.registry import new_base
+from visual_servo_epipolar.simulation.bases.registry import model_settings, new_base
 from visual_servo_epipolar.simulation.bases.simulated_base import SimulatedBase
 from visual_servo_epipolar.simulation.run_monitor import period_ns
 
@@ -37,7 +37,7 @@ class UnicycleNode(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__('unicycle_node', **options)
         self._settings = parameters.declare(self, UnicycleSettings)
-        self._base_settings = parameters.declare(self, PioneerSettings)
+        self._base_settings = parameters.declare(self, AckermannSettings)
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use_start)
         parameters.watch(self, lambda: self._base_settings, self._use)
@@ -72,13 +72,15 @@ class UnicycleNode(Node):
     def _use_start(self, settings: UnicycleSettings) -> None:
         self._settings = settings  # the start counts from the next reset
 
-    def _use(self, settings: PioneerSettings) -> None:
-        self._base_settings = self._base.settings = settings
+    def _use(self, settings: AckermannSettings) -> None:
+        self._base_settings = settings
+        self._base.settings = model_settings(self._settings.model, settings)
 
     def _new_base(self) -> SimulatedBase:
         start = Pose.from_start(*self._settings.start)
         now_ns = 0 if self._settings.lockstep else self._steady.now().nanoseconds
-        return new_base(self._base_settings, start, seed=self._settings.seed, now_ns=now_ns)
+        settings = model_settings(self._settings.model, self._base_settings)
+        return new_base(settings, start, seed=self._settings.seed, now_ns=now_ns)
 
     def _new_reckoning(self) -> DeadReckoning:
         return DeadReckoning(self._base.odometry, self._base.now_ns)

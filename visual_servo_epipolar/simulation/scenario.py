@@ -103,6 +103,7 @@ ALL_NODES = '/**'
 # Parameters of the connections of these nodes: a simulation has none of them.
 CONNECTION = frozenset(
     {
+        'ackermann',
         'arming_timeout',
         'autostart_node',
         'base_frame',

@@ -41,7 +41,7 @@ def test_a_limit_that_is_lowered_on_the_way_holds_at_once() -> None:
 
 
 def test_an_unknown_base_is_refused_with_the_names_there_are() -> None:
-    with pytest.raises(ValueError, match="must be one of differential_drive, got 'hovercraft'"):
+    with pytest.raises(ValueError, match="differential_drive, car, got 'hovercraft'"):
         base_of('hovercraft', BASE.limits)
 
 

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[3]
 OF_EVERY_NODE = {'/parameter_events', '/rosout'}
 # Of a sixth package of messages, which need not be there.
 ASKED_FOR = {'servo_node': {'odometry': True}}  # topics that are heard on demand
-OPTIONAL = re.compile('/tf(_static)?')
+OPTIONAL = re.compile('/tf(_static)?|/ackermann_cmd')
 
 
 def kind_of(node):

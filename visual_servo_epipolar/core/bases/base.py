@@ -14,7 +14,8 @@ class BaseLimits:
     Limits of a base as its settings have them: speeds, accelerations, dead bands [m, rad, s].
 
     A base speeds up by its accelerations and slows down twice as fast; a speed within its dead
-    band does not move it.
+    band does not move it. One that steers has the largest curvature of its path [1/m], its
+    wheelbase [m], and how fast its wheels are steered [rad/s]; 0 is one that turns in place.
     """
 
     max_linear: float
@@ -23,6 +24,9 @@ class BaseLimits:
     max_angular_acceleration: float
     dead_band_linear: float
     dead_band_angular: float
+    max_curvature: float = 0.0
+    wheelbase: float = 0.33
+    steering_rate: float = 1.0
 
 
 class Base(Protocol):

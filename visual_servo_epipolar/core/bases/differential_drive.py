@@ -54,12 +54,13 @@ class DifferentialDrive:
 def ramp(wanted: Twist, before: Twist, dt: float, *, linear: float, angular: float) -> Twist:
     """Limit the change from ``before``, speeding up half as fast as slowing down."""
     return Twist(
-        _ramped_speed(wanted.linear, before.linear, linear * dt),
-        _ramped_speed(wanted.angular, before.angular, angular * dt),
+        ramped_speed(wanted.linear, before.linear, linear * dt),
+        ramped_speed(wanted.angular, before.angular, angular * dt),
     )
 
 
-def _ramped_speed(wanted: float, before: float, change: float) -> float:
+def ramped_speed(wanted: float, before: float, change: float) -> float:
+    """Return what follows the speed ``before`` towards ``wanted``; ``change`` is a speed-up."""
     slower = abs(wanted) < abs(before) or wanted * before < 0.0
     limit = 2.0 * change if slower else change
     if wanted * before < 0.0:  # once it stands, it speeds up the other way
@@ -96,14 +97,15 @@ def modulate_pulses(
     frame, until it is worth a pulse. Lifting every small command instead turns a proportional law
     into a switch, and dropping it into one that never gets there.
     """
-    first = _pulse(wanted.linear, residual.linear, linear)
-    second = _pulse(wanted.angular, residual.angular, angular)
+    first = pulse(wanted.linear, residual.linear, linear)
+    second = pulse(wanted.angular, residual.angular, angular)
     return Twist(first[0], second[0]), Twist(first[1], second[1])
 
 
-def _pulse(wanted: float, residual: float, threshold: float) -> tuple[float, float]:
+def pulse(wanted: float, residual: float, threshold: float) -> tuple[float, float]:
+    """Return a speed that is 0 or beyond the ``threshold``, and the new ``residual``."""
     if wanted == 0.0 or abs(wanted) >= threshold:
         return wanted, 0.0
     residual += wanted
-    pulse = math.copysign(threshold, residual) if abs(residual) >= 0.5 * threshold else 0.0
-    return pulse, residual - pulse
+    speed = math.copysign(threshold, residual) if abs(residual) >= 0.5 * threshold else 0.0
+    return speed, residual - speed

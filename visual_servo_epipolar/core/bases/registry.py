@@ -1,12 +1,13 @@
 """Bases by the names that settings give them, and those of other packages."""
 
 from visual_servo_epipolar.core.bases.base import Base, BaseFactory, BaseLimits
+from visual_servo_epipolar.core.bases.car import Car
 from visual_servo_epipolar.core.bases.differential_drive import DifferentialDrive
 from visual_servo_epipolar.core.registry import Registry
 
 DEFAULT_BASE = 'differential_drive'
 BASES: Registry[BaseFactory] = Registry(
-    'visual_servo_epipolar.bases', {DEFAULT_BASE: DifferentialDrive}
+    'visual_servo_epipolar.bases', {DEFAULT_BASE: DifferentialDrive, 'car': Car}
 )
 
 

@@ -31,7 +31,8 @@ class Law:
     ``epipole_controls`` takes the place of eq. (12) or (20), with the signature of
     ``equations.auxiliary_controls``; ``matching_control`` that of eqs. (21)-(22), with that of
     ``equations.match_features``; ``machine`` has phases other than the paper's two steps and what
-    goes with them. None stands for the paper's own.
+    goes with them. None stands for the paper's own. ``on_arcs`` is the machine on a base that does
+    not turn in place; None of a law that has to.
     """
 
     true_sigma: bool = departure(
@@ -57,6 +58,7 @@ class Law:
     epipole_controls: EpipoleControls | None = None
     matching_control: MatchingControl | None = None
     machine: StateMachine | None = None
+    on_arcs: StateMachine | None = None
 
     def changed(self, departures: Mapping[str, bool]) -> 'Law':
         """Return this law with some departures taken (True) or left out (False)."""

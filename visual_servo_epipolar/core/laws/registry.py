@@ -8,7 +8,7 @@ from visual_servo_epipolar.core.laws.law import DEPARTURES, Law
 from visual_servo_epipolar.core.laws.machine import PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.names import LAW_GROUP, OWN_LAWS
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.smooth.phases import SMOOTH
+from visual_servo_epipolar.core.laws.smooth.on_arcs import SMOOTH
 from visual_servo_epipolar.core.laws.two_steps import CORRECTED, FULL, PAPER, TWO_STEPS
 from visual_servo_epipolar.core.registry import Registry
 
@@ -52,9 +52,23 @@ def _name_in(expression: str) -> str:
     return max(names, key=len)
 
 
-def machine_of(law: Law) -> StateMachine:
-    """Return the state machine of a law: its own, or that of the paper's two steps."""
-    return law.machine or TWO_STEPS
+def machine_of(law: Law, *, on_arcs: bool = False) -> StateMachine:
+    """
+    Return the state machine of a law: its own, or that of the paper's two steps.
+
+    ``on_arcs``: that of a base which does not turn in place, where the law has one.
+    """
+    return (law.on_arcs if on_arcs else None) or law.machine or TWO_STEPS
+
+
+def laws_on_arcs() -> list[str]:
+    """Return the names of the laws that drive a base which does not turn in place."""
+    names = []
+    for name in LAWS:
+        with suppress(ValueError):  # broken, which says who asks for it by name
+            rows = machine_of(LAWS[name], on_arcs=True).rows
+            names += [] if any(phase.turns_in_place for phase in rows) else [name]
+    return names
 
 
 def phase_named(word: str) -> Phase:

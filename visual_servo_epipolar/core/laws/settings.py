@@ -159,7 +159,25 @@ class ControlSettings(Settings):
     )
     base: str = setting(
         DEFAULT_BASE,
-        'Base: differential_drive, or one of another package',
+        'Base: differential_drive, car (steers, and never turns in place), or one of another '
+        'package',
+        read_only=True,
+    )
+    max_curvature: float = setting(
+        0.0,
+        'Largest curvature of the path of the base; 0 = it turns in place [1/m]',
+        low=0.0,
+        high=20.0,
+        read_only=True,
+    )
+    wheelbase: float = setting(
+        0.33, 'Distance between both axles of a car [m]', low=0.02, high=10.0, read_only=True
+    )
+    steering_rate: float = setting(
+        1.0,
+        'How fast the wheels of a car are steered [rad/s]',
+        low=0.01,
+        high=50.0,
         read_only=True,
     )
     max_linear: float = setting(0.4, 'Largest linear speed [m/s]', low=0.01, high=5.0)
@@ -186,8 +204,10 @@ class ControlSettings(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         _ = self._named_law  # raises ValueError for an unknown law
-        if not turns_in_place(self.drive):
-            self._refuse_turns_in_place()
+        if turns_in_place(self.drive):
+            self._refuse_curvature()
+        else:
+            _ = self.machine  # raises ValueError for a law that turns in place
         if self.dead_band_linear > self.max_linear or self.dead_band_angular > self.max_angular:
             raise ValueError(
                 'dead bands must not exceed max_linear and max_angular, got '
@@ -224,14 +244,25 @@ class ControlSettings(Settings):
     def options(self) -> Law:
         """The law, without the departures that these settings leave out."""
         off = {name: False for name in DEPARTURES if not getattr(self, name)}
-        return self._named_law.changed(off)
+        law = self._named_law.changed(off)
+        return law if turns_in_place(self.drive) else law.changed({'final_turn': False})
 
     @cached_property
     def machine(self) -> StateMachine:
-        """The state machine of the law."""
-        from visual_servo_epipolar.core.laws.registry import machine_of
+        """The state machine of the law, on this base."""
+        from visual_servo_epipolar.core.laws.registry import laws_on_arcs, machine_of
 
-        return machine_of(self._named_law)
+        if turns_in_place(self.drive):
+            return machine_of(self._named_law)
+        machine = machine_of(self._named_law, on_arcs=True)
+        turning = [phase.value for phase in machine.rows if phase.turns_in_place]
+        if turning:
+            raise ValueError(
+                f'law {self.law} turns in place when {", ".join(turning)}, base {self.base} '
+                f'drives curves of {self.drive.max_curvature:g} 1/m at most; choose a law that '
+                f'drives arcs ({", ".join(laws_on_arcs())}), or another base'
+            )
+        return machine
 
     @property
     def law_expression(self) -> str:
@@ -244,13 +275,11 @@ class ControlSettings(Settings):
         taken = (name for name in DEPARTURES if getattr(self._named_law, name))
         return self.law + ''.join(f'-{name}' for name in taken if not getattr(self, name))
 
-    def _refuse_turns_in_place(self) -> None:
-        turning = [phase.value for phase in self.machine.rows if phase.turns_in_place]
-        if turning:
+    def _refuse_curvature(self) -> None:
+        if self.max_curvature > 0.0:
             raise ValueError(
-                f'law {self.law} turns in place when {", ".join(turning)}, base {self.base} '
-                f'drives curves of {self.drive.max_curvature:g} 1/m at most; choose a law without '
-                'turns, or another base'
+                f'max_curvature must be 0 for base {self.base}, which turns in place, got '
+                f'{self.max_curvature:g} 1/m; set base: car where it does not'
             )
 
     def _check_derivation(self) -> None:

@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.gains import Gains
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.smooth.arcs import Backing
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Leg, Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -161,7 +162,8 @@ class LawState:
     ``target``, the abscissa at unit focal length at which e_au is held while e_du is zeroed;
     ``side``, the sign of e_du when that began; ``latched``, whether e_du counts as zero since;
     ``desired_rate``, the rate of its bearing [rad/s], smoothed; ``gains``, those derived when the
-    phase began (that of step 2 as well), None where they are given.
+    phase began (that of step 2 as well), None where they are given; ``backing``, the arc on which
+    a base that does not turn in place backs off, None without.
     """
 
     target: float = 0.0
@@ -169,6 +171,7 @@ class LawState:
     latched: bool = False
     desired_rate: float = 0.0
     gains: Gains | None = None
+    backing: Backing | None = None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 
+from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import write
@@ -23,8 +25,10 @@ SETTLING_S = 1.0  # zero twists after the end of a run; then others may drive
 class Commands:
     """Commands of the servo ``node``; outside of a run it is silent: others may drive."""
 
-    def __init__(self, node: Node, settings: ServoNodeSettings, head: Head) -> None:
-        self._head = head
+    def __init__(
+        self, node: Node, settings: ServoNodeSettings, head: Head, *, wheelbase: float
+    ) -> None:
+        self._head, self._wheelbase = head, wheelbase
         self._stamped, self._frame = settings.enable_stamped_cmd_vel, settings.base_frame
         self._always, self._steady = not settings.watchdog, Clock(clock_type=ClockType.STEADY_TIME)
         self._ended_ns: int | None = None  # when the run ended
@@ -32,6 +36,11 @@ class Commands:
         self._sent_ns: int | None = None  # when the last command went out
         kind = TwistStamped if self._stamped else TwistMessage
         self._command_pub = node.create_publisher(kind, 'cmd_vel', qos.COMMAND)
+        if settings.ackermann:
+            self._drive = write.ackermann_type()
+            self._drive_pub = node.create_publisher(self._drive, 'ackermann_cmd', qos.COMMAND)
+        else:
+            self._drive = None
 
     def answer(self, before: ServoState, state: ServoState, stamp_ns: int) -> None:
         """Publish the command of ``state``, in a run and shortly after its end."""
@@ -68,6 +77,12 @@ class Commands:
         """Publish ``command``: that to the head, then its twist on cmd_vel."""
         self._head.send(command, stamp_ns)
         self._sent_ns = self._steady.now().nanoseconds
+        if self._drive is not None:
+            self._drive_pub.publish(
+                write.ackermann_drive(
+                    self._drive, command.twist, self._wheelbase, stamp_ns, self._frame
+                )
+            )
         if self._stamped:
             self._command_pub.publish(write.twist_stamped(command.twist, stamp_ns, self._frame))
         else:
@@ -76,6 +91,18 @@ class Commands:
     def wait(self) -> None:
         """Wait until the last command is acknowledged."""
         self._command_pub.wait_for_all_acked(Duration(seconds=STOP_TIMEOUT_S))
+
+
+def refuse_ackermann(node_settings: ServoNodeSettings, settings: ServoSettings) -> None:
+    """Raise ValueError where commands to a car are asked for that cannot go out."""
+    if not node_settings.ackermann:
+        return
+    if turns_in_place(settings.drive):
+        raise ValueError(
+            f'ackermann must go with a base that steers, got base {settings.base}; set base: car '
+            'and its max_curvature'
+        )
+    write.ackermann_type()
 
 
 def _just_now(then_ns: int | None, now_ns: int) -> bool:

@@ -26,6 +26,9 @@ class ServoNodeSettings(LifecycleSettings):
     """Settings of the connections of the node."""
 
     enable_stamped_cmd_vel: bool = fixed(False, 'Publish geometry_msgs/TwistStamped on cmd_vel')
+    ackermann: bool = fixed(
+        False, 'Publish ackermann_msgs/AckermannDriveStamped on ackermann_cmd too, for a car'
+    )
     rectified: bool = fixed(
         False, 'Images are rectified: P of camera_info holds, its distortion does not apply'
     )
@@ -143,6 +146,11 @@ class UnicycleSettings(Settings):
         (1.0, -3.5, 8.0), 'Start in the plane of the paper: x [m], y [m], heading error [deg]'
     )
     seed: int = fixed(0, 'Seed of odometry noise', low=0, high=2**31 - 1)
+    model: str = fixed(
+        'pioneer',
+        'Base: pioneer, a differential drive, or ackermann, a car',
+        choices=('pioneer', 'ackermann'),
+    )
     lockstep: bool = fixed(False, 'Own /clock, and move one frame for each command')
     begin: bool = fixed(True, 'Lockstep: begin as soon as somebody listens to ground_truth')
     rate: float = fixed(100.0, 'Rate of the base [Hz]', low=1.0, high=1000.0)

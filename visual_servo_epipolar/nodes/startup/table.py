@@ -69,13 +69,13 @@ NODES: Mapping[str, NodeRow] = {
         ),
     ),
     'unicycle_node': NodeRow(
-        does='Simulates the base of a Pioneer 3-DX.',
+        does='Simulates the base: a Pioneer 3-DX, or a car.',
         subscribes=('cmd_vel',),
         publishes=('odom', 'ground_truth', 'cmd_vel_applied'),
         services=('~/reset',),
         settings=(
             'nodes.startup.settings:UnicycleSettings',
-            'simulation.bases.pioneer:PioneerSettings',
+            'simulation.bases.ackermann:AckermannSettings',
         ),
     ),
     'camera_node': NodeRow(
@@ -106,7 +106,9 @@ NODES: Mapping[str, NodeRow] = {
 
 
 # Parameters of more than one node that mean different things there.
-HOMONYMS = frozenset({'autostart', 'max_angular', 'max_linear', 'min_features'})
+HOMONYMS = frozenset(
+    {'autostart', 'max_angular', 'max_linear', 'min_features', 'steering_rate', 'wheelbase'}
+)
 
 
 def settings_of(node: str) -> Iterator[type[Settings]]:

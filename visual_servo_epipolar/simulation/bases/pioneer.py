@@ -170,13 +170,17 @@ class Pioneer:
         limits, (linear, angular) = self.settings, self._wheels
         if aim == linear and turn == angular:
             return self._wheels
-        slower = abs(aim) < abs(linear) or aim * linear < 0.0
-        change = (limits.deceleration if slower else limits.acceleration) * dt
         turning = limits.angular_acceleration * dt
         return (
-            linear + min(max(aim - linear, -change), change),
+            self._faster(aim, linear, dt),
             angular + min(max(turn - angular, -turning), turning),
         )
+
+    def _faster(self, aim: float, linear: float, dt: float) -> float:
+        """Return the speed ``dt`` after ``linear``, on its way to ``aim``."""
+        slower = abs(aim) < abs(linear) or aim * linear < 0.0
+        change = self.settings.deceleration if slower else self.settings.acceleration
+        return linear + min(max(aim - linear, -change * dt), change * dt)
 
     def _true(self, linear: float, angular: float) -> tuple[float, float]:
         """Return the true velocities of wheels that are unequal and slip."""

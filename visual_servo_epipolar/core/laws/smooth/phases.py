@@ -53,7 +53,6 @@ from visual_servo_epipolar.core.laws.smooth.wide_view import (
     leads_around,
     LEAST_SHARE,
 )
-from visual_servo_epipolar.core.laws.two_steps import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 if TYPE_CHECKING:
@@ -68,7 +67,8 @@ LINED_UP = 0.2  # bearings up to which D is that of the way ahead [rad]
 BESIDE, HYSTERESIS = 0.05, 0.35  # beyond it, where a robot backs off: at first, on its way [rad]
 
 
-def _approaching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def approaching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    """Return the event of one motion: lost, beside, missed, or at its end."""
     if is_untrusted(measurement, settings):
         return Event.LOST
     if measurement.offset is None:
@@ -78,8 +78,8 @@ def _approaching(state: ServoState, measurement: Measurement, settings: ServoSet
         return Event.SIDEWAYS if _lies_beside(measurement, settings) else Event.NOTHING
     if state.settling.settled >= settings.arrival_frames:
         if has_parallax(state, measurement, settings):
-            return _missed(state, settings)
-        turned = ends_by_pulses(measurement, settings, _trial_of(state))
+            return missed(state, settings)
+        turned = ends_by_pulses(measurement, settings, motion_trial(state))
         faces = not turned or faces_goal(state, measurement, settings)
         return Event.MATCHED if faces else Event.TURNED
     x, y = measurement.offset
@@ -88,7 +88,7 @@ def _approaching(state: ServoState, measurement: Measurement, settings: ServoSet
     if all_round or goes_around_in_view(pose, measurement):
         return Event.NOTHING
     if not state.settling.settled and y > -PASSED and max(y, abs(x)) > PASSED:
-        return _missed(state, settings)
+        return missed(state, settings)
     beside = y < -NEAR_GOAL and _lies_beside(measurement, settings)
     return Event.SIDEWAYS if beside else Event.NOTHING
 
@@ -120,7 +120,7 @@ def _lies_beside(
     return not is_behind(bearings) or abs(bearings.chi) > settings.sideways_bearing + beyond
 
 
-def _missed(state: ServoState, settings: ServoSettings) -> Event:
+def missed(state: ServoState, settings: ServoSettings) -> Event:
     """Return the event of a miss: a new attempt backs off first, as far as that is allowed."""
     repeats = settings.options.new_attempts and settings.options.retreat
     again = repeats and state.run.attempts < settings.max_attempts
@@ -135,12 +135,12 @@ def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) 
     """
     if measurement.offset is None:
         return False
-    trial = _trial_of(state)
+    trial = motion_trial(state)
     rest = 1.0 / _decay(state, settings, trial)
     turned = abs(measurement.heading_error) > rest * _heading_bound(measurement, settings, trial)
     if turned and not ends_by_pulses(measurement, settings, trial):
         return False
-    through = _is_through(state, measurement, settings, trial, rest=rest)
+    through = is_through(state, measurement, settings, trial, rest=rest)
     return through or is_near_enough(state, measurement, settings)
 
 
@@ -164,7 +164,7 @@ def _heading_bound(measurement: Measurement, settings: ServoSettings, trial: Tri
     return max(facing_bound(measurement, settings, trial), known)
 
 
-def _is_through(
+def is_through(
     state: ServoState,
     measurement: Measurement,
     settings: ServoSettings,
@@ -182,7 +182,7 @@ def _is_through(
     return min(abs(measurement.difference), left) <= bound
 
 
-def _trial_of(state: ServoState) -> Trial:
+def motion_trial(state: ServoState) -> Trial:
     """Return how long the robot has tried: what is closer than usual it tries for less long."""
     trial = trial_of(state)
     return trial._replace(
@@ -190,16 +190,19 @@ def _trial_of(state: ServoState) -> Trial:
     )
 
 
-def _is_close(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def is_close(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether the motion leads no farther, within the usual bounds."""
     known = measurement.offset is not None
-    return known and _is_through(state, measurement, settings, trial_of(state, spent=True))
+    return known and is_through(state, measurement, settings, trial_of(state, spent=True))
 
 
-def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+def begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+    """Return ``state`` where one motion begins."""
     return with_new_leg(state, measurement)
 
 
-def _retreating(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def retreating(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    """Return the event of backing off: whether the goal lies ahead by now."""
     if is_untrusted(measurement, settings):
         return Event.LOST
     has_room = has_run_up(state, measurement, settings) and is_far_enough(measurement, settings)
@@ -216,7 +219,7 @@ def _retreat(state: ServoState, measurement: Measurement, settings: ServoSetting
     return STANDSTILL if settings.max_retreat == 0.0 else back_off(state, measurement, settings)
 
 
-def _surveyed(row: PhaseRow) -> PhaseRow:
+def surveyed(row: PhaseRow) -> PhaseRow:
     """Return the row of a robot that stands: one motion begins wherever the goal is known."""
 
     def classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
@@ -238,11 +241,11 @@ APPROACHING = PhaseRow(
     ),
     words='drives to the goal in one motion',
     colour='#117733',
-    classify=_approaching,
+    classify=approaching,
     command=approach,
     is_settled=_ends,
-    is_close=_is_close,
-    begin=_begin,
+    is_close=is_close,
+    begin=begin,
 )
 _SURVEY = {
     Event.NO_BASELINE: Phase.ORIENTING,
@@ -253,8 +256,8 @@ _SURVEY = {
 }
 ONE_MOTION = StateMachine(
     (
-        *(_surveyed(WAITING), _surveyed(HOLDING), ARRIVED, FAILED, ORIENTING, MATCHING_FEATURES),
-        replace(RETREATING, classify=_retreating, command=_retreat),
+        *(surveyed(WAITING), surveyed(HOLDING), ARRIVED, FAILED, ORIENTING, MATCHING_FEATURES),
+        replace(RETREATING, classify=retreating, command=_retreat),
         APPROACHING,
     ),
     {
@@ -276,4 +279,3 @@ ONE_MOTION = StateMachine(
         (Phase.MATCHING_FEATURES, Event.MISSED): Phase.RETREATING,
     },
 )
-SMOOTH = replace(FULL, machine=ONE_MOTION)

@@ -1,0 +1,89 @@
+"""One motion of a car: from beside its goal, bounded in curvature and in reversals."""
+
+from itertools import pairwise
+
+import pytest
+from servo_states import in_phase, sight
+
+from visual_servo_epipolar.commands.arguments import rig_path
+from visual_servo_epipolar.core.laws.decisions import classify
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.smooth.on_arcs import ON_ARCS
+from visual_servo_epipolar.core.laws.smooth.phases import APPROACHING
+from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.scenario import load
+from visual_servo_epipolar.simulation.views import points_of
+
+CAR = {'law': 'smooth', 'base': 'car', 'max_curvature': 1.667}
+SETTINGS = ServoSettings(**CAR)
+
+
+@pytest.fixture(scope='module')
+def beside() -> RunLog:
+    scenario = load(None, rig_path('car')).seeded(7)
+    loop = scenario.loop((0.5, -0.2, -8.0), 7)
+    return run(loop, points_of(scenario, 7), scenario.camera.nominal_camera)
+
+
+def test_a_car_beside_its_goal_arrives(beside: RunLog) -> None:
+    result = summarise(beside)
+    assert result['outcome'] == 'arrived', result['reason']
+    assert result['position_error_m'] < 3e-3
+    assert abs(result['heading_error_deg']) < 1.0
+
+
+def test_it_never_turns_without_driving_nor_more_than_it_can(beside: RunLog) -> None:
+    assert all(
+        abs(sample.twist.angular) <= abs(sample.twist.linear) * 1.667 + 1e-12
+        for sample in beside.samples
+    )
+
+
+def test_it_reverses_as_often_as_it_says(beside: RunLog) -> None:
+    speeds = [sample.twist.linear for sample in beside.samples if sample.twist.linear]
+    cusps = sum(before * after < 0.0 for before, after in pairwise(speeds))
+    assert 1 <= cusps <= 3
+
+
+def event(attempts: int = 1, **known: object) -> Event:
+    seen = sight(offset_deviation=1e-3, **known)
+    state = in_phase(APPROACHING.phase).changed(measurement=seen, attempts=attempts)
+    return classify(state, SETTINGS)
+
+
+def test_an_offset_that_no_curve_undoes_is_a_miss_at_once() -> None:
+    assert event(offset=(0.05, -0.9), view_margins=(0.7, 0.7)) is Event.NOTHING
+    assert event(offset=(0.15, -0.2), view_margins=(0.7, 0.7)) is Event.MISSED
+
+
+def test_attempts_are_bounded() -> None:
+    last = SETTINGS.max_attempts
+    near = {'offset': (0.15, -0.2), 'view_margins': (0.7, 0.7)}
+    assert event(last, **near) is Event.EXHAUSTED
+
+
+def test_who_looks_aside_at_the_goal_backs_off_again() -> None:
+    known = {'offset': (0.0, 0.0), 'difference': 0.0, 'difference_slope': 0.3}
+    seen = sight(offset_deviation=1e-3, heading_error=0.05, parallax=0.0, **known)
+    state = in_phase(APPROACHING.phase).changed(measurement=seen, settled=9)
+    assert classify(state, SETTINGS) is Event.MISSED
+
+
+def test_no_phase_of_it_turns_in_place() -> None:
+    assert not any(phase.turns_in_place for phase in ON_ARCS.rows)
+    assert Phase.ORIENTING not in ON_ARCS.transitions.values()
+
+
+@pytest.mark.parametrize('law', ['paper', 'corrected', 'full', 'full-retreat'])
+def test_a_law_that_turns_in_place_is_refused_and_the_one_that_does_not_is_named(
+    law: str,
+) -> None:
+    with pytest.raises(ValueError, match=r'choose a law that drives arcs \(smooth\)'):
+        ServoSettings(**{**CAR, 'law': law})
+
+
+def test_a_curvature_of_a_base_that_turns_in_place_is_refused() -> None:
+    with pytest.raises(ValueError, match='max_curvature must be 0 for base differential_drive'):
+        ServoSettings(max_curvature=1.667)
