@@ -10,8 +10,9 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_steps import PEERS
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.true_pose import (
-    drive_gracefully,
+    drive_by_pose,
     least_time,
+    POSE_LAWS,
 )
 from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
 from visual_servo_epipolar.simulation.closed_loop import run as drive
@@ -21,9 +22,9 @@ from visual_servo_epipolar.simulation.views import points_of
 from visual_servo_epipolar.sweeping.summary import quantile
 
 REGIONS = ('front', 'beside')
-# One motion by images, and Nav2's law of the same kind, which is given the true pose.
-SMOOTH, GRACEFUL = 'smooth', 'graceful'
-LAWS = (*PEERS, SMOOTH, GRACEFUL)
+# One motion by images, and laws of the same kind that are given the true pose.
+SMOOTH = 'smooth'
+LAWS = (*PEERS, SMOOTH, *POSE_LAWS)
 STARTS, QUICK_STARTS = 20, 1
 REACHED_M, REACHED_DEG = 0.05, 2.0
 LONGEST_S = 120.0
@@ -81,8 +82,8 @@ def one_run(law: str, start: tuple[float, float, float], seed: int) -> Run:
         servo = replace(servo, min_parallax=PEER_PARALLAX_PX)
     scenario = replace(scenario, run=replace(scenario.run, max_duration=LONGEST_S), servo=servo)
     loop, view = scenario.loop(start, seed), points_of(scenario, seed)
-    if law == GRACEFUL:
-        log = drive_gracefully(loop, view, scenario.camera.camera)
+    if law in POSE_LAWS:
+        log = drive_by_pose(law, loop, view, scenario.camera.camera)
     else:
         control = PEERS['ours' if law == SMOOTH else law]
         log = drive(loop, view, scenario.camera.camera, control=control)
@@ -147,7 +148,7 @@ def table(document: Mapping[str, Any]) -> str:
             f'{reached["heading_deg"]:g} deg',
             '(lost: the features; wrong: arrived, it says, but not reached; position and heading '
             'of all that did not lose the features, path and time of those that reached; least: '
-            'of a time-optimal unicycle ahead; graceful is given the true pose)',
+            'of a time-optimal unicycle ahead; graceful and displaced are given the true pose)',
             '',
             *aligned(' | '.join(COLUMNS), cells(COLUMNS, document['rows']), left=2),
         ]

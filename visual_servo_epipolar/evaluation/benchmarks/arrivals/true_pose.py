@@ -2,11 +2,13 @@
 Peers that are given the true pose, with the limits of the servo: what images cost.
 
 ``graceful`` is Nav2's graceful controller (Park and Kuipers, ICRA 2011) with its default gains
-and slow-down; ``least_time`` a time-optimal unicycle: of all cubic curves from the start to the
+and slow-down; ``displaced`` drives a point off the axle, as section IX-1 of the paper remarks, and
+knows no view; ``least_time`` a time-optimal unicycle: of all cubic curves from the start to the
 goal that keep features in view, that which limits of speed, turn and acceleration allow to be
 driven soonest.
 """
 
+from collections.abc import Callable
 import math
 
 import numpy as np
@@ -14,7 +16,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, Twist
-from visual_servo_epipolar.core.laws.smooth.steering import curvature, Gains, polar_pose
+from visual_servo_epipolar.core.laws.smooth.steering import aim, curvature, Gains, polar_pose
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_steps import as_step
@@ -28,6 +30,7 @@ TANGENTS = np.geomspace(0.15, 4.0, 14)  # lengths of both ends' tangents, in dis
 MOST_TURNED = 0.7  # heading error at which features are still in view [rad]
 GAINS = Gains(2.0, 1.0)  # k_phi and k_delta of nav2_graceful_controller by default
 BETA, LAMBDA = 0.4, 2.0  # likewise
+OFF_AXLE = 0.2  # of the point that ``displaced`` drives, ahead [m]
 
 
 def graceful(pose: Pose, settings: ServoSettings) -> Twist:
@@ -42,10 +45,28 @@ def graceful(pose: Pose, settings: ServoSettings) -> Twist:
     return Twist(speed, kappa * speed)
 
 
-def drive_gracefully(settings: LoopSettings, view: View, camera: CameraModel) -> RunLog:
-    """Drive by ``graceful`` from the start until the features match, and return the record."""
-    loop = Loop(settings, view, camera)
-    control = as_step(lambda *_: graceful(loop.pose, settings.servo))
+def displaced(pose: Pose, settings: ServoSettings) -> Twist:
+    """
+    Return the velocity that drives a point OFF_AXLE ahead of the axle in any direction, at once.
+
+    Its velocity is (v, OFF_AXLE w) in the robot's axes. The direction is the one that law smooth
+    turns to; the heading follows it like a trailer, within a few OFF_AXLE of way.
+    """
+    sin, cos = math.sin(pose.heading_error), math.cos(pose.heading_error)
+    at = polar_pose(pose.x - OFF_AXLE * sin, pose.y + OFF_AXLE * (cos - 1.0), pose.heading_error)
+    speed = settings.max_linear * min(1.0, at.distance / SLOWDOWN_M)
+    off = math.remainder(aim(at.phi, Gains()) - at.delta, math.tau)
+    return Twist(speed * math.cos(off), speed * math.sin(off) / OFF_AXLE)
+
+
+PoseLaw = Callable[[Pose, ServoSettings], Twist]
+POSE_LAWS: dict[str, PoseLaw] = {'graceful': graceful, 'displaced': displaced}
+
+
+def drive_by_pose(name: str, settings: LoopSettings, view: View, camera: CameraModel) -> RunLog:
+    """Drive by a law of POSE_LAWS until the features match, and return the record."""
+    loop, law = Loop(settings, view, camera), POSE_LAWS[name]
+    control = as_step(lambda *_: law(loop.pose, settings.servo))
     while not loop.monitor.done:
         loop.decide_by(control)
         loop.record()
