@@ -14,7 +14,7 @@ from visual_servo_epipolar.evaluation.reproduction.iterated import (
     PLANTS,
 )
 
-DISCRETE = 0.006  # size of an error that steps in time leave [m]
+DISCRETE = 0.01  # size of an error that steps in time leave [m]
 FIRST = Error(0.1, -0.1)
 
 
