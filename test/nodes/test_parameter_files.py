@@ -271,10 +271,14 @@ def test_names_that_nodes_share_are_known_to_mean_different_things_or_not() -> N
         'enable_stamped_cmd_vel',
         'frame_prefix',
         'frame_rate',
+        'head_command',
+        'pan_joint',
         'rectified',
+        'rig',
         'seed',
         'servo',
         'mount_from_tf',
+        'tilt_joint',
     }
     # The dock node perceives as the servo does.
     alike |= {item.name for item in fields(DockPoseSettings)} & {

@@ -36,7 +36,7 @@ SWING, PERIOD = 0.2, 50.0  # of the head [rad, frames]
 class PanHead:
     """Head that turns about the vertical, and looks at the middle of what it sees."""
 
-    turn_rate, search_time = 1.0, 0.0
+    turn_rate, search_time = 0.0, 0.0  # it follows no turn of the base
 
     def __init__(self, limits: HeadLimits) -> None:
         self.limits, self.photograph = limits, joints_at(-1)
@@ -48,8 +48,8 @@ class PanHead:
     def edges(self, edges: Edges, joints: Joints) -> Edges:
         return edges[0] - joints.pan, edges[1] - joints.pan
 
-    def reach(self, edges: Edges) -> Edges:
-        return edges[0] - self.limits.pan_max, edges[1] - self.limits.pan_min
+    def reach(self, edges: Edges) -> Edges:  # it swings and does not obey: what it always sees
+        return edges[0] + SWING, edges[1] - SWING
 
     def head_command(self, gaze: Gaze) -> HeadCommand:
         rays = gaze.current
@@ -103,9 +103,9 @@ class Control:
         self, state: ServoState, seen: Observation, settings: ServoSettings
     ) -> ServoState:
         rig, frame = settings.carrier, len(self.commands)
-        state = step(
-            state, seen if rig.turn_rate == 0.0 else seen.on_rig(rig, joints_at(frame)), settings
-        )
+        if settings.rig == 'pan':
+            seen = seen.on_rig(rig, joints_at(frame))
+        state = step(state, seen, settings)
         self.commands.append(state.command.head)
         return state
 

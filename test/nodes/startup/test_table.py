@@ -14,7 +14,10 @@ from visual_servo_epipolar.nodes.startup.table import NODES, owner_of, settings_
 ROOT = Path(__file__).parents[3]
 OF_EVERY_NODE = {'/parameter_events', '/rosout'}
 # Of a sixth package of messages, which need not be there.
-ASKED_FOR = {'servo_node': {'odometry': True}}  # topics that are heard on demand
+ASKED_FOR = {  # topics on demand
+    'servo_node': {'odometry': True, 'rig': 'pan_tilt'},
+    'camera_node': {'rig': 'pan_tilt'},
+}
 OPTIONAL = re.compile('/tf(_static)?|/ackermann_cmd')
 
 
