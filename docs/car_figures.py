@@ -12,11 +12,16 @@ import numpy as np
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, saturate
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.true_pose import POSE_LAWS
-from visual_servo_epipolar.evaluation.reproduction.iterated import bound, Error, errors, PLANTS
+from visual_servo_epipolar.evaluation.reproduction.iterated import (
+    AttemptError,
+    bound,
+    errors,
+    PLANTS,
+)
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS
 
 ATTEMPTS = 5
-FIRST = Error(0.1, -0.1)
+FIRST = AttemptError(0.1, -0.1)
 COLOURS = ('#8C8C8C', '#D55E00', '#E69F00', '#56B4E9', '#CC79A7', '#0072B2', '#009E73')
 STARTS = ((0.8, -1.0, 0.0), (-1.2, -2.2, 10.0))
 LAWS = {'graceful': '#8C8C8C', 'displaced': '#0072B2'}

@@ -186,7 +186,7 @@ def subcommands() -> list[str]:
 def test_an_unknown_option_names_its_subcommand(capsys, name) -> None:
     needed = {'simulate': START, 'sweep': ('--region', 'front', '--runs', '1')}
     needed |= {'inspect': ('a', 'b', '--camera', 'c'), 'reproduce': ('all', '--out', 'o')}
-    needed |= {'replay': ('bag',), 'report': ('bag',)}
+    needed |= {'replay': ('bag',), 'report': ('bag',), 'route': ('demo',)}
     error = one_line(capsys, name, *needed.get(name, ()), '--colour')
     assert error == (
         f'visual_servo {name}: unrecognized arguments: --colour; see visual_servo {name} --help\n'

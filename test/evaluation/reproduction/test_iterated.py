@@ -5,8 +5,8 @@ import math
 import pytest
 
 from visual_servo_epipolar.evaluation.reproduction.iterated import (
+    AttemptError,
     bound,
-    Error,
     errors,
     EXCURSION,
     fixed_point,
@@ -15,7 +15,7 @@ from visual_servo_epipolar.evaluation.reproduction.iterated import (
 )
 
 DISCRETE = 0.01  # size of an error that steps in time leave [m]
-FIRST = Error(0.1, -0.1)
+FIRST = AttemptError(0.1, -0.1)
 
 
 @pytest.mark.parametrize('name', PLANTS)
@@ -51,4 +51,4 @@ def test_a_yaw_that_is_not_learnt_ends_at_a_fixed_point() -> None:
 def test_too_crooked_wheels_do_not_contract() -> None:
     crooked = Plant(curvature=1.2, backward=1.2)
     assert bound(0.1, crooked) > 0.1
-    assert errors(crooked, Error(0.01, 0.0), 1)[-1].size > 0.1
+    assert errors(crooked, AttemptError(0.01, 0.0), 1)[-1].size > 0.1

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
-from visual_servo_epipolar.core.rigs.rig import Edges, Joints, Rig
+from visual_servo_epipolar.core.rigs.rig import HeadView, Joints, Rig
 from visual_servo_epipolar.core.tracking.features import Features, Passing
 
 
@@ -41,8 +41,7 @@ class Observation:
     is the number of features left out, for the lens cannot say where they are. ``wide`` is a lens
     that sees farther off its axis than a plane can hold. ``passing`` does not count. ``odometry``
     is where the wheels say that the base was then, in any frame; None where they do not say.
-    ``joints`` are those of the head, in whose rig's axes the rays are, ``reach`` the edges of all
-    its views together; both None without a head.
+    ``head`` tells that the rays are in axes of its rig; None without a head.
     """
 
     stamp_ns: int
@@ -56,8 +55,12 @@ class Observation:
     ids: IntArray | None = None
     passing: PassingRays | None = None
     odometry: Pose | None = None
-    joints: Joints | None = None
-    reach: Edges | None = None
+    head: HeadView | None = None
+
+    @property
+    def joints(self) -> Joints | None:
+        """Angles of the head at the image, None without one."""
+        return None if self.head is None else self.head.joints
 
     @property
     def resolution(self) -> FloatArray:
@@ -91,8 +94,7 @@ class Observation:
             pixel_angles=self.resolution,  # those of the camera, wherever it looks
             wide=True,  # seen from the base, features lie on any side
             passing=passing,
-            joints=joints,
-            reach=rig.reach(self.edges),
+            head=HeadView(joints, rig.reach(self.edges)),
         )
 
     def corrected(self, lens: Lens) -> 'Observation':

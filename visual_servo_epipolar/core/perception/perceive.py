@@ -155,12 +155,12 @@ def _margins(
     current: FloatArray, counted: BoolArray, observation: Observation, keep: int
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the margins of all that a head can reach, and of where it looks now."""
-    edges, reach = observation.edges, observation.reach
-    if reach is None:
+    edges, head = observation.edges, observation.head
+    if head is None:
         return measures.view_margins(current, counted, edges, keep), UNBOUNDED
     ahead = 0.5 * (edges[0] + edges[1])
     return (
-        measures.view_margins(current, counted, reach, keep, ahead),
+        measures.view_margins(current, counted, head.reach, keep, ahead),
         measures.view_margins(current, counted, edges, keep, ahead),
     )
 

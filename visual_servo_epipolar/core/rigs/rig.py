@@ -70,6 +70,13 @@ class Gaze(NamedTuple):
     lost: float = 0.0
 
 
+class HeadView(NamedTuple):
+    """Angles of a head at an image, and the ``reach``: edges of all its views together [rad]."""
+
+    joints: Joints
+    reach: Edges
+
+
 class Rig(Protocol):
     """What carries the camera: joint angles in; rays, limits of the view and its command out."""
 

@@ -26,7 +26,7 @@ STEPS = 3000  # of an attempt, at most; and in its time
 SETTLED = 1e-5
 
 
-class Error(NamedTuple):
+class AttemptError(NamedTuple):
     """Error at the end of an attempt: aside, to the right [m], and heading [rad]."""
 
     x: float
@@ -92,7 +92,7 @@ def fixed_point(plant: Plant) -> float:
     return size if size > SETTLED else 0.0
 
 
-def next_error(error: Error, plant: Plant) -> Error:
+def next_error(error: AttemptError, plant: Plant) -> AttemptError:
     """Return the error after one attempt more of ``plant``, from ``error``."""
     robot = _Robot(error, plant, EXCURSION * error.size)
     if robot.way == 0.0:
@@ -103,10 +103,10 @@ def next_error(error: Error, plant: Plant) -> Error:
     robot.zero_desired(side)
     robot.turn_to(0.0)
     robot.match()
-    return Error(robot.x, robot.heading)
+    return AttemptError(robot.x, robot.heading)
 
 
-def errors(plant: Plant, first: Error, attempts: int) -> list[Error]:
+def errors(plant: Plant, first: AttemptError, attempts: int) -> list[AttemptError]:
     """Return the errors at the ends of attempts, the ``first`` before them."""
     course = [first]
     for _ in range(attempts):
@@ -117,7 +117,7 @@ def errors(plant: Plant, first: Error, attempts: int) -> list[Error]:
 class _Robot:
     """The perturbed robot of one attempt, integrated in steps; commands act late."""
 
-    def __init__(self, error: Error, plant: Plant, way: float) -> None:
+    def __init__(self, error: AttemptError, plant: Plant, way: float) -> None:
         self.x, self.y, self.heading, self.plant, self.way = (
             error.x,
             0.0,

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.core.laws.smooth.arcs import Bounds, misses, moved, Place, way_back
+from visual_servo_epipolar.core.laws.smooth.arcs import Bounds, GoalOffset, misses, moved, way_back
 from visual_servo_epipolar.core.laws.smooth.steering import Gains
 
 GAINS, BOUNDS = Gains(), Bounds(1.667, 0.6, 0.6)
 
 
-def at(x: float, y: float, heading: float) -> Place:
-    return Place(*(np.array([value]) for value in (x, y, heading)))
+def at(x: float, y: float, heading: float) -> GoalOffset:
+    return GoalOffset(*(np.array([value]) for value in (x, y, heading)))
 
 
 def missed(x: float, y: float, heading: float, bounds: Bounds = BOUNDS) -> float:

@@ -21,7 +21,7 @@ BENDS = np.array([0.0, -0.3, 0.3, -0.6, 0.6, -1.0, 1.0])  # of the largest curva
 ASIDE, TURNED = 1e-3, 5e-3  # error at which a way ends at the goal [m], [rad]
 
 
-class Place(NamedTuple):
+class GoalOffset(NamedTuple):
     """Places of robots, shape (N,): right and ahead of the goal [m], heading error [rad]."""
 
     x: FloatArray
@@ -42,17 +42,17 @@ class Bounds(NamedTuple):
     right: float
 
 
-def moved(place: Place, way: FloatArray, kappa: FloatArray) -> Place:
+def moved(place: GoalOffset, way: FloatArray, kappa: FloatArray) -> GoalOffset:
     """Return where ``way`` [m], backward negative, leads on arcs of curvature ``kappa`` [1/m]."""
     turn = kappa * way
     chord = way * np.sinc(0.5 * turn / np.pi)
     middle = place.heading + 0.5 * turn
-    return Place(
+    return GoalOffset(
         place.x - chord * np.sin(middle), place.y + chord * np.cos(middle), place.heading + turn
     )
 
 
-def misses(place: Place, heading: float, bounds: Bounds, gains: Gains) -> FloatArray:
+def misses(place: GoalOffset, heading: float, bounds: Bounds, gains: Gains) -> FloatArray:
     """
     Return by how much the motion from each ``place`` misses the goal: 1 is what it may.
 
@@ -74,7 +74,7 @@ def misses(place: Place, heading: float, bounds: Bounds, gains: Gains) -> FloatA
     return np.where(lost | (place.y < -LEAST_STEP), np.inf, error)
 
 
-def _curvature(place: Place, low: float, high: float, gains: Gains) -> FloatArray:
+def _curvature(place: GoalOffset, low: float, high: float, gains: Gains) -> FloatArray:
     """Return what ``steering`` asks for at each ``place`` [1/m], with features in view."""
     ahead = np.maximum(LEAST_AHEAD + place.y, 0.0)
     distance = np.hypot(place.x, ahead - place.y)
@@ -105,7 +105,7 @@ def way_back(
     bends, ways = (
         item.ravel() for item in np.meshgrid(BENDS * bounds.curvature, WAYS, indexing='ij')
     )
-    start = Place(*(np.full(len(ways), value) for value in place))
+    start = GoalOffset(*(np.full(len(ways), value) for value in place))
     behind = moved(start, -ways, bends)
     missed = misses(behind, place[2], bounds, gains)
     cost = 2.0 * ways + 0.1 * np.abs(bends - kappa) * (ways > 0.0) + np.hypot(behind.x, behind.y)

@@ -24,7 +24,7 @@ from visual_servo_epipolar.core.laws.phases.matching_features import MATCHING_FE
 from visual_servo_epipolar.core.laws.phases.retreating import RETREATING
 from visual_servo_epipolar.core.laws.phases.standing import ARRIVED, FAILED, HOLDING, WAITING
 from visual_servo_epipolar.core.laws.smooth.approach import BRAKING, seen_from, Sight
-from visual_servo_epipolar.core.laws.smooth.arcs import Bounds, misses, Place, way_back
+from visual_servo_epipolar.core.laws.smooth.arcs import Bounds, GoalOffset, misses, way_back
 from visual_servo_epipolar.core.laws.smooth.phases import (
     APPROACHING,
     is_through,
@@ -109,7 +109,7 @@ def _sight(state: ServoState, measurement: Measurement, settings: ServoSettings)
 
 def _misses(sight: Sight, measurement: Measurement, settings: ServoSettings) -> float:
     """Return by how much the motion from here misses the goal: 1 is what it may."""
-    place = Place(*(np.array([value]) for value in sight))
+    place = GoalOffset(*(np.array([value]) for value in sight))
     bounds = _bounds(measurement, settings, 1.0)
     return float(misses(place, sight.heading, bounds, GAINS)[0])
 

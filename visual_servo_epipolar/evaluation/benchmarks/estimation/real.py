@@ -48,7 +48,7 @@ Rays = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Photographs:
+class TruePair:
     """
     Two photographs, desired and current, with their ``cameras``, and the truth.
 
@@ -69,7 +69,7 @@ def run(
     seed: int,
     quick: bool,
     say: Callable[[str], None],
-    photographs: Iterable[Photographs] | None = None,
+    photographs: Iterable[TruePair] | None = None,
 ) -> dict[str, Any]:
     """Return the document: a row for each pair of ``photographs``, or of simulated ones."""
     settings = PerceptionSettings()
@@ -84,7 +84,7 @@ def run(
 
 
 def _photographs_row(
-    pair: Photographs, settings: PerceptionSettings, say: Callable[[str], None]
+    pair: TruePair, settings: PerceptionSettings, say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Return the row of a pair of photographs."""
     say(pair.name)
@@ -187,7 +187,7 @@ def _set(name: str, pairs: list[Mapping[str, Any]]) -> list[str]:
     ]
 
 
-def read_pairs(folder: str) -> Iterator[Photographs]:
+def read_pairs(folder: str) -> Iterator[TruePair]:
     """Return the pairs of a ``folder``, one after the other; InputError if it has none."""
     path = Path(folder) / 'truth.json'
     try:
@@ -201,7 +201,7 @@ def read_pairs(folder: str) -> Iterator[Photographs]:
     return (_read(pair, path) for pair in pairs)
 
 
-def _read(pair: Any, path: Path) -> Photographs:
+def _read(pair: Any, path: Path) -> TruePair:
     try:
         name, files = str(pair['name']), [pair[key] for key in ('desired', 'current', 'camera')]
         truth = pair['truth']
@@ -217,6 +217,4 @@ def _read(pair: Any, path: Path) -> Photographs:
     camera = read_camera(str(camera_file))
     cameras = scaled_to(camera, desired, first), scaled_to(camera, current, second)
     group = camera_file.stem
-    return Photographs(
-        name, group, (desired, current), cameras, np.radians(ground), np.radians(own)
-    )
+    return TruePair(name, group, (desired, current), cameras, np.radians(ground), np.radians(own))
