@@ -20,7 +20,7 @@ def failed(path: Path) -> None:
     assert [phase['name'] for phase in result['phases']] == ['waiting']
 
 
-@pytest.mark.parametrize('source', ['features', 'images'])
+@pytest.mark.parametrize('source', ['features', pytest.param('images', marks=pytest.mark.long)])
 def test_a_simulation_ends_with_the_reason(tmp_path: Path, source: str) -> None:
     path = tmp_path / 'result.json'
     assert main(['simulate', *AWAY, '--source', source, '--json', str(path)]) == 1

@@ -97,6 +97,7 @@ def test_what_is_free_of_ros_works_without_ros_and_without_bags(folder: Path) ->
     assert all((folder / name).is_file() for name in written)
 
 
+@pytest.mark.long
 def test_the_demo_works_without_the_libraries_of_bags(folder: Path) -> None:
     pytest.importorskip('rclpy')
     ended = without(BAGS, folder, *DEMO, '--bag', 'none')

@@ -186,7 +186,10 @@ def test_a_sweep_killed_goes_on_where_it_was(tmp_path: Path, capsys: Any, brief:
     assert resumed['runs'] == work(plan_of(runs), Chunk('full', tuple(range(runs))))
 
 
-@pytest.mark.parametrize(('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ('number', 'code'),
+    [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.long)],
+)
 def test_an_interrupted_sweep_ends_with_one_line_and_without_its_workers(
     tmp_path: Path, brief: str, number: signal.Signals, code: int
 ) -> None:

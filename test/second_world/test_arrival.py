@@ -81,10 +81,10 @@ def moment(place: Place, state: ServoState) -> Moment:
 @pytest.mark.parametrize(
     ('mast', 'start'),
     [
-        pytest.param(LEVEL, RIGHT, id='level, from the right'),
+        pytest.param(LEVEL, RIGHT, id='level, from the right', marks=pytest.mark.long),
         pytest.param(LEVEL, LEFT, id='level, from the left', marks=pytest.mark.long),
         pytest.param(DOWN, LEFT, id='7 deg down'),
-        pytest.param(UP, RIGHT, id='12 deg up, 4 deg to the left'),
+        pytest.param(UP, RIGHT, id='12 deg up, 4 deg to the left', marks=pytest.mark.long),
     ],
 )
 def test_the_robot_arrives_and_never_drives_on_a_wrong_geometry(

@@ -52,7 +52,7 @@ def driven(
 FARTHEST = [(5.008, 3.255, 99.4), (-4.62, 3.69, -78.0)]
 
 
-@pytest.mark.parametrize('start', FARTHEST)
+@pytest.mark.parametrize('start', [FARTHEST[0], pytest.param(FARTHEST[1], marks=pytest.mark.long)])
 def test_law_full_arrives_from_far_aside_and_past_the_goal(
     start: tuple[float, float, float],
 ) -> None:

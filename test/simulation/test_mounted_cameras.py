@@ -26,9 +26,9 @@ TOLD = {
     ('mount', 'servo', 'count'),
     [
         ({'tilt': math.radians(15.0), 'roll': math.radians(8.0)}, {}, 4),
-        ({'tilt': math.radians(-25.0)}, {}, 4),
+        pytest.param({'tilt': math.radians(-25.0)}, {}, 4, marks=pytest.mark.long),
         (ASIDE, {}, 3),
-        (ASIDE, TOLD, 4),
+        pytest.param(ASIDE, TOLD, 4, marks=pytest.mark.long),
     ],
     ids=['down and rolled', 'up', 'aside and not told', 'aside and told'],
 )

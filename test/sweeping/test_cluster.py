@@ -157,6 +157,7 @@ def test_a_sweep_outlives_a_worker_but_not_the_last_one(
         assert len(seen) >= 5 and len(store.results) == sum(seen)
 
 
+@pytest.mark.long
 def test_a_scheduler_that_dies_is_said(tmp_path: Path, real: Cluster) -> None:
     real.worker()
     with pytest.raises(VisualServoError, match='the cluster at .* was lost'):

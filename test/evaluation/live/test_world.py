@@ -88,6 +88,7 @@ def test_a_camera_that_dies_leaves_a_robot_at_rest_with_a_reason() -> None:
     assert result['struck_in'] == MOVING[0].value
 
 
+@pytest.mark.long
 def test_eight_features_for_four_seconds_are_no_harm() -> None:
     fault = Fault(what='', strike=few_tracks)
     result = runs.run('few', replace(fault, phases=MOVING), SEED)

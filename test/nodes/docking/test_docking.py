@@ -190,7 +190,9 @@ def test_a_cancel_leaves_it_standing_and_another_request_docks(robot) -> None:
 
 
 @pytest.mark.parametrize(
-    ('start', 'backward'), [(FORWARD, False), (BACKWARD, True)], ids=['forward', 'backward']
+    ('start', 'backward'),
+    [(FORWARD, False), pytest.param(BACKWARD, True, marks=pytest.mark.long)],
+    ids=['forward', 'backward'],
 )
 def test_a_deactivation_in_mid_docking_leaves_it_standing(robot, start, backward) -> None:
     it = robot(start, backward=backward)

@@ -166,7 +166,10 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(['umount', str(folder)], check=True)
 
 
-@pytest.mark.parametrize(('storage', 'min_free'), [('mcap', 0.0), ('sqlite3', 0.0), ('mcap', 1.0)])
+@pytest.mark.parametrize(
+    ('storage', 'min_free'),
+    [('mcap', 0.0), pytest.param('sqlite3', 0.0, marks=pytest.mark.long), ('mcap', 1.0)],
+)
 def test_a_full_disk_is_one_error_and_a_bag_that_can_be_read(
     small_disk, stand, storage, min_free
 ) -> None:

@@ -68,7 +68,14 @@ def stack(monkeypatch: pytest.MonkeyPatch) -> Iterator[ExitStack]:
         yield entered
 
 
-@pytest.mark.parametrize('number', ['SIGINT', 'SIGTERM', 'SIGHUP', 'SIGQUIT'])
+@pytest.mark.parametrize(
+    'number',
+    [
+        'SIGINT',
+        'SIGTERM',
+        *(pytest.param(each, marks=pytest.mark.long) for each in ('SIGHUP', 'SIGQUIT')),
+    ],
+)
 def test_a_servo_that_is_ended_stops_the_robot(stack: ExitStack, number: str) -> None:
     servo = Process(stack)
     servo.drive()
