@@ -1,6 +1,7 @@
 """One motion in whole runs: soon at the goal, without a standstill, with features in view."""
 
 from functools import cache
+from pathlib import Path
 
 import pytest
 from strategies import CAMERA
@@ -11,6 +12,10 @@ from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
+from visual_servo_epipolar.simulation.scenario import load
+from visual_servo_epipolar.simulation.views import points_of
+
+CONFIG = Path(__file__).parents[2] / 'config' / 'scenarios'
 
 Start = tuple[float, float, float]
 FRONT = [(1.0, -3.0, 0.0), (-1.2, -2.6, -10.0), (0.0, -4.0, 12.0)]
@@ -63,3 +68,12 @@ def test_limits_of_jerk_hold_and_cost_little() -> None:
     assert result['peak_jerk_rad_s3'] <= 6.0 + 1e-6
     assert result['duration_s'] < usual['duration_s'] + 1.0
     assert result['outcome'] == 'arrived'
+
+
+def test_a_base_that_turns_by_pulses_is_not_through_while_it_faces_elsewhere() -> None:
+    # D is zero on the way, too: with 37 deg to turn the motion has not ended.
+    seed = 1281573172
+    realistic = load(CONFIG / 'realistic.yaml').with_servo({'law': 'smooth'}).seeded(seed)
+    loop = realistic.loop((2.249583, 1.286026, 88.947885), seed)
+    log = run(loop, points_of(realistic, seed), realistic.camera.nominal_camera)
+    assert log.outcome == 'arrived', log.reason

@@ -65,6 +65,7 @@ HANDOVER_DIFFERENCE = 0.03  # |D| at which two views end as the second step does
 LEAST_PATIENCE_S = 0.8  # within the usual bounds, after which they are enough
 LINED_UP = 0.2  # bearings up to which D is that of the way ahead [rad]
 BESIDE, HYSTERESIS = 0.05, 0.35  # beyond it, where a robot backs off: at first, on its way [rad]
+PULSED = 0.1  # heading error that pulses in place may end [rad]
 
 
 def approaching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
@@ -138,7 +139,10 @@ def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) 
     trial = motion_trial(state)
     rest = 1.0 / _decay(state, settings, trial)
     turned = abs(measurement.heading_error) > rest * _heading_bound(measurement, settings, trial)
-    if turned and not ends_by_pulses(measurement, settings, trial):
+    by_pulses = abs(measurement.heading_error) <= PULSED and ends_by_pulses(
+        measurement, settings, trial
+    )
+    if turned and not by_pulses:
         return False
     through = is_through(state, measurement, settings, trial, rest=rest)
     return through or is_near_enough(state, measurement, settings)
