@@ -10,10 +10,11 @@ from rclpy.serialization import serialize_message
 
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.routes.settings import STEERINGS as TAUGHT_STEERINGS
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.routes.route_folder import read_route
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.choices import WAYS
+from visual_servo_epipolar.simulation.choices import STEERINGS, WAYS
 from visual_servo_epipolar.simulation.routes.drives import route_scenario
 from visual_servo_epipolar.simulation.routes.ways import WAYS as CORNERS
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -23,6 +24,25 @@ STEP, PERIOD_NS = 0.045, 90_000_000
 
 def test_ways_have_one_set_of_names() -> None:
     assert tuple(CORNERS) == WAYS
+
+
+def test_steerings_have_one_set_of_names() -> None:
+    assert STEERINGS == TAUGHT_STEERINGS
+
+
+def test_an_epipole_behind_the_robot_is_refused_at_once(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(['route', 'demo', '--steering', 'epipole', '--reverse']) == 2
+    assert 'steering epipole must go forward, got reverse' in capsys.readouterr().err
+
+
+def test_a_report_on_a_route_says_what_it_is_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'route.yaml').write_text('version: 1')
+    assert main(['report', str(tmp_path)]) == 2
+    assert 'is a route' in capsys.readouterr().err
 
 
 def test_a_bag_that_is_not_there_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:

@@ -79,7 +79,10 @@ class RecordedWay:
                 'or cmd_vel, or name the topic by --odometry NAME'
             )
         if len(rows) < 2:
-            raise InputError(f'{self._bag.path}: the robot does not move in it; record a drive')
+            raise InputError(
+                f'{self._bag.path}: two poses of the base or more are needed, got {len(rows)}; '
+                'record while the robot drives'
+            )
         rows.sort(key=lambda row: row[0])
         table = np.array(rows)
         table[:, 3] = np.unwrap(table[:, 3])
@@ -92,13 +95,17 @@ class RecordedWay:
             if not found:
                 raise InputError(
                     f'{self._bag.path}: no odometry {name!r}; it has '
-                    f'{", ".join(it.name for it in known) or "none"}'
+                    f'{", ".join(it.name for it in known) or "none"}; name one of these, or leave '
+                    '--odometry out where cmd_vel was recorded'
                 )
             return found[0]
         usual = [it for it in known if it.name.endswith('odom')]
         if len(usual) > 1:
             names = ', '.join(it.name for it in usual)
-            raise InputError(f'{self._bag.path}: odometry may be {names}; say --odometry NAME')
+            raise InputError(
+                f'{self._bag.path}: one topic of odometry is needed, got {len(usual)}: {names}; '
+                'say --odometry NAME'
+            )
         return usual[0] if usual else None
 
     def _by_odometry(self, topic: BagTopic) -> list[Sequence[float]]:

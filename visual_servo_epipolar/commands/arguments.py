@@ -67,6 +67,11 @@ def count(text: str) -> int:
     return _whole(text, 1, MAX_RUNS)
 
 
+def count_or_none(text: str) -> int:
+    """Parse a number of runs that may be 0."""
+    return _whole(text, 0, MAX_RUNS)
+
+
 def _whole(text: str, low: int, high: int) -> int:
     if not text.isdecimal() or not low <= int(text) <= high:
         raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from {low} to {high}')

@@ -13,6 +13,7 @@ from visual_servo_epipolar.commands.arguments import (
     add_words,
     angle,
     count,
+    count_or_none,
     finite,
     laws,
     scenes,
@@ -192,6 +193,12 @@ def add_route(parser: ArgumentParser) -> None:
     add_words(demo, {'--runs N': 'repetitions (default 1)'}, type=count, default=1)
     add_words(
         demo, {'--kidnaps N': 'starts beside the route (default 20)'}, type=count, default=20
+    )
+    add_words(
+        demo,
+        {'--elsewhere N': 'starts anywhere in another storey (default 0)'},
+        type=count_or_none,
+        default=0,
     )
     add_flags(demo, {'--reverse': 'repeat it backward, from the last station to the first'})
     demo.add_argument(

@@ -52,9 +52,14 @@ def test_a_step_between_key_views_turns_the_robot_by_little() -> None:
         it = it.seen(0.0, 0.0, np.diag([1e-6, 1e-7])).moved(0.5, 0.0, 0.0, DT)
     before = steer(it, 0.0, 0.5, SETTINGS).angular
     after = steer(it.seen(2e-3, 0.0, np.diag([1e-6, 1e-7])), 0.0, 0.5, SETTINGS).angular
-    assert abs(after - before) < 0.05 * SETTINGS.max_angular
+    assert abs(after - before) < 0.05 * SETTINGS.max_turn_rate
 
 
 def test_it_can_stop_where_the_way_ends() -> None:
-    assert brake(0.0, SETTINGS) <= 0.05
-    assert brake(0.5, SETTINGS) ** 2 / (2.0 * SETTINGS.max_acceleration) <= 0.5
+    assert brake(0.0, 0.3) <= 0.05
+    assert brake(0.5, 0.3) ** 2 / (2.0 * 0.3) <= 0.5
+
+
+def test_an_epipole_that_lies_behind_does_not_steer() -> None:
+    with pytest.raises(ValueError, match='steering epipole must go forward, got reverse'):
+        FollowSettings(steering='epipole', reverse=True)

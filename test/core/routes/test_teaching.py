@@ -31,6 +31,18 @@ def test_images_of_another_size_are_refused() -> None:
         Teacher(CAMERA).add(picture()[::5, ::5], 0, Pose(0.0, 0.0, 0.0))
 
 
+def test_a_robot_that_stands_where_it_stopped_has_one_station_there() -> None:
+    teacher = Teacher(CAMERA)
+    for k in range(80):
+        teacher.add(picture(), k * PERIOD_NS, Pose(min(0.02 * k, 0.6), 0.0, 0.0))
+    stands = teacher.key_views
+    teacher.station()
+    for k in range(80, 90):
+        teacher.add(picture(), k * PERIOD_NS, Pose(0.6, 0.0, 0.0))
+    teacher.station()
+    assert teacher.key_views == stands
+
+
 def test_without_images_there_is_no_route() -> None:
     with pytest.raises(ValueError, match='must have an image'):
         Teacher(CAMERA).finish()

@@ -1,57 +1,19 @@
 """The folder of a route: what is read is what was written, or one clear error."""
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from routes import CAMERA, key_view, route_of
 
-from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_intrinsics
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.routes.path import TaughtPath
-from visual_servo_epipolar.core.routes.route import Route, RouteView
-from visual_servo_epipolar.core.routes.structure import LocalStructure
-from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
-
-SIZE = (64, 48)
-CAMERA = calibrated_camera(
-    SIZE, (50.0, 0.0, 31.5, 0.0, 50.0, 23.5, 0.0, 0.0, 1.0), (), 'plumb_bob'
-)
-
-
-def same(image: Image) -> Image:
-    return image
-
-
-def key_view(number: int) -> RouteView:
-    rng, count = np.random.default_rng(number), 12 + number
-    pixels = rng.uniform(5.0, 40.0, (count, 2))
-    descriptors = rng.integers(0, 200, (count, 128)).astype(np.float32)
-    covariance = np.repeat(np.eye(3)[:, :, None], count, axis=2)
-    way = number + np.arange(4.0)
-    return RouteView(
-        partial(same, rng.integers(0, 255, SIZE[::-1], np.uint8)),
-        Keypoints(pixels, np.ones(count), np.zeros(count), descriptors, 2),
-        LocalStructure(
-            pixels,
-            np.zeros((2, count)),
-            rng.uniform(0.1, 1.0, count),
-            covariance,
-            np.zeros(5),
-            0.01,
-        ),
-        TaughtPath(way, rng.standard_normal((4, 3)), np.zeros(4), np.full(4, 0.5)),
-        float(number),
-        np.array([float(number), 0.0, 0.1]),
-        number == 2,
-    )
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    write_route(Route(CAMERA, tuple(map(key_view, range(3)))), tmp_path / 'hall')
+    write_route(route_of(*map(key_view, range(3))), tmp_path / 'hall')
     return tmp_path / 'hall'
 
 
@@ -133,7 +95,7 @@ def test_a_disk_that_is_full_leaves_the_earlier_route(
 
     monkeypatch.setattr(np, 'savez', full)
     with pytest.raises(InputError, match='No space left on device'):
-        write_route(Route(CAMERA, tuple(map(key_view, range(2)))), folder)
+        write_route(route_of(*map(key_view, range(2))), folder)
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
     assert list(folder.parent.iterdir()) == [folder]
 
@@ -141,7 +103,7 @@ def test_a_disk_that_is_full_leaves_the_earlier_route(
 def test_a_folder_of_something_else_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / 'thesis.tex').write_text('years of work')
     with pytest.raises(InputError, match='holds something else'):
-        write_route(Route(CAMERA, tuple(map(key_view, range(2)))), tmp_path)
+        write_route(route_of(*map(key_view, range(2))), tmp_path)
     assert (tmp_path / 'thesis.tex').exists()
 
 

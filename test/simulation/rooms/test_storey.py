@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.simulation.light.lights import CEILING
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
-from visual_servo_epipolar.simulation.rooms.storey import PLAN, storey_scene, StoreyScene
+from visual_servo_epipolar.simulation.rooms.storey import PLAN, Storey, StoreyScene
 
 POSES = (
     Pose(3.0, -7.4, math.pi / 2.0),
@@ -27,7 +28,7 @@ CAMERA = CameraSettings(
 
 @pytest.fixture(scope='module')
 def scene() -> StoreyScene:
-    return storey_scene(1)
+    return Storey(1).by(CEILING)
 
 
 def test_a_room_without_a_door_in_line_is_not_seen() -> None:

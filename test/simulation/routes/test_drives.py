@@ -19,7 +19,7 @@ from visual_servo_epipolar.simulation.scenario import Scenario
 SCENARIO = route_scenario(Scenario(base=PioneerSettings(wheel_ratio=1.01)), 1).with_servo(
     {'law': 'smooth'}
 )
-SETTINGS = FollowSettings(latency=0.0)
+SETTINGS = FollowSettings()
 
 
 @pytest.fixture(scope='module')
@@ -42,11 +42,11 @@ def test_a_taught_way_is_repeated_to_millimetres(taught: Taught) -> None:
     offsets = np.abs(log.offsets)
     assert np.sqrt((offsets**2).mean()) < 4e-3 and offsets.max() < 0.015
     assert log.station[0] < 3e-3 and abs(log.station[1]) < np.radians(0.1)
-    assert log.turn_jump(SETTINGS.max_angular) < 0.05
+    assert log.turn_jump(SETTINGS.max_turn_rate) < 0.05
 
 
 def test_a_way_is_repeated_backward(taught: Taught) -> None:
-    log = repeat(SCENARIO.seeded(9), taught, SETTINGS, reverse=True)
+    log = repeat(SCENARIO.seeded(9), taught, replace(SETTINGS, reverse=True))
     assert log.outcome == 'arrived', log.reason
     assert np.abs(log.offsets).max() < 0.02
     assert min(sample.twist.linear for sample in log.samples) < -0.3

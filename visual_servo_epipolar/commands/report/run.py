@@ -50,6 +50,7 @@ SIGNALS = (
     'is no measurement: it begins at initial_distance, an upper bound, is carried on by the '
     'commands, and scales the speed of step 1, which works while it is not below the distance d.'
 )
+ROUTE_FILE = 'route.yaml'
 FOOTER = (
     'Plane of the paper: the goal lies in the origin and looks along +y; x to the right. Errors '
     'are against ground truth, which the servo never sees.'
@@ -64,6 +65,11 @@ def report(options: argparse.Namespace) -> int:
     source = Path(options.bag)
     if source.name == RUN_FILE and source.is_file():
         source = source.parent
+    if (source / ROUTE_FILE).is_file():
+        raise InputError(
+            f'{source} is a route, and a page is made of runs and bags; read {ROUTE_FILE} in it, '
+            'and result.json beside it where visual_servo route demo wrote it'
+        )
     is_run = (source / RUN_FILE).is_file()
     folder = _default_folder(source, is_run) if options.out is None else Path(options.out)
     if is_run:

@@ -21,7 +21,6 @@ from visual_servo_epipolar.messages.routes.route_folder import read_route, write
 
 if TYPE_CHECKING:
     from visual_servo_epipolar.simulation.routes.drives import RepeatLog, Taught
-    from visual_servo_epipolar.simulation.scenario import Scenario
 
 FOLDER = 'route'  # within that of a demo
 
@@ -85,12 +84,12 @@ def _sentence(result: dict[str, Any]) -> str:
 def demo(options: argparse.Namespace) -> int:
     """Teach a way in the simulated storey, repeat it from its folder, and judge by the truth."""
     from visual_servo_epipolar.simulation.routes import drives
-    from visual_servo_epipolar.simulation.routes.kidnaps import kidnap
+    from visual_servo_epipolar.simulation.routes.kidnaps import kidnap, kidnap_elsewhere
     from visual_servo_epipolar.simulation.routes.ways import way_named
 
-    scenario = drives.route_scenario(
-        scenario_of(options), 1 if options.scene is None else options.scene
-    )
+    settings = _follow_settings(options)
+    scene = 1 if options.scene is None else options.scene
+    scenario = drives.route_scenario(scenario_of(options), scene)
     progress = Progress()
     progress.say('building the storey, teaching ...')
     taught = drives.teach(scenario, way_named(options.way))
@@ -100,31 +99,37 @@ def demo(options: argparse.Namespace) -> int:
     taught.route.check_camera(scenario.camera.nominal_camera)
     progress.say('repeating ...')
     logs = [
-        repeat(scenario.seeded(options.seed + 1 + k), taught, options.reverse, options.steering)
+        drives.repeat(scenario.seeded(options.seed + 1 + k), taught, settings)
         for k in range(options.runs)
     ]
     progress.say('kidnapping ...')
     kidnaps = kidnap(scenario, taught, options.kidnaps, options.seed)
+    other = drives.route_scenario(scenario, scene + 1)
+    elsewhere = kidnap_elsewhere(other, taught, options.elsewhere, options.seed)
     progress.close()
-    result = {**_judged(taught, logs, folder), 'kidnapped': asdict(kidnaps)}
+    result = {
+        **_judged(taught, logs, folder, settings.max_turn_rate),
+        'kidnapped': asdict(kidnaps),
+        'elsewhere': asdict(elsewhere),
+    }
     write_json(result, str(Path(options.out) / 'result.json'))
     publish(result, _report(result, options.out), options.json)
     return 0 if result['outcome'] == 'arrived' else 1
 
 
-def repeat(scenario: 'Scenario', taught: 'Taught', reverse: bool, steering: str) -> 'RepeatLog':
-    """Repeat a taught route by a base that obeys as that of the ``scenario`` does."""
-    from visual_servo_epipolar.simulation.routes import drives
+def _follow_settings(options: argparse.Namespace) -> FollowSettings:
+    """Return how the route is to be followed; raises InputError before anything is built."""
+    try:
+        return FollowSettings(steering=options.steering, reverse=options.reverse)
+    except ValueError as error:
+        raise InputError(str(error)) from None
 
-    delay = float(getattr(scenario.base, 'command_delay', 0.0))
-    settings = FollowSettings(latency=delay, steering=steering)
-    return drives.repeat(scenario, taught, settings, reverse=reverse)
 
-
-def _judged(taught: 'Taught', logs: 'list[RepeatLog]', folder: Path) -> dict[str, Any]:
+def _judged(
+    taught: 'Taught', logs: 'list[RepeatLog]', folder: Path, max_turn_rate: float
+) -> dict[str, Any]:
     offsets = np.abs(np.concatenate([log.offsets for log in logs]))
     failed = [log for log in logs if log.outcome != 'arrived']
-    most = FollowSettings().max_angular
     return {
         'outcome': 'failed' if failed else 'arrived',
         'reason': failed[0].reason if failed else '',
@@ -135,7 +140,7 @@ def _judged(taught: 'Taught', logs: 'list[RepeatLog]', folder: Path) -> dict[str
         'lateral_rms_m': _rms(offsets),
         'lateral_p95_m': float(np.percentile(offsets, 95.0)),
         'lateral_max_m': float(offsets.max()),
-        'max_turn_jump': max(log.turn_jump(most) for log in logs),
+        'max_turn_jump': max(log.turn_jump(max_turn_rate) for log in logs),
         'stations': [
             {
                 'position_error_m': log.station[0],
@@ -163,9 +168,12 @@ def _report(result: dict[str, Any], out: str) -> str:
             f'{1e3 * result["lateral_p95_m"]:.2f}, at most {1e3 * result["lateral_max_m"]:.2f} mm',
             f'at the station: {max(stations):.2f} mm and {max(headings):.3f} deg at most',
             f'largest jump of w at a key view: {100.0 * result["max_turn_jump"]:.1f} % of '
-            'max_angular',
+            'max_turn_rate',
             'kidnapped {tried} times: {right} right, {refused} refused, {wrong} wrong'.format(
                 **result['kidnapped']
+            ),
+            'in another storey {tried} times: {refused} refused, {wrong} wrong'.format(
+                **result['elsewhere']
             ),
             f'written to {out}: {FOLDER}, result.json',
         ]

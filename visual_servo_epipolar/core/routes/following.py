@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +19,9 @@ from visual_servo_epipolar.core.bases.base import Base
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_pose
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
-from visual_servo_epipolar.core.routes.path import PathPoint
+from visual_servo_epipolar.core.routes.path import PathPoint, TaughtPath
 from visual_servo_epipolar.core.routes.route import Route
-from visual_servo_epipolar.core.routes.settings import FollowSettings
+from visual_servo_epipolar.core.routes.settings import EPIPOLE, FollowSettings
 from visual_servo_epipolar.core.routes.steering import (
     brake,
     epipole_error,
@@ -30,12 +31,13 @@ from visual_servo_epipolar.core.routes.steering import (
     steer,
 )
 from visual_servo_epipolar.core.routes.structure import ViewPose
-from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 
 GATE = 4.0  # deviations of a view from what was predicted, from which it is not believed
-GATE_FLOOR = np.array([0.02, 0.01])  # beside them [m, rad]
+GATE_FLOOR = np.array([0.02, 0.01])  # that they are at least [m, rad]
 COASTED = 0.5  # time without a trusted view after which it stands [s]
-CERTAIN, FEW = 0.01, 10  # deviation of the offset [m], and agreeing features, that slow it down
+CERTAIN = 0.01  # a third of the deviation of the offset that slows it down [m]
+SLOWEST = 0.1  # that it drives where it was taught slower [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,11 +60,20 @@ class RouteProgress:
     switched: bool = False
 
 
+class PathMeasurement(NamedTuple):
+    """Where a view is beside the path, with the covariance, (2, 2), of offset and turn."""
+
+    point: PathPoint
+    covariance: FloatArray
+    inliers: int
+
+
 class Follower:
     """
-    Follows a route from key view ``view`` on, to ``target``: a step an image.
+    Follows a route from ``way`` [m] and key view ``view`` on, to ``target``: a step an image.
 
-    In ``reverse`` it drives backward, seeing what was seen when the way was taught.
+    In reverse it drives backward, seeing what was seen when the way was taught. ``latency`` [s]
+    is the delay from an image to the motion that it leads to.
 
     ``is_there``: so near before the target that the servo takes over. ``lost`` [s] is the time
     without a view that was believed, ``reason`` says why.
@@ -74,20 +85,18 @@ class Follower:
         settings: FollowSettings,
         base: Base,
         *,
-        view: int = 1,
-        target: int | None = None,
-        way: float | None = None,
-        reverse: bool = False,
+        view: int,
+        target: int,
+        way: float,
+        latency: float,
     ) -> None:
         self.route, self.settings, self._base = route, settings, base
-        self.view, self._sign = view, -1 if reverse else 1
-        last = 0 if reverse else len(route.views) - 1
-        self.target = last if target is None else target
-        self.way = route.views[view - 1].way if way is None else way
+        self.view, self.target, self.way = view, target, way
+        self._sign, self._late_ns = -1 if settings.reverse else 1, round(latency * NANOSECONDS)
         self.lost, self.reason = 0.0, ''
         self._trackers: dict[int, KeyViewTracker] = {}
         self._filter: LateralFilter | None = None
-        self._sent: deque[tuple[int, Twist]] = deque(maxlen=32)
+        self._sent: deque[tuple[int, Twist]] = deque()
         self._stamp_ns: int | None = None
         self._curvature = 0.0
         self.twist = STANDSTILL
@@ -115,12 +124,17 @@ class Follower:
         switched = self._switch(image)
         found = self._look(image)
         self.lost = 0.0 if found is not None else self.lost + dt
-        point = None if found is None else self._update(found)
-        self._command(image, point, dt)
+        if found is not None:
+            self._update(found)
+        wanted = STANDSTILL
+        if self._filter is not None and self.lost <= COASTED:
+            wanted = self._wanted(image, self._filter, found, dt)
+        limited = self._base.within_speed(wanted)
+        self.twist = self._base.within_acceleration(limited, self.twist, dt) if dt else limited
         self._sent.append((stamp_ns, self.twist))
         return self._progress(found, switched)
 
-    def _progress(self, found: ViewPose | None, switched: bool) -> RouteProgress:
+    def _progress(self, found: PathMeasurement | None, switched: bool) -> RouteProgress:
         it = self._filter or LateralFilter()
         return RouteProgress(
             self.view,
@@ -137,20 +151,21 @@ class Follower:
         """Move on by what the base was told to do since the last image."""
         if self._filter is None or dt <= 0.0:
             return
-        for twist, span in self._acting(stamp_ns - round(dt * 1e9), stamp_ns):
+        for twist, span in self._acting(stamp_ns - round(dt * NANOSECONDS), stamp_ns):
             self._filter = self._filter.moved(twist.linear, twist.angular, self._curvature, span)
             self.way += twist.linear * span
+        while len(self._sent) > 1 and self._sent[1][0] + self._late_ns <= stamp_ns:
+            self._sent.popleft()  # it acts no more
 
     def _acting(self, start_ns: int, end_ns: int) -> Sequence[tuple[Twist, float]]:
         """Return what acts on the base between two times, given its delay, with durations [s]."""
-        late = round(self.settings.latency * 1e9)
-        times = [(sent + late, twist) for sent, twist in self._sent]
+        times = [(sent + self._late_ns, twist) for sent, twist in self._sent]
         spans: list[tuple[Twist, float]] = []
         for k, (begin, twist) in enumerate(times):
             until = times[k + 1][0] if k + 1 < len(times) else end_ns
             span = min(until, end_ns) - max(begin, start_ns)
             if span > 0:
-                spans.append((twist, span * 1e-9))
+                spans.append((twist, span / NANOSECONDS))
         return spans
 
     def _tracker(self, view: int) -> KeyViewTracker:
@@ -168,7 +183,7 @@ class Follower:
         if not following.begun:
             T = relative_pose(views[number].pose, views[self.view].pose)
             following.begin(image, compose(T, self._pose_in(self.view)))
-        self._trackers.pop(self.view - self._sign, None)
+        self._trackers.pop(self.view, None)
         self.view = number
         return True
 
@@ -180,65 +195,45 @@ class Follower:
         offset, turn, _ = self._filter.state.tolist()
         return compose(pose, np.array([0.0, offset, turn]))
 
-    def _look(self, image: Image) -> ViewPose | None:
-        tracker = self._tracker(self.view)
+    def _look(self, image: Image) -> PathMeasurement | None:
+        """Return where the view is beside the path; None, and why, if that is not believed."""
+        tracker, path = self._tracker(self.view), self.route.views[self.view].path
         found = tracker.locate(image, self._pose_in(self.view))
         if found is None:
             self.reason = tracker.reason
             return None
-        if self._filter is None:
-            return found
-        point = self.route.views[self.view].path.beside(found.pose, self.way)
-        off = np.abs([point.offset, point.turn] - self._filter.state[:2])
-        spread = np.sqrt(np.diag(self._filter.covariance + found.covariance)[1:])
-        deviation = np.array([math.sqrt(self._filter.covariance[0, 0]), spread[-1]])
-        if (off > GATE * deviation + GATE_FLOOR).any() and self.lost < COASTED:
-            self.reason = f'the view is {off[0]:.3f} m off what was expected'
-            return None
+        measured = beside(path, found, self.way)
         self.reason = ''
-        return found
+        if self._filter is not None and self.lost < COASTED:
+            self.reason = beyond_gate(self._filter, measured)
+        return None if self.reason else measured
 
-    def _update(self, found: ViewPose) -> PathPoint:
-        """Take in where the view is; return the point on the path."""
-        path = self.route.views[self.view].path
-        point = path.beside(found.pose, self.way)
-        heading = path.pose_at(point.way)[2]
-        across = np.array([-math.sin(heading), math.cos(heading), 0.0])
-        rows = np.array([across, [0.0, 0.0, 1.0]])
-        covariance = rows @ found.covariance @ rows.T
+    def _update(self, measured: PathMeasurement) -> None:
+        """Take in where the view is."""
+        point = measured.point
         before = LateralFilter() if self._filter is None else self._filter
-        self._filter = before.seen(point.offset, point.turn, covariance)
+        self._filter = before.seen(point.offset, point.turn, measured.covariance)
         self.way, self._curvature = point.way, point.curvature
-        return point
 
-    def _command(self, image: Image, point: PathPoint | None, dt: float) -> None:
-        """Decide on the next twist."""
-        settings = self.settings
-        if self._filter is None or self.lost > COASTED:
-            wanted = STANDSTILL
-        else:
-            speed = settings.max_speed if point is None else min(point.speed, settings.max_speed)
-            speed = max(speed, min(0.1, settings.max_speed)) * self._confidence(point)
-            speed = min(speed, brake(self.remaining - self.settings.station_distance, settings))
-            speed *= self._sign
-            ahead, way = self._filter, self.way
-            now = self._stamp_ns or 0
-            for twist, span in self._acting(now, now + round(settings.latency * 1e9)):
-                state = ahead.predicted(twist.linear, twist.angular, self._curvature, span)
-                ahead, way = replace(ahead, state=state), way + twist.linear * span
-            way += 0.5 * speed * dt  # the command holds until the next: its middle counts
-            curvature = float(
-                np.interp(
-                    way,
-                    self.route.views[self.view].path.way,
-                    self.route.views[self.view].path.curvatures,
-                )
-            )
-            wanted = steer(ahead, curvature, speed, settings)
-            if settings.steering == 'epipole':
-                wanted = self._by_epipole(image, curvature, speed)
-        limited = self._base.within_speed(wanted)
-        self.twist = self._base.within_acceleration(limited, self.twist, dt) if dt else limited
+    def _wanted(
+        self, image: Image, at: LateralFilter, found: PathMeasurement | None, dt: float
+    ) -> Twist:
+        """Return the twist that is wanted next, whatever the base can follow of it."""
+        settings, now = self.settings, self._stamp_ns or 0
+        taught = settings.max_speed if found is None else found.point.speed
+        speed = max(min(taught, settings.max_speed), min(SLOWEST, settings.max_speed))
+        speed *= confidence(at, seen=found is not None)
+        left = self.remaining - settings.station_distance
+        speed = self._sign * min(speed, brake(left, self._base.limits.max_acceleration))
+        way = self.way
+        for twist, span in self._acting(now, now + self._late_ns):
+            state = at.predicted(twist.linear, twist.angular, self._curvature, span)
+            at, way = replace(at, state=state), way + twist.linear * span
+        way += 0.5 * speed * dt  # the command holds until the next: its middle counts
+        curvature = self.route.views[self.view].path.curvature_at(way)
+        if settings.steering == EPIPOLE:
+            return self._by_epipole(image, curvature, speed)
+        return steer(at, curvature, speed, settings)
 
     def _by_epipole(self, image: Image, curvature: float, speed: float) -> Twist:
         """Return the twist as taught, turned by what the epipole of the next key view is off."""
@@ -252,10 +247,29 @@ class Follower:
         off = epipole_error(features, view, self.way, self.route.camera)
         return Twist(speed, speed * curvature + EPIPOLE_GAIN * (0.0 if off is None else off))
 
-    def _confidence(self, point: PathPoint | None) -> float:
-        """Return the share of the taught speed at which it is safe to go on."""
-        assert self._filter is not None
-        deviation = math.sqrt(self._filter.covariance[0, 0])
-        off = abs(float(self._filter.state[0]))
-        share = min(1.0, 3.0 * CERTAIN / max(deviation, 1e-6), 0.1 / max(off, 1e-6))
-        return max(share if point is not None else 0.7 * share, 0.2)
+
+def beside(path: TaughtPath, found: ViewPose, near: float) -> PathMeasurement:
+    """Return where a placed view is beside a ``path``, not far from ``near`` [m] on it."""
+    point = path.beside(found.pose, near)
+    heading = path.pose_at(point.way)[2]
+    rows = np.array([[-math.sin(heading), math.cos(heading), 0.0], [0.0, 0.0, 1.0]])
+    return PathMeasurement(point, rows @ found.covariance @ rows.T, found.inliers)
+
+
+def beyond_gate(at: LateralFilter, measured: PathMeasurement) -> str:
+    """Return that a view is farther off what was predicted than chance has it; or ''."""
+    off = np.array([measured.point.offset, measured.point.turn]) - at.state[:2]
+    covariance = at.covariance[:2, :2] + measured.covariance + np.diag((GATE_FLOOR / GATE) ** 2)
+    if float(off @ np.linalg.solve(covariance, off)) <= GATE**2:
+        return ''
+    return (
+        f'the view is {off[0]:+.3f} m and {off[1]:+.3f} rad off what was predicted, '
+        f'{GATE:g} deviations are believed'
+    )
+
+
+def confidence(at: LateralFilter, *, seen: bool) -> float:
+    """Return the share of the taught speed at which it is safe to go on."""
+    deviation, off = math.sqrt(at.covariance[0, 0]), abs(float(at.state[0]))
+    share = min(1.0, 3.0 * CERTAIN / max(deviation, 1e-6), 0.1 / max(off, 1e-6))
+    return max(share if seen else 0.7 * share, 0.2)

@@ -80,13 +80,17 @@ class TaughtPath:
             float(self.way[k]) + along,
             offset,
             math.remainder(turn, 2.0 * math.pi),
-            float(np.interp(self.way[k] + along, self.way, self.curvatures)),
+            self.curvature_at(float(self.way[k]) + along),
             float(self.speeds[k]),
         )
 
     def pose_at(self, way: float) -> FloatArray:
         """Return the taught pose of the camera, (3,), at a ``way`` [m]."""
         return np.array([np.interp(way, self.way, column) for column in self.poses.T])
+
+    def curvature_at(self, way: float) -> float:
+        """Return the taught curvature at a ``way`` [m], in 1/m."""
+        return float(np.interp(way, self.way, self.curvatures))
 
 
 def smooth_path(way: FloatArray, poses: FloatArray, speeds: FloatArray) -> TaughtPath:

@@ -6,8 +6,8 @@ key view whose descriptor is by far the nearest of all, and a geometry that the 
 pass. Beyond some thousand photographs an index of vectors does the same (``docs/routes.md``).
 """
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 import math
 
 import numpy as np
@@ -25,6 +25,7 @@ from visual_servo_epipolar.core.tracking.matching import CurrentView
 
 MOST_KEYPOINTS = 500  # of the image that is looked for
 SHORTLIST = 5  # key views that are looked at closely
+KEPT = 2 * SHORTLIST  # photographs that stay in memory
 STARTS = 4  # along the path of each, from which its place is looked for
 LEAST_VOTES = 6  # of a key view to be on it
 RATIO = 0.85  # of the nearest to the nearest of another place
@@ -50,6 +51,8 @@ class PlaceFinder:
 
     def __init__(self, route: Route) -> None:
         self.route, self.reason = route, ''
+        # A robot that stands looks at the same few photographs again and again.
+        self._view = lru_cache(maxsize=KEPT)(self._loaded)
 
     @cached_property
     def _descriptors(self) -> NDArray[np.float32]:
@@ -116,8 +119,13 @@ class PlaceFinder:
         self.reason = ''
         return best
 
-    def _verified(self, image: Image, current: CurrentView, number: int) -> Place | None:
+    def _loaded(self, number: int) -> RouteView:
         view = self.route.views[number]
+        image = view.image
+        return replace(view, load=lambda: image)
+
+    def _verified(self, image: Image, current: CurrentView, number: int) -> Place | None:
+        view = self._view(number)
         found = _located(image, current, view, self.route.camera)
         if found is None:
             return None

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
@@ -49,6 +51,21 @@ class Route:
                 f'a route must have two key views or more, got {len(self.views)}; drive farther '
                 'while it is recorded'
             )
+        ways = np.array([view.way for view in self.views])
+        rising = np.append(np.diff(ways) > 0.0, np.isfinite(ways[-1]))
+        if not rising.all():
+            k = int(np.argmin(rising))
+            following = ways[k + 1 : k + 2].tolist()
+            raise ValueError(
+                f'ways of key views must be finite and rise, got {ways[k]:g} m of number {k}'
+                f'{"".join(f" before {way:g} m" for way in following)}; teach the route again'
+            )
+        for k, view in enumerate(self.views):
+            if view.pose.shape != (3,) or not np.isfinite(view.pose).all():
+                raise ValueError(
+                    f'the pose of a key view must be three finite numbers, got {view.pose} of '
+                    f'number {k}; teach the route again'
+                )
 
     def check_camera(self, camera: CameraModel) -> None:
         """Raise InputError if the route was taught with another camera."""

@@ -5,16 +5,17 @@ Node, replay and simulation call ``step``; the words of its phases are the servo
 ``localizing`` and ``following`` before them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.bases.base import Base, BaseLimits
+from visual_servo_epipolar.core.bases.base import Base
 from visual_servo_epipolar.core.bases.registry import base_of
+from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.routes.following import Follower, RouteProgress
-from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
+from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.session import Session
@@ -41,10 +42,11 @@ class RouteStep:
 
 class RouteRun:
     """
-    Run along a ``route`` to the station at key view ``target``, the last by default.
+    Run along a ``route`` to the station at key view ``target``, by default that at its end.
 
     It begins at ``way`` [m] where that is known, and wherever the robot is if it is None. In
-    ``reverse`` it drives backward, to the first station by default.
+    reverse it drives backward, and the end is the first station. Raises InputError for a target
+    that the direction cannot reach.
     """
 
     def __init__(
@@ -55,12 +57,18 @@ class RouteRun:
         *,
         target: int | None = None,
         way: float | None = None,
-        reverse: bool = False,
     ) -> None:
         self.route, self.settings, self._servo = route, settings, servo
-        last = 0 if reverse else len(route.views) - 1
-        self.target, self._reverse = last if target is None else target, reverse
-        self._base = _base(settings, servo)
+        ends = 0, len(route.views) - 1
+        begin, end = ends[::-1] if settings.reverse else ends
+        self.target = end if target is None else target
+        if self.target == begin or not 0 <= self.target <= ends[1]:
+            raise InputError(
+                f'a route {_direction(settings)} must end at one of the key views 0 to {ends[1]} '
+                f'other than {begin}, where it begins, got {self.target}; name another station, '
+                'or turn the direction round'
+            )
+        self.base = _base(settings, servo)
         self._finder = PlaceFinder(route)
         self._follower: Follower | None = None
         self._session: Session | None = None
@@ -68,7 +76,7 @@ class RouteRun:
         self._searched, self._lost_ns, self._ended = 0, -1, ''
         self._reason = ''
         if way is not None:
-            self._follow(way)
+            self._begin_at(way)
 
     @property
     def ended(self) -> bool:
@@ -101,35 +109,35 @@ class RouteRun:
         if self._searched % SEARCH_FRAMES == 1:
             place = self._finder.find(image)
             if place is not None:
-                return self._begin_at(place)
+                return self._begin_at(place.way)
             self._reason = self._finder.reason
         if seconds_between(self._lost_ns, stamp_ns) > self.settings.lost_timeout:
             return self._end(FAILED, self._reason)
         return RouteStep(STANDSTILL, LOCALIZING, self._reason, None)
 
-    def _begin_at(self, place: Place) -> RouteStep:
-        past = place.way - self.route.views[self.target].way
-        if (-past if self._reverse else past) > PASSED:
-            other = 'forward' if self._reverse else 'in reverse'
+    def _begin_at(self, way: float) -> RouteStep:
+        past = way - self.route.views[self.target].way
+        if (-past if self.settings.reverse else past) > PASSED:
+            other = _direction(replace(self.settings, reverse=not self.settings.reverse))
             return self._end(
                 FAILED, f'the station is {abs(past):.2f} m behind; repeat the route {other}'
             )
-        self._follow(place.way)
-        return RouteStep(STANDSTILL, LOCALIZING, f'found after {place.way:.2f} m', None)
+        self._follow(way)
+        return RouteStep(STANDSTILL, LOCALIZING, f'found after {way:.2f} m', None)
 
     def _follow(self, way: float) -> None:
         ahead = [k for k, view in enumerate(self.route.views) if view.way > way + PASSED and k]
         last = len(self.route.views) - 1
         view = ahead[0] if ahead else last
-        view = max(view, self.target + 1) if self._reverse else min(view, self.target)
+        view = max(view, self.target + 1) if self.settings.reverse else min(view, self.target)
         self._follower = Follower(
             self.route,
             self.settings,
-            self._base,
+            self.base,
             view=view,
             target=self.target,
             way=way,
-            reverse=self._reverse,
+            latency=self._servo.latency,
         )
 
     def _begin_docking(self) -> None:
@@ -151,13 +159,14 @@ class RouteRun:
 
 
 def _base(settings: FollowSettings, servo: ServoSettings) -> Base:
-    """Return the base of the servo, at the speeds of the route."""
-    limits = BaseLimits(
-        settings.max_speed,
-        settings.max_angular,
-        settings.max_acceleration,
-        servo.max_angular_acceleration,
-        servo.dead_band_linear,
-        servo.dead_band_angular,
+    """Return the base of the servo, whatever it can do else, at the speeds of the route."""
+    limits = replace(
+        servo.drive.limits,
+        max_linear=settings.max_speed,
+        max_angular=settings.max_turn_rate,
     )
     return base_of(servo.base, limits)
+
+
+def _direction(settings: FollowSettings) -> str:
+    return 'in reverse' if settings.reverse else 'forward'

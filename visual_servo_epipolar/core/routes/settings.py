@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 from visual_servo_epipolar.core.settings import setting, Settings
 
+STEERINGS = STRUCTURE, EPIPOLE = 'structure', 'epipole'
+
 
 @dataclass(frozen=True, kw_only=True)
 class TeachSettings(Settings):
@@ -31,18 +33,17 @@ class FollowSettings(Settings):
     """How the taught path is followed."""
 
     max_speed: float = setting(0.5, 'Largest speed [m/s]', low=0.01, high=5.0)
-    max_angular: float = setting(1.0, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
-    max_acceleration: float = setting(0.3, 'Acceleration [m/s^2]', low=0.01, high=20.0)
+    max_turn_rate: float = setting(1.0, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
     steering_length: float = setting(
         0.5, 'Way in which an offset from the path fades [m]', low=0.05, high=5.0
     )
-    latency: float = setting(
-        0.09, 'Delay from an image to the motion that it leads to [s]', low=0.0, high=2.0
-    )
     steering: str = setting(
-        'structure',
+        STRUCTURE,
         'Steered by: the structure of the key views, or the epipole of the next (Becerra 2014)',
-        choices=('structure', 'epipole'),
+        choices=STEERINGS,
+    )
+    reverse: bool = setting(
+        False, 'Drive the way backward, seeing what was seen when it was taught'
     )
     station_distance: float = setting(
         0.3, 'Way before a station from which the servo drives [m]', low=0.0, high=2.0
@@ -50,3 +51,11 @@ class FollowSettings(Settings):
     lost_timeout: float = setting(
         10.0, 'Time to look for the route where it is lost [s]', low=0.1, high=600.0
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.reverse and self.steering == EPIPOLE:
+            raise ValueError(
+                'steering epipole must go forward, got reverse: the epipole of a key view that '
+                'lies behind does not steer; set steering: structure, or leave reverse out'
+            )

@@ -35,6 +35,7 @@ MOST_OFFSET = 1.0  # in steering lengths, beyond which the way back is straight
 EPIPOLE_GAIN = 1.5  # turn by what the epipole is off [1/s]
 NEAREST = 0.3  # way before a key view at which its epipole counts no more [m]
 NOISE_PX = 0.2
+CRAWL = 0.05  # speed at which a station is come near [m/s]
 ESTIMATOR, FEWEST = 'soft_planar', 12  # features that an epipole needs
 MOST_DEVIATION = 0.05  # of an epipole that is believed [rad]
 
@@ -87,14 +88,13 @@ def steer(at: LateralFilter, curvature: float, speed: float, settings: FollowSet
     share = max(min(offset / length, MOST_OFFSET), -MOST_OFFSET)
     wanted = curvature - bias - 2.0 * DAMPING * forward * turn / length - share / length
     angular = speed * wanted
-    excess = max(abs(angular) / settings.max_angular, 1.0)
+    excess = max(abs(angular) / settings.max_turn_rate, 1.0)
     return Twist(speed / excess, angular / excess)
 
 
-def brake(way: float, settings: FollowSettings) -> float:
-    """Return the speed from which the robot can stop within ``way`` [m], not below a crawl."""
-    crawl = 0.05
-    return max(math.sqrt(2.0 * 0.5 * settings.max_acceleration * max(way, 0.0)), crawl)
+def brake(way: float, acceleration: float) -> float:
+    """Return the speed from which half of it stops within ``way`` [m], not below a crawl."""
+    return max(math.sqrt(acceleration * max(way, 0.0)), CRAWL)
 
 
 def epipole_error(

@@ -131,12 +131,14 @@ class Teacher:
                     self.station()
 
     def station(self) -> None:
-        """Mark where the last image was taken as a station."""
+        """Mark where the last image was taken as a station; it is one where it was one already."""
         if self._latest is None:
             raise ValueError('a station must have an image, got none yet; start the camera first')
-        if self._latest is not self._kept:
-            self._keep(self._latest)
         assert self._pending is not None
+        is_here = self._pending.frame.number == self._frames[-1].number
+        stands = is_here and (self._pending.is_station or self._frames[-1].way == 0.0)
+        if not stands and self._latest is not self._kept:
+            self._keep(self._latest)
         if self._pending.frame.number != self._frames[-1].number:
             self._begin_key_view(self._frames[-1])
         self._pending.is_station = True
@@ -146,7 +148,7 @@ class Teacher:
         x, y, turn = relative_pose(before, pose).tolist()
         return math.hypot(x, y) > LEAST_STEP or abs(turn) > LEAST_TURN
 
-    def _keep(self, sight: 'StampedImage') -> None:
+    def _keep(self, sight: StampedImage) -> None:
         way, speed, number = 0.0, 0.0, 0
         if self._kept is not None:
             moved = math.hypot(*(sight.pose - self._kept.pose)[:2])
@@ -233,7 +235,7 @@ def _learnt(
             frames.append(frame)
     path = smooth_path(
         np.array([frame.way for frame in frames]),
-        np.array([located[frame.number] for frame in frames]),
+        np.array([located[frame.number] for frame in frames]).reshape(-1, 3),
         np.array([frame.speed for frame in frames]),
     )
     view = RouteView(

@@ -152,7 +152,7 @@ def read_route(folder: Path) -> Route:
         if not (folder / ROUTE).exists():
             raise InputError(
                 f'{folder} is no folder of a route, for it has no {ROUTE}; name one that '
-                'visual_servo route teach or the route node wrote'
+                'visual_servo route teach or demo wrote'
             )
     document = _document(folder / ROUTE)
     try:

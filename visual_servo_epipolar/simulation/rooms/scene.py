@@ -13,7 +13,7 @@ from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms import plain
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, LEFT, REAR, RIGHT
 from visual_servo_epipolar.simulation.rooms.changes import CHANGES
-from visual_servo_epipolar.simulation.rooms.storey import Storey, storey
+from visual_servo_epipolar.simulation.rooms.storey import Storey
 from visual_servo_epipolar.simulation.rooms.textures import Painting
 
 KINDS = ('room', 'wall', 'plain')
@@ -103,11 +103,11 @@ class PaintedRoom:
         return Scene((*surfaces, *base.panes(light)))
 
 
-@lru_cache(maxsize=1)  # a room and its filtered pictures take some 200 MB
+@lru_cache(maxsize=1)  # a room and its filtered pictures take some 200 MB, a storey 600
 def painted_room(seed: int, kind: str = 'room') -> PaintedRoom | Storey:
     """Build a room, in one to two seconds; raises ValueError as ``room`` does."""
     if kind == STOREY:
-        return storey(seed)
+        return Storey(seed)
     if kind not in KINDS:
         raise ValueError(f'kind of room must be one of {", ".join(KINDS)}, got {kind!r}')
     rng = np.random.default_rng((seed, KINDS.index(kind)))

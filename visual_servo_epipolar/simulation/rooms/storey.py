@@ -1,13 +1,13 @@
 """Storey: a ring of corridors around two rooms, with two more beside it; the world of routes."""
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 import math
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.simulation.light.lights import CEILING, LIGHTS
+from visual_servo_epipolar.simulation.light.lights import LIGHTS
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene
 from visual_servo_epipolar.simulation.rooms import furniture as c
 from visual_servo_epipolar.simulation.rooms import materials as m
@@ -79,7 +79,7 @@ class StoreyScene(Scene):
 
 
 class Storey:
-    """The storey of a seed, and how it looks by each light that was asked for."""
+    """The storey of a seed, and how it looks by the light that was asked for last."""
 
     def __init__(self, seed: int) -> None:
         lamps = [lamp for cell in PLAN.cells for lamp in _lamps(cell)]
@@ -145,17 +145,6 @@ class Storey:
             for cell in PLAN.cells
             if cell.x0 < high[0] and cell.x1 > low[0] and cell.y0 < high[1] and cell.y1 > low[1]
         )
-
-
-@lru_cache(maxsize=1)  # it takes some 600 MB
-def storey(seed: int) -> Storey:
-    """Build the storey of a seed, in some seconds."""
-    return Storey(seed)
-
-
-def storey_scene(seed: int, light: str = CEILING) -> StoreyScene:
-    """Return the storey of a seed by a light: both fix every texel of it."""
-    return storey(seed).by(light)
 
 
 def _lamps(cell: FloorCell) -> list[tuple[float, float]]:

@@ -95,7 +95,7 @@ def _drive(base: SimulatedBase, twist: Twist, scenario: Scenario) -> None:
 
 def _resampled(poses: list[Pose]) -> DrivenWay:
     points = np.array([[pose.x, pose.y] for pose in poses])
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    length = DrivenWay(points).length
     moved = np.concatenate([[True], np.diff(length) > 1e-6])
     at = np.arange(0.0, length[-1], SPACING)
     columns = [np.interp(at, length[moved], column) for column in points[moved].T]
@@ -127,14 +127,14 @@ class RepeatLog:
         """True offsets from the taught way, (M,) [m]."""
         return np.array([sample.offset for sample in self.samples])
 
-    def turn_jump(self, max_angular: float) -> float:
+    def turn_jump(self, max_turn_rate: float) -> float:
         """Return the largest change of w in a step that changed the key view, a share of most."""
         jumps = [
             abs(after.twist.angular - before.twist.angular)
             for before, after in zip(self.samples[:-1], self.samples[1:], strict=True)
             if after.progress.switched
         ]
-        return max(jumps, default=0.0) / max_angular
+        return max(jumps, default=0.0) / max_turn_rate
 
 
 def repeat(
@@ -143,15 +143,15 @@ def repeat(
     settings: FollowSettings,
     *,
     start: Pose | None = None,
-    reverse: bool = False,
     watch: Callable[[Image, Pose, RouteStep], None] = lambda image, pose, step: None,
 ) -> RepeatLog:
     """Repeat a route to its end, from its beginning or from any ``start``; return the record."""
     simulator, last = CameraSimulator(scenario.camera), len(taught.route.views) - 1
-    begin, end = (last, 0) if reverse else (0, last)
+    begin, end = (last, 0) if settings.reverse else (0, last)
     base = new_base(scenario.base, start or taught.stations[begin], seed=scenario.camera.seed + 1)
+    servo = replace(scenario.servo, latency=base.settings.command_delay)
     way = None if start else taught.route.views[begin].way
-    run = RouteRun(taught.route, settings, scenario.servo, way=way, reverse=reverse)
+    run = RouteRun(taught.route, settings, servo, way=way)
     log, frame, near, rest = RepeatLog(), 0, -1, REST_FRAMES
     limit_s = LONGEST * taught.route.length / settings.max_speed + scenario.run.max_duration
     while rest and base.now_ns < limit_s * NANOSECONDS:
