@@ -1,5 +1,6 @@
 """Bases that obey late, and nobody told: they are found out, and driven as others are."""
 
+from durations import few_of
 import pytest
 import untold_bases
 
@@ -28,7 +29,8 @@ def driven(
 
 
 @pytest.mark.parametrize(
-    ('name', 'delay'), [('nominal', 0.5), ('nominal', 1.0), ('realistic', 0.5), ('harsh', 0.8)]
+    ('name', 'delay'),
+    few_of([('nominal', 1.0), ('realistic', 0.5), ('nominal', 0.5), ('harsh', 0.8)], keep=(0, 1)),
 )
 def test_a_base_that_obeys_late_arrives(name, delay) -> None:
     summary, state = driven(name, delay)
@@ -44,7 +46,7 @@ def test_one_that_is_told_to_do_so_needs_not_to_be_found_out() -> None:
     assert state.identified.delay.value == 0.0
 
 
-@pytest.mark.parametrize('name', ['nominal', 'flat', 'realistic', 'harsh'])
+@pytest.mark.parametrize('name', few_of(['harsh', 'nominal', 'flat', 'realistic']))
 def test_one_that_obeys_at_once_is_not_taken_for_late(name) -> None:
     summary, state = driven(name, 0.0)
     assert summary['outcome'] == 'arrived', summary['reason']

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+from durations import few_of
 import numpy as np
 import pytest
 
@@ -90,7 +91,7 @@ def joystick(begin_s: float, seconds: float, twist: Twist) -> Interfere:
     return interfere
 
 
-@pytest.mark.parametrize('begin_s', [0.0, 4.0, 11.0])
+@pytest.mark.parametrize('begin_s', few_of([4.0, 0.0, 11.0]))
 def test_a_base_that_does_not_follow_is_held_and_the_run_fails_soon(begin_s: float) -> None:
     loop = DisturbedLoop(deaf_from(begin_s)).run(40.0)
     assert loop.held_s - begin_s < 6.0
@@ -135,12 +136,15 @@ def mixed(begin_s: float, seconds: float, twist: Twist) -> Interfere:
 
 @pytest.mark.parametrize(
     'interfere',
-    [
-        joystick(4.0, 4.0, STANDSTILL),
-        joystick(3.0, 4.0, Twist(0.0, 0.13)),
-        mixed(2.5, 3.0, Twist(0.0, 0.3)),
-        mixed(2.5, 3.0, Twist(0.0, -0.3)),
-    ],
+    few_of(
+        [
+            joystick(4.0, 4.0, STANDSTILL),
+            joystick(3.0, 4.0, Twist(0.0, 0.13)),
+            mixed(2.5, 3.0, Twist(0.0, 0.3)),
+            mixed(2.5, 3.0, Twist(0.0, -0.3)),
+        ],
+        keep=(1, 2),
+    ),
     ids=['stands', 'turned', 'mixed', 'mixed right'],
 )
 def test_a_way_that_nobody_knows_teaches_no_mount(interfere: Interfere) -> None:

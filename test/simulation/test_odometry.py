@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 import math
 
+from durations import few_of
 import numpy as np
 import pytest
 
@@ -64,8 +65,9 @@ class Control:
         return self.state
 
 
-def driven(seed: int, control: Control, *, odometry: bool = True) -> RunLog:
-    return run(*parts(scenario_of(seed, odometry=odometry), seed), control=control)
+def driven(seed: int, control: Control, *, odometry: bool = True, end_s: float = 200.0) -> RunLog:
+    loop, view, camera = parts(scenario_of(seed, odometry=odometry), seed)
+    return run(replace(loop, max_duration=end_s), view, camera, control=control)
 
 
 def errors(*, odometry: bool, seeds: tuple[int, ...] = SEEDS) -> np.ndarray:
@@ -73,7 +75,7 @@ def errors(*, odometry: bool, seeds: tuple[int, ...] = SEEDS) -> np.ndarray:
     found = []
     for seed in seeds:
         control = Control()
-        log = driven(seed, control, odometry=odometry)
+        log = driven(seed, control, odometry=odometry, end_s=25.0)  # far off until then
         for sample, distance in zip(log.samples, control.distances, strict=False):
             if distance > 0.0 and sample.pose.distance > FAR:
                 found.append(math.log(distance / sample.pose.distance))
@@ -165,7 +167,11 @@ LIES: dict[str, Callable[[], Lie]] = {
 
 
 @pytest.mark.parametrize(
-    ('name', 'begins'), [*((name, 60) for name in LIES), ('frozen', 1), ('twice as far', 30)]
+    ('name', 'begins'),
+    few_of(
+        [('frozen', 1), ('twice as far', 30), *((name, 60) for name in reversed(LIES))],
+        keep=(0, 1, 3),
+    ),
 )
 def test_a_lie_is_found_out_and_the_robot_arrives(name: str, begins: int) -> None:
     control = Control(LIES[name](), begins)

@@ -18,7 +18,7 @@ import zstandard
 
 from visual_servo_epipolar.commands.main import main
 
-MUTATIONS = int(os.environ.get('BAG_MUTATIONS', '16'))  # of each of sixteen kinds
+MUTATIONS = int(os.environ.get('BAG_MUTATIONS', '10'))  # of each of sixteen kinds
 USUAL_S = 10.0  # a replay of this bag takes 0.1 s
 MOST_MEMORY = 400_000  # that all of them may add to the peak of this process [kB]
 LENGTHS = (2**64 - 1, 2**63, 2**40, 2**33, 2**32 - 1, 2**31, 2**20, 0)

@@ -113,7 +113,7 @@ DAY = 'noon', 'dusk', 'lamp_right', 'lamp_side', 'dark'
 
 
 @pytest.mark.parametrize(
-    ('lights', 'times'), [(DAY[1::3], 2), pytest.param(DAY, 20, marks=pytest.mark.long)]
+    ('lights', 'times'), [(DAY[1::3], 1), pytest.param(DAY, 20, marks=pytest.mark.long)]
 )
 def test_arrivals_through_a_day_of_light_do_not_move_the_goal(dusk, lights, times) -> None:
     view, rng = ImageView(dusk, Tracker(TrackerSettings())), np.random.default_rng(1)
