@@ -14,6 +14,7 @@ NODES = (
     'servo_node',
     'recorder_node',
     'dock_node',
+    'route_node',
 )
 SHARE = f'share/{NAME}'
 

@@ -22,6 +22,7 @@ NODES = (
     'unicycle_node',
     'recorder_node',
     'dock_node',
+    'route_node',
 )
 SCENARIO = (RunSettings, PointSettings)  # sections run and points
 DECLARATION = re.compile(r'parameters\.declare\(self, (\w+)\)')

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.nodes import lockstep
 from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError
-from visual_servo_epipolar.nodes.observer_node import ObserverNode
+from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation import closed_loop
 from visual_servo_epipolar.simulation.camera_simulator import assistant_of

@@ -7,14 +7,15 @@ import pytest
 from rclpy.node import Node
 import yaml
 
-from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.dock_node import DockNode
 from visual_servo_epipolar.nodes.parameters import read_sections
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
+from visual_servo_epipolar.nodes.route_node import RouteNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup import table
+from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 
@@ -26,6 +27,7 @@ KINDS = {
     'unicycle_node': UnicycleNode,
     'recorder_node': RecorderNode,
     'dock_node': DockNode,
+    'route_node': RouteNode,
 }
 ELSEWHERE = ('-r', '__ns:=/robot1', '-r', '__node:=dock')
 WARNING = 'sets no parameter of'
@@ -109,6 +111,7 @@ def test_the_files_of_the_package_hold_in_a_namespace_and_under_another_name(
         'unicycle_node': ('max_linear: 1.0', 'max_linear: 0.1'),
         'recorder_node': ('min_free: 200.0', 'min_free: 0.0'),
         'dock_node': ('max_retries: 3', 'max_retries: 0'),
+        'route_node': ('max_turn_rate: 1.0', 'max_turn_rate: 0.5'),
     }
     assert changes[name][0] in text
     (tmp_path / 'edited.yaml').write_text(text.replace(*changes[name]))
@@ -280,8 +283,7 @@ def test_names_that_nodes_share_are_known_to_mean_different_things_or_not() -> N
         'mount_from_tf',
         'tilt_joint',
     }
-    # The dock node perceives as the servo does.
-    alike |= {item.name for item in fields(DockPoseSettings)} & {
-        item.name for item in fields(ServoSettings)
-    }
+    # The dock node perceives as the servo does, the route node ends at stations by it.
+    alike |= {item.name for kind in (ServoSettings, DriverNodeSettings) for item in fields(kind)}
+    alike |= {'path_source', 'transport'}
     assert {name for name, nodes in texts.items() if len(nodes) > 1} == alike | table.HOMONYMS

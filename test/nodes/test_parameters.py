@@ -14,6 +14,7 @@ import yaml
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings, DockTaskSettings
 from visual_servo_epipolar.core.laws.registry import law_named
+from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.core.tracking.tracker import TrackerSettings
@@ -25,8 +26,9 @@ from visual_servo_epipolar.nodes.camera_node import (
 )
 from visual_servo_epipolar.nodes.dock_node import DockNode, DockNodeSettings
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
+from visual_servo_epipolar.nodes.route_node import RouteNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
-from visual_servo_epipolar.nodes.startup.settings import RecorderNodeSettings
+from visual_servo_epipolar.nodes.startup.settings import RecorderNodeSettings, RouteNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSettings
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode, UnicycleSettings
 from visual_servo_epipolar.simulation.bases.ackermann import AckermannSettings
@@ -52,11 +54,13 @@ NODES = {
     'servo_node': (ServoNode, (ServoNodeSettings, ServoSettings)),
     'recorder_node': (RecorderNode, (RecorderNodeSettings, RecordSettings)),
     'dock_node': (DockNode, (DockNodeSettings, DockTaskSettings, DockPoseSettings)),
+    'route_node': (RouteNode, (RouteNodeSettings, ServoSettings, FollowSettings, TeachSettings)),
 }
 # Where a file shall differ from the defaults: our own camera is reliable, a driver may not be; the
 # simulation starts by itself, a robot must not.
 MEANT_TO_DIFFER = {
     'servo_node': {'camera_reliability', 'autostart'},
+    'route_node': {'law'},
 }
 
 

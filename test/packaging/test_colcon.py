@@ -28,6 +28,7 @@ NODES = (
     'servo_node',
     'recorder_node',
     'dock_node',
+    'route_node',
 )
 DOMAIN = next_domain()
 START_SEC, STOP_SEC = 60.0, 30.0  # more than ten times what they take

@@ -90,7 +90,7 @@ def _drive(
     film: 'Film | None',
     progress: Progress,
 ) -> RunLog:
-    from visual_servo_epipolar.nodes.observer_node import ObserverNode
+    from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode
 
     monitor = RunMonitor(settings)
 

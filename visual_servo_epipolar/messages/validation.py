@@ -45,7 +45,7 @@ def track(
         gray = read.gray(message, reader)
         if camera == '':
             camera = camera_of_size(projection, (gray.shape[1], gray.shape[0]))
-        known = _checked(gray, camera)
+        known = checked_image(gray, camera)
         image = gray
         tracker.see_through(known)
         features = tracker.track(image)
@@ -98,7 +98,8 @@ def left_out(observation: Observation, camera: CameraModel) -> str:
     )
 
 
-def _checked(image: Image, camera: CameraModel | str) -> CameraModel:
+def checked_image(image: Image, camera: CameraModel | str) -> CameraModel:
+    """Return the camera of an ``image``; ValueError where it cannot be that, or there is none."""
     height, width = image.shape
     if isinstance(camera, str):
         raise ValueError(f'camera_info cannot be used: {camera}')

@@ -70,7 +70,13 @@ class DockNode(ManagedNode):
         if settings.mount_from_tf:
             self._mount = StaticMount(self, settings.base_frame, self._warn)
         self._reports = DockReports(self, settings.base_frame)
-        self._driven = DrivenPath(self, settings, self._warn, self._look_at_pending)
+        self._driven = DrivenPath(
+            self,
+            settings.path_source,
+            self._warn,
+            self._look_at_pending,
+            stamped=settings.enable_stamped_cmd_vel,
+        )
         camera = CameraSubscriptions(self, 'raw', settings.camera_reliability)
         camera.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)

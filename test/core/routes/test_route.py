@@ -25,16 +25,21 @@ def test_a_pose_that_is_not_finite_is_refused() -> None:
         route_of(key_view(0), lost)
 
 
-@pytest.mark.parametrize(('target', 'reverse'), [(0, False), (2, True), (3, False), (-1, True)])
-def test_a_target_that_the_direction_cannot_reach_is_refused(target: int, reverse: bool) -> None:
-    route = route_of(*map(key_view, range(3)))
-    with pytest.raises(InputError, match='must end at one of the key views 0 to 2'):
-        RouteRun(route, FollowSettings(reverse=reverse), ServoSettings(), target=target)
+@pytest.mark.parametrize(
+    ('station', 'reverse', 'match'),
+    [(0, False, 'begins forward'), (1, True, 'begins in reverse'), (2, False, 'one of 0 to 1')],
+)
+def test_a_station_that_the_direction_cannot_reach_is_refused(
+    station: int, reverse: bool, match: str
+) -> None:
+    route = route_of(replace(key_view(0), is_station=True), *map(key_view, range(1, 3)))
+    with pytest.raises(InputError, match=match):
+        RouteRun(route, FollowSettings(station=station, reverse=reverse), ServoSettings())
 
 
 def test_a_start_beyond_the_station_fails_with_what_to_do() -> None:
-    route = route_of(*map(key_view, range(3)))
-    run = RouteRun(route, FollowSettings(), ServoSettings(), target=1, way=1.8)
+    route = route_of(key_view(0), replace(key_view(1), is_station=True), key_view(2))
+    run = RouteRun(route, FollowSettings(station=0), ServoSettings(), way=1.8)
     step = run.step(route.views[0].image, 0)
     assert run.ended and 'behind; repeat the route in reverse' in step.reason
 

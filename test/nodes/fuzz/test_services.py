@@ -10,11 +10,12 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.dock_node import DockNode
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
+from visual_servo_epipolar.nodes.route_node import RouteNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 
-KINDS = [ServoNode, TrackerNode, RecorderNode, DockNode, UnicycleNode, CameraNode]
+KINDS = [ServoNode, TrackerNode, RecorderNode, DockNode, RouteNode, UnicycleNode, CameraNode]
 TINY = {'width': 64, 'height': 48, 'focal_length': 38.0, 'principal_u': 31.5, 'principal_v': 23.5}
 ENDS = {5, 6, 7}  # transitions after which nothing is asked any more
 

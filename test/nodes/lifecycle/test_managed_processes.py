@@ -13,7 +13,7 @@ from node_process import arguments, environment
 import pytest
 
 START_SEC, END_SEC = 60.0, 30.0
-NODES = ('servo_node', 'tracker_node', 'recorder_node', 'dock_node')
+NODES = ('servo_node', 'tracker_node', 'recorder_node', 'dock_node', 'route_node')
 
 
 @pytest.fixture
@@ -40,11 +40,11 @@ def test_a_process_survives_impossible_transitions_and_ends_in_any_state(
                 )
             )
             stack.callback(processes[name].kill)
-        for count, name in enumerate(NODES):  # one ends unconfigured, one inactive, two active
+        for count, name in enumerate(NODES):  # one ends unconfigured, one inactive, others active
             for number in (99, 3, *(1, 1, 3, 3)[: 2 * count]):
                 bench.call(f'{name}/change_state', ChangeState, asked(number))
             state = bench.call(f'{name}/get_state', GetState).current_state.label
-            assert state == ('unconfigured', 'inactive', 'active', 'active')[count]
+            assert state == ('unconfigured', 'inactive', 'active', 'active', 'active')[count]
             processes[name].send_signal(signal.SIGINT)
             assert processes[name].wait(END_SEC) == 0, (tmp_path / name).read_text()
             assert 'Traceback' not in (tmp_path / name).read_text()

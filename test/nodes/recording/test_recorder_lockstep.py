@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes.lockstep import Lockstep
-from visual_servo_epipolar.nodes.observer_node import ObserverNode
+from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode
 from visual_servo_epipolar.simulation.run_monitor import RunMonitor
 from visual_servo_epipolar.simulation.scenario import from_document
 

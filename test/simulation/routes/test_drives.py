@@ -56,12 +56,27 @@ def test_a_way_is_repeated_backward(taught: Taught) -> None:
 def test_progress_of_a_robot_that_stands_does_not_move(taught: Taught) -> None:
     simulator = CameraSimulator(SCENARIO.seeded(6).camera)
     run = RouteRun(taught.route, SETTINGS, SCENARIO.servo, way=0.0)
-    steps = [
-        run.step(simulator.capture(taught.stations[0], k), round(k * 9e7)).progress
-        for k in range(30)
-    ]
-    ways = [step.way for step in steps if step is not None]
-    assert len(ways) == 30 and np.ptp(ways[10:]) < 0.01
+    ways = []
+    while not run.ended and len(ways) < 100:
+        image = simulator.capture(taught.stations[0], len(ways))
+        step = run.step(image, round(len(ways) * 9e7))
+        ways += [] if step.progress is None else [step.progress.way]
+    assert len(ways) > 10 and np.ptp(ways) < 0.01
+    assert step.phase == 'failed' and 'told to drive' in step.reason
+
+
+def test_a_robot_that_is_carried_along_the_route_finds_itself_again(taught: Taught) -> None:
+    """It is lifted and put down 1.5 m farther on, where the key view ahead is not in view."""
+    simulator = CameraSimulator(SCENARIO.seeded(6).camera)
+    run = RouteRun(taught.route, SETTINGS, SCENARIO.servo, way=0.0)
+    poses = [taught.stations[0], replace(taught.stations[0], x=3.05, y=-2.0, theta=1.4)]
+    for k in range(60):
+        step = run.step(simulator.capture(poses[k > 3], k), round(k * 9e7))
+        if k > 20 and step.phase == 'following':
+            break
+    assert step.progress is not None and abs(step.progress.way - 1.9) < 0.1, step
+    _, offset = taught.way.offset(poses[1], 190)
+    assert step.progress.lateral == pytest.approx(offset, abs=0.02)
 
 
 def test_a_robot_that_was_kidnapped_finds_itself(taught: Taught) -> None:

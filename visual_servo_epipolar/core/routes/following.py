@@ -35,6 +35,7 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 
 GATE = 4.0  # deviations of a view from what was predicted, from which it is not believed
 GATE_FLOOR = np.array([0.02, 0.01])  # that they are at least [m, rad]
+OBEYED_AFTER, LEAST_OBEYED = 0.5, 0.2  # way [m] of commands of which the view must see a share
 COASTED = 0.5  # time without a trusted view after which it stands [s]
 CERTAIN = 0.01  # a third of the deviation of the offset that slows it down [m]
 SLOWEST = 0.1  # that it drives where it was taught slower [m/s]
@@ -76,7 +77,8 @@ class Follower:
     is the delay from an image to the motion that it leads to.
 
     ``is_there``: so near before the target that the servo takes over. ``lost`` [s] is the time
-    without a view that was believed, ``reason`` says why.
+    without a view that was believed, ``reason`` says why. ``disobeyed`` says that the base does
+    not do what it is told.
     """
 
     def __init__(
@@ -93,7 +95,8 @@ class Follower:
         self.route, self.settings, self._base = route, settings, base
         self.view, self.target, self.way = view, target, way
         self._sign, self._late_ns = -1 if settings.reverse else 1, round(latency * NANOSECONDS)
-        self.lost, self.reason = 0.0, ''
+        self.lost, self.reason, self.disobeyed = 0.0, '', ''
+        self._commanded, self._marked = 0.0, way  # since the base was last seen to obey [m]
         self._trackers: dict[int, KeyViewTracker] = {}
         self._filter: LateralFilter | None = None
         self._sent: deque[tuple[int, Twist]] = deque()
@@ -134,6 +137,11 @@ class Follower:
         self._sent.append((stamp_ns, self.twist))
         return self._progress(found, switched)
 
+    def halt(self, stamp_ns: int) -> None:
+        """Note that the base was told to stand at ``stamp_ns``."""
+        self.twist = STANDSTILL
+        self._sent.append((stamp_ns, STANDSTILL))
+
     def _progress(self, found: PathMeasurement | None, switched: bool) -> RouteProgress:
         it = self._filter or LateralFilter()
         return RouteProgress(
@@ -154,6 +162,7 @@ class Follower:
         for twist, span in self._acting(stamp_ns - round(dt * NANOSECONDS), stamp_ns):
             self._filter = self._filter.moved(twist.linear, twist.angular, self._curvature, span)
             self.way += twist.linear * span
+            self._commanded += abs(twist.linear) * span
         while len(self._sent) > 1 and self._sent[1][0] + self._late_ns <= stamp_ns:
             self._sent.popleft()  # it acts no more
 
@@ -214,6 +223,14 @@ class Follower:
         before = LateralFilter() if self._filter is None else self._filter
         self._filter = before.seen(point.offset, point.turn, measured.covariance)
         self.way, self._curvature = point.way, point.curvature
+        if self._commanded > OBEYED_AFTER:
+            moved = abs(self.way - self._marked)
+            if moved < LEAST_OBEYED * self._commanded:
+                self.disobeyed = (
+                    f'the base was told to drive {self._commanded:.2f} m, and the view has moved '
+                    f'by {moved:.2f} m; look at its wheels, and who else commands it'
+                )
+            self._commanded, self._marked = 0.0, self.way
 
     def _wanted(
         self, image: Image, at: LateralFilter, found: PathMeasurement | None, dt: float

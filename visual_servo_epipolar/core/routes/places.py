@@ -84,9 +84,15 @@ class PlaceFinder:
         votes += (near & distinct[:, None] & ~apart).sum(axis=0)
         return votes
 
-    def find(self, image: Image) -> Place | None:
-        """Return where ``image``, uint8 of shape (H, W), was taken; None, and why, if unsure."""
+    def find(self, image: Image, among: range | None = None) -> Place | None:
+        """
+        Return where ``image``, uint8 of shape (H, W), was taken; None, and why, if unsure.
+
+        Only the key views ``among`` these numbers are looked at, where that is not None.
+        """
         votes = self.votes(image)
+        if among is not None:
+            votes[: among.start] = votes[among.stop :] = 0.0
         shortlist = [k for k in np.argsort(-votes)[:SHORTLIST].tolist() if votes[k] >= LEAST_VOTES]
         if not shortlist:
             self.reason = (

@@ -2,7 +2,8 @@
 Run on a route, a step an image: find the place, follow the path, end at the station by the servo.
 
 Node, replay and simulation call ``step``; the words of its phases are the servo's, and
-``localizing`` and ``following`` before them.
+``localizing`` and ``following`` before them. Lost on the way, it stands and looks: at the key view
+ahead, then at its neighbours, then anywhere on the route, and then fails with a reason.
 """
 
 from dataclasses import dataclass, replace
@@ -14,19 +15,27 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.routes.following import Follower, RouteProgress
+from visual_servo_epipolar.core.routes.following import COASTED, Follower, RouteProgress
 from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
-from visual_servo_epipolar.core.servo.session import Session
+from visual_servo_epipolar.core.servo.admission import (
+    Arrival,
+    disorder,
+    FrozenImageCheck,
+    refusal,
+)
+from visual_servo_epipolar.core.servo.session import Interruption, Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 
 LOCALIZING, FOLLOWING = 'localizing', 'following'
+WAITING, HOLDING = Phase.WAITING.value, Phase.HOLDING.value
 ARRIVED, FAILED = Phase.ARRIVED.value, Phase.FAILED.value
-SEARCH_FRAMES = 5  # images between two looks at the whole route
+SEARCH_FRAMES = 5  # images between two looks at the route
+NEIGHBOURS = 2  # key views on either side that are looked at first, for half of lost_timeout
 PASSED = 0.05  # way by which a key view counts as passed [m]
 
 
@@ -36,17 +45,16 @@ class RouteStep:
 
     twist: Twist
     phase: str
-    reason: str
-    progress: RouteProgress | None
+    reason: str = ''
+    progress: RouteProgress | None = None
 
 
 class RouteRun:
     """
-    Run along a ``route`` to the station at key view ``target``, by default that at its end.
+    Run along a ``route`` to the station that ``settings`` name; ``target`` is its key view.
 
-    It begins at ``way`` [m] where that is known, and wherever the robot is if it is None. In
-    reverse it drives backward, and the end is the first station. Raises InputError for a target
-    that the direction cannot reach.
+    It begins at ``way`` [m] where that is known, and wherever the robot is if it is None. Raises
+    InputError for a station that is not there, or that the direction cannot reach.
     """
 
     def __init__(
@@ -55,81 +63,94 @@ class RouteRun:
         settings: FollowSettings,
         servo: ServoSettings,
         *,
-        target: int | None = None,
         way: float | None = None,
     ) -> None:
         self.route, self.settings, self._servo = route, settings, servo
-        ends = 0, len(route.views) - 1
-        begin, end = ends[::-1] if settings.reverse else ends
-        self.target = end if target is None else target
-        if self.target == begin or not 0 <= self.target <= ends[1]:
-            raise InputError(
-                f'a route {_direction(settings)} must end at one of the key views 0 to {ends[1]} '
-                f'other than {begin}, where it begins, got {self.target}; name another station, '
-                'or turn the direction round'
-            )
+        self.target = target_of(route, settings)
         self.base = _base(settings, servo)
         self._finder = PlaceFinder(route)
         self._follower: Follower | None = None
         self._session: Session | None = None
         self._tracker: Tracker | None = None
-        self._searched, self._lost_ns, self._ended = 0, -1, ''
-        self._reason = ''
+        self._searched, self._lost_ns = 0, -1
+        self._newest_ns: int | None = None
+        self._views = FrozenImageCheck()
+        self.last = RouteStep(STANDSTILL, WAITING)
         if way is not None:
-            self._begin_at(way)
+            self.last = self._begin_at(way)
 
     @property
     def ended(self) -> bool:
         """Whether it has arrived or failed."""
-        return bool(self._ended)
+        return self.last.phase in (ARRIVED, FAILED)
+
+    def admit(
+        self, arrival: Arrival, *, max_latency: float, still_timeout: float, withheld: str = ''
+    ) -> str:
+        """Return why no step is taken by an image, or ''; as ``Session.admit`` of the servo."""
+        trouble = refusal(arrival, max_latency) or disorder(self._newest_ns, arrival.stamp_ns)
+        trouble = trouble or withheld
+        if trouble:
+            return trouble
+        self._views = self._views.after(arrival, drives=self.last.twist != STANDSTILL)
+        return self._views.trouble(still_timeout)
 
     def step(self, image: Image, stamp_ns: int) -> RouteStep:
         """Take in an image, uint8 of shape (H, W), taken at ``stamp_ns``."""
-        if self._ended:
-            return RouteStep(STANDSTILL, self._ended, self._reason, None)
+        if self.ended:
+            return replace(self.last, twist=STANDSTILL)
+        self._newest_ns = stamp_ns
         if self._session is not None:
-            return self._dock(image, stamp_ns, self._session)
-        if self._follower is None:
-            return self._localize(image, stamp_ns)
-        progress = self._follower.step(image, stamp_ns)
-        if self._follower.lost > self.settings.lost_timeout:
-            return self._end(FAILED, f'lost after {progress.way:.2f} m: {self._follower.reason}')
-        if self._follower.is_there:
-            self._begin_docking()
-        return RouteStep(self._follower.twist, FOLLOWING, self._follower.reason, progress)
+            self.last = self._dock(image, stamp_ns, self._session)
+        elif self._follower is not None:
+            self.last = self._follow(image, stamp_ns, self._follower)
+        else:
+            self.last = self._localize(image, stamp_ns)
+        return self.last
 
-    def _end(self, phase: str, reason: str) -> RouteStep:
-        self._ended, self._reason = phase, reason
-        return RouteStep(STANDSTILL, phase, reason, None)
+    def halt(self, stamp_ns: int, reason: str) -> RouteStep:
+        """Stand from ``stamp_ns`` on, as no image may be driven by; the next one goes on."""
+        if self._follower is not None:
+            self._follower.halt(stamp_ns)
+        if self._session is not None:
+            self._session = self._session.interrupted(Interruption.LOST, reason)
+        if not self.ended:
+            self.last = RouteStep(STANDSTILL, HOLDING, reason)
+        return self.last
+
+    def fail(self, reason: str) -> RouteStep:
+        """End the run, with a reason."""
+        self.last = RouteStep(STANDSTILL, FAILED, reason)
+        return self.last
 
     def _localize(self, image: Image, stamp_ns: int) -> RouteStep:
         """Look for the robot on the route, every few images."""
         self._lost_ns = stamp_ns if self._lost_ns < 0 else self._lost_ns
-        self._searched += 1
-        if self._searched % SEARCH_FRAMES == 1:
-            place = self._finder.find(image)
-            if place is not None:
-                return self._begin_at(place.way)
-            self._reason = self._finder.reason
+        way = self._look(image, None)
+        if way is not None:
+            return self._begin_at(way)
         if seconds_between(self._lost_ns, stamp_ns) > self.settings.lost_timeout:
-            return self._end(FAILED, self._reason)
-        return RouteStep(STANDSTILL, LOCALIZING, self._reason, None)
+            return self.fail(self._finder.reason)
+        return RouteStep(STANDSTILL, LOCALIZING, self._finder.reason)
+
+    def _look(self, image: Image, among: range | None) -> float | None:
+        """Return the way [m] at which the robot is on the route, where this image is looked at."""
+        self._searched += 1
+        if self._searched % SEARCH_FRAMES != 1:
+            return None
+        place = self._finder.find(image, among)
+        return None if place is None else place.way
 
     def _begin_at(self, way: float) -> RouteStep:
+        """Follow the route from a ``way`` [m] on."""
         past = way - self.route.views[self.target].way
         if (-past if self.settings.reverse else past) > PASSED:
             other = _direction(replace(self.settings, reverse=not self.settings.reverse))
-            return self._end(
-                FAILED, f'the station is {abs(past):.2f} m behind; repeat the route {other}'
-            )
-        self._follow(way)
-        return RouteStep(STANDSTILL, LOCALIZING, f'found after {way:.2f} m', None)
-
-    def _follow(self, way: float) -> None:
+            return self.fail(f'the station is {abs(past):.2f} m behind; repeat the route {other}')
         ahead = [k for k, view in enumerate(self.route.views) if view.way > way + PASSED and k]
-        last = len(self.route.views) - 1
-        view = ahead[0] if ahead else last
+        view = ahead[0] if ahead else len(self.route.views) - 1
         view = max(view, self.target + 1) if self.settings.reverse else min(view, self.target)
+        self._searched = 0
         self._follower = Follower(
             self.route,
             self.settings,
@@ -139,6 +160,31 @@ class RouteRun:
             way=way,
             latency=self._servo.latency,
         )
+        return RouteStep(STANDSTILL, LOCALIZING, f'found after {way:.2f} m')
+
+    def _follow(self, image: Image, stamp_ns: int, follower: Follower) -> RouteStep:
+        """Follow the path, or look for it where it is lost."""
+        progress = follower.step(image, stamp_ns)
+        if follower.disobeyed:
+            return self.fail(follower.disobeyed)
+        if follower.lost > COASTED:
+            return self._recover(image, follower, progress)
+        self._searched = 0
+        if follower.is_there:
+            self._begin_docking()
+        return RouteStep(follower.twist, FOLLOWING, follower.reason, progress)
+
+    def _recover(self, image: Image, follower: Follower, progress: RouteProgress) -> RouteStep:
+        """Stand, and look for the route: first near where it was lost, then anywhere."""
+        if follower.lost > self.settings.lost_timeout:
+            return self.fail(f'lost after {progress.way:.2f} m: {follower.reason}')
+        near = follower.lost < 0.5 * self.settings.lost_timeout
+        first, last = follower.view - NEIGHBOURS, follower.view + NEIGHBOURS
+        among = range(max(first, 0), min(last + 1, len(self.route.views))) if near else None
+        way = self._look(image, among)
+        if way is not None:
+            return self._begin_at(way)
+        return RouteStep(follower.twist, HOLDING, follower.reason, progress)
 
     def _begin_docking(self) -> None:
         self._tracker = Tracker(TrackerSettings())
@@ -152,10 +198,27 @@ class RouteRun:
         seen = observe(features, self.route.camera, stamp_ns)
         session = session.decide(seen, self._servo, goal=features.goal).update_map()
         self._session, state = session, session.state
-        if state.phase.ended:
-            arrived = state.phase is Phase.ARRIVED
-            return self._end(ARRIVED, '') if arrived else self._end(FAILED, state.reason)
-        return RouteStep(state.command.twist, state.phase.value, state.reason, None)
+        twist = STANDSTILL if state.phase.ended else state.command.twist
+        reason = '' if state.phase is Phase.ARRIVED else state.reason
+        return RouteStep(twist, state.phase.value, reason)
+
+
+def target_of(route: Route, settings: FollowSettings) -> int:
+    """Return the number of the key view at which a run ends; InputError if there is none."""
+    stations, last = route.stations, len(route.views) - 1
+    begin, end = (last, 0) if settings.reverse else (0, last)
+    if settings.station >= len(stations):
+        raise InputError(
+            f'station must be one of 0 to {len(stations) - 1} of this route, or -1, got '
+            f'{settings.station}; stations are counted along the way'
+        )
+    target = end if settings.station < 0 else stations[settings.station]
+    if target == begin:
+        raise InputError(
+            f'station {settings.station} is where the route begins {_direction(settings)}; name '
+            'another one, or turn the direction round'
+        )
+    return target
 
 
 def _base(settings: FollowSettings, servo: ServoSettings) -> Base:

@@ -45,6 +45,12 @@ class FollowSettings(Settings):
     reverse: bool = setting(
         False, 'Drive the way backward, seeing what was seen when it was taught'
     )
+    station: int = setting(
+        -1,
+        'Station at which it ends, counted from 0 along the way; -1 = that at its end',
+        low=-1,
+        high=10000,
+    )
     station_distance: float = setting(
         0.3, 'Way before a station from which the servo drives [m]', low=0.0, high=2.0
     )

@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.frames import StaticMount
-from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings
 
 LOOK_PERIOD_S = 0.5  # at how camera_info is published
 NO_CAMERA = 'no usable camera_info yet; tracks wait for it, the robot stands'
@@ -33,7 +33,7 @@ class ServoCamera:
     """
 
     def __init__(
-        self, node: Node, settings: ServoNodeSettings, warn: Callable[[str], None]
+        self, node: Node, settings: DriverNodeSettings, warn: Callable[[str], None]
     ) -> None:
         self.model: CameraModel | None = None
         self._unusable = ''  # why the last camera_info is not
@@ -45,7 +45,7 @@ class ServoCamera:
         self._lens_check = LensCheck()
 
     def subscribe(
-        self, node: Node, settings: ServoNodeSettings, callback: Callable[[CameraInfo], None]
+        self, node: Node, settings: DriverNodeSettings, callback: Callable[[CameraInfo], None]
     ) -> None:
         """Subscribe to camera_info as it is published: also to one that was latched before."""
         reliability = settings.camera_reliability

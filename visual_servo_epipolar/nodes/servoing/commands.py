@@ -1,4 +1,4 @@
-"""Commands of the servo: twists on cmd_vel while a run goes on, then silence."""
+"""Commands of a node that drives: twists on cmd_vel while a run goes on, then silence."""
 
 import math
 
@@ -16,17 +16,21 @@ from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servoing.head import Head
-from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings
 
 STOP_TIMEOUT_S = 0.2
 SETTLING_S = 1.0  # zero twists after the end of a run; then others may drive
 
 
 class Commands:
-    """Commands of the servo ``node``; outside of a run it is silent: others may drive."""
+    """
+    Commands of a ``node`` that drives; outside of a run it is silent: others may drive.
+
+    ``head`` is that which carries the camera, where one may.
+    """
 
     def __init__(
-        self, node: Node, settings: ServoNodeSettings, head: Head, *, wheelbase: float
+        self, node: Node, settings: DriverNodeSettings, head: Head | None, *, wheelbase: float
     ) -> None:
         self._head, self._wheelbase = head, wheelbase
         self._stamped, self._frame = settings.enable_stamped_cmd_vel, settings.base_frame
@@ -75,7 +79,8 @@ class Commands:
 
     def send(self, command: Command, stamp_ns: int) -> None:
         """Publish ``command``: that to the head, then its twist on cmd_vel."""
-        self._head.send(command, stamp_ns)
+        if self._head is not None:
+            self._head.send(command, stamp_ns)
         self._sent_ns = self._steady.now().nanoseconds
         if self._drive is not None:
             self._drive_pub.publish(
@@ -93,7 +98,7 @@ class Commands:
         self._command_pub.wait_for_all_acked(Duration(seconds=STOP_TIMEOUT_S))
 
 
-def refuse_ackermann(node_settings: ServoNodeSettings, settings: ServoSettings) -> None:
+def refuse_ackermann(node_settings: DriverNodeSettings, settings: ServoSettings) -> None:
     """Raise ValueError where commands to a car are asked for that cannot go out."""
     if not node_settings.ackermann:
         return

@@ -9,6 +9,7 @@ RELIABILITIES = ('auto', 'reliable', 'best_effort')  # of images, as in nodes.qo
 RESUMES = ('automatic', 'manual')
 TRANSPORTS = ('raw', 'compressed')
 HEAD_COMMANDS = ('position', 'velocity', 'trajectory')
+PATH_SOURCES = ('odometry', 'commands')
 CAMERA_INFO = 'camera_info'  # the projection that is not told
 
 
@@ -22,8 +23,8 @@ class LifecycleSettings(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServoNodeSettings(LifecycleSettings):
-    """Settings of the connections of the node."""
+class DriverNodeSettings(LifecycleSettings):
+    """Settings of the connections of a node that drives the robot by its camera."""
 
     enable_stamped_cmd_vel: bool = fixed(False, 'Publish geometry_msgs/TwistStamped on cmd_vel')
     ackermann: bool = fixed(
@@ -36,24 +37,13 @@ class ServoNodeSettings(LifecycleSettings):
         False, 'Images are cut out of larger ones: the principal point may lie anywhere'
     )
     watchdog: bool = fixed(
-        True, 'Stop the robot when tracks stay away; off where time itself waits'
+        True, 'Stop the robot when tracks or images stay away; off where time itself waits'
     )
     max_latency: float = setting(
         0.5,
         'Age of an image, by the clock of the node, above which it is not driven by; 0 = off [s]',
         low=0.0,
         high=60.0,
-    )
-    arming_timeout: float = setting(
-        10.0,
-        'Time within which the robot must begin to drive after ~/start, or the order lapses [s]',
-        low=0.1,
-        high=3600.0,
-    )
-    resume: str = setting(
-        'automatic',
-        'After a hold the run goes on: automatic, by itself; manual, anew and on ~/start alone',
-        choices=RESUMES,
     )
     enable_timeout: float = fixed(
         0.0,
@@ -67,8 +57,25 @@ class ServoNodeSettings(LifecycleSettings):
     )
     camera_reliability: str = fixed(
         'auto',
-        'Subscribe to camera_info as: auto finds out what the driver offers',
+        'Subscribe to the camera as: auto finds out what the driver offers',
         choices=RELIABILITIES,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoNodeSettings(DriverNodeSettings):
+    """Settings of the connections of the node."""
+
+    arming_timeout: float = setting(
+        10.0,
+        'Time within which the robot must begin to drive after ~/start, or the order lapses [s]',
+        low=0.1,
+        high=3600.0,
+    )
+    resume: str = setting(
+        'automatic',
+        'After a hold the run goes on: automatic, by itself; manual, anew and on ~/start alone',
+        choices=RESUMES,
     )
     pan_joint: str = fixed('pan_joint', 'Joint of joint_states that pans the head to the left')
     tilt_joint: str = fixed(
@@ -79,6 +86,23 @@ class ServoNodeSettings(LifecycleSettings):
         'On head/command go out, as JointState: position, angles; velocity, rates; as '
         'JointTrajectory: trajectory',
         choices=HEAD_COMMANDS,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RouteNodeSettings(DriverNodeSettings):
+    """Settings of the node: the folder of the route, and where images and metres come from."""
+
+    route: str = setting('', 'Folder of the route, which is repeated, or written after recording')
+    transport: str = fixed(
+        'raw',
+        'Images come as: compressed are JPEG, PNG, TIFF, on image_raw/compressed',
+        choices=TRANSPORTS,
+    )
+    path_source: str = fixed(
+        'odometry',
+        'Metres of a way that is recorded come from: odom, or the commands on cmd_vel',
+        choices=PATH_SOURCES,
     )
 
 
@@ -271,7 +295,7 @@ class DockNodeSettings(LifecycleSettings):
     path_source: str = fixed(
         'odometry',
         'Metres come from: odom, or the commands on cmd_vel',
-        choices=('odometry', 'commands'),
+        choices=PATH_SOURCES,
     )
     pose_frame: str = fixed(
         'base',

@@ -68,6 +68,18 @@ NODES: Mapping[str, NodeRow] = {
             'core.docking.settings:DockPoseSettings',
         ),
     ),
+    'route_node': NodeRow(
+        does='Records a way by photographs, and repeats it: images in, velocities out.',
+        subscribes=('image_raw', 'camera_info', 'odom', 'stop_button'),
+        publishes=('cmd_vel', 'phase', '/diagnostics', '~/progress', '~/path', '~/markers'),
+        services=('~/start_recording', '~/station', '~/stop_recording', '~/repeat', '~/cancel'),
+        settings=(
+            'nodes.startup.settings:RouteNodeSettings',
+            'core.servo.settings:ServoSettings',
+            'core.routes.settings:FollowSettings',
+            'core.routes.settings:TeachSettings',
+        ),
+    ),
     'unicycle_node': NodeRow(
         does='Simulates the base: a Pioneer 3-DX, or a car.',
         subscribes=('cmd_vel',),

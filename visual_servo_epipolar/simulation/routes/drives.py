@@ -68,9 +68,9 @@ def teach(
     *,
     speed: float = 0.5,
     settings: TeachSettings | None = None,
-    watch: Callable[[Image, Pose, int], None] = lambda image, pose, frame: None,
+    watch: Callable[[Image, int, Pose], None] = lambda image, stamp_ns, odometry: None,
 ) -> Taught:
-    """Drive along a ``way``, and return the route that is learnt."""
+    """Drive along a ``way``, and return the route that is learnt; ``watch`` is shown the same."""
     driver, simulator = Driver(way, speed), CameraSimulator(scenario.camera)
     base = new_base(scenario.base, way.start, seed=scenario.camera.seed)
     teacher = Teacher(scenario.camera.nominal_camera, settings)
@@ -79,7 +79,7 @@ def teach(
     while rest:
         image = simulator.capture(base.pose, len(poses))
         teacher.add(image, base.now_ns, base.odometry)
-        watch(image, base.pose, len(poses))
+        watch(image, base.now_ns, base.odometry)
         poses.append(base.pose)
         rest -= driver.is_there
         twist = Twist(0.0, 0.0) if driver.is_there else driver.twist(base.pose)

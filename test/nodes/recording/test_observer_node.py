@@ -8,7 +8,7 @@ import pytest
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import diagnostics, write
 from visual_servo_epipolar.messages.diagnostics import Words
-from visual_servo_epipolar.nodes.observer_node import ObserverNode, UNFINISHED
+from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode, UNFINISHED
 from visual_servo_epipolar.simulation.run_monitor import RunMonitor
 
 

@@ -1,0 +1,254 @@
+"""The route node: what may go wrong ends in one clear message and a robot that stands."""
+
+from pathlib import Path
+
+from nav_msgs.msg import Path as PathMessage
+import numpy as np
+import pytest
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from route_rig import RouteRig
+from routes import CAMERA, key_view, route_of, SIZE
+from std_msgs.msg import Bool
+
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.cameras.registry import with_intrinsics
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.routes.run import FOLLOWING, RouteRun, RouteStep
+from visual_servo_epipolar.messages.routes.route_folder import write_route
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DRIVES = RouteStep(Twist(0.4, 0.1), FOLLOWING)
+
+
+def picture(number: int) -> Image:
+    return np.random.default_rng(number).integers(0, 255, SIZE[::-1], np.uint8)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_route(route_of(*map(key_view, range(3))), tmp_path / 'hall')
+    return tmp_path / 'hall'
+
+
+@pytest.fixture
+def rig(bench, folder) -> RouteRig:
+    return RouteRig(bench, folder, CAMERA)
+
+
+@pytest.fixture
+def driving(rig, monkeypatch) -> RouteRig:
+    """Return a rig whose robot is told to drive by each image."""
+
+    def step(run: RouteRun, image: Image, stamp_ns: int) -> RouteStep:
+        if not run.ended:
+            run.last, run._newest_ns = DRIVES, stamp_ns
+        return run.last
+
+    monkeypatch.setattr(RouteRun, 'step', step)
+    rig.see(picture(0))
+    assert rig.call('repeat')[0]
+    for k in range(1, 4):
+        rig.see(picture(k))
+    rig.bench.until(lambda: not rig.stands, 'the robot to drive')
+    return rig
+
+
+def test_nothing_is_said_to_the_base_before_it_is_asked_for(rig) -> None:
+    for k in range(3):
+        rig.see(picture(k))
+    rig.bench.settle()
+    assert not rig.commands and rig.node.phase == 'waiting'
+
+
+def test_the_route_is_shown_to_who_comes_late(rig) -> None:
+    paths = rig.bench.listen(PathMessage, '/route_node/path', LATCHED)
+    rig.bench.until(lambda: bool(paths), 'the path')
+    assert paths[0].header.frame_id == 'route' and len(paths[0].poses) > 10
+
+
+def test_a_robot_that_is_not_on_the_route_stands_and_fails_with_a_reason(bench, folder) -> None:
+    rig = RouteRig(bench, folder, CAMERA, lost_timeout=1.0)
+    rig.see(picture(0))
+    assert rig.call('repeat')[0]
+    for k in range(1, 16):
+        rig.see(picture(k))
+    assert rig.node.phase == 'failed' and 'features in common' in rig.reason
+    assert rig.stands
+    level = rig.diagnoses[-1].status[0].level
+    rig.bench.settle()
+    assert level == rig.diagnoses[-1].status[0].level == b'\x02'
+
+
+def test_a_robot_whose_images_stop_stands(driving) -> None:
+    driving.bench.until(lambda: driving.node.phase == 'holding', 'the watch to see it')
+    driving.bench.until(lambda: driving.stands, 'the order to stand')
+    assert 'no new images for 0.' in driving.reason
+    driving.see(picture(9))
+    driving.bench.until(lambda: not driving.stands, 'the robot to go on')
+
+
+@pytest.mark.parametrize('back_ns', [0, 3_000_000_000])
+def test_a_robot_whose_stamps_do_not_advance_stands(driving, back_ns: int) -> None:
+    driving.see(picture(9), driving.stamp_ns - back_ns)
+    driving.bench.until(lambda: driving.stands, 'the order to stand')
+    assert driving.node.phase == 'holding' and 'stamps' in driving.reason
+
+
+def test_a_robot_whose_camera_hangs_stands(driving) -> None:
+    for _ in range(9):
+        driving.see(picture(3))
+    driving.bench.until(lambda: driving.stands, 'the order to stand')
+    assert 'the very same' in driving.reason
+
+
+def test_a_camera_that_becomes_another_ends_the_run(driving) -> None:
+    driving.calibrate(with_intrinsics(CAMERA, fx=60.0, fy=60.0, cx=31.5, cy=23.5))
+    driving.bench.until(lambda: driving.stands, 'the order to stand')
+    assert driving.node.phase == 'failed' and 'taught with another camera' in driving.reason
+
+
+def test_a_stop_button_stops_and_keeps_from_starting(driving) -> None:
+    press = driving.bench.talk(Bool, 'stop_button')
+    press(Bool(data=True))
+    driving.bench.until(lambda: driving.stands, 'the order to stand')
+    driving.see(picture(9))
+    assert driving.stands and driving.node.phase == 'waiting'
+    assert driving.call('repeat') == (
+        False,
+        'the stop button is pressed; release it, then call ~/repeat',
+    )
+
+
+def test_a_repetition_that_is_cancelled_stands(driving) -> None:
+    assert driving.call('cancel') == (True, 'the robot stands')
+    driving.see(picture(9))
+    driving.bench.settle()
+    assert driving.stands and driving.node.phase == 'waiting'
+
+
+def test_a_node_that_ends_tells_the_base_to_stand(driving) -> None:
+    driving.node.stop()
+    driving.bench.until(lambda: driving.stands, 'the order to stand')
+
+
+def test_a_base_that_may_not_drive_stands(bench, folder) -> None:
+    rig = RouteRig(bench, folder, CAMERA, enable_timeout=5.0)
+    rig.see(picture(0))
+    success, text = rig.call('repeat')
+    assert not success and 'no message has come on /enable yet' in text
+
+
+@pytest.mark.parametrize(
+    ('name', 'match'),
+    [
+        ('structure.npz', 'missing, cut off or damaged'),
+        ('000001.png', '1 of 3 photographs are missing'),
+        ('route.yaml', 'no folder of a route'),
+    ],
+)
+def test_a_folder_that_is_not_whole_is_refused(rig, folder, name: str, match: str) -> None:
+    (folder / name).unlink()
+    rig.see(picture(0))
+    success, text = rig.call('repeat')
+    assert not success and match in text
+    rig.see(picture(1))
+    assert not rig.commands
+
+
+def test_a_photograph_that_cannot_be_read_on_the_way_ends_the_run(rig, folder) -> None:
+    (folder / '000001.png').write_bytes(b'nothing')
+    rig.see(picture(0))
+    assert rig.call('repeat')[0]
+    # What is in view is the key view whose photograph is broken.
+    assert not rig.stands or rig.node.phase in ('waiting', 'localizing')
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            'visual_servo_epipolar.core.routes.places.PlaceFinder.votes',
+            lambda finder, image: np.array([0.0, 50.0, 0.0]),
+        )
+        rig.see(picture(1))
+    assert rig.node.phase == 'failed' and 'cannot be read' in rig.reason and rig.stands
+
+
+def test_a_foreign_camera_is_refused(bench, folder) -> None:
+    rig = RouteRig(bench, folder, with_intrinsics(CAMERA, fx=60.0, fy=60.0, cx=31.5, cy=23.5))
+    rig.see(picture(0))
+    success, text = rig.call('repeat')
+    assert not success and 'taught with another camera' in text
+
+
+def test_images_that_are_not_those_of_camera_info_stop_the_robot(driving) -> None:
+    driving.see(picture(9)[::2, ::2])
+    driving.bench.until(lambda: driving.stands, 'the order to stand')
+    assert 'image has 32x24 px' in driving.reason
+
+
+def test_without_a_folder_nothing_begins(bench, tmp_path) -> None:
+    rig = RouteRig(bench, tmp_path, CAMERA, route='')
+    rig.see(picture(0))
+    for service in ('repeat', 'start_recording'):
+        success, text = rig.call(service)
+        assert not success and 'names no folder; set it: ros2 param set /route_node route' in text
+
+
+def test_without_images_nothing_begins(rig) -> None:
+    rig.node._repetition.freshness._heard_ns -= 2 * 10**9
+    success, text = rig.call('repeat')
+    assert not success and 'no images have come' in text
+
+
+def test_a_station_that_is_not_there_is_refused(bench, folder) -> None:
+    rig = RouteRig(bench, folder, CAMERA, station=4)
+    rig.see(picture(0))
+    success, text = rig.call('repeat')
+    assert not success and 'station must be one of 0 to 0' in text
+
+
+def test_epipole_in_reverse_is_refused_as_a_parameter(bench, folder) -> None:
+    rig = RouteRig(bench, folder, CAMERA, steering='epipole')
+    result = rig.node.set_parameters([RosParameter('reverse', value=True)])
+    assert not result[0].successful and 'must go forward' in result[0].reason
+
+
+def test_a_service_out_of_turn_says_what_to_call(rig) -> None:
+    rig.see(picture(0))
+    for service in ('station', 'stop_recording'):
+        assert rig.call(service) == (
+            False,
+            'no way is being recorded; call ~/start_recording first',
+        )
+    assert rig.call('start_recording')[0]
+    for service in ('start_recording', 'repeat'):
+        success, text = rig.call(service)
+        assert not success and '~/stop_recording it first' in text
+
+
+def test_what_a_full_disk_keeps_from_being_written_is_not_lost(rig, folder, monkeypatch) -> None:
+    before = (folder / 'route.yaml').read_text()
+    rig.node._taught = route_of(*map(key_view, range(2)))
+    with monkeypatch.context() as patch:
+
+        def full(*_: object, **__: object) -> None:
+            raise OSError(28, 'No space left on device')
+
+        patch.setattr(np, 'savez', full)
+        success, text = rig.call('stop_recording')
+    assert not success and 'No space left on device' in text
+    assert (folder / 'route.yaml').read_text() == before
+    success, text = rig.call('stop_recording')
+    assert success and '2 key views, written to' in text
+
+
+def test_a_recording_without_odometry_says_so(rig) -> None:
+    rig.see(picture(0))
+    assert rig.call('start_recording')[0]
+    for k in range(1, 63):
+        rig.see(picture(k))
+    success, text = rig.call('stop_recording')
+    assert not success and 'nothing came on /odom yet' in text
+
+
+def test_a_head_that_may_turn_is_refused(bench, folder) -> None:
+    with pytest.raises(ValueError, match='routes must have a camera that is fixed to the base'):
+        RouteRig(bench, folder, CAMERA, rig='pan_tilt')

@@ -1,0 +1,97 @@
+"""Messages of a route: the taught path, its key views, and how far a repetition has come."""
+
+from collections.abc import Iterator
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Point, PoseStamped
+from nav_msgs.msg import Path
+import numpy as np
+from visualization_msgs.msg import Marker, MarkerArray
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.motion import quaternion_from_yaw
+from visual_servo_epipolar.core.geometry.planar_poses import compose
+from visual_servo_epipolar.core.routes.following import RouteProgress
+from visual_servo_epipolar.core.routes.route import Route
+from visual_servo_epipolar.core.routes.run import FAILED, HOLDING, RouteStep
+from visual_servo_epipolar.messages import write
+
+FRAME = 'route'  # axes of the first key view: x forward, y left
+SPACING = 0.1  # between poses of a path [m]
+DOT, STATION_DOT = 0.06, 0.16  # diameters [m]
+LEVELS = {HOLDING: DiagnosticStatus.WARN, FAILED: DiagnosticStatus.ERROR}
+
+
+def path(route: Route, stamp_ns: int) -> Path:
+    """Return the taught path of a ``route``, in axes of its first key view."""
+    message = Path(header=write.header(stamp_ns, FRAME))
+    message.poses = [_stamped(pose, stamp_ns) for pose in path_poses(route)]
+    return message
+
+
+def path_poses(route: Route) -> Iterator[FloatArray]:
+    """Yield poses along the taught path, (3,): each by the key view ahead of it."""
+    yield route.views[0].pose
+    for before, view in zip(route.views[:-1], route.views[1:], strict=True):
+        count = max(round((view.way - before.way) / SPACING), 1)
+        for way in np.linspace(before.way, view.way, count + 1)[1:].tolist():
+            yield compose(view.pose, view.path.pose_at(way))
+
+
+def markers(route: Route, stamp_ns: int) -> MarkerArray:
+    """Return the key views as dots, the stations as large ones."""
+    kinds = (('key views', False, DOT), ('stations', True, STATION_DOT))
+    return MarkerArray(
+        markers=[_dots(route, *kind, number, stamp_ns) for number, kind in enumerate(kinds)]
+    )
+
+
+def progress(values: RouteProgress) -> dict[str, float]:
+    """Return how far a repetition is, in SI units, as telemetry."""
+    return {
+        'view': float(values.view),
+        'remaining': values.remaining,
+        'lateral': values.lateral,
+        'lateral_deviation': values.lateral_deviation,
+        'way': values.way,
+        'turn': values.turn,
+        'inliers': float(values.inliers),
+    }
+
+
+def diagnosis(step: RouteStep, stamp_ns: int, *, name: str, notice: str = '') -> DiagnosticArray:
+    """Return the phase of a repetition, why, and its progress as a diagnostic status."""
+    values: dict[str, object] = {'phase': step.phase, 'reason': step.reason}
+    if step.progress is not None:
+        values |= progress(step.progress)
+    level: bytes = LEVELS.get(step.phase, DiagnosticStatus.OK)
+    summary = ': '.join(filter(None, [step.phase, step.reason]))
+    return write.diagnostics(
+        name,
+        level=max(level, DiagnosticStatus.WARN) if notice else level,
+        summary='; '.join(filter(None, [summary, notice])),
+        values=values,
+        stamp_ns=stamp_ns,
+    )
+
+
+def _stamped(pose: FloatArray, stamp_ns: int) -> PoseStamped:
+    message = PoseStamped(header=write.header(stamp_ns, FRAME))
+    x, y, theta = pose.tolist()
+    message.pose.position.x, message.pose.position.y = x, y
+    _, _, z, w = quaternion_from_yaw(theta)
+    message.pose.orientation.z, message.pose.orientation.w = z, w
+    return message
+
+
+def _dots(
+    route: Route, name: str, are_stations: bool, size: float, number: int, stamp_ns: int
+) -> Marker:
+    marker = Marker(header=write.header(stamp_ns, FRAME), ns=name, id=number)
+    marker.type, marker.pose.orientation.w = Marker.SPHERE_LIST, 1.0
+    marker.scale.x = marker.scale.y = marker.scale.z = size
+    marker.color.g, marker.color.a = 1.0, 1.0
+    marker.color.r = 1.0 if are_stations else 0.0
+    views = [view for view in route.views if view.is_station == are_stations]
+    marker.points = [Point(x=float(view.pose[0]), y=float(view.pose[1])) for view in views]
+    return marker

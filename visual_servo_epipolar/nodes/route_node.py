@@ -1,0 +1,335 @@
+"""The route node: a way is recorded by photographs, and repeated; the core decides how."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+import sys
+from typing import Any
+
+import cv2
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_srvs.srv import Trigger
+
+from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.errors import InputError, VisualServoError
+from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.routes.route import Route
+from visual_servo_epipolar.core.routes.run import RouteRun
+from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
+from visual_servo_epipolar.core.servo.session import Session
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.messages import read, validation
+from visual_servo_epipolar.messages.images.encodings import GrayReader
+from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
+from visual_servo_epipolar.nodes import parameters
+from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
+from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
+from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
+from visual_servo_epipolar.nodes.routing.recording import RouteRecording
+from visual_servo_epipolar.nodes.routing.repetition import RouteRepetition
+from visual_servo_epipolar.nodes.routing.reports import RouteReports
+from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
+from visual_servo_epipolar.nodes.servoing.commands import Commands, refuse_ackermann
+from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
+from visual_servo_epipolar.nodes.servoing.run import QUIET_S
+from visual_servo_epipolar.nodes.servoing.switches import Enable, StopButton
+from visual_servo_epipolar.nodes.startup.complaints import Complaints
+from visual_servo_epipolar.nodes.startup.run import spin
+from visual_servo_epipolar.nodes.startup.settings import RouteNodeSettings
+from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
+
+WARN_PERIOD_S = 5.0
+PRESSED = 'the stop button is pressed; release it, then call ~/repeat'
+NAMELESS = 'the parameter route names no folder; set it: ros2 param set {name} route FOLDER'
+
+
+class RouteNode(ManagedNode):
+    """
+    Hosts ``core.routes``: images along a way in, a folder out; later images in, commands out.
+
+    Outside of a repetition it is silent: somebody drives by hand while a way is recorded.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('route_node', **options)
+        self._warn = Complaints(self, WARN_PERIOD_S)
+        self._node_settings = parameters.declare(self, RouteNodeSettings)
+        self._servo = parameters.declare(self, ServoSettings)
+        self._follow = parameters.declare(self, FollowSettings)
+        self._teach = parameters.declare(self, TeachSettings)
+        parameters.refuse_unknown(self, options)
+        refuse_ackermann(self._node_settings, self._servo)
+        self._watch_parameters()
+        self._stop_button = StopButton(self, self._stop)
+        self._begins = self._servo.autostart
+        actions: dict[str, Callable[[], str]] = {
+            'start_recording': self._start_recording,
+            'station': self._station,
+            'stop_recording': self._stop_recording,
+            'repeat': self._repeat,
+        }
+        for name, action in actions.items():
+            self.create_service(Trigger, f'~/{name}', self._answer(name, action))
+        self.create_service(Trigger, '~/cancel', self._on_cancel)
+        self.autostart(self._node_settings)
+
+    def configure(self) -> None:
+        """Create all that recording and repeating need."""
+        if self._servo.carrier.turn_rate > 0.0:
+            raise ValueError(
+                f'routes must have a camera that is fixed to the base, got rig {self._servo.rig}; '
+                'set rig: fixed, and hold the head still'
+            )
+        settings = self._node_settings
+        self.received = 0  # images
+        self._recording: RouteRecording | None = None
+        self._taught: Route | None = None  # and not written yet
+        self._pending: Image | CompressedImage | None = None
+        self._reader = GrayReader()
+        self._camera = ServoCamera(self, settings, self._warn)
+        self._driven = DrivenPath(
+            self,
+            settings.path_source,
+            self._warn,
+            self._on_odometry,
+            stamped=settings.enable_stamped_cmd_vel,
+        )
+        self._reports = RouteReports(self)
+        self._rivals = CommandConflicts(self)
+        self._enable = Enable(self, settings.enable_timeout, self._on_withdrawn)
+        self._repetition = RouteRepetition(
+            self,
+            Commands(self, settings, None, wheelbase=self._servo.wheelbase),
+            self._reports,
+            self._enable.withheld,
+            lambda: self._servo.stale_timeout,
+            watched=settings.watchdog,
+        )
+        self._inputs = CameraSubscriptions(self, settings.transport, settings.camera_reliability)
+        self._inputs.create_subscription(CameraInfo, 'camera_info', self._on_info)
+        self._inputs.create_subscription(Image, 'image_raw', self._on_image)
+
+    def activate(self) -> None:
+        """Show the route that is there, if any, and wait for a service, or drive at once."""
+        self._driven.begin_anew()
+        folder = self._node_settings.route
+        if folder and (Path(folder).expanduser() / 'route.yaml').exists():
+            self._reports.route(self._load())
+        self._reports.standing(self._repetition.last)
+
+    def deactivate(self) -> None:
+        """Stop the robot; a way that is being recorded is lost, which is said."""
+        self._stop('deactivated')
+        if self._recording is not None:
+            self.get_logger().warning('the recording of a way is given up')
+            self._recording.close()
+            self._recording = None
+
+    def stop(self) -> None:
+        """Stop the robot, and wait until the command is acknowledged."""
+        self._stop('')
+        if self.is_configured:
+            self._repetition.wait()
+
+    def suspend(self) -> None:
+        """Stop the robot, before the process sleeps."""
+        self.stop()
+
+    @property
+    def phase(self) -> str:
+        """The phase of the repetition, by the last image or order."""
+        return self._repetition.last.phase
+
+    def _stop(self, reason: str) -> None:
+        """End a repetition; none begins by itself after that."""
+        self._begins = False
+        if self.is_configured:
+            self._repetition.stop(reason)
+
+    def _watch_parameters(self) -> None:
+        """Let settings change while the node runs: those of a repetition hold from the next on."""
+        for name in ('_node_settings', '_servo', '_follow', '_teach'):
+            parameters.watch(self, partial(getattr, self, name), partial(setattr, self, name))
+
+    def _on_withdrawn(self, reason: str) -> None:
+        self._repetition.lose(reason)
+
+    def _on_odometry(self) -> None:
+        if self._recording is not None:
+            self._recording.look_at_waiting()
+
+    def _on_info(self, message: CameraInfo) -> None:
+        self._inputs.info_frame = message.header.frame_id
+        self._camera.hear(message, Session(), self._servo)
+        trouble = self._foreign
+        if trouble:
+            self._repetition.fail(trouble)
+        pending, self._pending = self._pending, None
+        if pending is not None and self._camera.model is not None:
+            self._on_image(pending)
+
+    @property
+    def _foreign(self) -> str:
+        """That the camera is not that of the repetition or of the recording; or ''."""
+        run, recording, camera = self._repetition.run, self._recording, self._camera.model
+        if camera is None:
+            return self._camera.missing if self._repetition.is_active else ''
+        if recording is not None and camera != recording.camera:
+            recording.trouble = 'camera_info has changed while recording; record the way anew'
+        try:
+            if run is not None:
+                run.route.check_camera(camera)
+        except InputError as error:
+            return str(error)
+        return ''
+
+    def _on_image(self, message: Image | CompressedImage) -> None:
+        self.received += 1
+        self._repetition.freshness.hear()
+        self._inputs.compare_frames(message.header.frame_id)
+        if self._camera.model is None:
+            self._pending = message
+            self._warn(self._camera.missing)
+            return
+        try:
+            image = read.gray(message, self._reader)
+            validation.checked_image(image, self._camera.model)
+        except ValueError as error:
+            self._warn(f'image refused: {error}')
+            self._repetition.lose(f'image refused: {error}')
+            return
+        self._take(image, read.stamp_ns(message.header), message.header.frame_id)
+
+    def _take(self, image: Pixels, stamp_ns: int, frame_id: str) -> None:
+        """Record an image, or drive by it."""
+        if self._recording is not None:
+            self._recording.see(image, stamp_ns)
+            if self._recording.trouble:
+                self._warn(f'no route comes of this recording: {self._recording.trouble}')
+        if self._begins:
+            self._begins = False
+            self._say('repeat', self._outcome(self._repeat))
+        if self._repetition.run is None:
+            self._servo = self._camera.mounted(frame_id, ServoState(), self._servo)
+        try:
+            latency = self._node_settings.max_latency
+            self._repetition.see(image, stamp_ns, frame_id, latency)
+        except VisualServoError as error:  # a photograph on the disk that cannot be read
+            self._repetition.fail(str(error))
+
+    def _folder(self) -> Path:
+        """Return the folder of the route; InputError if none is named."""
+        if not self._node_settings.route:
+            raise InputError(NAMELESS.format(name=self.get_fully_qualified_name()))
+        return Path(self._node_settings.route).expanduser()
+
+    def _load(self) -> Route:
+        """Return the route of the folder; InputError with what is wrong with it."""
+        return read_route(self._folder())
+
+    def _start_recording(self) -> str:
+        """Begin to record; raises InputError where nothing could come of it."""
+        self._folder()
+        if self._repetition.is_active:
+            raise InputError('a repetition is under way; ~/cancel it first')
+        if self._recording is not None:
+            raise InputError('a way is being recorded; ~/stop_recording it first')
+        if self._camera.model is None:
+            raise InputError(self._camera.missing)
+        mount = Attitude(self._servo.camera_tilt, self._servo.camera_roll)
+        self._taught = None
+        self._driven.begin_anew()
+        self._recording = RouteRecording(self._camera.model, self._teach, mount, self._driven)
+        return (
+            'recording: drive the way by hand, stand where it shall end exactly, then call '
+            '~/stop_recording'
+        )
+
+    def _station(self) -> str:
+        if self._recording is None:
+            raise InputError('no way is being recorded; call ~/start_recording first')
+        self._recording.station()
+        return f'a station, at key view {self._recording.key_views - 1}'
+
+    def _stop_recording(self) -> str:
+        """Write what was recorded; what could not be written is kept for another call."""
+        recording, self._recording = self._recording, None
+        if recording is not None:
+            self._taught = recording.finish()
+        if self._taught is None:
+            raise InputError('no way is being recorded; call ~/start_recording first')
+        route, folder = self._taught, self._folder()
+        write_route(route, folder)
+        self._taught = None
+        self._reports.route(route)
+        return f'{route.length:.2f} m, {len(route.views)} key views, written to {folder}'
+
+    def _repeat(self) -> str:
+        """Let a repetition begin; raises InputError where it may not."""
+        if self._repetition.is_active:
+            return 'a repetition is under way'
+        refusal = self._refusal()
+        if refusal:
+            raise InputError(refusal)
+        route = self._load()
+        assert self._camera.model is not None
+        route.check_camera(self._camera.model)
+        run = RouteRun(route, self._follow, self._servo)
+        self._reports.route(route)
+        self._repetition.begin(run)
+        end = route.views[run.target].way
+        return f'begun, to the station after {end:.2f} m; the robot looks where it is'
+
+    def _refusal(self) -> str:
+        """Return why no repetition may begin now; or ''."""
+        if self._stop_button.pressed:
+            return PRESSED
+        if self._recording is not None:
+            return 'a way is being recorded; ~/stop_recording it first'
+        trouble = self._camera.missing or self._camera.mount_trouble
+        if trouble or not self._node_settings.watchdog:
+            return trouble
+        if self._repetition.freshness.quiet > QUIET_S:
+            return 'no images have come for a second; is the camera running?'
+        return self._rivals.refusal() or self._enable.withheld()
+
+    def _outcome(self, action: Callable[[], str]) -> tuple[bool, str]:
+        try:
+            return True, action()
+        except (VisualServoError, ValueError) as error:
+            return False, str(error)
+
+    def _say(self, name: str, outcome: tuple[bool, str]) -> None:
+        success, text = outcome
+        if success:
+            self.get_logger().info(f'{name}: {text}')
+        else:
+            self.get_logger().warning(f'{name} refused: {text}')
+
+    def _answer(self, name: str, action: Callable[[], str]) -> Callable[..., Trigger.Response]:
+        """Return the callback of a service that does something, and says what came of it."""
+
+        def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            response.success, response.message = outcome = self._outcome(action)
+            self._say(name, outcome)
+            return response
+
+        return answer
+
+    @in_every_state  # who cancels wants the robot to stand also when the node is active again
+    def _on_cancel(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._stop('cancelled')
+        response.success, response.message = True, 'the robot stands'
+        self._say('cancel', (True, response.message))
+        return response
+
+
+def main() -> None:
+    """Run the node, on one thread of OpenCV: more would wait for cores that others have."""
+    cv2.setNumThreads(1)
+    sys.exit(spin(RouteNode))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,157 @@
+"""Repetition of a route: each image leads to one command, and nothing else moves the robot."""
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.laws.command import Command, HALT
+from visual_servo_epipolar.core.routes.run import HOLDING, RouteRun, RouteStep, WAITING
+from visual_servo_epipolar.core.servo.admission import Arrival
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.nodes.routing.reports import RouteReports
+from visual_servo_epipolar.nodes.servoing.commands import Commands
+from visual_servo_epipolar.nodes.servoing.freshness import Freshness
+from visual_servo_epipolar.nodes.tracking.image_faults import Repetition
+
+WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0
+STANDS = RouteStep(STANDSTILL, WAITING)
+
+
+class RouteRepetition:
+    """
+    Repetition of a route by the base of ``node``: what its run decides is sent and reported.
+
+    ``withheld`` returns why nobody lets the robot drive now, or ''; ``stale_timeout`` after how
+    many seconds images count as missing. Where time itself waits for the node (not ``watched``),
+    each image is answered.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        commands: Commands,
+        reports: RouteReports,
+        withheld: Callable[[], str],
+        stale_timeout: Callable[[], float],
+        *,
+        watched: bool,
+    ) -> None:
+        self._clock, self._logger = node.get_clock(), node.get_logger()
+        self._commands, self._reports = commands, reports
+        self._withheld, self._stale, self._watched = withheld, stale_timeout, watched
+        self.freshness, self._images = Freshness(self._clock), Repetition()
+        self.run: RouteRun | None = None
+        self.last, self._stamp_ns = STANDS, 0
+        if watched:
+            node.create_timer(WATCH_PERIOD_S, self._on_watch, clock=self.freshness.clock)
+            node.create_timer(IDLE_PERIOD_S, self._on_idle, clock=self.freshness.clock)
+
+    @property
+    def is_active(self) -> bool:
+        """Whether a run is under way."""
+        return self.run is not None and not self.run.ended
+
+    def begin(self, run: RouteRun) -> None:
+        """Let a run begin, by the next image."""
+        self.run, self.last = run, run.last
+        self.freshness.renew()
+        self._reports.standing(self.last)
+
+    def see(self, image: Image, stamp_ns: int, frame_id: str, max_latency: float) -> None:
+        """Take the step that an image leads to, where a run is under way."""
+        self._images.see(image)
+        run = self.run
+        if run is None or run.ended:
+            if not self._watched:
+                self._commands.send(HALT, stamp_ns)
+            return
+        trouble = self._refusal(run, stamp_ns, max_latency) if self._watched else ''
+        if trouble:
+            self.lose(trouble)
+            return
+        self.freshness.renew()
+        self._stamp_ns = stamp_ns
+        step = run.step(image, stamp_ns)
+        self._commands.send(Command(step.twist), stamp_ns)  # nobody drives by what follows
+        self._follow(step)
+        self._reports.step(step, stamp_ns, frame_id)
+
+    def _refusal(self, run: RouteRun, stamp_ns: int, max_latency: float) -> str:
+        arrival = Arrival(
+            stamp_ns,
+            self._clock.now().nanoseconds,
+            self.freshness.clock_stands_still(),
+            self._images.count,
+            self._images.back,
+        )
+        return run.admit(
+            arrival,
+            max_latency=max_latency,
+            still_timeout=self._stale(),
+            withheld=self._withheld(),
+        )
+
+    def lose(self, reason: str) -> None:
+        """Stop the robot, as no image may be driven by; the next good one goes on."""
+        if self.run is None or self.run.ended:
+            return
+        self._commands.send(HALT, self._clock.now().nanoseconds)
+        age_ns = round(self.freshness.age * NANOSECONDS)
+        if self.last.phase != HOLDING:
+            self._logger.warning(f'{reason}, the robot is stopped')
+        self._end(self.run.halt(self._stamp_ns + age_ns, reason))
+
+    def fail(self, reason: str) -> None:
+        """End the run, with a reason."""
+        if self.run is not None and not self.run.ended:
+            self._end(self.run.fail(reason))
+
+    def stop(self, reason: str) -> bool:
+        """End what goes on, and tell the base to stand; return whether a run was under way."""
+        was_active, self.run = self.is_active, None
+        self._commands.send(HALT, self._clock.now().nanoseconds)
+        self._commands.stopped()
+        self.last = RouteStep(STANDSTILL, WAITING, reason)
+        self._reports.standing(self.last)
+        return was_active
+
+    def wait(self) -> None:
+        """Wait until the last command is acknowledged."""
+        self._commands.wait()
+
+    def _end(self, step: RouteStep) -> None:
+        self._follow(step)
+        self._reports.standing(step)
+
+    def _follow(self, step: RouteStep) -> None:
+        """Log what is new of a step; after the end the order to stand is repeated for a while."""
+        before, self.last = self.last, step
+        if step.phase != before.phase:
+            why = f' ({step.reason})' if step.reason else ''
+            self._logger.info(f'{before.phase} -> {step.phase}{why}')
+        if self.run is not None and self.run.ended:
+            self._commands.send(HALT, self._clock.now().nanoseconds)
+            self._commands.stopped()
+
+    def _on_watch(self) -> None:
+        """Stop the robot where images stay away or nobody lets it drive, and keep it standing."""
+        self.freshness.clock_stands_still()
+        run, age = self.run, self.freshness.age
+        if run is None or run.ended:
+            if self._commands.repeats:
+                self._commands.send(HALT, self._clock.now().nanoseconds)
+        elif age > max(run.settings.lost_timeout, self._stale()):
+            self.fail(f'no image could be driven by for {age:.1f} s: {self.last.reason}')
+        elif self.last.phase == HOLDING and age > self._stale():
+            self._commands.send(HALT, self._clock.now().nanoseconds)
+        elif self.last.twist != STANDSTILL and age > self._stale():
+            self.lose(f'no new images for {age:.2f} s')
+        elif self.last.twist != STANDSTILL and self._withheld():
+            self.lose(self._withheld())
+
+    def _on_idle(self) -> None:
+        """Say how things are, where no image does."""
+        if self._reports.silence >= 0.5 * IDLE_PERIOD_S:
+            self._reports.standing(self.last)
