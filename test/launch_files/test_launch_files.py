@@ -20,6 +20,7 @@ EVERYTHING = {
     'simulation.launch.py': {'record': '/bags/one', 'rviz': 'true'},
     'robot.launch.py': {'record': '/bags/one', 'lifecycle': 'nav2', 'dock': 'serve'},
     'two_robots.launch.py': {'record': '/bags', 'rviz': 'true'},
+    'route.launch.py': {'record': '/bags/one', 'simulate': 'true'},
 }
 OTHERS = {'rviz2': 'rviz2', 'lifecycle_manager': 'nav2_lifecycle_manager'}  # by executable
 DECLARATION = re.compile(r'parameters\.declare\(self, (\w+)\)')
@@ -128,6 +129,7 @@ def test_parameters_are_parameters_of_the_nodes(name) -> None:
             'autostart': 'true',
             'use_sim_time': 'true',
         },
+        'route.launch.py': {'route': 'hall', 'autostart': 'true', 'start': '[1, -2, 3]'},
     }
     for node in ours(Launch(name, **EVERYTHING[name], **given.get(name, {}))):
         assert values(node).keys() <= parameters(node), node.executable

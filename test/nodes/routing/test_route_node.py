@@ -88,6 +88,24 @@ def test_a_robot_whose_images_stop_stands(driving) -> None:
     driving.bench.until(lambda: not driving.stands, 'the robot to go on')
 
 
+def test_a_step_that_took_too_long_is_not_driven_by(driving, monkeypatch) -> None:
+    freshness, step = driving.node._repetition.freshness, RouteRun.step
+    now_ns = freshness._now_ns()
+    monkeypatch.setattr(freshness, '_now_ns', lambda: now_ns)
+
+    def slow(run: RouteRun, image: Image, stamp_ns: int) -> RouteStep:
+        nonlocal now_ns
+        now_ns += 10**9
+        return step(run, image, stamp_ns)
+
+    monkeypatch.setattr(RouteRun, 'step', slow)
+    driving.bench.settle()
+    told = len(driving.commands)
+    driving.node._repetition.see(picture(9), driving.stamp_ns + 1, 'camera', 0.0)
+    driving.bench.until(lambda: len(driving.commands) > told, 'a command')
+    assert driving.stands and 'took 1.00 s, too long to drive by it' in driving.reason
+
+
 @pytest.mark.parametrize('back_ns', [0, 3_000_000_000])
 def test_a_robot_whose_stamps_do_not_advance_stands(driving, back_ns: int) -> None:
     driving.see(picture(9), driving.stamp_ns - back_ns)

@@ -125,7 +125,7 @@ class Follower:
         self._predict(stamp_ns, dt)
         self._stamp_ns = stamp_ns
         switched = self._switch(image)
-        found = self._look(image)
+        found = self._look(image, self.lost + dt)
         self.lost = 0.0 if found is not None else self.lost + dt
         if found is not None:
             self._update(found)
@@ -137,9 +137,16 @@ class Follower:
         self._sent.append((stamp_ns, self.twist))
         return self._progress(found, switched)
 
-    def halt(self, stamp_ns: int) -> None:
-        """Note that the base was told to stand at ``stamp_ns``."""
+    def prepare(self) -> None:
+        """Read the key view after the one ahead, so that no image has to wait for it."""
+        if not self._is_last:
+            self._tracker(self.view + self._sign)
+
+    def halt(self, stamp_ns: int, *, unsent: bool) -> None:
+        """Note that the base was told to stand at ``stamp_ns``; the last twist was ``unsent``."""
         self.twist = STANDSTILL
+        if unsent and self._sent:
+            self._sent.pop()
         self._sent.append((stamp_ns, STANDSTILL))
 
     def _progress(self, found: PathMeasurement | None, switched: bool) -> RouteProgress:
@@ -204,7 +211,7 @@ class Follower:
         offset, turn, _ = self._filter.state.tolist()
         return compose(pose, np.array([0.0, offset, turn]))
 
-    def _look(self, image: Image) -> PathMeasurement | None:
+    def _look(self, image: Image, unseen: float) -> PathMeasurement | None:
         """Return where the view is beside the path; None, and why, if that is not believed."""
         tracker, path = self._tracker(self.view), self.route.views[self.view].path
         found = tracker.locate(image, self._pose_in(self.view))
@@ -213,7 +220,7 @@ class Follower:
             return None
         measured = beside(path, found, self.way)
         self.reason = ''
-        if self._filter is not None and self.lost < COASTED:
+        if self._filter is not None and unseen < COASTED:
             self.reason = beyond_gate(self._filter, measured)
         return None if self.reason else measured
 

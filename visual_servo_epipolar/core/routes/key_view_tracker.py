@@ -37,10 +37,15 @@ class KeyViewTracker:
 
     def locate(self, image: Image, near: FloatArray) -> ViewPose | None:
         """Return where ``image``, uint8 of shape (H, W), was taken, ``near`` a pose, (3,)."""
-        if not self.begun:
+        was_begun = self.begun
+        if not was_begun:
             self.begin(image, near)
         self.features = features = self._tracker.track(image)
         found = self.place(features, near)
+        if found is None and was_begun:  # after a gap they are where the pose has them
+            self.begin(image, near)
+            self.features = features = self._tracker.track(image)
+            found = self.place(features, near)
         self.begun = found is not None
         if found is None:
             count = len(features)

@@ -100,6 +100,8 @@ class RouteRun:
         if self.ended:
             return replace(self.last, twist=STANDSTILL)
         self._newest_ns = stamp_ns
+        if self._follower is not None and self._follower.is_there:
+            self._begin_docking()
         if self._session is not None:
             self.last = self._dock(image, stamp_ns, self._session)
         elif self._follower is not None:
@@ -108,10 +110,23 @@ class RouteRun:
             self.last = self._localize(image, stamp_ns)
         return self.last
 
-    def halt(self, stamp_ns: int, reason: str) -> RouteStep:
-        """Stand from ``stamp_ns`` on, as no image may be driven by; the next one goes on."""
+    def prepare(self) -> None:
+        """Do what no command waits for: read what the next images need."""
+        if self._follower is None or self.ended:
+            return
+        if self._follower.is_there:
+            self._begin_docking()
+        else:
+            self._follower.prepare()
+
+    def halt(self, stamp_ns: int, reason: str, *, unsent: bool = False) -> RouteStep:
+        """
+        Stand from ``stamp_ns`` on, as no image may be driven by; the next one goes on.
+
+        The last step was ``unsent`` where the base was not told of it.
+        """
         if self._follower is not None:
-            self._follower.halt(stamp_ns)
+            self._follower.halt(stamp_ns, unsent=unsent)
         if self._session is not None:
             self._session = self._session.interrupted(Interruption.LOST, reason)
         if not self.ended:
@@ -170,8 +185,6 @@ class RouteRun:
         if follower.lost > COASTED:
             return self._recover(image, follower, progress)
         self._searched = 0
-        if follower.is_there:
-            self._begin_docking()
         return RouteStep(follower.twist, FOLLOWING, follower.reason, progress)
 
     def _recover(self, image: Image, follower: Follower, progress: RouteProgress) -> RouteStep:
@@ -187,6 +200,9 @@ class RouteRun:
         return RouteStep(follower.twist, HOLDING, follower.reason, progress)
 
     def _begin_docking(self) -> None:
+        """Leave the path to the servo, once."""
+        if self._session is not None:
+            return
         self._tracker = Tracker(TrackerSettings())
         self._tracker.set_desired(self.route.views[self.target].image)
         self._session = Session(camera=self.route.camera, started=True)

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
 
 ResultT = TypeVar('ResultT')
-MOST_WAITING = 60  # images that wait to be learnt from, or for odometry
+MOST_WAITING, MOST_UNLEARNT = 60, 300  # images that wait for odometry, and to be learnt from
 
 
 class RouteRecording:
@@ -91,10 +91,10 @@ class RouteRecording:
 
     def _submit(self, learn: Callable[..., None], *what: object) -> None:
         self._learning.append(self._thread.submit(learn, *what))
-        if self.behind > MOST_WAITING:
+        if self.behind > MOST_UNLEARNT:
             self.trouble = (
-                f'{MOST_WAITING} images wait to be learnt from; send smaller images or fewer, and '
-                'record the way anew'
+                f'{MOST_UNLEARNT} images wait to be learnt from; send smaller images or fewer, '
+                'and record the way anew'
             )
 
     def _collect(self) -> None:

@@ -74,9 +74,17 @@ class RouteRepetition:
         self.freshness.renew()
         self._stamp_ns = stamp_ns
         step = run.step(image, stamp_ns)
-        self._commands.send(Command(step.twist), stamp_ns)  # nobody drives by what follows
-        self._follow(step)
-        self._reports.step(step, stamp_ns, frame_id)
+        took_s = self.freshness.age
+        if self._watched and step.twist != STANDSTILL and took_s > self._stale():
+            self.lose(
+                f'the step by an image took {took_s:.2f} s, too long to drive by it', unsent=True
+            )
+        else:
+            self._commands.send(Command(step.twist), stamp_ns)  # nobody waits for what follows
+            self._follow(step)
+            self._reports.step(step, stamp_ns, frame_id)
+        run.prepare()
+        self.freshness.renew()  # the watch waits for images, not for us
 
     def _refusal(self, run: RouteRun, stamp_ns: int, max_latency: float) -> str:
         arrival = Arrival(
@@ -93,15 +101,19 @@ class RouteRepetition:
             withheld=self._withheld(),
         )
 
-    def lose(self, reason: str) -> None:
-        """Stop the robot, as no image may be driven by; the next good one goes on."""
+    def lose(self, reason: str, *, unsent: bool = False) -> None:
+        """
+        Stop the robot, as no image may be driven by; the next good one goes on.
+
+        The last step was ``unsent`` where the base was not told of it.
+        """
         if self.run is None or self.run.ended:
             return
         self._commands.send(HALT, self._clock.now().nanoseconds)
         age_ns = round(self.freshness.age * NANOSECONDS)
         if self.last.phase != HOLDING:
             self._logger.warning(f'{reason}, the robot is stopped')
-        self._end(self.run.halt(self._stamp_ns + age_ns, reason))
+        self._end(self.run.halt(self._stamp_ns + age_ns, reason, unsent=unsent))
 
     def fail(self, reason: str) -> None:
         """End the run, with a reason."""
