@@ -47,8 +47,10 @@ def draw(logs: dict[str, Sequence[RunLog]]) -> Figure:
     """Draw the ways of each rig beside the others."""
     figure = Figure(figsize=(9.6, 3.6), layout='constrained')
     FigureCanvasAgg(figure)
-    for axes, (rig, runs) in zip(figure.subplots(1, len(logs)), logs.items(), strict=True):
+    maps = figure.subplots(1, len(logs), sharey=True)
+    for axes, (rig, runs) in zip(maps, logs.items(), strict=True):
         _map(axes, rig, runs)
+    maps[0].set_ylabel('y [m]')
     return figure
 
 

@@ -174,6 +174,12 @@ def test_a_rig_is_a_file_of_ours_or_a_name_and_own_parameters_win_over_it(name) 
     assert by_name(Launch(name, rig='mine.yaml'))['servo_node'].parameters[1:] == ['mine.yaml']
 
 
+@pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
+def test_a_misspelt_rig_is_refused_in_one_line(name) -> None:
+    with pytest.raises(RuntimeError, match=r"one of car, .*got 'fishey'; did you mean fisheye"):
+        Launch(name, rig='fishey')
+
+
 def test_own_parameters_reach_those_alone_whom_they_are_meant_for() -> None:
     # Under /**: servo and base would share max_linear, servo and recorder autostart.
     launch = Launch(

@@ -2,13 +2,25 @@
 
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 
+from visual_servo_epipolar.core.cameras.equirectangular import of_size
 from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.tracking.features import Features, Passing
+from visual_servo_epipolar.core.tracking.photographs import photographs
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.messages.validation import checked_features, checked_tracks, left_out
+from visual_servo_epipolar.messages.validation import (
+    checked_features,
+    checked_tracks,
+    left_out,
+    track,
+)
 
 CAMERA = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
 INSIDE = [[10.0, 10.0], [20.0, 20.0]]
@@ -60,3 +72,27 @@ def test_a_cloud_that_is_none_of_tracks_is_refused_with_the_reason() -> None:
 def test_where_the_lens_places_all_nothing_is_said() -> None:
     observation = observe(features(10.0, of_desired=False), CAMERA, 0)
     assert left_out(observation, CAMERA) == ''
+
+
+def test_photographs_that_a_new_camera_cannot_use_stay_whole(monkeypatch) -> None:
+    rng = np.random.default_rng(3)
+    image = cv2.resize(rng.integers(0, 255, (32, 64), np.uint8), (640, 320))
+    tracker = Tracker(TrackerSettings())
+    tracker.set_desired(image)
+    tracker.add_desired(cv2.convertScaleAbs(image, alpha=0.6))
+    tracker.track(image)
+    kept, goal = tracker.photographs, tracker.goal
+
+    def refuse(*arguments) -> None:
+        raise TrackingError('the second photograph cannot be tied')
+
+    monkeypatch.setattr(photographs, 'tied', refuse)
+    message = write.image(image, 'mono8', 1, 'camera')
+    refused = track(tracker, message, of_size(640, 320))
+    assert 'the second photograph cannot be tied' in refused.warning and not len(refused.features)
+    assert tracker.photographs is kept and tracker.goal is goal
+    pinhole = Camera(640, 320, 400.0, 400.0, 319.5, 159.5)
+    assert len(track(tracker, message, pinhole).features) > 8
+    monkeypatch.undo()
+    assert len(track(tracker, message, of_size(640, 320)).features) > 8
+    assert len(tracker.photographs) == 2 and tracker.goal is not goal

@@ -151,3 +151,12 @@ def test_a_pose_that_is_not_finite_is_refused_and_the_next_one_seen(camera) -> N
     assert camera.images == []
     camera.see(PERIOD_NS)
     assert camera.stamps() == [PERIOD_NS]
+
+
+def test_no_image_costs_settings_to_be_made_anew(bench, monkeypatch) -> None:
+    camera = Camera(bench, rig='pan_tilt')
+    monkeypatch.setattr(CameraSettings, '__post_init__', lambda _: pytest.fail('made anew'))
+    camera.see(0)
+    camera.see(PERIOD_NS)
+    assert camera.stamps() == [0, PERIOD_NS]
+    assert read.camera(camera.infos[-1]).width == TINY['width']

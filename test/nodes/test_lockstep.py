@@ -26,7 +26,8 @@ from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonito
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
 from visual_servo_epipolar.simulation.views import view_of
 
-SMALL = load(Path(__file__).parents[2] / 'config/scenarios/small.yaml')
+CONFIG = Path(__file__).parents[2] / 'config'
+SMALL = load(CONFIG / 'scenarios/small.yaml')
 CLOSE = (0.3, -2.2, 0.0)
 
 
@@ -130,6 +131,25 @@ def test_nodes_turn_the_same_head_as_the_loop_in_memory() -> None:
     expected = simulate(scenario, settings)
     assert repr(drive(scenario, settings)) == repr(expected)
     assert expected.samples[-1].twist != STANDSTILL
+
+
+@pytest.mark.parametrize('rig', ['car', 'dual_fisheye'])
+def test_nodes_of_a_rig_drive_exactly_as_the_loop_in_memory(rig: str) -> None:
+    scenario = load(None, CONFIG / f'rigs/{rig}.yaml')
+    ratio = 320 / scenario.camera.height
+    tiny = replace(
+        scenario.camera,
+        width=round(ratio * scenario.camera.width),
+        height=320,
+        focal_length=ratio * scenario.camera.focal_length,
+        principal_u=ratio * (scenario.camera.principal_u + 0.5) - 0.5,
+        principal_v=ratio * (scenario.camera.principal_v + 0.5) - 0.5,
+    )
+    scenario = replace(scenario, camera=tiny).seeded(4)
+    settings = replace(scenario.loop((0.5, -2.2, 8.0), 4), max_duration=2.5)
+    log = drive(scenario, settings)
+    assert repr(log) == repr(simulate(scenario, settings))
+    assert log.samples[-1].pose.distance < log.samples[0].pose.distance
 
 
 def test_a_camera_without_distortion_coefficients_runs() -> None:

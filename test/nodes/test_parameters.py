@@ -35,6 +35,7 @@ from visual_servo_epipolar.simulation.bases.ackermann import AckermannSettings
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.mounts.two_lenses import LensSettings
 
 CONFIG = Path(__file__).parents[2] / 'config'
 NODES = {
@@ -44,6 +45,7 @@ NODES = {
         (
             CameraSettings,
             HeadSettings,
+            LensSettings,
             CameraRig,
             DisturbanceSettings,
             LightSettings,

@@ -58,3 +58,8 @@ def test_wedge_opens_from_the_camera_by_its_angle() -> None:
     wedge = view_wedge(Pose(1.0, 0.0, 0.0), angle=1.2, reach=2.0)
     np.testing.assert_allclose(wedge[0], (1.0, 0.0))
     np.testing.assert_allclose(wedge[-1], (1.0 + 2.0 * math.cos(0.6), 2.0 * math.sin(0.6)))
+
+
+def test_who_sees_all_around_has_a_circle_without_a_corner() -> None:
+    circle = view_wedge(Pose(2.0, -1.0, 0.3), angle=math.tau, reach=0.5)
+    assert np.hypot(*(circle - (2.0, -1.0)).T) == pytest.approx(0.5)

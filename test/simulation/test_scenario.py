@@ -77,7 +77,10 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
             'base: {model: cart}',
             "bad.yaml: base: model must be one of pioneer, ackermann, got 'cart'",
         ),
-        ('camera: {rig: [1]}', r'bad.yaml: camera: rig must be one of fixed, pan_tilt, got \[1\]'),
+        (
+            'camera: {rig: [1]}',
+            r'bad.yaml: camera: rig must be one of fixed, pan_tilt, two_lenses, got \[1\]',
+        ),
         ('base: {slip: 2001-01-01}', 'bad.yaml: base: slip must be float'),
         pytest.param(
             f'base: {{slip: 1{"0" * 400}}}', 'bad.yaml: base: slip must lie in', id='huge'
@@ -189,6 +192,14 @@ def test_a_rig_has_parameters_of_nodes_alone_and_wins_over_a_scenario(path: Path
         for key in body['ros__parameters'].keys() - CONNECTION - kind:
             values = {getattr(getattr(each, section), key) for each in (scenario, alone)}
             assert len(values) == 1, (node, key)
+
+
+def test_a_servo_whose_head_the_camera_lacks_is_refused_in_one_line(tmp_path: Path) -> None:
+    message = 'camera must be on a head for a servo with rig pan_tilt, got one with rig fixed'
+    with pytest.raises(InputError, match=message):
+        load(written(tmp_path, 'servo: {rig: pan_tilt}'))
+    with pytest.raises(InputError, match=message):
+        Scenario().with_servo({'rig': 'pan_tilt'})
 
 
 def test_the_pinhole_rig_is_the_defaults() -> None:

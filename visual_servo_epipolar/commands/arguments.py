@@ -1,17 +1,16 @@
 """Arguments of the command line: what words may be, and the options that commands share."""
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 import math
-import os
 from pathlib import Path
-import sys
 from typing import Any, TYPE_CHECKING
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.names import law_names
 from visual_servo_epipolar.core.settings import alike
+from visual_servo_epipolar.files import config_folders, config_names
 from visual_servo_epipolar.simulation.choices import SOURCES
 
 if TYPE_CHECKING:
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
 
 MAX_SEED, MAX_RUNS, MAX_SCENES = 2**31 - 1, 1_000_000, 10_000
 FARTHEST, FULL_TURN = 100.0, 360.0  # start [m], [deg]: nothing drives home from farther
-PACKAGE = 'visual_servo_epipolar'
 
 
 def finite(text: str) -> float:
@@ -211,14 +209,6 @@ def scenario_of(options: argparse.Namespace) -> 'Scenario':
     return scenario.seeded(options.seed).with_servo(changes)
 
 
-def config_folders() -> Iterator[Path]:
-    """Yield the folders that may hold the configuration, nearest first."""
-    yield Path(__file__).resolve().parents[2] / 'config'
-    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
-        yield Path(prefix) / 'share' / PACKAGE / 'config'
-    yield Path(sys.prefix) / 'share' / PACKAGE / 'config'
-
-
 def scenario_path(name: str) -> Path:
     """Return the scenario file called ``name``: a path, or the name of an installed one."""
     return _config_path(name, 'scenario')
@@ -232,11 +222,10 @@ def rig_path(name: str) -> Path:
 def _config_path(name: str, kind: str) -> Path:
     if Path(name).is_file():
         return Path(name)
-    installed = [folder / f'{kind}s' for folder in config_folders()]
-    for folder in installed:
-        if (folder / f'{name}.yaml').is_file():
-            return folder / f'{name}.yaml'
-    names = sorted({path.stem for folder in installed for path in folder.glob('*.yaml')})
+    for folder in config_folders():
+        if (folder / f'{kind}s' / f'{name}.yaml').is_file():
+            return folder / f'{kind}s' / f'{name}.yaml'
+    names = config_names(f'{kind}s')
     close = alike(name, names)
     meant = f'; did you mean {close[0]}?' if close else ''
     raise InputError(

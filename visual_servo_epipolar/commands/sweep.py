@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 import hashlib
 import json
-import math
 from pathlib import Path
 import sys
 import time
@@ -16,6 +15,7 @@ from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.console import Progress, written_to
 from visual_servo_epipolar.commands.files.output import publish, write_whole
 from visual_servo_epipolar.commands.options import SWEEP_FOLDER
+from visual_servo_epipolar.core.cameras.model import field_of_view
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.processes import cores
@@ -42,7 +42,7 @@ def sweep(options: argparse.Namespace) -> int:
         _work(plan, store, options)
         documents = summaries(plan, store)
     document = documents if options.compare else documents[plan.laws[0]]
-    text, written = _report(documents, folder, _field_of_view(plan))
+    text, written = _report(documents, folder, field_of_view(plan.scenario.camera.camera))
     publish(document, f'{text}\n{written_to(folder, [FILE, *written])}', options.json)
     return _name_suspect_runs(plan, documents)
 
@@ -104,12 +104,6 @@ def _workers(options: argparse.Namespace) -> AbstractContextManager[Workers]:
     if options.scheduler is not None:
         return cluster_workers(options.scheduler)
     return local_workers(options.jobs or cores())
-
-
-def _field_of_view(plan: SweepPlan) -> float:
-    camera = plan.scenario.camera
-    left, right = camera.camera.edges
-    return min(right - left, math.tau)
 
 
 def _report(

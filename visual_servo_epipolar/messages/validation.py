@@ -8,6 +8,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import camera_of_size
+from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -49,7 +50,7 @@ def track(
         image = gray
         tracker.see_through(known)
         features = tracker.track(image)
-    except ValueError as error:
+    except (ValueError, TrackingError) as error:
         return TrackingResult(Features(), image, f'image refused: {error}')
     return TrackingResult(features, image, tracker.reason, known)
 

@@ -24,8 +24,9 @@ from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.registry import carried, head_settings
+from visual_servo_epipolar.simulation.mounts.registry import head_settings, rig_settings
 from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings, SimulatedHead
+from visual_servo_epipolar.simulation.mounts.two_lenses import LensSettings
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.run_monitor import period_ns
 
@@ -39,6 +40,7 @@ class CameraNode(Node):
         super().__init__('camera_node', **options)
         self._settings = parameters.declare(self, CameraSettings)
         self._head_settings = parameters.declare(self, HeadSettings)
+        self._lenses = parameters.declare(self, LensSettings)
         self._rig = parameters.declare(self, CameraRig)
         self._disturbances = parameters.declare(self, DisturbanceSettings)
         self._light = parameters.declare(self, LightSettings)
@@ -48,7 +50,9 @@ class CameraNode(Node):
         parameters.watch(self, lambda: self._head_settings, self._use_head)
         parameters.watch(self, lambda: self._disturbances, self._disturb)
         parameters.watch(self, lambda: self._light, self._relight)
-        self._simulator = CameraSimulator(self._carried, self._disturbances, self._light)
+        self._info = self._settings.nominal_camera
+        self._joint_names = self._rig.pan_joint, self._rig.tilt_joint
+        self._simulator = CameraSimulator(self._on_rig(), self._disturbances, self._light)
         self._frame = 0
         self._last_ns: int | None = None
         self._image_pub = self.create_publisher(Image, 'image_raw', qos.STREAM)
@@ -56,7 +60,8 @@ class CameraNode(Node):
         self._desired_pub = self.create_publisher(Image, 'desired/image_raw', qos.LATCHED)
         self._frames_pub = self.create_publisher(MarkerArray, '~/frames', qos.STREAM)
         self._head: SimulatedHead | None = None
-        if head_settings(self._carried) is not None:
+        self._has_head = head_settings(self._simulator.settings) is not None
+        if self._has_head:
             self._joints_pub = self.create_publisher(JointState, 'joint_states', qos.STREAM)
             # Before the truth: where both have come, the command is taken first.
             kind = COMMAND_TYPES[self._rig.head_command]
@@ -78,24 +83,20 @@ class CameraNode(Node):
             self._names.base, self._names.camera, mount.R_world_camera(base), mount.centre(base)
         )
 
-    @property
-    def _carried(self) -> CameraSettings:
-        """Settings of the camera on its rig."""
-        return carried(self._rig.rig, self._settings, self._head_settings)
+    def _on_rig(self) -> CameraSettings:
+        """Return the settings of the camera on its rig."""
+        return rig_settings(self._rig.rig, self._settings, self._head_settings, self._lenses)
 
     def _use(self, settings: CameraSettings) -> None:
         self._settings = settings
-        self._simulator.settings = self._carried
+        self._info = settings.nominal_camera
+        self._simulator.settings = self._on_rig()
 
     def _use_head(self, settings: HeadSettings) -> None:
         self._head_settings = settings
-        self._simulator.settings = self._carried
+        self._simulator.settings = self._on_rig()
         if self._head is not None:
             self._head.settings = settings
-
-    @property
-    def _joint_names(self) -> tuple[str, str]:
-        return self._rig.pan_joint, self._rig.tilt_joint
 
     def _on_head_command(self, message: Any) -> None:
         try:
@@ -108,7 +109,7 @@ class CameraNode(Node):
 
     def _turn_head(self, stamp_ns: int) -> None:
         """Let the head, if there is one, move until the time of a ground truth, and say where."""
-        if head_settings(self._carried) is None:
+        if not self._has_head:
             return
         if self._head is None or stamp_ns < self._head.now_ns:  # time began, or begins anew
             seed = self._settings.seed
@@ -138,7 +139,7 @@ class CameraNode(Node):
             return
         image = self._simulator.capture(pose, self._frame)
         self._frame += 1
-        info = write.camera_info(self._settings.nominal_camera, stamp_ns, self._names.camera)
+        info = write.camera_info(self._info, stamp_ns, self._names.camera)
         self._info_pub.publish(info)
         self._image_pub.publish(self._message(image, stamp_ns))
 

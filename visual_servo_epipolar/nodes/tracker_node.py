@@ -12,6 +12,7 @@ from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -22,7 +23,7 @@ from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
-from visual_servo_epipolar.nodes.startup.settings import CAMERA_INFO, TrackerNodeSettings
+from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 from visual_servo_epipolar.nodes.tracking.image_faults import Lateness, Repetition
 from visual_servo_epipolar.nodes.tracking.photograph import read_photographs

@@ -166,7 +166,7 @@ def _milestones(log: RunLog) -> list[Sample]:
 def _draw_plane(axes: Axes, log: RunLog) -> None:
     draw_robot(axes, DESIRED_POSE, dashed=True)
     for pose in (DESIRED_POSE, log.samples[0].pose):
-        draw_field_of_view(axes, pose, FIELD_OF_VIEW, WEDGE_REACH)
+        draw_field_of_view(axes, pose, log.field_of_view or FIELD_OF_VIEW, WEDGE_REACH)
     _draw_path(axes, log, 1.0)
     for sample in _milestones(log):
         draw_robot(axes, sample.pose, phase_colour(sample.phase.value))

@@ -77,6 +77,7 @@ def _document(run: RunFile) -> dict[str, Any]:
         'versions': dict(run.versions),
         'settings': {part: dict(values) for part, values in run.settings.items()},
         'start': list(run.log.start),
+        'field_of_view': run.log.field_of_view,
         **{name: getattr(run.log, name) for name in HEAD},
         'samples': {
             'stamp_ns': [item.stamp_ns for item in samples],
@@ -101,7 +102,9 @@ def _run(document: Mapping[str, Any]) -> RunFile:
     if not samples:
         raise ValueError('it has no samples')
     head = {name: document[name] for name in HEAD}
-    log = RunLog(start=(x, y, heading), samples=samples, **head)
+    angle = document.get('field_of_view')
+    view = None if angle is None else float(angle)
+    log = RunLog(start=(x, y, heading), samples=samples, field_of_view=view, **head)
     return RunFile(log, dict(document['settings']), dict(document['versions']))
 
 

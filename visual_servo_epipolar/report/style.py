@@ -81,11 +81,12 @@ def view_wedge(pose: Pose, *, angle: float, reach: float) -> FloatArray:
     """
     Return what a camera at ``pose`` sees, cut off at ``reach`` [m]: a sector of ``angle`` [rad].
 
-    Shape (N, 2); the first point is the camera.
+    Shape (N, 2); the first point is the camera, unless it sees all around.
     """
-    bearings = pose.theta + np.linspace(-0.5 * angle, 0.5 * angle, 25)
+    bearings = pose.theta + np.linspace(-0.5 * angle, 0.5 * angle, 37)
     rim = np.stack([np.cos(bearings), np.sin(bearings)], axis=1) * reach
-    return np.concatenate([np.zeros((1, 2)), rim]) + (pose.x, pose.y)
+    corner = np.zeros((int(angle < math.tau), 2))
+    return np.concatenate([corner, rim]) + (pose.x, pose.y)
 
 
 def _moved_to(shape: tuple[tuple[float, float], ...], pose: Pose) -> FloatArray:

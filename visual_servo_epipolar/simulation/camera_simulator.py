@@ -16,6 +16,7 @@ from visual_servo_epipolar.simulation.light.settings import LightSettings, SAME
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.sensor import (
+    as_jpeg,
     DESIRED_FRAME,
     MAX_NOISE,
     Sensor,
@@ -118,7 +119,8 @@ class CameraSimulator:
         factor = self._light.passing_exposure if passes else 1.0
         view = LitView(image, light, frame / self.settings.frame_rate, factor)
         image, gain = self._exposure.take(view)
-        return self._sensor(gain).capture(image, frame)
+        image = self._sensor(gain).capture(image, frame)
+        return as_jpeg(image, self.settings.jpeg) if self.settings.jpeg else image
 
     @property
     def colours(self) -> tuple[float, ...]:

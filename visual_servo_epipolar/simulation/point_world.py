@@ -14,7 +14,12 @@ from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
-from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
+from visual_servo_epipolar.simulation.mounts.simulated_rig import (
+    lenses_of,
+    LensPlacement,
+    ONE_LENS,
+    SimulatedRig,
+)
 from visual_servo_epipolar.simulation.view import View
 
 MIN_DEPTH_M = 0.3
@@ -67,7 +72,7 @@ class PointWorld(View):
         rng = np.random.default_rng((seed, 2))
         pixels = _pixels_with_rays(camera, settings.candidates, rng)
         depth = settings.near + (settings.far - settings.near) * rng.random(settings.candidates)
-        points = _points_seen(camera, pixels, depth)
+        points = _points_seen(camera, pixels, depth, lenses_of(rig))
         axes, centre = rig.camera_pose(DESIRED_POSE, DESIRED_FRAME)
         self.points: FloatArray = points @ axes.T + centre  # in the world
         self._desired = pixels + settings.noise * rng.standard_normal(pixels.shape)
@@ -88,9 +93,10 @@ class PointWorld(View):
     ) -> list[Features]:
         """Return the features of each world from its pose in its frame, by camera at once."""
         results: list[Features | None] = [None] * len(views)
-        groups: dict[tuple[CameraModel, int], list[int]] = {}
+        groups: dict[tuple[CameraModel, int, tuple[LensPlacement, ...]], list[int]] = {}
         for k, world in enumerate(views):
-            groups.setdefault((world.camera, len(world.points)), []).append(k)
+            alike = world.camera, len(world.points), lenses_of(world.rig)
+            groups.setdefault(alike, []).append(k)
         for indices in groups.values():
             pixels, visible = project_each(
                 [views[k] for k in indices],
@@ -120,7 +126,7 @@ class PointWorld(View):
     def project(self, pose: Pose, frame: int = DESIRED_FRAME) -> tuple[FloatArray, BoolArray]:
         """Return the true pixels, shape (N, 2), and which of them are in view, shape (N,)."""
         axes, centre = self.rig.camera_pose(pose, frame)
-        return in_image((self.points - centre) @ axes, self.camera)
+        return through(lenses_of(self.rig), (self.points - centre) @ axes, self.camera)
 
     def taken_for(self, frame: int) -> IntArray | None:
         """Return which point each feature is taken for, shape (N,); None: each for itself."""
@@ -147,7 +153,7 @@ def project_each(
     """
     Return the true pixels, shape (B, N, 2), and which of them are in view, shape (B, N).
 
-    All B worlds have equally many points and one camera.
+    All B worlds have equally many points, one camera and alike lenses.
     """
     camera_poses = [
         world.rig.camera_pose(pose, frame)
@@ -156,7 +162,7 @@ def project_each(
     axes = np.array([axes for axes, _ in camera_poses])
     centres = np.array([centre for _, centre in camera_poses])
     points = (np.array([world.points for world in worlds]) - centres[:, None]) @ axes
-    return in_image(points, worlds[0].camera)
+    return through(lenses_of(worlds[0].rig), points, worlds[0].camera)
 
 
 def _pixels_with_rays(camera: CameraModel, count: int, rng: np.random.Generator) -> FloatArray:
@@ -175,7 +181,9 @@ def _pixels_with_rays(camera: CameraModel, count: int, rng: np.random.Generator)
     )
 
 
-def _points_seen(camera: CameraModel, pixels: FloatArray, depth: FloatArray) -> FloatArray:
+def _points_seen(
+    camera: CameraModel, pixels: FloatArray, depth: FloatArray, lenses: Sequence[LensPlacement]
+) -> FloatArray:
     """
     Return what is seen at ``pixels``, in axes of the camera, shape (N, 3).
 
@@ -183,7 +191,27 @@ def _points_seen(camera: CameraModel, pixels: FloatArray, depth: FloatArray) -> 
     """
     if camera.planar is not None:
         return np.column_stack([camera.planar.image_points(pixels) * depth[:, None], depth])
-    return np.asarray(camera.rays(pixels) * depth[:, None])
+    points = np.asarray(camera.rays(pixels) * depth[:, None])
+    if lenses is ONE_LENS:
+        return points
+    shown = [lens.shows(points)[:, None] for lens in lenses]
+    placed = [points @ lens.R_camera_lens.T + lens.centre for lens in lenses]
+    return np.select(shown, placed)
+
+
+def through(
+    lenses: Sequence[LensPlacement], points: FloatArray, camera: CameraModel
+) -> tuple[FloatArray, BoolArray]:
+    """Return what ``in_image`` does, of a camera whose ``lenses`` have centres of their own."""
+    if lenses is ONE_LENS:
+        return in_image(points, camera)
+    pixels, visible = np.full((*points.shape[:-1], 2), np.nan), np.zeros(points.shape[:-1], bool)
+    for lens in lenses:
+        vectors = (points - lens.centre) @ lens.R_camera_lens
+        there, seen = in_image(vectors, camera)
+        seen &= lens.shows(vectors) & ~visible
+        pixels[seen], visible = there[seen], visible | seen
+    return pixels, visible
 
 
 def in_image(points: FloatArray, camera: CameraModel) -> tuple[FloatArray, BoolArray]:

@@ -30,7 +30,7 @@ BRAKING_FRAMES = 3
 
 @dataclass(frozen=True, kw_only=True)
 class LoopSettings:
-    """One run: where it starts, how it is seeded, how long it may take [s]."""
+    """One run: where it starts, how it is seeded, how long it may take [s], what it sees [rad]."""
 
     start: tuple[float, float, float]
     seed: int = 0
@@ -39,6 +39,7 @@ class LoopSettings:
     servo: ServoSettings = field(default_factory=ServoSettings)
     base: Settings = field(default_factory=PioneerSettings)
     head: HeadSettings | None = None
+    field_of_view: float | None = None
 
 
 def period_ns(frame_rate: float) -> int:
@@ -115,6 +116,7 @@ class RunMonitor:
             self._attempts,
             self.settings.servo.law_expression,
             MotionLimits.of(self.settings.servo, backward=self.settings.servo.retreat_speed),
+            self.settings.field_of_view,
         )
 
 

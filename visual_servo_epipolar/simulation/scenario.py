@@ -7,6 +7,7 @@ from typing import Any
 
 import yaml
 
+from visual_servo_epipolar.core.cameras.model import field_of_view
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint, setting, Settings, updated
@@ -25,6 +26,7 @@ from visual_servo_epipolar.simulation.mounts.registry import (
     rig_name,
     SIMULATED_RIGS,
     SimulatedRigModel,
+    turns,
 )
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
@@ -49,6 +51,14 @@ class Scenario:
     light: LightSettings = field(default_factory=LightSettings)
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     servo: ServoSettings = field(default_factory=ServoSettings)
+
+    def __post_init__(self) -> None:
+        if self.servo.carrier.turn_rate > 0.0 and not turns(self.camera):
+            raise ValueError(
+                f'the camera must be on a head for a servo with rig {self.servo.rig}, got one '
+                f'with rig {rig_name(self.camera)}, a fixed one; set rig of the camera to '
+                'pan_tilt, or that of the servo to fixed'
+            )
 
     def document(self) -> dict[str, Any]:
         """Return all settings by section, and by name which base and which camera rig they are."""
@@ -82,6 +92,7 @@ class Scenario:
             servo=self.servo,
             base=self.base,
             head=head_settings(self.camera),
+            field_of_view=field_of_view(self.camera.camera),
         )
 
 
@@ -158,9 +169,9 @@ def from_document(document: Any, where: str, rig: Any = None) -> Scenario:
             name: _section(name, {} if values is None else values, f'{where}: {name}')
             for name, values in document.items()
         }
+        return replace(Scenario(), **sections)
     except ValueError as error:
         raise InputError(str(error)) from None
-    return replace(Scenario(), **sections)
 
 
 def _by_section(document: Any, where: str) -> dict[str, Any]:

@@ -75,7 +75,6 @@ def test_the_size_alone_tells_it_whatever_k_says(k: list[float]) -> None:
 
 def test_a_lower_image_is_cut_above_and_below() -> None:
     band = of_size(1920, 600)
-    assert not band.shows_poles and CAMERA.shows_poles
     assert not band.contains(band.pixels(ray(0.5, 1.2))).any()
     np.testing.assert_allclose(band.rays(band.pixels(ray(0.5, 0.8))), ray(0.5, 0.8), atol=1e-12)
 
@@ -100,5 +99,5 @@ def test_half_the_pixels_are_the_same_panorama() -> None:
 
 
 def test_a_projection_that_the_size_does_not_tell_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"of equirectangular, got 'equidistant'"):
+    with pytest.raises(ValueError, match=r"one of camera_info, equirectangular, .*got 'equid"):
         camera_of_size('equidistant', (1920, 960))

@@ -52,6 +52,14 @@ def test_it_looks_where_the_photograph_looked(heading: float, bias: float) -> No
     assert command.pan == pytest.approx(max(-heading - bias, -HEAD.limits.pan_max), abs=1e-9)
 
 
+def test_both_joints_turn_no_faster_than_the_head_can() -> None:
+    head = PanTiltHead(HeadLimits(pan_speed=0.5))
+    far = head.head_command(Gaze(Joints(1.5, -0.9), SCENE, SCENE))
+    assert (far.pan_rate, far.tilt_rate) == (-0.5, 0.5)
+    near = head.head_command(Gaze(Joints(0.0, 0.01), SCENE, SCENE))
+    assert near.tilt_rate == pytest.approx(-0.04)
+
+
 def test_it_leads_a_turn_of_the_base() -> None:
     gaze = Gaze(AT_REST, SCENE, SCENE, Twist(0.0, 0.4), period=0.1)
     command = HEAD.head_command(gaze)

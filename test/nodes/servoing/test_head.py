@@ -1,5 +1,7 @@
 """The head of the servo: without the angles of its joints at an image, the robot stands."""
 
+from dataclasses import replace
+
 from sensor_msgs.msg import JointState
 from servo_rig import AWAY, PERIOD_NS, Rig, tracks
 from trajectory_msgs.msg import JointTrajectory
@@ -112,3 +114,14 @@ def test_angles_are_those_at_the_image(bench) -> None:
         bench.settle()
     rig.tell(tracks(AWAY, rig.stamp_ns))
     assert abs(rig.node._state.view.joints.pan - 0.1) < 1e-12
+
+
+def test_a_mount_that_becomes_known_is_that_of_the_head_as_well(bench) -> None:
+    rig = Headed(bench).drive()
+    tilted = replace(rig.node._settings, camera_tilt=0.3)
+    rig.node._use(tilted)
+    seen = []
+    inner = rig.node._head.told
+    rig.node._head.told = lambda *given: seen.append(given[1]) or inner(*given)
+    rig.see_with_angles()
+    assert seen == [tilted.carrier]

@@ -47,11 +47,6 @@ class Equirectangular(ImageIntrinsics):
                 f'{span:.0f} px around; publish it whole, neither cut nor stretched'
             )
 
-    @property
-    def shows_poles(self) -> bool:
-        """Whether it is whole: twice as wide as high."""
-        return self.height >= 0.5 * self.width - SLACK
-
     def rays(self, pixels: FloatArray) -> FloatArray:
         """Return unit rays, (N, 3), of ``pixels``, (N, 2)."""
         u, v = as_points(pixels, 'pixels').T

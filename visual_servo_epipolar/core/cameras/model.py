@@ -1,5 +1,6 @@
 """What every camera can do: turn pixels into rays and back."""
 
+import math
 from typing import Protocol
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
@@ -150,3 +151,9 @@ class PlanarCamera(CameraModel, Protocol):
     def pixels_of(self, points: FloatArray) -> FloatArray:
         """Return distorted pixels, (N, 2), of image-plane ``points``, (N, 2)."""
         ...
+
+
+def field_of_view(camera: CameraModel) -> float:
+    """Return the angle from the left to the right edge of the image [rad], at most all around."""
+    left, right = camera.edges
+    return min(right - left, math.tau)

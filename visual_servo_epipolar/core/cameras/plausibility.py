@@ -133,6 +133,8 @@ def _fault(camera: CameraModel) -> str:
 
 def _off_centre(camera: CameraModel) -> str:
     """Return that the principal point is off the middle as that of another image is, or ''."""
+    if np.isinf(camera.edges).all():  # it sees all around: its axes lie where its kind puts them
+        return ''
     off = max(abs(scale - 1.0) for scale in _scales(camera))
     if off <= 2.0 * OFF_CENTRE and not _is_scaled(camera, SCALED):
         return ''

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from visual_servo_epipolar.core.cameras import equidistant, equirectangular, pinhole
+from visual_servo_epipolar.core.cameras import dual_fisheye, equidistant, equirectangular, pinhole
 from visual_servo_epipolar.core.cameras.intrinsics import checked_matrix
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.registry import Registry
@@ -19,7 +19,7 @@ class CameraRow:
 
     ``factory`` takes width, height, fx, fy, cx, cy [px], the coefficients and the name of the
     lens, and ``skew`` by keyword. Where the size of the image tells all, ``of_size`` makes it from
-    width and height [px]: no K is asked for.
+    width and height [px]: no K is asked for, and one is taken only with a lens of coefficients.
     """
 
     factory: CameraFactory
@@ -38,10 +38,15 @@ CAMERAS: Registry[CameraRow] = Registry(
         equirectangular.NAME: CameraRow(
             equirectangular.Equirectangular, of_size=equirectangular.of_size
         ),
+        **{
+            name: CameraRow(dual_fisheye.DualFisheye, equidistant.COEFFICIENTS, of_size)
+            for name, of_size in dual_fisheye.SIZED.items()
+        },
     },
     CameraRow,
 )
 UNKNOWN = CameraRow(pinhole.Camera)  # refuses the name
+CAMERA_INFO = 'camera_info'  # the projection that is not told, but calibrated
 # Names of the same lenses: of drivers, of Kalibr and of Apex.AI's and Intel's models.
 SYNONYMS = {
     'none': '',
@@ -79,7 +84,7 @@ def calibrated_camera(
     """
     name = lens_name(distortion_model)
     row = CAMERAS[name] if name in CAMERAS else UNKNOWN
-    if row.of_size is not None:
+    if row.of_size is not None and (row.coefficients == (0,) or not any(k)):
         return row.of_size(*size)
     (fx, skew, cx), (_, fy, cy), _ = checked_matrix(k).tolist()
     kept = _fitting(distortion, row.coefficients)
@@ -92,8 +97,8 @@ def camera_of_size(projection: str, size: tuple[int, int]) -> CameraModel:
     if row.of_size is None:
         known = [name for name in CAMERAS if CAMERAS[name].of_size is not None]
         raise ValueError(
-            f'projection must be camera_info, or one that the size of the image tells, of '
-            f'{", ".join(known)}, got {projection!r:.40}; leave others to camera_info'
+            f'projection must be one of {", ".join([CAMERA_INFO, *known])}, got '
+            f'{projection!r:.40}; leave a lens that needs a calibration to {CAMERA_INFO}'
         )
     return row.of_size(*size)
 

@@ -82,10 +82,9 @@ class PanTiltHead:
             target = self._swept(gaze.lost - WAIT_S + ahead)
             rate = GAIN * (target - gaze.joints.pan)
         target = min(max(target, self.limits.pan_min), self.limits.pan_max)
-        tilt = self.limits.photograph.tilt
-        return HeadCommand(
-            target, tilt, self._within(rate, gaze.joints.pan), GAIN * (tilt - gaze.joints.tilt)
-        )
+        tilt, fastest = self.limits.photograph.tilt, self.limits.pan_speed
+        tilt_rate = min(max(GAIN * (tilt - gaze.joints.tilt), -fastest), fastest)
+        return HeadCommand(target, tilt, self._within(rate, gaze.joints.pan), tilt_rate)
 
     def _swept(self, since: float) -> float:
         """Return the angle of a sweep ``since`` [s] it began: from the middle to either end."""

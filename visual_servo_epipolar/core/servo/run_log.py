@@ -94,7 +94,8 @@ class RunLog:
     Record of one run: its start, its samples in order of time, its outcome.
 
     ``start`` is x [m], y [m] and heading error [deg]; ``outcome`` is 'arrived' or 'failed';
-    ``limits`` are those of the base, None where nobody knows them.
+    ``limits`` are those of the base, None where nobody knows them; ``field_of_view`` is how far
+    around the camera saw [rad], None likewise.
     """
 
     start: tuple[float, float, float]
@@ -105,6 +106,7 @@ class RunLog:
     attempts: int = 1
     law: str = 'full'
     limits: MotionLimits | None = None
+    field_of_view: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ itself shows it. What is far apart is compared by rays: only near each other are
 """
 
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 
@@ -23,14 +24,22 @@ SAME_POLE = 1e-6  # difference of rays at the end of two columns that meet there
 
 @dataclass(frozen=True, slots=True)
 class Canvas:
-    """Canvas of a ``camera``; None of one whose image is a plane but for distortion."""
+    """
+    Canvas of a ``camera``; None of one whose image is a plane but for distortion.
+
+    Where a camera sees all around by two lenses, ahead and behind, nothing is taken within
+    ``band`` [rad] of where their images meet.
+    """
 
     camera: CameraModel | None = None
+    band: float = 0.0
 
     @classmethod
-    def of(cls, camera: CameraModel | None) -> 'Canvas':
+    def of(cls, camera: CameraModel | None, band: float = 0.0) -> 'Canvas':
         """Return the canvas of a camera, unknown ones having planes."""
-        return cls(None if camera is None or camera.planar is not None else camera)
+        if camera is None or camera.planar is not None:
+            return cls()
+        return cls(camera, band if np.isinf(camera.edges).all() else 0.0)
 
     @property
     def margins(self) -> tuple[int, int]:
@@ -73,6 +82,12 @@ class Canvas:
         u, v = (pixels - [beside, beyond]).T + 0.5
         own = (u >= 0.0) & (u < self.camera.width)
         return np.asarray(own & (v >= 0.0) & (v < self.camera.height))
+
+    def shows(self, pixels: FloatArray) -> BoolArray:
+        """Return which of its own ``pixels``, (N, 2), are to be gone by, beside none of a seam."""
+        if not self.band:
+            return np.ones(len(pixels), bool)
+        return np.asarray(np.abs(self.points(pixels)[:, 2]) >= math.sin(self.band))
 
     def own(self, warps: Warps) -> Warps:
         """Return ``warps`` with current pixels put back to where the image itself has them."""

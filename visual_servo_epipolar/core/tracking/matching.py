@@ -91,6 +91,7 @@ def desired_view(
     border = patch_radius(image.shape) + BORDER
     keypoints = matcher.describe(image, limit=limit, border=border)
     shown = inside_border(keypoints.pixels, image.shape, border) & canvas.owns(keypoints.pixels)
+    shown &= canvas.shows(keypoints.pixels)
     keypoints = keypoints.take(shown)
     if len(keypoints) < MIN_MATCHES:
         raise TrackingError(
@@ -124,7 +125,7 @@ class CurrentView:
             keypoints = view.matcher.detect(
                 self._image, view.keypoints.tuning, limit=LIMIT, quick=quick
             )
-            own = view.canvas.owns(keypoints.pixels)
+            own = view.canvas.owns(keypoints.pixels) & view.canvas.shows(keypoints.pixels)
             self._detected[key] = keypoints if own.all() else keypoints.take(own)
         return self._detected[key]
 

@@ -35,6 +35,13 @@ class TrackerSettings(Settings):
     search_per_frame: int = setting(
         8, 'Most lost features looked for in one frame', low=0, high=200
     )
+    stitch_band: float = setting(
+        0.0,
+        'Images of 360 deg from two lenses: angle from where these meet, at 90 deg to either '
+        'side, within which features are not gone by; 0 = none [deg]',
+        low=0.0,
+        high=60.0,
+    )
     passing_features: int = setting(
         0, 'Features tracked that the photograph does not show, for the memory', low=0, high=1000
     )

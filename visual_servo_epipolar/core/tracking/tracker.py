@@ -7,6 +7,7 @@ and when too few remain the whole image is matched anew.
 """
 
 from dataclasses import replace
+import math
 
 import numpy as np
 
@@ -53,7 +54,7 @@ class Tracker:
 
     def __init__(self, settings: TrackerSettings, camera: CameraModel | None = None) -> None:
         self.settings = settings
-        self._canvas = Canvas.of(camera)
+        self._canvas = Canvas.of(camera, math.radians(self.settings.stitch_band))
         self.photographs = Photographs()
         self.photograph = 0
         self._previous: Frame | None = None
@@ -108,15 +109,21 @@ class Tracker:
         self.redetect()
 
     def see_through(self, camera: CameraModel) -> None:
-        """Go by this ``camera`` from now on; where that changes anything, all is found anew."""
-        canvas = Canvas.of(camera)
+        """
+        Go by this ``camera`` from now on; where that changes anything, all is found anew.
+
+        Raises ValueError or TrackingError, and changes nothing, if it cannot use the photographs.
+        """
+        canvas = Canvas.of(camera, math.radians(self.settings.stitch_band))
         if canvas == self._canvas:
             return
-        self._canvas, images = canvas, self.photographs.images
-        if images:
-            self.set_desired(images[0])
-            for image in images[1:]:
-                self.add_desired(image)
+        if self.has_desired:
+            self._check_size(camera.height, camera.width)
+            photographs = self.photographs.on_canvas(canvas)
+            self.photographs = photographs
+            self.goal = Goal(goal_id(photographs.views[0].view.image))
+            self.redetect()
+        self._canvas = canvas
 
     def add_desired(self, image: Image) -> None:
         """
@@ -189,12 +196,7 @@ class Tracker:
         image = as_gray(image)
         if not self.has_desired:
             return Features()
-        desired = self.photographs.images[0]
-        if image.shape != desired.shape:
-            raise ValueError(
-                f'image must have the size of the desired one, {_size(desired)}, got '
-                f'{_size(image)}; take both with the same camera and resolution'
-            )
+        self._check_size(*image.shape)
         self.prepare()
         self._frame += 1
         self._rematching.pass_frame()
@@ -211,7 +213,18 @@ class Tracker:
             self.reason = f'the image could not be tracked in: {" ".join(str(error).split())}'
             return Features()
         self._previous, self._is_prepared = frame, False
-        return self._tied.features(self._tracked, passing, self.goal.id)
+        shown = self._tracked.take(self._canvas.shows(self._tracked.warps.current))
+        passing = passing.take(self._canvas.shows(passing.current))
+        return self._tied.features(shown, passing, self.goal.id)
+
+    def _check_size(self, height: int, width: int) -> None:
+        """Raise ValueError for an image that is not as large as the desired one [px]."""
+        rows, columns = self.photographs.images[0].shape
+        if (height, width) != (rows, columns):
+            raise ValueError(
+                f'image must have the size of the desired one, {columns}x{rows}, got '
+                f'{width}x{height}; take both with the same camera and resolution'
+            )
 
     def prepare(self) -> None:
         """Prepare for the next image, while there is time; ``track`` does what was not done."""
@@ -307,7 +320,3 @@ class Tracker:
         self._candidates.remember(joined.warps.ids, self.settings.candidates)
         self._predictions.correct(joined.warps)
         return self._candidates.limited(joined, tracked, limit)
-
-
-def _size(image: Image) -> str:
-    return f'{image.shape[1]}x{image.shape[0]}'

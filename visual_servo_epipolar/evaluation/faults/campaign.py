@@ -13,9 +13,9 @@ from visual_servo_epipolar.evaluation.faults.catalogue import (
     base,
     calibration,
     clocks,
+    encoders,
     images,
     nodes,
-    odometry,
     orders,
     scenes,
     streams,
@@ -28,7 +28,18 @@ from visual_servo_epipolar.evaluation.tables import markdown
 from visual_servo_epipolar.sweeping.local import worker_pool
 from visual_servo_epipolar.sweeping.provenance import commit
 
-GROUPS = (streams, images, scenes, tracks, calibration, clocks, orders, base, nodes, odometry)
+GROUPS = (
+    streams,
+    images,
+    scenes,
+    tracks,
+    calibration,
+    clocks,
+    orders,
+    base,
+    nodes,
+    encoders,
+)
 FAULTS: Faults = {'none': Fault('nothing is wrong')} | {
     name: fault for group in GROUPS for name, fault in group.FAULTS.items()
 }

@@ -23,7 +23,7 @@ from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 class Head:
     """
-    The head of ``node`` that carries its camera, where the ``rig`` has one.
+    The head of ``node`` that carries its camera, where the ``rig`` has one: then it ``is_there``.
 
     What is wrong with what it says is said by ``warn``. Without angles of an image no robot
     drives by it: a head that has turned looks as if the robot had.
@@ -32,7 +32,7 @@ class Head:
     def __init__(
         self, node: Node, rig: Rig, settings: ServoNodeSettings, warn: Callable[[str], None]
     ) -> None:
-        self._rig, self._warn = rig, warn
+        self._warn, self.is_there = warn, rig.turn_rate > 0.0
         self._names = settings.pan_joint, settings.tilt_joint
         self._kind = settings.head_command
         self._topic = node.resolve_topic_name('joint_states')
@@ -43,11 +43,6 @@ class Head:
             self._command_pub = node.create_publisher(
                 COMMAND_TYPES[self._kind], 'head/command', qos.COMMAND
             )
-
-    @property
-    def is_there(self) -> bool:
-        """Whether a head carries the camera."""
-        return self._rig.turn_rate > 0.0
 
     def begin_anew(self) -> None:
         """Forget where the joints were."""
@@ -67,10 +62,10 @@ class Head:
             )
         return '' if stamp_ns is None else self._history.trouble(stamp_ns)
 
-    def told(self, observation: Observation) -> Observation:
-        """Return ``observation`` in axes of the base, by the angles at its image."""
+    def told(self, observation: Observation, rig: Rig) -> Observation:
+        """Return ``observation`` in axes of the base, by the angles at its image and the rig."""
         joints = self._history.at(observation.stamp_ns) if self.is_there else None
-        return observation if joints is None else observation.on_rig(self._rig, joints)
+        return observation if joints is None else observation.on_rig(rig, joints)
 
     def send(self, command: Command, stamp_ns: int) -> None:
         """Publish what the head is to do; a ``command`` without leaves it as it is."""

@@ -10,7 +10,9 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-PACKAGE = 'visual_servo_epipolar'
+from visual_servo_epipolar.core.settings import hint
+from visual_servo_epipolar.files import config_names, PACKAGE
+
 UNSET_OR_BOOLEAN = ('', 'true', 'false')
 # Arguments that mean the same in several launch files: default, description, choices.
 SHARED: Mapping[str, tuple[Any, ...]] = {
@@ -72,6 +74,12 @@ def rig(name: str) -> list[Any]:
     """Return the parameter file of a rig: the user's, or ours of that ``name``; none of ''."""
     if not name or name.endswith('.yaml'):
         return list(own(name))
+    names = config_names('rigs')
+    if names and name not in names:
+        raise RuntimeError(
+            f'rig must be a parameter file or one of {", ".join(names)}, got {name!r}; '
+            f'{hint([name], names)}'
+        )
     return [config('rigs', f'{name}.yaml')]
 
 

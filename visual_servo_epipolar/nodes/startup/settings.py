@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from visual_servo_epipolar.core.cameras.registry import camera_of_size
+from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.settings import fixed, setting, Settings
 
 RELIABILITIES = ('auto', 'reliable', 'best_effort')  # of images, as in nodes.qos
@@ -10,7 +10,6 @@ RESUMES = ('automatic', 'manual')
 TRANSPORTS = ('raw', 'compressed')
 HEAD_COMMANDS = ('position', 'velocity', 'trajectory')
 PATH_SOURCES = ('odometry', 'commands')
-CAMERA_INFO = 'camera_info'  # the projection that is not told
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,8 +136,9 @@ class TrackerNodeSettings(LifecycleSettings):
     )
     projection: str = fixed(
         CAMERA_INFO,
-        'Images are: camera_info, what it says; equirectangular, 360 deg, which their size tells '
-        'and the tracker publishes as camera_info where nobody does',
+        'Images are: camera_info, what it says; or what their size tells and the tracker '
+        'publishes as camera_info where nobody does: equirectangular, 360 deg, dual_fisheye, two '
+        'lenses side by side, dual_fisheye_insta360, the same as that driver publishes it',
     )
     transport: str = fixed(
         'raw',
@@ -212,7 +212,12 @@ class UnicycleSettings(Settings):
 class CameraRig(Settings):
     """What carries the simulated camera, and the names of its joints."""
 
-    rig: str = fixed('fixed', 'What carries the camera: fixed (a mount), or pan_tilt (a head)')
+    rig: str = fixed(
+        'fixed',
+        'What carries the camera: fixed (a mount), pan_tilt (a head), or two_lenses (a mount, for '
+        'a camera of 360 deg with two centres)',
+        choices=('fixed', 'pan_tilt', 'two_lenses'),
+    )
     pan_joint: str = fixed('pan_joint', 'Joint of joint_states that pans the head to the left')
     tilt_joint: str = fixed('tilt_joint', 'Joint of joint_states that tilts the head down')
     head_command: str = fixed(

@@ -98,6 +98,7 @@ NODES: Mapping[str, NodeRow] = {
         settings=(
             'simulation.mounts.camera_settings:CameraSettings',
             'simulation.mounts.simulated_head:HeadSettings',
+            'simulation.mounts.two_lenses:LensSettings',
             'nodes.startup.settings:CameraRig',
             'simulation.disturbances.image:DisturbanceSettings',
             'simulation.light.settings:LightSettings',

@@ -73,7 +73,10 @@ def _photograph_files(given: str) -> list[str]:
     try:
         files = sorted(f for f in Path(given).iterdir() if f.suffix.lower() in PICTURES)
     except OSError as error:
-        raise ValueError(f'desired_image: {given}: {error.strerror}') from None
+        raise ValueError(
+            f'desired_image must be a folder that can be read, got {given!r}: {error.strerror}; '
+            'let the tracker read it'
+        ) from None
     if not files:
         raise ValueError(
             f'desired_image must be a folder with pictures, got {given!r}, where none is; '

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.model import CameraModel, field_of_view
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.features import Features
@@ -154,7 +154,8 @@ def _draw(
     cv2.setNumThreads(1)
     size, images = view_size((camera.width, camera.height)), _images(pixels, camera)
     try:
-        with VideoWriter(path, fps, image_size=size, bounds=bounds) as video:
+        angle = field_of_view(camera)
+        with VideoWriter(path, fps, image_size=size, bounds=bounds, field_of_view=angle) as video:
             there.send(video.advice)
             while (step := steps.recv()) is not None:
                 features, sample = step

@@ -78,11 +78,14 @@ class MapView:
     """
     Map that grows with the run; each step draws one piece of path onto a kept canvas.
 
-    ``height`` is that of the picture [px]; its width is ``WIDTH``.
+    ``height`` is that of the picture [px]; its width is ``WIDTH``; the robot sees
+    ``field_of_view`` [rad].
     """
 
-    def __init__(self, bounds: MapBounds, height: int) -> None:
-        self._bounds, self._height = bounds, height
+    def __init__(
+        self, bounds: MapBounds, height: int, field_of_view: float = FIELD_OF_VIEW
+    ) -> None:
+        self._bounds, self._height, self._angle = bounds, height, field_of_view
         self._samples: list[Sample] = []
         self._fit()
 
@@ -173,7 +176,7 @@ class MapView:
 
     def _draw_robot(self, picture: Image, sample: Sample) -> None:
         colour = bgr(phase_colour(sample.phase.value))
-        wedge = view_wedge(sample.pose, angle=FIELD_OF_VIEW, reach=0.6)
+        wedge = view_wedge(sample.pose, angle=self._angle, reach=0.6)
         draw_lines(picture, self.pixels(wedge)[None], colour, 1, closed=True)
         self._draw_outline(picture, sample.pose, colour, 2)
         fill(picture, self.pixels(robot_nose(sample.pose)), colour)

@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.report.images.drawing import Resized
 from visual_servo_epipolar.report.images.encoders import open_encoder, WHAT_TO_INSTALL
 from visual_servo_epipolar.report.images.map_view import MapBounds, MapView, WIDTH
+from visual_servo_epipolar.report.style import FIELD_OF_VIEW
 
 HEIGHT = 720  # of the video [px]
 
@@ -30,18 +31,24 @@ class VideoWriter:
 
     Use it as a context manager: if the block ends by an exception, the unfinished file is removed.
     ``image_size`` is that of the overlay pictures to come, width and height [px]; the map shows
-    ``bounds`` at first, and grows if the robot leaves it. Raises InputError if no encoder here can
-    write such a file there.
+    ``bounds`` at first, and grows if the robot leaves it; it sees ``field_of_view`` [rad]. Raises
+    InputError if no encoder here can write such a file there.
     """
 
     def __init__(
-        self, path: Path, fps: float, *, image_size: tuple[int, int], bounds: MapBounds
+        self,
+        path: Path,
+        fps: float,
+        *,
+        image_size: tuple[int, int],
+        bounds: MapBounds,
+        field_of_view: float = FIELD_OF_VIEW,
     ) -> None:
         self.path, self._image_size = path, image_size
         self._view_width, _ = view = view_size(image_size)
         self._shown = Resized(image_size, view)
         self.size = self._view_width + WIDTH, HEIGHT
-        self._map, self.frames = MapView(bounds, HEIGHT), 0
+        self._map, self.frames = MapView(bounds, HEIGHT, field_of_view), 0
         self._part = part_of(path)
         self._encoder, self.codec = open_encoder(self._part, path, fps, self.size)
 

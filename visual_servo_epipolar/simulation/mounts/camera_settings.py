@@ -37,8 +37,8 @@ class CameraSettings(Settings):
     distortion_model: str = setting(
         'plumb_bob',
         'Lens: plumb_bob, rational_polynomial, equidistant (a fisheye, whose focal length is that '
-        'of its centre), equirectangular (360 deg, told by the size alone), or one of another '
-        'package',
+        'of its centre), equirectangular (360 deg, told by the size alone), dual_fisheye (two of '
+        'those in one image), or one of another package',
         read_only=True,
     )
     image_circle: float = setting(
@@ -81,6 +81,13 @@ class CameraSettings(Settings):
         0.0, 'Amplitude of the drift of the gain', low=0.0, high=0.9, read_only=True
     )
     blur: float = setting(0.0, 'Blur, sigma [px]', low=0.0, high=10.0, read_only=True)
+    jpeg: int = setting(
+        0,
+        'Quality of the JPEG that images come as; 0 = as they are',
+        low=0,
+        high=100,
+        read_only=True,
+    )
     believed_focal_ratio: float = setting(
         1.0, 'Focal length in camera_info over the true one', low=0.1, high=10.0, read_only=True
     )

@@ -4,23 +4,31 @@ from collections.abc import Callable
 from dataclasses import fields
 from typing import Any, NamedTuple
 
+from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.fixed import fixed_rig
 from visual_servo_epipolar.simulation.mounts.pan_tilt import pan_tilt_rig, PanTiltSettings
 from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings
 from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
+from visual_servo_epipolar.simulation.mounts.two_lenses import two_lens_rig, TwoLensSettings
 
 
 class SimulatedRigModel(NamedTuple):
-    """One row: the class of settings, which no other row has, and who makes the rig of them."""
+    """
+    One row: the class of settings, which no other row has, and who makes the rig of them.
+
+    ``turns`` tells that joints turn the camera.
+    """
 
     settings: type[CameraSettings]
     factory: Callable[[Any], SimulatedRig]
+    turns: bool = True
 
 
 SIMULATED_RIGS: dict[str, SimulatedRigModel] = {
-    'fixed': SimulatedRigModel(CameraSettings, fixed_rig),
+    'fixed': SimulatedRigModel(CameraSettings, fixed_rig, turns=False),
     'pan_tilt': SimulatedRigModel(PanTiltSettings, pan_tilt_rig),
+    'two_lenses': SimulatedRigModel(TwoLensSettings, two_lens_rig, turns=False),
 }
 
 
@@ -29,13 +37,15 @@ def rig_name(settings: CameraSettings) -> str:
     return {model.settings: name for name, model in SIMULATED_RIGS.items()}[type(settings)]
 
 
-def carried(name: str, camera: CameraSettings, head: HeadSettings) -> CameraSettings:
-    """Return the settings of a ``camera`` on the rig of that name; ValueError if there is none."""
-    if name not in SIMULATED_RIGS:
-        raise ValueError(f'rig must be one of {", ".join(SIMULATED_RIGS)}, got {name!r:.40}')
+def turns(settings: CameraSettings) -> bool:
+    """Return whether joints turn the camera that ``settings`` belong to."""
+    return SIMULATED_RIGS[rig_name(settings)].turns
+
+
+def rig_settings(name: str, *parts: Settings) -> CameraSettings:
+    """Return the settings of the rig of that ``name``, as far as it has those of the ``parts``."""
     kind = SIMULATED_RIGS[name].settings
-    values = {item.name: getattr(head, item.name) for item in fields(head)}
-    values |= {item.name: getattr(camera, item.name) for item in fields(camera)}
+    values = {item.name: getattr(part, item.name) for part in parts for item in fields(part)}
     return kind(**{item.name: values[item.name] for item in fields(kind)})
 
 

@@ -96,6 +96,12 @@ class Sensor:
         return noisy
 
 
+def as_jpeg(image: Image, quality: int) -> Image:
+    """Return ``image``, shape (H, W), as a JPEG of that ``quality``, 1 to 100, shows it."""
+    _, content = cv2.imencode('.jpg', image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(cv2.imdecode(content, cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
+
+
 def _mirrored(image: Image, code: int | None) -> Image:
     return image if code is None else np.asarray(cv2.flip(image, code), dtype=np.uint8)
 

@@ -1,5 +1,6 @@
 """Faces of a cube around a camera: pinhole images that make up that of a lens wider than any."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -7,7 +8,11 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
+from visual_servo_epipolar.simulation.mounts.simulated_rig import (
+    CameraPose,
+    LensPlacement,
+    ONE_LENS,
+)
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant, draw
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
@@ -38,7 +43,7 @@ class Face(NamedTuple):
 class Faces:
     """The image of a camera that is no pinhole, from as many faces of a cube as it sees."""
 
-    def __init__(self, camera: CameraModel) -> None:
+    def __init__(self, camera: CameraModel, lenses: Sequence[LensPlacement] = ONE_LENS) -> None:
         self._camera = camera
         u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
         rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
@@ -48,18 +53,18 @@ class Faces:
         axes = [np.array(columns).T for columns in AXES.values()]
         nearest[seen] = np.argmax(rays[seen] @ np.array([each[:, 2] for each in axes]).T, axis=1)
         self._faces = [
-            _face(camera, rays, nearest == k, each)
+            (_face(camera, rays, part, each), lens)
+            for lens in lenses
             for k, each in enumerate(axes)
-            if (nearest == k).any()
+            if (part := (nearest == k) & lens.shows(rays)).any()
         ]
 
     def render(self, scene: Scene, pose: CameraPose, assistant: Assistant | None = None) -> Image:
         """Return the image, shape (H, W); black where the lens sees nothing."""
         image: Image = np.zeros((self._camera.height, self._camera.width), dtype=np.uint8)
-        for face in self._faces:
-            view = PinholeView(
-                *face.size, face.intrinsics, pose.centre, pose.R_world_camera @ face.R_camera_face
-            )
+        for face, lens in self._faces:
+            axes, centre = pose if lens is ONE_LENS[0] else lens.pose(pose)
+            view = PinholeView(*face.size, face.intrinsics, centre, axes @ face.R_camera_face)
             ideal = draw(scene, view, assistant)
             part = cv2.remap(ideal, *face.maps, cv2.INTER_LANCZOS4)
             left, top, width, height = face.box

@@ -10,7 +10,11 @@ from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, 
 from visual_servo_epipolar.core.cameras.model import CameraModel, PlanarCamera
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
-from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose, SimulatedRig
+from visual_servo_epipolar.simulation.mounts.simulated_rig import (
+    CameraPose,
+    lenses_of,
+    SimulatedRig,
+)
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant, draw
 from visual_servo_epipolar.simulation.rendering.faces import Faces
 from visual_servo_epipolar.simulation.rendering.raster import NEAR, PinholeView
@@ -36,7 +40,7 @@ class Renderer:
         self._first = scene
         self.assistant: Assistant | None = None
         planar = rig.camera.planar
-        self._drawing = Faces(rig.camera) if planar is None else _Canvas(planar)
+        self._drawing = Faces(rig.camera, lenses_of(rig)) if planar is None else _Canvas(planar)
 
     def render(self, pose: Pose, frame: int | None = None) -> Image:
         """Return the image taken from ``pose``, shape (H, W)."""

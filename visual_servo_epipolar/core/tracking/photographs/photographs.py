@@ -48,6 +48,18 @@ class Photographs:
         """The images, uint8 of shape (H, W), that of the goal first."""
         return tuple(each.view.canvas.image_of(each.view.image) for each in self.views)
 
+    def on_canvas(self, canvas: Canvas) -> 'Photographs':
+        """
+        Return the same images, at least one, on another ``canvas``, that of another camera.
+
+        Raises ValueError or TrackingError if it cannot use one of them.
+        """
+        first, *others = self.images
+        photographs = Photographs.of(first, self.views[0].view.matcher, canvas)
+        for image in others:
+            photographs = photographs.with_added(image)
+        return photographs
+
     def with_added(self, image: Image) -> 'Photographs':
         """
         Return these and ``image``, of the same pose in other light.
