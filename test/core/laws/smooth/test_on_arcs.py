@@ -9,7 +9,7 @@ from visual_servo_epipolar.commands.arguments import rig_path
 from visual_servo_epipolar.core.laws.decisions import classify
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.smooth.on_arcs import ON_ARCS
-from visual_servo_epipolar.core.laws.smooth.phases import APPROACHING
+from visual_servo_epipolar.core.laws.smooth.phases import APPROACHING, ONE_MOTION
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.closed_loop import run
@@ -18,6 +18,7 @@ from visual_servo_epipolar.simulation.views import points_of
 
 CAR = {'law': 'smooth', 'base': 'car', 'max_curvature': 1.667}
 SETTINGS = ServoSettings(**CAR)
+FREELY = ONE_MOTION.transitions
 
 
 @pytest.fixture(scope='module')
@@ -74,6 +75,19 @@ def test_who_looks_aside_at_the_goal_backs_off_again() -> None:
 def test_no_phase_of_it_turns_in_place() -> None:
     assert not any(phase.turns_in_place for phase in ON_ARCS.rows)
     assert Phase.ORIENTING not in ON_ARCS.transitions.values()
+
+
+def test_its_transitions_are_those_of_one_motion_less_turns() -> None:
+    shared = {pair: after for pair, after in ON_ARCS.transitions.items() if pair in FREELY}
+    assert shared == ON_ARCS.transitions
+    without_baseline = ((phase, Event.NO_BASELINE) for phase in (Phase.WAITING, Phase.HOLDING))
+    expected = dict.fromkeys(without_baseline, Phase.RETREATING)
+    assert {pair: to for pair, to in shared.items() if to is not FREELY[pair]} == expected
+    left_out = {before for before, _ in FREELY.keys() - shared} | {
+        event for _, event in FREELY.keys() - shared
+    }
+    assert {Phase.ORIENTING, Event.TURNED} <= left_out
+    assert not any(event is Event.TURNED for _, event in shared)
 
 
 @pytest.mark.parametrize('law', ['paper', 'corrected', 'full', 'full-retreat'])

@@ -6,7 +6,7 @@ import math
 import pytest
 from servo_states import sight
 
-from visual_servo_epipolar.core.laws.smooth.approach import approach
+from visual_servo_epipolar.core.laws.smooth.approach import approach, back_off
 from visual_servo_epipolar.core.laws.smooth.steering import aim, Gains, polar_pose, visible_aim
 from visual_servo_epipolar.core.laws.smooth.wide_view import (
     goes_around_in_view,
@@ -23,6 +23,8 @@ from visual_servo_epipolar.simulation.views import points_of
 
 GAINS, STEP = Gains(), 1e-3
 PINHOLE, HEAD = (0.35, 0.35), (2.2, 2.2)  # margins of a view that faces the goal [rad]
+FREE = ServoSettings(law='smooth')
+CAR = replace(FREE, base='car', max_curvature=1.667)
 ON_A_HEAD = from_document(
     {'camera': {'rig': 'pan_tilt'}, 'servo': {'rig': 'pan_tilt', 'law': 'smooth'}}, 'test'
 )
@@ -53,14 +55,23 @@ def test_what_is_left_of_the_distance_is_that_of_a_straight_line(degrees, edge) 
 
 def test_a_head_leads_around_from_beside_and_not_from_ahead_of_the_goal() -> None:
     beside, ahead = polar_pose(-2.0, 0.0, 0.0), polar_pose(-0.5, 2.0, 0.0)
-    assert leads_around(beside, seen(HEAD)) and not leads_around(ahead, seen(HEAD))
-    assert not leads_around(beside, seen(PINHOLE))
+    assert leads_around(beside, seen(HEAD), FREE) and not leads_around(ahead, seen(HEAD), FREE)
+    assert not leads_around(beside, seen(PINHOLE), FREE)
 
 
 def test_at_the_goal_and_behind_it_the_line_is_followed() -> None:
-    assert goes_around_in_view(polar_pose(-2.0, 0.0, 0.0), seen(HEAD))
-    assert not goes_around_in_view(polar_pose(-0.2, 0.0, 0.0), seen(HEAD))
-    assert not goes_around_in_view(polar_pose(-0.2, -3.0, 0.0), seen(HEAD))
+    assert goes_around_in_view(polar_pose(-2.0, 0.0, 0.0), seen(HEAD), FREE)
+    assert not goes_around_in_view(polar_pose(-0.2, 0.0, 0.0), seen(HEAD), FREE)
+    assert not goes_around_in_view(polar_pose(-0.2, -3.0, 0.0), seen(HEAD), FREE)
+
+
+@pytest.mark.parametrize('margins', [PINHOLE, HEAD])
+@pytest.mark.parametrize('heading', [0.0, 1.3, -2.0])
+def test_a_car_far_off_its_heading_drives_on_in_any_view(margins, heading: float) -> None:
+    beside = sight(offset=(-2.0, -0.5), heading_error=heading, view_margins=margins)
+    assert not leads_around(polar_pose(-2.0, -0.5, heading), beside, CAR)
+    assert abs(approach(ServoState(), beside, CAR).linear) > 0.05
+    assert back_off(ServoState(), beside, CAR).linear == -CAR.retreat_speed
 
 
 def test_a_turn_goes_the_long_way_where_the_short_one_leads_out_of_view() -> None:

@@ -54,12 +54,12 @@ def off_aim(pose: PolarPose, gains: Gains) -> float:
     return wrap_angle(pose.delta - aim(pose.phi, gains))
 
 
-def driving_share(delta: float, off: float) -> float:
-    """Return the share of the speed, by how far delta is ``off`` its aim, and leads away [rad]."""
-    steered = min(max((IN_PLACE - abs(off)) / (IN_PLACE - STEERED), 0.0), 1.0)
-    return min(steered, nearing_share(delta))
+def driving_share(delta: float, off: float, *, in_place: float = IN_PLACE) -> float:
+    """
+    Return the share of the speed, by how far delta is ``off`` its aim, and leads away [rad].
 
-
-def nearing_share(delta: float) -> float:
-    """Return the share of the speed at which nobody drives away from the goal."""
-    return min(max((LEADS_AWAY - abs(delta)) / (LEADS_AWAY - NEARS), 0.0), 1.0)
+    Off by ``in_place`` and more the robot does not drive at all: it has to turn in place.
+    """
+    steered = min(max((in_place - abs(off)) / (in_place - STEERED), 0.0), 1.0)
+    nearing = min(max((LEADS_AWAY - abs(delta)) / (LEADS_AWAY - NEARS), 0.0), 1.0)
+    return min(steered, nearing)

@@ -14,7 +14,6 @@ from visual_servo_epipolar.core.laws.smooth.all_round import (
     goes_around,
     LEAST_WAY,
     line_share,
-    nearing_share,
     off_aim,
     on_nearer_side,
 )
@@ -32,7 +31,6 @@ from visual_servo_epipolar.core.laws.smooth.wide_view import (
     heading_window,
     IN_PLACE,
     RESERVE,
-    STEERED,
 )
 from visual_servo_epipolar.core.mapping.adjustment.window import X
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
@@ -76,7 +74,7 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
         return STANDSTILL
     around = goes_around(*sight, measurement)
     left = way_left(measurement, state)
-    in_view = not around and goes_around_in_view(polar_pose(*sight), measurement)
+    in_view = not around and goes_around_in_view(polar_pose(*sight), measurement, settings)
     if around or in_view:
         left = max(left, LEAST_WAY * math.hypot(sight.x, sight.y))
     braking = BRAKING * settings.max_acceleration
@@ -136,8 +134,7 @@ def _around_in_view(
     off = heading + wrap_angle(middle) - middle - target
     held = None if target == wanted else pose.phi + target
     kappa = curvature(pose, GAINS, delta_held=held)
-    share = min(max((IN_PLACE - abs(off)) / (IN_PLACE - STEERED), 0.0), 1.0)
-    share = min(share, nearing_share(pose.delta))
+    share = driving_share(pose.delta, off, in_place=IN_PLACE)
     speed = min(speed, _steerable(kappa, settings))
     turn = share * kappa * speed - (1.0 - share) * off / TURN_S
     return Twist(share * speed, _within_view(turn, measurement, settings))
@@ -219,12 +216,13 @@ def back_off(state: ServoState, measurement: Measurement, settings: ServoSetting
     Return the velocity backward, on an arc: onto the axis behind the goal, or to a turn ahead.
 
     From ahead of the goal the same law leads backward onto its axis. From beside, the robot backs
-    off at the goal's heading and turns to where it will drive at the end of that.
+    off at the goal's heading and turns to where it will drive at the end of that. One that steers
+    turns by driving alone, and does not slow down for it.
     """
     sight, bearings = seen_from(state, measurement, settings), measurement.bearings
     turn, speed = 0.0, settings.retreat_speed
     pose = None if sight is None else polar_pose(-sight.x, -sight.y, sight.heading, ahead=RUN_UP)
-    if pose is not None and goes_around_in_view(pose, measurement, least=0.0):
+    if pose is not None and goes_around_in_view(pose, measurement, settings, least=0.0):
         twist = _around_in_view(pose, speed, measurement, settings)
         return Twist(-twist.linear, twist.angular)
     if pose is not None and max(abs(pose.delta), abs(pose.phi)) < BACKING:
@@ -241,7 +239,8 @@ def back_off(state: ServoState, measurement: Measurement, settings: ServoSetting
         angle = wanted - measurement.heading_error
         angle = min(max(angle, RESERVE - right), left - RESERVE)
         turn = angle / TURN_S
-        speed *= max(1.0 - abs(angle), 0.0)
+        if turns_in_place(settings.drive):
+            speed *= max(1.0 - abs(angle), 0.0)
     return Twist(-speed, _within_view(turn, measurement, settings))
 
 

@@ -20,9 +20,6 @@ from visual_servo_epipolar.core.laws.machine import StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import is_near_enough
 from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted
-from visual_servo_epipolar.core.laws.phases.matching_features import MATCHING_FEATURES
-from visual_servo_epipolar.core.laws.phases.retreating import RETREATING
-from visual_servo_epipolar.core.laws.phases.standing import ARRIVED, FAILED, HOLDING, WAITING
 from visual_servo_epipolar.core.laws.smooth.approach import BRAKING, seen_from, Sight
 from visual_servo_epipolar.core.laws.smooth.arcs import Bounds, GoalOffset, misses, way_back
 from visual_servo_epipolar.core.laws.smooth.phases import (
@@ -32,7 +29,6 @@ from visual_servo_epipolar.core.laws.smooth.phases import (
     motion_trial,
     ONE_MOTION,
     retreating,
-    surveyed,
 )
 from visual_servo_epipolar.core.laws.smooth.steering import rate_within
 from visual_servo_epipolar.core.laws.smooth.wide_view import GAINS, RESERVE
@@ -132,18 +128,11 @@ def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) 
 
 
 RETREATING_FREELY = ONE_MOTION.rows[Phase.RETREATING]
-_SURVEY = {
-    Event.NO_BASELINE: Phase.RETREATING,
-    Event.SIDEWAYS: Phase.RETREATING,
-    Event.APART: APPROACHING.phase,
-    Event.ALIGNED: Phase.MATCHING_FEATURES,
-    Event.MATCHED: Phase.ARRIVED,
-}
 ON_ARCS = StateMachine(
     (
-        *(surveyed(WAITING), surveyed(HOLDING), ARRIVED, FAILED, MATCHING_FEATURES),
+        *(row for phase, row in ONE_MOTION.rows.items() if not phase.turns_in_place),
         replace(
-            RETREATING,
+            RETREATING_FREELY,
             classify=_retreating,
             command=_retreat,
             begin=_with_way_back,
@@ -151,17 +140,11 @@ ON_ARCS = StateMachine(
         ),
         replace(APPROACHING, classify=_approaching, is_settled=_ends),
     ),
+    # Without a baseline it backs off in place of turning; where it faces aside, it has missed.
     {
-        **{(Phase.WAITING, event): phase for event, phase in _SURVEY.items()},
-        **{(Phase.HOLDING, event): phase for event, phase in _SURVEY.items()},
-        (Phase.RETREATING, Event.APART): APPROACHING.phase,
-        (APPROACHING.phase, Event.SIDEWAYS): Phase.RETREATING,
-        (APPROACHING.phase, Event.ALIGNED): Phase.MATCHING_FEATURES,
-        (APPROACHING.phase, Event.MATCHED): Phase.ARRIVED,
-        (APPROACHING.phase, Event.MISSED): Phase.RETREATING,
-        (Phase.MATCHING_FEATURES, Event.NO_GAIN): Phase.FAILED,
-        (Phase.MATCHING_FEATURES, Event.MATCHED): Phase.ARRIVED,
-        (Phase.MATCHING_FEATURES, Event.MISSED): Phase.RETREATING,
+        (before, event): Phase.RETREATING if after.turns_in_place else after
+        for (before, event), after in ONE_MOTION.transitions.items()
+        if not before.turns_in_place and event is not Event.TURNED
     },
 )
 SMOOTH = replace(FULL, machine=ONE_MOTION, on_arcs=ON_ARCS)

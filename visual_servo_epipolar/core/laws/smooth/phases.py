@@ -86,7 +86,7 @@ def approaching(state: ServoState, measurement: Measurement, settings: ServoSett
     x, y = measurement.offset
     pose = polar_pose(x, y, measurement.heading_error)
     all_round = goes_around(x, y, measurement.heading_error, measurement)
-    if all_round or goes_around_in_view(pose, measurement):
+    if all_round or goes_around_in_view(pose, measurement, settings):
         return Event.NOTHING
     if not state.settling.settled and y > -PASSED and max(y, abs(x)) > PASSED:
         return missed(state, settings)
@@ -116,7 +116,7 @@ def _lies_beside(
     if bearings is None or not settings.options.retreat or sees_all_round(measurement):
         return False
     pose = polar_pose(math.cos(bearings.psi), math.sin(bearings.psi), bearings.heading_error)
-    if leads_around(pose, measurement, least=least):
+    if leads_around(pose, measurement, settings, least=least):
         return False
     return not is_behind(bearings) or abs(bearings.chi) > settings.sideways_bearing + beyond
 

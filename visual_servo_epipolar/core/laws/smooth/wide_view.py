@@ -12,9 +12,14 @@ off, by the same law driven backward, for which the goal's other side is ahead.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
+from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.laws.smooth.steering import aim, Gains, PolarPose
 from visual_servo_epipolar.core.perception.measurement import Measurement
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 GAINS = Gains()
 RESERVE = 0.05  # of the margins of the view [rad]
@@ -23,7 +28,7 @@ WIDE = 1.0  # of a window of headings to either side, from where on it is wide [
 LEAST_SHARE, KEPT_SHARE = 0.35, 0.2  # of the distance left where the aim is seen: at first, later
 ASIDE = 0.6  # |phi| and |delta| up to which it is the way ahead as that of any robot [rad]
 AT_GOAL = 0.25  # from where the line to it is followed, whatever the direction [m]
-STEERED, IN_PLACE = 0.6, 1.2  # off the aim of delta: it drives on, and does not at all [rad]
+IN_PLACE = 1.2  # off the aim of delta, beyond which it does not drive on at all [rad]
 STEPS = 12  # of Newton's method; one is exact to a degree
 
 
@@ -59,16 +64,31 @@ def share_left(phi: float, gains: Gains, window: tuple[float, float]) -> float:
     return math.sin(edge - phi) / math.sin(edge - within)
 
 
-def leads_around(pose: PolarPose, measurement: Measurement, *, least: float = LEAST_SHARE) -> bool:
-    """Return whether one motion leads from ``pose`` around to the goal, in view all the way."""
+def leads_around(
+    pose: PolarPose,
+    measurement: Measurement,
+    settings: ServoSettings,
+    *,
+    least: float = LEAST_SHARE,
+) -> bool:
+    """
+    Return whether one motion leads from ``pose`` around to the goal, in view all the way.
+
+    A base that steers cannot turn to the aim first: ``on_arcs`` says where its motion leads.
+    """
     window = heading_window(measurement, WIDE_RESERVE)
-    return is_wide(window) and share_left(pose.phi, GAINS, window) >= least
+    wide = turns_in_place(settings.drive) and is_wide(window)
+    return wide and share_left(pose.phi, GAINS, window) >= least
 
 
 def goes_around_in_view(
-    pose: PolarPose, measurement: Measurement, *, least: float = KEPT_SHARE
+    pose: PolarPose,
+    measurement: Measurement,
+    settings: ServoSettings,
+    *,
+    least: float = KEPT_SHARE,
 ) -> bool:
     """Return whether it goes around the goal now, in place of a way ahead."""
     if pose.distance < AT_GOAL or max(abs(pose.phi), abs(pose.delta)) < ASIDE:
         return False
-    return leads_around(pose, measurement, least=least)
+    return leads_around(pose, measurement, settings, least=least)
