@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import arc
+from visual_servo_epipolar.core.laws.braking import rate_within
 from visual_servo_epipolar.core.laws.smooth.steering import (
     aim,
     curvature,
     Gains,
     polar_pose,
     PolarPose,
-    rate_within,
     visible_aim,
 )
 

@@ -461,13 +461,6 @@ def test_an_adaptive_gain_of_equal_ends_is_constant() -> None:
     assert equations.adaptive_gain(0.3, at_zero=2.0, far=2.0, slope=0.0) == 2.0
 
 
-@given(floats(-1.5, 1.5), floats(0.1, 2.0))
-def test_the_turn_to_the_heading_is_proportional_and_against_the_error(
-    error: float, gain: float
-) -> None:
-    assert equations.turn_to_heading(error, gain=gain) == Twist(0.0, -gain * error)
-
-
 @given(floats(0.05, 5.0), floats(0.001, 0.5), SIGNS, floats(0.05, 2.0), floats(0.05, 1.5))
 def test_the_braking_speed_is_just_enough_to_stop_in_time(
     way: float, bearing: float, sign: float, speed: float, deceleration: float

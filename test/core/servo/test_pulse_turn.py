@@ -10,7 +10,7 @@ from servo_states import in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.phases.bounds import PATIENCE_S
+from visual_servo_epipolar.core.laws.phases.bounds import PULSED_PATIENCE_S
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.pulse_turn import pulse_to, pulse_turn, turns_by_pulses
@@ -126,7 +126,7 @@ def test_trimming_is_for_turns_in_place_to_what_is_known_and_for_some_seconds() 
     assert does()
     assert not does(SETTINGS)
     assert not does(replace(BANDED, dead_band_mode='raise'))
-    assert not does(time_in_tolerance=PATIENCE_S + 0.1)
+    assert not does(time_in_tolerance=PULSED_PATIENCE_S + 0.1)
     assert not turns_by_pulses(in_phase(Phase.MATCHING_FEATURES, measurement=turned(1.5)), BANDED)
     assert not turns_by_pulses(
         in_phase(Phase.ORIENTING, measurement=replace(turned(1.5), offset=None)), BANDED

@@ -409,7 +409,8 @@ def test_backing_off_turns_no_further_than_the_view_allows() -> None:
     beside = measurement(
         0.1, current=0.3, desired=-1.2, heading_error=-0.8, view_margins=(0.2, math.inf)
     )
-    turning = after(beside, state=in_phase(Phase.RETREATING)).twist
+    slow = replace(SETTINGS, law='full-speed_ramps')
+    turning = after(beside, settings=slow, state=in_phase(Phase.RETREATING)).twist
     assert turning.angular == pytest.approx(0.2 * SETTINGS.turn_gain)
     assert turning.linear == 0.0
     blocked = replace(beside, view_margins=(0.01, math.inf))

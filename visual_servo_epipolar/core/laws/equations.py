@@ -238,12 +238,3 @@ def follow_line(
     """
     damping = abs(linear) * (2.0 * LINE_DAMPING) * heading_error / look_ahead
     return Twist(linear, linear * lateral / look_ahead**2 - damping)
-
-
-def turn_to_heading(heading_error: float, *, gain: float) -> Twist:
-    """
-    Return the turn in place to the heading of the desired view: u_2 = -k alpha.
-
-    ``heading_error`` is alpha [rad], left positive, ``gain`` k [1/s].
-    """
-    return Twist(0.0, -gain * heading_error)

@@ -84,7 +84,8 @@ class ControlSettings(Settings):
     )
     approach_rate: float = setting(
         1.0,
-        'Step 2: rate at which it closes in at most, as the slope of D has it [1/s]',
+        'Step 2: rate at which it closes in at most, as the slope of D has it; with speed ramps '
+        'it brakes, and ends up to 4 times as sharply [1/s]',
         low=0.01,
         high=50.0,
     )
@@ -95,7 +96,11 @@ class ControlSettings(Settings):
         20.0, 'Step 2: how fast that factor falls with |D| at first', low=0.0, high=1e4
     )
     turn_gain: float = setting(
-        0.8, 'Gain of turns in place and of holding e_au [1/s]', low=0, high=5
+        0.8,
+        'Gain of turns in place and of holding e_au; with speed ramps turns brake, and end 4 '
+        'times as sharply [1/s]',
+        low=0,
+        high=5,
     )
     look_ahead: float = setting(
         0.6, 'Step 2: look-ahead of line following [m]', low=0.05, high=10.0

@@ -11,6 +11,7 @@ from servo_states import PHASES
 from strategies import bearings, floats
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.laws.braking import BRAKING
 from visual_servo_epipolar.core.laws.gains import derive
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.derived_gains import circumstances
@@ -221,9 +222,12 @@ def test_the_second_step_closes_in_at_its_rate_once_the_slope_of_d_is_known() ->
     assert closing.twist.linear == pytest.approx(0.01 * rate / 0.4, rel=1e-3)
 
 
+STEEP = 'full-speed_ramps'
+
+
 def speed_in_step_2(difference: float, **changes: Any) -> float:
-    """Return the speed of law full in step 2 [m/s], D rising by 0.4 in a metre."""
-    settings = replace(ServoSettings(max_acceleration=20.0, line_following=False), **changes)
+    """Return the speed in step 2 [m/s] of who need not brake, D rising by 0.4 in a metre."""
+    settings = replace(ServoSettings(law=STEEP, line_following=False), **changes)
     state = ServoState().changed(
         phase=Phase.MATCHING_FEATURES, distance=2.0, slope=Slope(0.4, 1e6)
     )
@@ -245,8 +249,17 @@ def test_it_rises_no_further_than_the_delay_lets_it_not_overshoot() -> None:
     limit = 1.0 / math.e / (PERIOD + 0.1)
     assert speed_in_step_2(-0.01, latency=0.1, **brisk) == pytest.approx(limit * 0.01 / 0.4)
     # A delay beyond that leaves the rate as it was set.
-    alone = {'law': 'full-anticipation', **brisk}
+    alone = {'law': f'{STEEP}-anticipation', **brisk}
     assert speed_in_step_2(-0.01, latency=1.0, **alone) == pytest.approx(0.01 / 0.4)
+
+
+@pytest.mark.parametrize('way', [0.5, 0.1, 0.02])
+def test_whose_accelerations_are_limited_brakes_at_a_constant_deceleration(way: float) -> None:
+    braking = {'law': 'full', 'max_acceleration': 20.0, 'latency': 0.0}
+    deceleration = BRAKING * 20.0
+    speed = speed_in_step_2(-0.4 * way, max_linear=5.0, **braking)
+    delay = math.e * PERIOD
+    assert speed * delay + speed**2 / (2.0 * deceleration) == pytest.approx(way, rel=1e-3)
 
 
 def test_a_step_2_without_a_step_1_has_a_derived_k_t_too() -> None:

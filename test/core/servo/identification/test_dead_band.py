@@ -214,7 +214,7 @@ def test_commands_below_what_was_learnt_come_as_pulses() -> None:
     for frame in range(2, 14):  # before it is seen that this one does not turn at all
         state = then(state, turning(frame))
         sent.add(round(abs(state.twist.angular), 6))
-    assert sent == {0.0, 0.05}
+    assert {0.0, 0.05} <= sent and not any(0.0 < each < 0.05 for each in sent)
 
 
 def test_a_law_may_not_learn_it() -> None:

@@ -2,9 +2,9 @@
 Bounds below which a measurement counts as zero: no finer than its noise, nor than the base moves.
 
 Where a memory of views knows the offset they are finer than two views could tell. A base may be
-unable to come as near, and its dead band need not be configured: after 4 s within the usual
-tolerance that is enough. The tolerances of the owner make them coarser, less what the measurement
-may be wrong by.
+unable to come as near, and its dead band need not be configured: after 0.8 s within the usual
+tolerance that is enough, after 4 s where each pulse of a dead band has to be seen first. The
+tolerances of the owner make them coarser, less what the measurement may be wrong by.
 """
 
 from __future__ import annotations
@@ -24,14 +24,19 @@ LEAST_OFFSET, LEAST_HEADING = 4e-5, 2e-5  # that a memory of views bothers about
 NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of who comes from behind
 PULSE_MISS = 0.15  # of a hop, by which stretched pulses miss: a base slips
 FACING = 6e-4  # heading error that two views leave; what a tolerance is less by, too [rad]
-PATIENCE_S = 4.0  # within the usual bounds, after which they are enough
+PATIENCE_S, PULSED_PATIENCE_S = 0.8, 4.0  # within the usual bounds, after which they are enough
 
 
 class Trial(NamedTuple):
-    """Time within the usual bounds by now, and that from one command to the next [s]."""
+    """
+    Time within the usual bounds by now, and that from one command to the next [s].
+
+    ``is_brief``: on the way pulses are not waited for.
+    """
 
     time_in_tolerance: float = 0.0
     frame_s: float = USUAL_STEP_S
+    is_brief: bool = False
 
 
 FIRST = Trial()
@@ -63,7 +68,7 @@ def facing_bound(measurement: Measurement, settings: ServoSettings, trial: Trial
     fine = min(tolerance, FACING)
     if measurement.offset is not None:
         deviation = measurement.heading_deviation
-        if trial.time_in_tolerance <= PATIENCE_S:
+        if _is_patient(settings, trial):
             fine = min(max(NEGLIGIBLE * deviation, LEAST_HEADING), fine)
     bound = max(fine, tolerance - FACING - NOISE_DEVIATIONS * deviation)
     if ends_by_pulses(measurement, settings, trial):
@@ -74,8 +79,7 @@ def facing_bound(measurement: Measurement, settings: ServoSettings, trial: Trial
 def ends_by_pulses(measurement: Measurement, settings: ServoSettings, trial: Trial) -> bool:
     """Return whether turns end finer than by equal pulses: see ``servo.pulse_turn``."""
     known, pulses = measurement.offset is not None, settings.dead_band_mode == 'pulse'
-    patient = trial.time_in_tolerance <= PATIENCE_S
-    return known and pulses and settings.dead_band_angular > 0.0 and patient
+    return known and pulses and settings.dead_band_angular > 0.0 and _is_patient(settings, trial)
 
 
 def pulse_turn_bound(
@@ -99,12 +103,19 @@ def matched_bound(
     slope = measurement.difference_slope
     fine = max(min(least, LEAST_OFFSET * slope), NEGLIGIBLE * deviation)
     hop = _hop(settings.dead_band_linear, settings, trial) * slope
-    return max(fine if trial.time_in_tolerance <= PATIENCE_S else usual, hop)
+    return max(fine if _is_patient(settings, trial) else usual, hop)
 
 
 def is_matched(measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST) -> bool:
     """Return whether D counts as zero."""
     return abs(measurement.difference) <= matched_bound(measurement, settings, trial)
+
+
+def _is_patient(settings: ServoSettings, trial: Trial) -> bool:
+    """Return whether the robot still tries for what is finer than usual."""
+    pulsed = max(settings.dead_band_linear, settings.dead_band_angular) > 0.0
+    most = PULSED_PATIENCE_S if pulsed and not trial.is_brief else PATIENCE_S
+    return trial.time_in_tolerance <= most
 
 
 def _hop(threshold: float, settings: ServoSettings, trial: Trial) -> float:

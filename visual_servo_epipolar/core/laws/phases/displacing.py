@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.braking import braked_turn
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
@@ -40,8 +41,12 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
     """Return the turn in place of e_au to its target (section IV-B, remarks)."""
     if measurement.bearings is None:
         return STANDSTILL
+    bearings = measurement.bearings
+    if settings.options.speed_ramps:
+        angle = math.atan(state.law.target) - bearings.alpha
+        return Twist(0.0, braked_turn(angle, state, settings))
     return equations.turn_epipole(
-        measurement.bearings.epipole_current, state.law.target, k1=settings.turn_gain
+        bearings.epipole_current, state.law.target, k1=settings.turn_gain
     )
 
 

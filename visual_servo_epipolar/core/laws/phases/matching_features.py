@@ -11,6 +11,19 @@ from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.braking import (
+    braked,
+    braked_turn,
+    BRAKING,
+    converging_speed,
+    CREEP,
+    heading_share,
+    LEAST_LOOK_AHEAD,
+    NEAR,
+    place_deviation,
+    STEERING_S,
+    unfelt_latency,
+)
 from visual_servo_epipolar.core.laws.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.laws.law import matching_control
 from visual_servo_epipolar.core.laws.machine import PhaseRow
@@ -35,6 +48,7 @@ if TYPE_CHECKING:
 
 DOUBTFUL_LOOKS = 3  # times the frames of one that is sure: the noise has to be known
 YAW_FOR_NEW_ATTEMPT = math.radians(0.5)  # that the camera is learnt to differ by in this phase
+WELL_KNOWN = 6e-4  # deviation aside up to which it closes in at full speed [m]
 LEAST_DELAY = 1e-3  # of a loop [s]
 
 
@@ -67,33 +81,89 @@ def _looks(state: ServoState, measurement: Measurement, settings: ServoSettings)
 
 def _command(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
     """Return eqs. (21)-(22), or their u_1 with line following instead of u_2 = 0."""
-    control = matching_control(settings.options)
-    twist = control(measurement.difference, k_t=_matching_gain(state, measurement, settings))
+    control, difference = matching_control(settings.options), measurement.difference
+    if _brakes(state, settings):
+        difference += state.motion.slope.value * state.twist.linear * unfelt_latency(settings)
+    twist = control(difference, k_t=_matching_gain(difference, state, settings))
     if not settings.options.line_following:
         return twist
-    linear = min(max(twist.linear, -settings.max_linear), settings.max_linear)
-    return equations.follow_line(
+    fastest = min(settings.max_linear, _converging_speed(state, measurement, settings))
+    linear = min(max(twist.linear, -settings.max_linear), fastest)
+    twist = equations.follow_line(
         linear,
         lateral_offset(state, measurement),
         measurement.heading_error,
-        look_ahead=line_look_ahead(state, measurement, settings),
+        look_ahead=_look_ahead(abs(linear), state, measurement, settings),
     )
+    if (
+        not _brakes(state, settings)
+        or measurement.offset is None
+        or not settings.options.final_turn
+    ):
+        return twist
+    facing = heading_share(measurement.offset[1])
+    turn = braked_turn(-measurement.heading_error, state, settings)
+    return Twist(linear, (1.0 - facing) * twist.angular + facing * turn)
 
 
-def _matching_gain(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
+def _converging_speed(
+    state: ServoState, measurement: Measurement, settings: ServoSettings
+) -> float:
+    """Return the speed at which line following ends on the axis, as a memory knows it [m/s]."""
+    if measurement.offset is None or not _brakes(state, settings):
+        return math.inf
+    x, y = measurement.offset
+    if y >= 0.0:
+        return math.inf
+    braking = BRAKING * settings.max_acceleration
+    aside = abs(x) + LEAST_LOOK_AHEAD * abs(measurement.heading_error)
+    speed = converging_speed(aside, -y, state, braking, 1.0)
+    # What is unknown falls as 1 / sqrt of the views that see it from near.
+    known = min(WELL_KNOWN / max(place_deviation(state), WELL_KNOWN), 1.0) ** 2
+    slow = max(known * settings.max_linear, CREEP)
+    return min(speed, math.sqrt(slow * slow + 2.0 * braking * max(-y - NEAR, 0.0)))
+
+
+def _look_ahead(
+    speed: float, state: ServoState, measurement: Measurement, settings: ServoSettings
+) -> float:
+    """Return the look-ahead of line following [m], in time no less than a loop can follow."""
+    length = line_look_ahead(state, measurement, settings)
+    return max(length, STEERING_S * speed) if _brakes(state, settings) else length
+
+
+def _matching_gain(difference: float, state: ServoState, settings: ServoSettings) -> float:
     """Return k_t of (21) [m/s]: given, derived, or a rate over the slope of D once it is known."""
     derived = gains_in_use(state, settings)
     k_t = settings.k_t if derived is None else derived.k_t
     if not settings.options.slope_gain or not state.motion.slope.value > 0.0:
         return k_t
     factor = equations.adaptive_gain(
-        measurement.difference, at_zero=settings.gain_at_goal, far=1.0, slope=settings.gain_slope
+        difference, at_zero=settings.gain_at_goal, far=1.0, slope=settings.gain_slope
     )
     rate = settings.approach_rate
     rate = (
         min(k_t * state.motion.slope.value, rate) if derived is None else min(derived.rate, rate)
     )
-    return min(factor * rate, max(rate, _damped_rate(state, settings))) / state.motion.slope.value
+    rate = min(factor * rate, max(rate, _damped_rate(state, settings)))
+    if _brakes(state, settings):
+        rate = _braked_rate(rate, difference / state.motion.slope.value, state, settings)
+    return rate / state.motion.slope.value
+
+
+def _brakes(state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether step 2 ends at a constant deceleration: its way is known, gains are given."""
+    law = settings.options
+    known = law.slope_gain and state.motion.slope.value > 0.0
+    return known and law.speed_ramps and not settings.derives
+
+
+def _braked_rate(rate: float, way: float, state: ServoState, settings: ServoSettings) -> float:
+    """Return the speed over the ``way`` left [1/s] that brakes in time, near its end that rate."""
+    if way == 0.0:
+        return rate
+    deceleration, band = BRAKING * settings.max_acceleration, settings.dead_band_linear
+    return braked(way, state, gain=rate, deceleration=deceleration, dead_band=band) / way
 
 
 def _damped_rate(state: ServoState, settings: ServoSettings) -> float:

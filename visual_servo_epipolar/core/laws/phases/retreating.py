@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.braking import braked_turn
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.conditions import (
@@ -51,9 +51,8 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
         return STANDSTILL
     left, right = measurement.view_margins
     angle = min(max(-measurement.heading_error, -right), left)
-    turn = equations.turn_to_heading(-angle, gain=settings.turn_gain)
     turning = abs(angle) > settings.retreat_heading
-    return Twist(0.0 if turning else -settings.retreat_speed, turn.angular)
+    return Twist(0.0 if turning else -settings.retreat_speed, braked_turn(angle, state, settings))
 
 
 def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.braking import braked_turn
 from visual_servo_epipolar.core.laws.law import epipole_controls
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
@@ -104,6 +105,8 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
     bearings, law = measurement.bearings, settings.options
     if bearings is None:
         return STANDSTILL
+    if state.law.latched and _turns_back(state, settings):
+        return Twist(0.0, braked_turn(-bearings.alpha, state, settings))
     nu = _auxiliary_controls(bearings, state, measurement, settings)
     twist = equations.linearizing_control(
         bearings.epipole_current,
@@ -117,6 +120,12 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
     rate, braking = state.law.desired_rate, settings.braking
     speed = equations.braking_speed(bearings.chi, rate, deceleration=braking)
     return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
+
+
+def _turns_back(state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether a turn in place that brakes zeroes e_au, not the controls of the law."""
+    own = settings.options.epipole_controls is None and gains_in_use(state, settings) is None
+    return own and settings.options.speed_ramps
 
 
 def _auxiliary_controls(
@@ -160,9 +169,11 @@ def _sigma(bearings: Bearings, settings: ServoSettings) -> float:
 
 
 def _is_settled(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether both epipoles are zero."""
+    """Return whether both epipoles are zero, or so small that step 2 leads home from here."""
     if not state.law.latched or measurement.bearings is None:
         return False
+    if _turns_back(state, settings) and leads_home(measurement, settings):
+        return True
     return abs(measurement.bearings.alpha) <= align_bound(measurement, settings)
 
 

@@ -7,8 +7,17 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist, wrap_angle
-from visual_servo_epipolar.core.laws.equations import LINE_DAMPING
-from visual_servo_epipolar.core.laws.prediction import is_late
+from visual_servo_epipolar.core.laws.braking import (
+    BRAKING,
+    converging_speed,
+    heading_share,
+    LEAST_LOOK_AHEAD,
+    NEAR,
+    rate_within,
+    STEERING_S,
+    TAIL_S,
+    unfelt_latency,
+)
 from visual_servo_epipolar.core.laws.smooth.all_round import (
     driving_share,
     goes_around,
@@ -22,7 +31,6 @@ from visual_servo_epipolar.core.laws.smooth.steering import (
     curvature,
     polar_pose,
     PolarPose,
-    rate_within,
     visible_aim,
 )
 from visual_servo_epipolar.core.laws.smooth.wide_view import (
@@ -32,7 +40,6 @@ from visual_servo_epipolar.core.laws.smooth.wide_view import (
     IN_PLACE,
     RESERVE,
 )
-from visual_servo_epipolar.core.mapping.adjustment.window import X
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
@@ -40,19 +47,10 @@ if TYPE_CHECKING:
     from visual_servo_epipolar.core.servo.settings import ServoSettings
     from visual_servo_epipolar.core.servo.state import ServoState
 
-BRAKING = 1.6  # of max_acceleration, at which it closes in: the ramps slow down by 2
-TAIL_S = 0.25  # time constant of the last centimetre, and of the turn at its end
-STEERING_S = 0.35  # look-ahead in time: what is steered within less, a late loop swings by
-CONVERGING_S = 0.25  # the same, where the rest aside decides on the speed
-LEAST_LOOK_AHEAD = 0.02  # [m]
-RESIDUAL, LEAST_RESIDUAL = 3e-4, 1e-4  # what steering may leave aside [m]
 TURN_S = 0.5  # time constant of turns to where features stay in view
-FACING_FROM, FACING_AT = 0.012, 0.004  # way left at which the heading alone counts, at last [m]
 UNCERTAIN = 0.06  # deviation of the bearings at which the robot drives at half speed [rad]
-NEAR = 0.35  # way left on which the rest aside is steered to zero [m]
 CALM = 0.5  # share of the last turn in the next, near the goal: noise is no reason to turn
 ON_AXIS, LEAST_ASIDE = 0.2, 0.1  # bearing off the axis beyond which D tells no way [rad], [m/s]
-CREEP = 0.03  # least speed for the sake of steering [m/s]
 RUN_UP = 0.3  # behind the goal, to which a robot backs off that is ahead of it [m]
 BACKING = 0.5  # delta and phi backward, below which it backs off onto the axis [rad]
 MOST_ASIDE = 0.3  # heading error at which it backs off towards the axis [rad]
@@ -86,7 +84,8 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
     if measurement.offset is None and not around:
         speed = min(speed, max(settings.k_t * abs(measurement.difference), _least(measurement)))
     elif speed > 0.0 and not around:
-        speed = min(speed, _converging(sight, left, braking, _residual(state)))
+        aside = abs(sight.x) + LEAST_LOOK_AHEAD * abs(sight.heading)
+        speed = min(speed, converging_speed(aside, left, state, braking, 1.0 + GAINS.k1))
     look_ahead = max(STEERING_S * abs(speed), LEAST_LOOK_AHEAD)
     pose = _aimed_pose(sight, look_ahead, around)
     kappa = _visible_curvature(pose, measurement)
@@ -95,7 +94,7 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
     if around:
         return _around(pose, speed, turn, settings)
     if measurement.offset is not None:
-        facing = _facing(left)
+        facing = heading_share(left)
         calm = min(max(1.5 - left / NEAR, 0.0), 1.0) * CALM
         turn += calm * (state.twist.angular - turn)
         turn = (1.0 - facing) * turn - facing * measurement.heading_error / TAIL_S
@@ -157,32 +156,6 @@ def way_left(measurement: Measurement, state: ServoState) -> float:
     return believed_distance(state) * math.cos(measurement.bearings.current)
 
 
-def _residual(state: ServoState) -> float:
-    """Return what steering may leave aside [m]: half of what the averaged place is unknown by."""
-    place = state.view.map.place
-    if place is None:
-        return RESIDUAL
-    return min(max(0.5 * math.sqrt(place.covariance[X, X]), LEAST_RESIDUAL), RESIDUAL)
-
-
-def _converging(sight: Sight, left: float, braking: float, residual: float) -> float:
-    """
-    Return the speed at which what is aside decays to a ``residual`` on the way ``left`` [m/s].
-
-    It does by exp(-0.9 s / L) over a way s, and no look-ahead L is driven within less than
-    CONVERGING_S.
-    """
-    # From farther away the offset falls as d^(1 + k1) until then.
-    shrinks = min(NEAR / max(left, NEAR), 1.0) ** (1.0 + GAINS.k1)
-    aside = (abs(sight.x) + LEAST_LOOK_AHEAD * abs(sight.heading)) * shrinks
-    decays = math.log(max(aside / residual, 1.0))
-    if decays == 0.0:
-        return math.inf
-    near = min(left, NEAR)
-    speed = max(LINE_DAMPING * near / (decays * CONVERGING_S), min(CREEP, near / TAIL_S))
-    return math.sqrt(speed * speed + 2.0 * braking * (left - near))
-
-
 def seen_from(
     state: ServoState, measurement: Measurement, settings: ServoSettings
 ) -> Sight | None:
@@ -195,7 +168,7 @@ def seen_from(
         x, y = distance * math.cos(psi), distance * math.sin(psi)
     else:
         return None
-    late = 0.0 if is_late(settings) else settings.latency
+    late = unfelt_latency(settings)
     turn, way = state.twist.angular * late, state.twist.linear * late
     heading = measurement.heading_error
     middle = heading + 0.5 * turn
@@ -259,12 +232,6 @@ def _least(measurement: Measurement) -> float:
     """Return the least speed by two views [m/s]: aside of the axis D may be zero far away."""
     bearings = measurement.bearings
     return LEAST_ASIDE if bearings is not None and abs(bearings.chi) > ON_AXIS else 0.0
-
-
-def _facing(left: float) -> float:
-    """Return the weight of the heading alone, by the way that is ``left`` [m]."""
-    share = (FACING_FROM - abs(left)) / (FACING_FROM - FACING_AT)
-    return min(max(share, 0.0), 1.0)
 
 
 def _within_view(turn: float, measurement: Measurement, settings: ServoSettings) -> float:

@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws.braking import BRAKING, rate_within
 from visual_servo_epipolar.core.laws.machine import StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import is_near_enough
 from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted
-from visual_servo_epipolar.core.laws.smooth.approach import BRAKING, seen_from, Sight
+from visual_servo_epipolar.core.laws.smooth.approach import seen_from, Sight
 from visual_servo_epipolar.core.laws.smooth.arcs import Bounds, GoalOffset, misses, way_back
 from visual_servo_epipolar.core.laws.smooth.phases import (
     APPROACHING,
@@ -30,7 +31,6 @@ from visual_servo_epipolar.core.laws.smooth.phases import (
     ONE_MOTION,
     retreating,
 )
-from visual_servo_epipolar.core.laws.smooth.steering import rate_within
 from visual_servo_epipolar.core.laws.smooth.wide_view import GAINS, RESERVE
 from visual_servo_epipolar.core.laws.two_steps import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.braking import TAIL_S
 from visual_servo_epipolar.core.laws.machine import Classifier, PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import (
@@ -25,7 +26,6 @@ from visual_servo_epipolar.core.laws.phases.bounds import (
     FACING,
     facing_bound,
     matched_bound,
-    PATIENCE_S,
     Trial,
     trial_of,
 )
@@ -43,7 +43,6 @@ from visual_servo_epipolar.core.laws.smooth.all_round import goes_around, sees_a
 from visual_servo_epipolar.core.laws.smooth.approach import (
     approach,
     back_off,
-    TAIL_S,
     way_left,
 )
 from visual_servo_epipolar.core.laws.smooth.steering import polar_pose
@@ -62,7 +61,6 @@ if TYPE_CHECKING:
 NEAR_GOAL = 0.25  # from where a bearing tells of the goal, not of the way to it [m]
 PASSED = 0.05  # beyond which the goal was passed by [m]
 HANDOVER_DIFFERENCE = 0.03  # |D| at which two views end as the second step does
-LEAST_PATIENCE_S = 0.8  # within the usual bounds, after which they are enough
 LINED_UP = 0.2  # bearings up to which D is that of the way ahead [rad]
 BESIDE, HYSTERESIS = 0.05, 0.35  # beyond it, where a robot backs off: at first, on its way [rad]
 PULSED = 0.1  # heading error that pulses in place may end [rad]
@@ -188,10 +186,7 @@ def is_through(
 
 def motion_trial(state: ServoState) -> Trial:
     """Return how long the robot has tried: what is closer than usual it tries for less long."""
-    trial = trial_of(state)
-    return trial._replace(
-        time_in_tolerance=trial.time_in_tolerance + PATIENCE_S - LEAST_PATIENCE_S
-    )
+    return trial_of(state)._replace(is_brief=True)
 
 
 def is_close(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:

@@ -94,15 +94,3 @@ def visible_aim(wanted: float, delta: float, margins: tuple[float, float]) -> fl
         wanted = min(turns, key=lambda each: max(delta - right - each, each - delta - left, 0.0))
     visible = min(max(wanted, delta - right), delta + left)
     return None if visible == wanted and abs(visible - delta) <= math.pi else visible
-
-
-def rate_within(margin: float, *, deceleration: float, delay: float) -> float:
-    """
-    Return the largest rate towards a bound ``margin`` away that stops there, and back beyond it.
-
-    v delay + v^2 / (2 b) = margin: braking at the constant ``deceleration`` b, which begins a
-    ``delay`` [s] late. Near the bound that is margin / delay. Also of speeds and ways [m/s, m].
-    """
-    late = deceleration * delay
-    speed = math.sqrt(late * late + 2.0 * deceleration * abs(margin)) - late
-    return math.copysign(speed, margin)

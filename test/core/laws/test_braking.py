@@ -1,0 +1,88 @@
+"""Braking: turns in place are trapezoids that end within a tolerance, if late by some frames."""
+
+from dataclasses import replace
+
+import pytest
+from servo_states import behind, in_phase, sight
+
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws.braking import braked_turn
+from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.phases import matching_features
+from visual_servo_epipolar.core.odometry.ranging import Slope
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+
+FRAME_S, TOLERANCE = 0.09, 1.5e-3
+FULL = ServoSettings()
+
+
+def turned(angle: float, settings: ServoSettings, *, delay: int) -> tuple[float, list[float]]:
+    """Return the time until an ``angle`` [rad] stays within TOLERANCE, and what was left."""
+    left, waiting, before, last = [angle], [0.0] * delay, Twist(0.0, 0.0), 0.0
+    for frame in range(150):
+        state = in_phase(Phase.ORIENTING, period=FRAME_S, command=Command(before))
+        wanted = Twist(0.0, braked_turn(left[-1], state, settings))
+        if settings.options.speed_ramps:
+            wanted = settings.drive.within_speed(wanted)
+            before = settings.drive.within_acceleration(wanted, before, FRAME_S)
+        else:
+            before = wanted
+        waiting.append(before.angular)
+        left.append(left[-1] - FRAME_S * waiting.pop(0))
+        last = last if abs(left[-1]) <= TOLERANCE else (frame + 1) * FRAME_S
+    return last, left
+
+
+@pytest.mark.parametrize('angle', [0.03, 0.2, -0.5])
+@pytest.mark.parametrize('delay', [0, 1, 2, 3])
+def test_a_turn_ends_soon_whatever_the_base_delays_it_by(angle: float, delay: int) -> None:
+    time, left = turned(angle, FULL, delay=delay)
+    exponential, _ = turned(angle, replace(FULL, law='full-speed_ramps'), delay=delay)
+    assert time < (0.65 if delay < 3 else 0.9) * exponential
+    over = max(-each * (1.0 if angle > 0.0 else -1.0) for each in left)
+    assert over <= (TOLERANCE if delay < 2 else 0.3 * abs(angle))
+
+
+def test_by_pulses_a_turn_is_no_sharper_than_each_can_be_seen() -> None:
+    state = in_phase(Phase.ORIENTING, period=FRAME_S)
+    pulsed = replace(FULL, dead_band_angular=0.05)
+    assert braked_turn(0.01, state, pulsed) == pytest.approx(0.01 * FULL.turn_gain, rel=0.01)
+    assert braked_turn(0.1, state, pulsed) == braked_turn(0.1, state, FULL)
+    assert braked_turn(0.01, state, FULL) == pytest.approx(0.04 * FULL.turn_gain, rel=0.03)
+
+
+def closing_in(x: float, *, heading: float = 0.0, y: float = -0.2) -> Twist:
+    """Return the command of step 2 of who is at ``x``, ``y`` [m] by a memory of views."""
+    seen = sight(offset=(x, y), heading_error=heading, difference=0.4 * y, view_margins=(1.0, 1.0))
+    state = in_phase(Phase.MATCHING_FEATURES, slope=Slope(0.4, 1e6))
+    return FULL.machine.row(state.phase).command(state, seen, FULL)
+
+
+def test_step_2_closes_in_slower_where_more_is_aside_or_unknown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    usual = closing_in(0.0).linear
+    assert 0.02 < closing_in(0.02).linear < 0.7 * usual
+    monkeypatch.setattr(matching_features, 'place_deviation', lambda _: 3e-4)
+    assert closing_in(0.0).linear == usual
+    monkeypatch.setattr(matching_features, 'place_deviation', lambda _: 1.5e-3)
+    assert 0.0 < closing_in(0.0).linear < 0.3 * usual
+
+
+def test_on_its_last_centimetre_step_2_faces_the_goal() -> None:
+    near, aside = closing_in(0.0, heading=0.01, y=-0.003), closing_in(0.01, y=-0.003)
+    assert near.angular == pytest.approx(-0.04 * FULL.turn_gain, rel=0.03)
+    assert aside.angular == 0.0
+    assert closing_in(0.01).angular > 0.0
+
+
+@pytest.mark.parametrize('phase', [Phase.DISPLACING, Phase.ZEROING_EPIPOLES])
+def test_turns_in_place_of_step_1_brake(phase: Phase) -> None:
+    seen = sight(bearings=behind(0.0, 0.2), view_margins=(1.0, 1.0))
+    state = in_phase(phase, latched=True, target=0.0)
+    twist = FULL.machine.row(phase).command(state, seen, FULL)
+    assert twist == Twist(0.0, pytest.approx(braked_turn(-0.2, state, FULL)))
+    assert FULL.turn_gain * 0.2 < -twist.angular
+    own = replace(FULL, law='full-speed_ramps')
+    assert FULL.turn_gain * 0.2 > -own.machine.row(phase).command(state, seen, own).angular

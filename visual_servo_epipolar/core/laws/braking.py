@@ -1,0 +1,122 @@
+"""
+Braking: turns and ways that end at a constant deceleration, not as exponentials.
+
+A gain g drives what is left to zero at the rate g for ever: a turn of 0.2 rad takes 6 s to 0.0015
+at 0.8 1/s. Whose accelerations are limited brakes by them instead, and only the last of it decays.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from visual_servo_epipolar.core.laws.equations import LINE_DAMPING
+from visual_servo_epipolar.core.laws.gains import CRITICAL_GAIN_DELAY
+from visual_servo_epipolar.core.laws.prediction import is_late
+from visual_servo_epipolar.core.laws.timing import usual_step
+from visual_servo_epipolar.core.mapping.adjustment.window import X
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.core.servo.settings import ServoSettings
+    from visual_servo_epipolar.core.servo.state import ServoState
+
+BRAKING = 1.6  # of an acceleration, at which it closes in: the ramps slow down by 2
+TAIL_S = 0.25  # time constant of the last centimetre, and of the turn at its end
+STEERING_S = 0.35  # look-ahead in time: what is steered within less, a late loop swings by
+CONVERGING_S = 0.25  # the same, where the rest aside decides on the speed
+LEAST_LOOK_AHEAD = 0.02  # [m]
+NEAR = 0.35  # way left on which the rest aside is steered to zero [m]
+RESIDUAL, LEAST_RESIDUAL = 3e-4, 1e-4  # what steering may leave aside [m]
+CREEP = 0.03  # least speed for the sake of steering [m/s]
+FACING_FROM, FACING_AT = 0.012, 0.004  # way left at which the heading alone counts, at last [m]
+SHARPER = 4.0  # times a gain, at which a braked motion ends: it is not late by its ramps
+
+
+def rate_within(margin: float, *, deceleration: float, delay: float) -> float:
+    """
+    Return the largest rate towards a bound ``margin`` away that stops there, and back beyond it.
+
+    v delay + v^2 / (2 b) = margin: braking at the constant ``deceleration`` b, which begins a
+    ``delay`` [s] late. Near the bound that is margin / delay. Also of speeds and ways [m/s, m].
+    """
+    late = deceleration * delay
+    speed = math.sqrt(late * late + 2.0 * deceleration * abs(margin)) - late
+    return math.copysign(speed, margin)
+
+
+def converging_speed(
+    aside: float, left: float, state: ServoState, braking: float, power: float
+) -> float:
+    """
+    Return the speed at which what is ``aside`` [m] decays on the way that is ``left`` [m/s].
+
+    It does by exp(-0.9 s / L) over a way s, and no look-ahead L is driven within less than
+    CONVERGING_S; from farther away than NEAR it falls as a ``power`` of the distance until then.
+    """
+    aside *= min(NEAR / max(left, NEAR), 1.0) ** power
+    decays = math.log(max(aside / _residual(state), 1.0))
+    if decays == 0.0:
+        return math.inf
+    near = min(left, NEAR)
+    speed = max(LINE_DAMPING * near / (decays * CONVERGING_S), min(CREEP, near / TAIL_S))
+    return math.sqrt(speed * speed + 2.0 * braking * (left - near))
+
+
+def place_deviation(state: ServoState) -> float:
+    """Return what the averaged place is unknown by, aside [m]; 0 where nobody averages."""
+    place = state.view.map.place
+    return 0.0 if place is None else math.sqrt(place.covariance[X, X])
+
+
+def _residual(state: ServoState) -> float:
+    """Return what steering may leave aside [m]: half of what the place is unknown by."""
+    deviation = place_deviation(state)
+    return min(max(0.5 * deviation, LEAST_RESIDUAL), RESIDUAL) if deviation else RESIDUAL
+
+
+def heading_share(left: float) -> float:
+    """Return the weight of the heading alone, by the way that is ``left`` [m]."""
+    share = (FACING_FROM - abs(left)) / (FACING_FROM - FACING_AT)
+    return min(max(share, 0.0), 1.0)
+
+
+def braked_turn(angle: float, state: ServoState, settings: ServoSettings) -> float:
+    """
+    Return the rate [rad/s] of a turn in place of which an ``angle`` [rad] is left, as seen.
+
+    Without speed ramps it is that of ``turn_gain``.
+    """
+    if not settings.options.speed_ramps:
+        return settings.turn_gain * angle
+    left = angle - state.twist.angular * unfelt_latency(settings)
+    return braked(
+        left,
+        state,
+        gain=settings.turn_gain,
+        deceleration=BRAKING * settings.max_angular_acceleration,
+        dead_band=settings.dead_band_angular,
+    )
+
+
+def braked(
+    left: float, state: ServoState, *, gain: float, deceleration: float, dead_band: float
+) -> float:
+    """
+    Return the speed of a motion of which ``left`` is left, that ends by ``gain`` [1/s] unbraked.
+
+    It ends more sharply than that, but no sharper than images come. What the base follows by
+    pulses alone it ends by the gain as it is: each of them has to be seen. [rad, m, s]
+    """
+    if gain == 0.0:
+        return 0.0
+    sharp = min(SHARPER * gain, max(gain, CRITICAL_GAIN_DELAY / usual_step(state)))
+    speed = rate_within(left, deceleration=deceleration, delay=1.0 / sharp)
+    if abs(speed) > dead_band:
+        return speed
+    by_pulses = rate_within(left, deceleration=deceleration, delay=1.0 / gain)
+    return by_pulses if dead_band else speed
+
+
+def unfelt_latency(settings: ServoSettings) -> float:
+    """Return the delay [s] from what is seen to the next command, where nobody foretells it."""
+    return 0.0 if is_late(settings) else settings.latency
