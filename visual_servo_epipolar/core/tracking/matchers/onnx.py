@@ -25,7 +25,9 @@ STRIDE = 32  # sides are padded to multiples of it, the coarsest pixel of such a
 LEAST_SCORE = 0.05  # of a keypoint, as XFeat has it
 PEAK = np.ones((5, 5), np.uint8)  # around a keypoint none has a higher score
 # Of an image that is searched: a network knows one size, and what is far away appears smaller.
-SIZES, QUICK_SIZES = (1.0, 0.71, 0.5), (0.71, 0.5)
+# Small ones are enlarged too, up to ENOUGH_PIXELS: descriptors are 8 px apart.
+SIZES, QUICK_SIZES, ENLARGED = (1.0, 0.71, 0.5), (0.71, 0.5), (1.41, 2.0)
+ENOUGH_PIXELS = 1280 * 960
 RATIO = 0.97  # of the nearest to the second nearest distance
 AROUND, SUPPORT = 8, 2  # nearest matches, and those of them that must move along
 ALONG, ALONG_PX = 0.6, 4.0  # of how far they are: views differ in size by a factor of two or so
@@ -48,14 +50,15 @@ class Onnx:
         """Return the best keypoints of the photograph, ``limit`` of each size of it."""
         if self._network is None:
             return Keypoints.empty()
-        keypoints = self._network.keypoints(image, limit, SIZES)
+        keypoints = self._network.keypoints(image, limit, sizes_of(image.size))
         return keypoints.take(inside_border(keypoints.pixels, image.shape, border))
 
     def detect(self, image: Image, tuning: object, *, limit: int, quick: bool) -> Keypoints:
         """Return the best keypoints of ``image``, of fewer sizes of it if ``quick``."""
         if self._network is None:
             return Keypoints.empty()
-        return self._network.keypoints(image, limit, QUICK_SIZES if quick else SIZES)
+        sizes = QUICK_SIZES if quick else sizes_of(image.size)
+        return self._network.keypoints(image, limit, sizes)
 
     def pairs(self, desired: Keypoints, current: Keypoints) -> IntArray:
         """Return those that are each other's nearest, and that others around move along with."""
@@ -65,6 +68,11 @@ class Onnx:
 
 
 ONNX = Onnx()
+
+
+def sizes_of(pixels: int) -> tuple[float, ...]:
+    """Return the sizes at which an image of so many ``pixels`` is searched."""
+    return (*SIZES, *(size for size in ENLARGED if size**2 * pixels <= ENOUGH_PIXELS))
 
 
 def supported(before: FloatArray, after: FloatArray) -> BoolArray:
@@ -141,10 +149,12 @@ class Network:
         for size in sizes:
             width, height = (round(size * side) for side in image.shape[::-1])
             if min(width, height) < STRIDE:
-                break
-            scaled = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+                continue
+            way = cv2.INTER_AREA if size <= 1.0 else cv2.INTER_LINEAR
+            scaled = cv2.resize(image, (width, height), interpolation=way)
             points, more = self._of_one_size(np.asarray(scaled, np.uint8), limit)
-            pixels.append((points + 0.5) * (image.shape[1] / width, image.shape[0] / height) - 0.5)
+            points = (points + 0.5) * (image.shape[1] / width, image.shape[0] / height) - 0.5
+            pixels.append(np.clip(points, 0.0, np.array(image.shape[::-1]) - 1.0))
             descriptors.append(more)
         points = np.concatenate(pixels)
         ones = np.ones(len(points))
