@@ -7,12 +7,13 @@ from pathlib import Path
 from bagmaker import write_bag
 import pytest
 from rclpy.serialization import serialize_message
+from routes import key_view, route_of
 
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.routes.settings import STEERINGS as TAUGHT_STEERINGS
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.messages.routes.route_folder import read_route
+from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.choices import STEERINGS, WAYS
 from visual_servo_epipolar.simulation.routes.drives import route_scenario
@@ -37,12 +38,19 @@ def test_an_epipole_behind_the_robot_is_refused_at_once(
     assert 'steering epipole must go forward, got reverse' in capsys.readouterr().err
 
 
-def test_a_report_on_a_route_says_what_it_is_not(
+def test_a_report_shows_the_map_and_every_photograph(tmp_path: Path) -> None:
+    write_route(route_of(*map(key_view, range(3))), tmp_path / 'hall')
+    assert main(['report', str(tmp_path / 'hall')]) == 0
+    page = (tmp_path / 'hall_report/report.html').read_text()
+    assert page.count('data:image/jpeg') == 3 and 'Route hall' in page
+
+
+def test_a_report_on_a_damaged_route_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / 'route.yaml').write_text('version: 1')
     assert main(['report', str(tmp_path)]) == 2
-    assert 'is a route' in capsys.readouterr().err
+    assert 'route.yaml is cut off or damaged' in capsys.readouterr().err
 
 
 def test_a_bag_that_is_not_there_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:

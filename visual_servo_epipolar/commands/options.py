@@ -3,6 +3,7 @@
 from argparse import ArgumentParser
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 from visual_servo_epipolar.commands.arguments import (
     add_flags,
@@ -162,7 +163,11 @@ def add_replay(parser: ArgumentParser) -> None:
 
 def add_report(parser: ArgumentParser) -> None:
     """Add the options of ``report``."""
-    _add_bag(parser, 'RUN_OR_BAG', '--out folder of demo or simulate, its run.json, or a bag')
+    _add_bag(
+        parser,
+        'RUN_OR_BAG',
+        '--out folder of demo or simulate, its run.json, a bag, or a route',
+    )
     folder = (
         'folder for report.html (default the folder of the run, or NAME_report beside bag NAME)'
     )
@@ -185,12 +190,20 @@ def add_route(parser: ArgumentParser) -> None:
     add_words(teach, {'--odometry NAME': 'topic of the odometry (default odom)'}, default='')
     add_flags(teach, {'--rectified': 'images are rectified: use P of camera_info'})
     add_json(teach)
+    _add_route_demo(actions)
+
+
+def _add_route_demo(actions: Any) -> None:
     text = 'teach a way in a simulated storey, repeat it, and judge by ground truth'
     demo = actions.add_parser('demo', help=text, description=f'{text.capitalize()}.')
     demo.add_argument(
         '--way', choices=WAYS, default='short', help='the way through the storey (default short)'
     )
-    add_words(demo, {'--runs N': 'repetitions (default 1)'}, type=count, default=1)
+    several = {
+        '--runs N': 'repetitions (default 1)',
+        '--laps N': 'laps of each, of a way that closes (default 1)',
+    }
+    add_words(demo, several, type=count, default=1)
     add_words(
         demo, {'--kidnaps N': 'starts beside the route (default 20)'}, type=count, default=20
     )
@@ -283,8 +296,8 @@ COMMANDS: Mapping[str, CommandRow] = {
         'replay.run:replay_and_report',
     ),
     'report': CommandRow(
-        'write an HTML page on a run or a bag',
-        'Write one HTML page on a run or a bag; the page needs no network.',
+        'write an HTML page on a run, a bag or a route',
+        'Write one HTML page on a run, a bag or a route; the page needs no network.',
         add_report,
         'report.run:report',
     ),

@@ -22,15 +22,16 @@ def test_a_route_is_read_as_it_was_written(folder: Path) -> None:
     assert route.camera == CAMERA and route.stations == [2]
     for number, view in enumerate(route.views):
         expected = key_view(number)
-        assert np.array_equal(view.image, expected.image)
+        off = np.abs(view.image.astype(int) - expected.image)
+        assert not off.any() if view.is_station else 0 < off.max() < 60
         assert np.array_equal(view.keypoints.descriptors, expected.keypoints.descriptors)
         assert np.array_equal(view.structure.pixels, expected.structure.pixels)
         assert np.array_equal(view.structure.inverse_depth, expected.structure.inverse_depth)
         assert np.array_equal(view.path.poses, expected.path.poses)
         assert view.keypoints.tuning == 2 and view.way == expected.way
     assert sorted(file.name for file in folder.iterdir()) == [
-        '000000.png',
-        '000001.png',
+        '000000.jpg',
+        '000001.jpg',
         '000002.png',
         'camera.yaml',
         'route.yaml',
@@ -54,18 +55,18 @@ def test_a_file_that_is_cut_off_is_named(folder: Path, name: str, match: str) ->
 
 
 def test_a_photograph_that_is_missing_is_named(folder: Path) -> None:
-    (folder / '000001.png').unlink()
+    (folder / '000001.jpg').unlink()
     with pytest.raises(
-        InputError, match='1 of 3 photographs are missing, the first is 000001.png'
+        InputError, match='1 of 3 photographs are missing, the first is 000001.jpg'
     ):
         read_route(folder)
 
 
 def test_a_photograph_that_is_cut_off_is_named_when_it_is_needed(folder: Path) -> None:
-    data = (folder / '000001.png').read_bytes()
-    (folder / '000001.png').write_bytes(data[:200])
+    data = (folder / '000001.jpg').read_bytes()
+    (folder / '000001.jpg').write_bytes(data[:200])
     route = read_route(folder)
-    with pytest.raises(InputError, match='000001.png: the photograph cannot be read'):
+    with pytest.raises(InputError, match='000001.jpg: the photograph cannot be read'):
         _ = route.views[1].image
 
 
@@ -93,7 +94,7 @@ def test_a_disk_that_is_full_leaves_the_earlier_route(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr(np, 'savez', full)
+    monkeypatch.setattr(np, 'savez_compressed', full)
     with pytest.raises(InputError, match='No space left on device'):
         write_route(route_of(*map(key_view, range(2))), folder)
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before

@@ -161,7 +161,7 @@ def test_a_base_that_may_not_drive_stands(bench, folder) -> None:
     ('name', 'match'),
     [
         ('structure.npz', 'missing, cut off or damaged'),
-        ('000001.png', '1 of 3 photographs are missing'),
+        ('000001.jpg', '1 of 3 photographs are missing'),
         ('route.yaml', 'no folder of a route'),
     ],
 )
@@ -175,7 +175,7 @@ def test_a_folder_that_is_not_whole_is_refused(rig, folder, name: str, match: st
 
 
 def test_a_photograph_that_cannot_be_read_on_the_way_ends_the_run(rig, folder) -> None:
-    (folder / '000001.png').write_bytes(b'nothing')
+    (folder / '000001.jpg').write_bytes(b'nothing')
     rig.see(picture(0))
     assert rig.call('repeat')[0]
     # What is in view is the key view whose photograph is broken.
@@ -250,7 +250,7 @@ def test_what_a_full_disk_keeps_from_being_written_is_not_lost(rig, folder, monk
         def full(*_: object, **__: object) -> None:
             raise OSError(28, 'No space left on device')
 
-        patch.setattr(np, 'savez', full)
+        patch.setattr(np, 'savez_compressed', full)
         success, text = rig.call('stop_recording')
     assert not success and 'No space left on device' in text
     assert (folder / 'route.yaml').read_text() == before

@@ -8,12 +8,13 @@ import pytest
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.routes.chain import seam
+from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.run import RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.routes.drives import repeat, route_scenario, Taught, teach
-from visual_servo_epipolar.simulation.routes.ways import rounded
+from visual_servo_epipolar.simulation.routes.ways import rounded, way_named
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 SCENARIO = route_scenario(Scenario(base=PioneerSettings(wheel_ratio=1.01)), 1).with_servo(
@@ -97,3 +98,31 @@ def test_a_robot_off_the_route_stands_and_says_so(taught: Taught) -> None:
     log = repeat(SCENARIO.seeded(7), taught, settings, start=elsewhere, watch=watch)
     assert log.outcome == 'failed' and log.reason
     assert not any(moved)
+
+
+@pytest.mark.long
+def test_a_way_that_closes_is_driven_in_laps() -> None:
+    taught = teach(SCENARIO, way_named('loop'))
+    log = repeat(SCENARIO.seeded(4), taught, replace(SETTINGS, laps=2))
+    assert log.outcome == 'arrived', log.reason
+    first, second = log.laps()
+    assert np.abs(np.concatenate([first, second])).max() < 0.015
+    assert log.station[0] < 3e-3
+
+
+def test_a_lap_begins_in_the_half_of_the_route_where_the_way_begins(
+    taught: Taught, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[range | None] = []
+
+    def find(finder: PlaceFinder, image: Image, among: range | None = None) -> None:
+        looked.append(among)
+
+    monkeypatch.setattr(PlaceFinder, 'find', find)
+    count, image = len(taught.route.views), taught.route.views[0].image
+    for reverse, half in ((False, range((count + 1) // 2)), (True, range(count // 2, count))):
+        run = RouteRun(taught.route, FollowSettings(laps=2, reverse=reverse), SCENARIO.servo)
+        run.step(image, 0)
+        run._begin_lap(10**9)
+        assert run.step(image, 2 * 10**9).phase == 'localizing'
+        assert looked[-2:] == [None, half]

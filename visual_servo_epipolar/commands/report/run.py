@@ -1,4 +1,4 @@
-"""``visual_servo report``: the page on a run, from the folder of demo or simulate, or on a bag."""
+"""``visual_servo report``: the page on a run of demo or simulate, on a bag, or on a route."""
 
 import argparse
 from collections.abc import Mapping
@@ -65,17 +65,12 @@ def report(options: argparse.Namespace) -> int:
     source = Path(options.bag)
     if source.name == RUN_FILE and source.is_file():
         source = source.parent
-    if (source / ROUTE_FILE).is_file():
-        raise InputError(
-            f'{source} is a route, and a page is made of runs and bags; read {ROUTE_FILE} in it, '
-            'and result.json beside it where visual_servo route demo wrote it'
-        )
-    is_run = (source / RUN_FILE).is_file()
+    is_run, is_route = ((source / name).is_file() for name in (RUN_FILE, ROUTE_FILE))
     folder = _default_folder(source, is_run) if options.out is None else Path(options.out)
-    if is_run:
+    if is_run or is_route:
         _refuse_bag_options(options)
         with output_folder_for(folder):
-            report_run(source, folder / FILE)
+            (report_run if is_run else _report_route)(source, folder / FILE)
     else:
         from visual_servo_epipolar.commands.report.bag import report_bag  # which imports this one
 
@@ -83,6 +78,12 @@ def report(options: argparse.Namespace) -> int:
             report_bag(options, folder / FILE)
     print(f'written: {folder / FILE}')
     return 0
+
+
+def _report_route(folder: Path, path: Path) -> None:
+    from visual_servo_epipolar.commands.report.route import report_route
+
+    report_route(folder, path)
 
 
 def _default_folder(source: Path, is_run: bool) -> Path:
@@ -98,8 +99,8 @@ def _refuse_bag_options(options: argparse.Namespace) -> None:
     given = [f'--{name}' for name in names if getattr(options, name)]
     if given:
         raise InputError(
-            f'{options.bag} is a run, not a bag: {", ".join(given)} cannot change what it did; '
-            'leave them out, or report on its bag'
+            f'{options.bag} is no bag: {", ".join(given)} cannot change what is in it; '
+            'leave them out, or report on a bag'
         )
 
 

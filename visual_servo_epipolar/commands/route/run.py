@@ -120,7 +120,9 @@ def demo(options: argparse.Namespace) -> int:
 def _follow_settings(options: argparse.Namespace) -> FollowSettings:
     """Return how the route is to be followed; raises InputError before anything is built."""
     try:
-        return FollowSettings(steering=options.steering, reverse=options.reverse)
+        return FollowSettings(
+            steering=options.steering, reverse=options.reverse, laps=options.laps
+        )
     except ValueError as error:
         raise InputError(str(error)) from None
 
@@ -148,7 +150,7 @@ def _judged(
             }
             for log in logs
         ],
-        'laps': [{'lateral_rms_m': _rms(log.offsets)} for log in logs],
+        'laps': [{'lateral_rms_m': _rms(lap)} for log in logs for lap in log.laps()],
     }
 
 

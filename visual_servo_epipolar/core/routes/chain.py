@@ -1,6 +1,6 @@
 """Chain: how key views lie to each other, by all views that two neighbours both place."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 import math
 
@@ -9,7 +9,9 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.planar_poses import compose, inverse_pose, relative_pose
-from visual_servo_epipolar.core.routes.route import RouteView
+from visual_servo_epipolar.core.routes.route import Route, RouteView
+
+SPACING = 0.1  # between poses of a path [m]
 
 
 def chained(
@@ -36,6 +38,15 @@ def between(
     poses = np.array([compose(first[k], inverse_pose(second[k])) for k in common])
     # Medians: a single view that one of both places wrongly must not bend the route.
     return np.asarray(np.median(np.unwrap(poses, axis=0, period=2.0 * math.pi), axis=0))
+
+
+def path_poses(route: Route) -> Iterator[FloatArray]:
+    """Yield poses along the path, (3,), in axes of the first key view: each by the one ahead."""
+    yield route.views[0].pose
+    for before, view in zip(route.views[:-1], route.views[1:], strict=True):
+        count = max(round((view.way - before.way) / SPACING), 1)
+        for way in np.linspace(before.way, view.way, count + 1)[1:].tolist():
+            yield compose(view.pose, view.path.pose_at(way))
 
 
 def seam(views: Sequence[RouteView]) -> FloatArray:

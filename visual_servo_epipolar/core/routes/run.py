@@ -72,7 +72,7 @@ class RouteRun:
         self._follower: Follower | None = None
         self._session: Session | None = None
         self._tracker: Tracker | None = None
-        self._searched, self._lost_ns = 0, -1
+        self._searched, self._lost_ns, self.lap = 0, -1, 1
         self._newest_ns: int | None = None
         self._views = FrozenImageCheck()
         self.last = RouteStep(STANDSTILL, WAITING)
@@ -141,12 +141,20 @@ class RouteRun:
     def _localize(self, image: Image, stamp_ns: int) -> RouteStep:
         """Look for the robot on the route, every few images."""
         self._lost_ns = stamp_ns if self._lost_ns < 0 else self._lost_ns
-        way = self._look(image, None)
+        way = self._look(image, self._begin_of_lap)
         if way is not None:
             return self._begin_at(way)
         if seconds_between(self._lost_ns, stamp_ns) > self.settings.lost_timeout:
             return self.fail(self._finder.reason)
         return RouteStep(STANDSTILL, LOCALIZING, self._finder.reason)
+
+    @property
+    def _begin_of_lap(self) -> range | None:
+        """The key views among which a lap begins; None for the first, which may begin anywhere."""
+        if self.lap == 1:
+            return None
+        count = len(self.route.views)
+        return range(count // 2, count) if self.settings.reverse else range((count + 1) // 2)
 
     def _look(self, image: Image, among: range | None) -> float | None:
         """Return the way [m] at which the robot is on the route, where this image is looked at."""
@@ -214,9 +222,17 @@ class RouteRun:
         seen = observe(features, self.route.camera, stamp_ns)
         session = session.decide(seen, self._servo, goal=features.goal).update_map()
         self._session, state = session, session.state
+        if state.phase is Phase.ARRIVED and self.lap < self.settings.laps:
+            return self._begin_lap(stamp_ns)
         twist = STANDSTILL if state.phase.ended else state.command.twist
         reason = '' if state.phase is Phase.ARRIVED else state.reason
         return RouteStep(twist, state.phase.value, reason)
+
+    def _begin_lap(self, stamp_ns: int) -> RouteStep:
+        """Look for the beginning of the way, which is in sight where it closes."""
+        self.lap, self._searched, self._lost_ns = self.lap + 1, 0, stamp_ns
+        self._session, self._follower = None, None
+        return RouteStep(STANDSTILL, LOCALIZING, f'lap {self.lap} of {self.settings.laps}')
 
 
 def target_of(route: Route, settings: FollowSettings) -> int:

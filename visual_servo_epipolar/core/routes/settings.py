@@ -51,6 +51,12 @@ class FollowSettings(Settings):
         low=-1,
         high=10000,
     )
+    laps: int = setting(
+        1,
+        'Times the way is driven, from its end to its beginning in sight of it',
+        low=1,
+        high=1000,
+    )
     station_distance: float = setting(
         0.3, 'Way before a station from which the servo drives [m]', low=0.0, high=2.0
     )

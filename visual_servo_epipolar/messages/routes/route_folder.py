@@ -1,6 +1,8 @@
 """
 Folder of a route: route.yaml, camera.yaml, structure.npz, and photographs 000000.png, ...
 
+Photographs of stations are PNG, to the last bit; others are JPEG, at a fraction of the size.
+
 It is written beside its place and renamed, so that it is there whole or not at all; photographs
 are read when they are needed.
 """
@@ -33,6 +35,7 @@ from visual_servo_epipolar.messages.images import pictures
 
 VERSION = 1
 ROUTE, CAMERA, STRUCTURE = 'route.yaml', 'camera.yaml', 'structure.npz'
+ENCODING = [cv2.IMWRITE_JPEG_QUALITY, 90, cv2.IMWRITE_PNG_COMPRESSION, 6]
 AGAIN = 'copy the folder anew from where it is whole, or teach the route again'
 Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
@@ -90,16 +93,17 @@ def _replace(folder: Path, new: Path) -> None:
 
 def _write_files(route: Route, folder: Path) -> None:
     for number, view in enumerate(route.views):
-        _, encoded = cv2.imencode('.png', view.image, [cv2.IMWRITE_PNG_COMPRESSION, 6])
-        (folder / _photograph(number)).write_bytes(encoded.tobytes())
+        name = _photograph(number, view)
+        _, encoded = cv2.imencode(Path(name).suffix, view.image, ENCODING)
+        (folder / name).write_bytes(encoded.tobytes())
     with open(folder / STRUCTURE, 'wb') as file:
-        np.savez(file, **_arrays(route.views))
+        np.savez_compressed(file, **_arrays(route.views))
     document = camera_file.to_document(route.camera)
     document['sha256'] = calibration_hash(route.camera)
     (folder / CAMERA).write_text(yaml.safe_dump(document), encoding='utf-8')
     views = [
         {
-            'photograph': _photograph(number),
+            'photograph': _photograph(number, view),
             'way': round(view.way, 6),
             'pose': [round(value, 9) for value in view.pose.tolist()],
             'station': view.is_station,
@@ -118,8 +122,8 @@ def calibration_hash(camera: CameraModel) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _photograph(number: int) -> str:
-    return f'{number:06d}.png'
+def _photograph(number: int, view: RouteView) -> str:
+    return f'{number:06d}.{"png" if view.is_station else "jpg"}'
 
 
 def _columns(view: RouteView) -> dict[str, Any]:
@@ -152,7 +156,7 @@ def read_route(folder: Path) -> Route:
         if not (folder / ROUTE).exists():
             raise InputError(
                 f'{folder} is no folder of a route, for it has no {ROUTE}; name one that '
-                'visual_servo route teach or demo wrote'
+                'visual_servo route teach, route demo or route_node wrote'
             )
     document = _document(folder / ROUTE)
     try:

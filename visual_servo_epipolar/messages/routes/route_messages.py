@@ -1,23 +1,19 @@
 """Messages of a route: the taught path, its key views, and how far a repetition has come."""
 
-from collections.abc import Iterator
-
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, PoseStamped
 from nav_msgs.msg import Path
-import numpy as np
 from visualization_msgs.msg import Marker, MarkerArray
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import quaternion_from_yaw
-from visual_servo_epipolar.core.geometry.planar_poses import compose
+from visual_servo_epipolar.core.routes.chain import path_poses
 from visual_servo_epipolar.core.routes.following import RouteProgress
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import FAILED, HOLDING, RouteStep
 from visual_servo_epipolar.messages import write
 
 FRAME = 'route'  # axes of the first key view: x forward, y left
-SPACING = 0.1  # between poses of a path [m]
 DOT, STATION_DOT = 0.06, 0.16  # diameters [m]
 LEVELS = {HOLDING: DiagnosticStatus.WARN, FAILED: DiagnosticStatus.ERROR}
 
@@ -27,15 +23,6 @@ def path(route: Route, stamp_ns: int) -> Path:
     message = Path(header=write.header(stamp_ns, FRAME))
     message.poses = [_stamped(pose, stamp_ns) for pose in path_poses(route)]
     return message
-
-
-def path_poses(route: Route) -> Iterator[FloatArray]:
-    """Yield poses along the taught path, (3,): each by the key view ahead of it."""
-    yield route.views[0].pose
-    for before, view in zip(route.views[:-1], route.views[1:], strict=True):
-        count = max(round((view.way - before.way) / SPACING), 1)
-        for way in np.linspace(before.way, view.way, count + 1)[1:].tolist():
-            yield compose(view.pose, view.path.pose_at(way))
 
 
 def markers(route: Route, stamp_ns: int) -> MarkerArray:

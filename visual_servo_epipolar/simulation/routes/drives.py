@@ -110,6 +110,7 @@ class RouteSample(NamedTuple):
     offset: float
     progress: RouteProgress
     twist: Twist
+    lap: int = 1
 
 
 @dataclass(eq=False)
@@ -126,6 +127,14 @@ class RepeatLog:
     def offsets(self) -> FloatArray:
         """True offsets from the taught way, (M,) [m]."""
         return np.array([sample.offset for sample in self.samples])
+
+    def laps(self) -> list[FloatArray]:
+        """Return the true offsets of each lap, (M,) each [m]."""
+        count = max((sample.lap for sample in self.samples), default=0)
+        return [
+            np.array([sample.offset for sample in self.samples if sample.lap == lap])
+            for lap in range(1, count + 1)
+        ]
 
     def turn_jump(self, max_turn_rate: float) -> float:
         """Return the largest change of w in a step that changed the key view, a share of most."""
@@ -153,17 +162,18 @@ def repeat(
     way = None if start else taught.route.views[begin].way
     run = RouteRun(taught.route, settings, servo, way=way)
     log, frame, near, rest = RepeatLog(), 0, -1, REST_FRAMES
-    limit_s = LONGEST * taught.route.length / settings.max_speed + scenario.run.max_duration
+    lap_s = LONGEST * taught.route.length / settings.max_speed + scenario.run.max_duration
+    limit_s, lap = settings.laps * lap_s, 1
     while rest and base.now_ns < limit_s * NANOSECONDS:
         pose, stamp_ns = base.pose, base.now_ns
         image = simulator.capture(pose, frame)
         step = run.step(image, stamp_ns)
         watch(image, pose, step)
         if step.progress is not None:
-            if near < 0:
-                near = round(step.progress.way / SPACING)
+            if near < 0 or run.lap != lap:
+                near, lap = round(step.progress.way / SPACING), run.lap
             near, offset = taught.way.offset(pose, near)
-            log.samples.append(RouteSample(stamp_ns, pose, offset, step.progress, step.twist))
+            log.samples.append(RouteSample(stamp_ns, pose, offset, step.progress, step.twist, lap))
         frame, rest = frame + 1, rest - run.ended
         _drive(base, step.twist, scenario)
     log.outcome, log.reason = (step.phase, step.reason) if run.ended else ('failed', 'out of time')

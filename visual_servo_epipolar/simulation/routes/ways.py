@@ -17,6 +17,14 @@ LOOKAHEAD = 0.35  # of the driver [m]
 # Corners of ways (x, y) [m]: through doors, along corridors, and across themselves.
 WAYS: Mapping[str, Sequence[tuple[float, float]]] = {
     'short': ((3.0, -7.6), (3.0, -1.2), (9.5, -1.2), (9.5, 3.5)),
+    'loop': (
+        (3.2, -7.2),
+        (5.4, -7.2),
+        (5.4, -3.8),
+        (1.6, -3.8),
+        (1.6, -7.2),
+        (3.2, -7.2),
+    ),
     'rooms': (
         (3.0, -7.6),
         (3.0, -1.2),
