@@ -1,11 +1,11 @@
 """
 Pairs of photographs of public sets, with truth, for ``visual_servo bench real``.
 
-    python docs/measurements/public_pairs.py CLONES OUT
+    python docs/measurements/public_pairs.py CLONES OUT [SEED]
 
 CLONES holds clones of the repositories of ``SETS``, by their names; OUT gets images, camera files
-and truth.json. Pairs are drawn by a fixed seed. Licences of the images are those of the sets: some
-are for non-commercial use, so keep OUT to yourself.
+and truth.json. Pairs are drawn by SEED, 0 by default. Licences of the images are those of the
+sets: some are for non-commercial use, so keep OUT to yourself.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,6 +27,7 @@ Pose: TypeAlias = tuple[Array, Array]  # rotation, camera -> world, and centre [
 
 GAPS = (1, 2, 3, 4)  # of images that follow each other
 SHARE = 0.3  # of these pairs that are drawn
+STRIDE = 40  # of the images of a video
 CAMERA = """image_width: {width}
 image_height: {height}
 camera_name: {name}
@@ -114,11 +115,23 @@ def fox(clone: Path) -> Iterator[Sequence]:
     yield Sequence('fox', views, K, np.array([0.0, 0.0, 1.0]), distortion, 720)
 
 
+def seven_scenes(clone: Path) -> Iterator[Sequence]:
+    """Yield an office by tracking of a depth camera: good to 2 deg, by a rough focal length."""
+    views = []
+    for image in sorted((clone / 'data').glob('*.color.jpg'))[::STRIDE]:
+        pose = _numbers(image.with_name(image.name.replace('color.jpg', 'pose.txt')).read_text())
+        pose = pose.reshape(4, 4)
+        views.append(View(image, (pose[:3, :3], pose[:3, 3])))
+    K = _numbers((clone / 'data/camera-intrinsics.txt').read_text()).reshape(3, 3)
+    yield Sequence('7scenes', views, K, np.array([-0.009, -0.871, -0.491]))
+
+
 SETS: dict[str, Callable[[Path], Iterator[Sequence]]] = {
     'niconielsen32/ComputerVision': kitti,
     'openMVG/SfM_quality_evaluation': strecha,
     'magicleap/SuperGluePretrainedNetwork': fr3,  # and yanmin-wu/EAO-SLAM for the truth
     'NVlabs/instant-ngp': fox,
+    'andyzeng/tsdf-fusion-python': seven_scenes,
 }
 
 
@@ -217,10 +230,10 @@ def _camera(sequence: Sequence, out: Path) -> None:
     (out / f'{sequence.name}.yaml').write_text(text)
 
 
-def main(clones: Path, out: Path) -> None:
+def main(clones: Path, out: Path, seed: str = '0') -> None:
     """Write the pairs of all sets."""
     out.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(int(seed))
     pairs = [
         pair
         for repository, sequences in SETS.items()
@@ -232,4 +245,4 @@ def main(clones: Path, out: Path) -> None:
 
 
 if __name__ == '__main__':
-    main(*map(Path, sys.argv[1:]))
+    main(Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:])

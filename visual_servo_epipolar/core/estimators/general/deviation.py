@@ -19,8 +19,10 @@ from visual_servo_epipolar.core.estimators.general.motion import (
 )
 from visual_servo_epipolar.core.estimators.general.steps import (
     AXES,
+    changed,
     GeneralStep,
     Motions,
+    RIDGE,
     step,
     turned_only,
     UNKNOWNS,
@@ -45,6 +47,7 @@ TURNED, LEAST_HAND = math.radians(2.0), 0.25
 HALF_HEIGHT = 0.35  # sine of the angle off the axis at which those pixels are seen
 RAY_PARTS = ('x_a', 'y_a', 'z_a', 'x_d', 'y_d', 'z_d')
 COMMON = 4  # kinds of errors that both views share
+ALIKE = 4.0  # matches that tell as much of these errors as one would, if its noise were its own
 FARTHEST = 1.5  # tangent of the angle off the axis to which that distortion is followed
 
 
@@ -104,10 +107,10 @@ def spread_of(fit: GeneralFit, rays: Rays) -> tuple[GeneralFit, Spread]:
     motions = Motions(*(np.concatenate(p) for p in zip(around, fit.motions, strict=True)))
     excess = np.concatenate([costs - fit.costs[0], _lasting_excess(fit, rays)])
     noise = np.maximum(noise, _implied(motions, excess, fit, tails))
-    shifts = np.stack([_shift(last, fit, moved)[0] for moved in _wrong_cameras(rays)], axis=-1)
-    shifts[:, COMMON:] *= _hand(fit.motions.rotation[0])
+    changes = _camera_changes(last, fit, rays)
+    shifts = inverse @ (last.slopes[0] * last.weight[0]) @ changes.T
     camera = np.sqrt(np.square(slopes @ shifts).sum(axis=-1))
-    return fit, Spread(noise, camera, tails)
+    return _beside_camera(fit, last, changes), Spread(noise, camera, tails)
 
 
 def _lasting_excess(fit: GeneralFit, rays: Rays) -> FloatArray:
@@ -153,11 +156,36 @@ def _around(fit: GeneralFit, rays: Rays) -> tuple[Motions, FloatArray]:
     return motions, costs_of(motions, rays, fit.table, fit.scale)
 
 
-def _shift(last: GeneralStep, fit: GeneralFit, moved: FloatArray) -> FloatArray:
-    """Return how parameters, (K, 5), answer to rays of another camera: its ``table`` moved."""
-    other = step(fit.motions.take(slice(1)), moved, fit.scale)
-    pull = (last.slopes * (last.weight * (other.residual - last.residual))[:, None]).sum(axis=-1)
-    return np.asarray(np.linalg.solve(last.information, pull[..., None])[..., 0])
+def _camera_changes(last: GeneralStep, fit: GeneralFit, rays: Rays) -> FloatArray:
+    """Return how residuals, (C, N), change, were the camera wrong by one deviation in one way."""
+    best = fit.motions.take(slice(1))
+    changes = np.stack(
+        [step(best, moved, fit.scale).residual[0] for moved in _wrong_cameras(rays)]
+    )
+    changes -= last.residual[0]
+    changes[COMMON:] *= _hand(best.rotation[0])
+    return changes
+
+
+def _beside_camera(fit: GeneralFit, last: GeneralStep, changes: FloatArray) -> GeneralFit:
+    """
+    Return the fit with its best motion, before all, estimated together with errors of the camera.
+
+    These have a prior of one deviation each; many matches tell the part of them that no motion
+    makes, as if there were fewer: neighbours err alike. Which matches are right is settled before:
+    else errors bend until look-alikes fit. The deviation stays what it was, as rows read late move
+    what is near more.
+    """
+    slopes = np.concatenate([last.slopes[0], changes])
+    weighted = slopes * last.weight[0]
+    prior = np.diag(np.r_[np.full(UNKNOWNS, RIDGE), np.full(len(changes), ALIKE * fit.scale**2)])
+    change = -np.linalg.solve(weighted @ slopes.T + prior, weighted @ last.residual[0])
+    best = changed(fit.motions.take(slice(1)), last.tangents, change[None, :UNKNOWNS])
+    return fit._replace(
+        motions=Motions(*map(np.concatenate, zip(best, fit.motions, strict=True))),
+        costs=np.concatenate([fit.costs[:1], fit.costs]),
+        inliers=np.concatenate([fit.inliers[:1], fit.inliers]),
+    )
 
 
 def _wrong_cameras(rays: Rays) -> list[FloatArray]:

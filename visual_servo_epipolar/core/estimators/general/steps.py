@@ -80,13 +80,18 @@ def step(motions: Motions, table: FloatArray, scale: float) -> GeneralStep:
     weighted = slopes * weight[:, None]
     information = weighted @ slopes.swapaxes(-1, -2) + RIDGE * np.eye(UNKNOWNS)
     pull = weighted @ residual[..., None]
-    change = -np.linalg.solve(information, pull)[..., 0]
-    change = np.clip(change, -LARGEST_STEP, LARGEST_STEP)
-    after = Motions(
-        _rotations(change[:, :3]) @ rotation,
-        normalised(baseline + (change[:, 3:, None] * tangents).sum(axis=1)),
-    )
+    change = np.negative(np.linalg.solve(information, pull)[..., 0])
+    after = changed(motions, tangents, change)
     return GeneralStep(after, information, residual, weight, slopes, tangents)
+
+
+def changed(motions: Motions, tangents: FloatArray, change: FloatArray) -> Motions:
+    """Return motions after a ``change``, (K, 5), of the parameters of ``GeneralStep``."""
+    change = np.clip(change, -LARGEST_STEP, LARGEST_STEP)
+    return Motions(
+        _rotations(change[:, :3]) @ motions.rotation,
+        normalised(motions.baseline + (change[:, 3:, None] * tangents).sum(axis=1)),
+    )
 
 
 def turned_only(motions: Motions, table: FloatArray, scale: float) -> Motions:

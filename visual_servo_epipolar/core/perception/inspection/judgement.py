@@ -153,9 +153,8 @@ def _wrong_lens(
     if not reason or not general:
         return reason
     fundamental = perceive(observation, uncalibrated(settings), 0).fundamental
-    better = fundamental is not None and plain_cost(fundamental, fit) < plain_cost(
-        essentials(fit.motions)[0], fit
-    )
+    costs = [plain_cost(essential, fit) for essential in essentials(fit.motions)]
+    better = fundamental is not None and plain_cost(fundamental, fit) < min(costs)
     return reason if better else ''
 
 
