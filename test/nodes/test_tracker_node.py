@@ -9,7 +9,7 @@ import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tagged_pictures import huge
 
-from visual_servo_epipolar.core.cameras.equirectangular import of_size
+from visual_servo_epipolar.core.cameras.registry import camera_of_size
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.tracker import Tracker, TrackerSettings
 from visual_servo_epipolar.messages import read, write
@@ -454,15 +454,16 @@ def test_the_process_of_the_tracker_takes_one_thread_of_opencv(
     assert during == [1]
 
 
+@pytest.mark.parametrize('projection', ['equirectangular', 'dual_fisheye'])
 def test_a_panorama_needs_no_camera_info_and_the_tracker_publishes_it(
-    bench, photograph, view
+    bench, photograph, view, projection
 ) -> None:
     infos, clouds = bench.listen(CameraInfo, 'camera_info'), bench.listen(PointCloud2, 'tracks')
     send = bench.talk(Image, 'image_raw')
     teach = bench.talk(Image, 'desired/image_raw', qos.LATCHED)
-    node = bench.start(TrackerNode, projection='equirectangular')
+    node = bench.start(TrackerNode, projection=projection)
     wide, goal = (np.ascontiguousarray(each[40:200]) for each in (view, photograph))
-    panorama = of_size(*wide.shape[::-1])
+    panorama = camera_of_size(projection, wide.shape[::-1])
     teach(message(goal))
     bench.until(lambda: node.ready, 'the photograph to arrive')
     send(message(wide))

@@ -2,6 +2,8 @@
 
 import argparse
 from contextlib import AbstractContextManager, closing, ExitStack
+from dataclasses import replace
+import math
 from pathlib import Path
 import re
 import shutil
@@ -97,6 +99,8 @@ def _drive(
     def watch(sample: Sample, image: Image | None, features: Features | None) -> None:
         progress(sample)
         if film is not None and image is not None and features is not None:
+            if settings.head is not None:  # bearings are in axes of the base, not of the image
+                sample = replace(sample, bearing_current=math.nan)
             film.add(image, features, sample)
 
     nodes.add(ObserverNode(monitor, watch, with_images=film is not None, context=nodes.context))

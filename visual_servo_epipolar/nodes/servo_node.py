@@ -298,6 +298,8 @@ class ServoNode(ManagedNode):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._pending_tracks = None
+        if self.is_configured:
+            self._head.begin_anew()
         self._run.reset()
         self._run.active = self._run.active and self._settings.autostart
         if self._run.active:

@@ -14,7 +14,7 @@ MS = 1_000_000
 
 def history(*stamps_ms: int, rate: float = 2.0) -> JointHistory:
     """Return the history of a pan joint that turns at ``rate`` [rad/s]."""
-    found = JointHistory()
+    found = JointHistory(rate)
     for stamp in stamps_ms:
         assert found.add(stamp * MS, Joints(rate * stamp / 1000.0)) == ''
     return found
@@ -46,12 +46,25 @@ def test_what_is_not_known_is_told(stamps: tuple[int, ...], image: int, words: s
     assert words in found.trouble(image * MS)
 
 
-def test_a_leap_and_a_clock_that_is_set_back_begin_it_anew() -> None:
+def test_a_clock_that_is_set_back_begins_it_anew() -> None:
     found = history(1000, 1020)
-    assert 'leap by' in found.add(1040 * MS, Joints(-3.0))
-    assert found.at(1030 * MS) is None
     assert 'went back' in found.add(500 * MS, Joints(-3.0))
     assert found.at(500 * MS) == Joints(-3.0)
+
+
+@pytest.mark.parametrize('turn', [0.2, -3.0])
+def test_after_a_leap_nothing_is_known_for_good(turn: float) -> None:
+    found = history(1000, 1020)
+    pan = 2.0 * 1.02 + turn
+    assert 'leap by' in found.add(1040 * MS, Joints(pan))
+    for stamp in range(1060, 2000, 20):
+        assert found.add(stamp * MS, Joints(pan)) == ''
+        assert found.at(stamp * MS) is None and 'call ~/reset' in found.trouble(stamp * MS)
+
+
+def test_twice_the_speed_of_the_head_is_no_leap() -> None:
+    found = history(1000, 1020)
+    assert found.add(1070 * MS, Joints(2.0 * 1.02 + 0.2)) == ''
 
 
 def test_angles_that_are_no_numbers_are_refused() -> None:

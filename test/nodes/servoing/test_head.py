@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from sensor_msgs.msg import JointState
 from servo_rig import AWAY, PERIOD_NS, Rig, tracks
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
@@ -108,12 +109,12 @@ def test_rates_are_sent_where_the_head_takes_those(bench) -> None:
 
 def test_angles_are_those_at_the_image(bench) -> None:
     rig = Headed(bench)
-    for number, pan in enumerate((0.0, 0.2)):
+    for number, pan in enumerate((0.0, 0.05)):
         stamp_ns = rig.stamp_ns + (2 * number - 1) * 10_000_000
         rig.angles(joint_states(Joints(pan, 0.0), NAMES, stamp_ns))
         bench.settle()
     rig.tell(tracks(AWAY, rig.stamp_ns))
-    assert abs(rig.node._state.view.joints.pan - 0.1) < 1e-12
+    assert abs(rig.node._state.view.joints.pan - 0.025) < 1e-12
 
 
 def test_a_mount_that_becomes_known_is_that_of_the_head_as_well(bench) -> None:
@@ -125,3 +126,14 @@ def test_a_mount_that_becomes_known_is_that_of_the_head_as_well(bench) -> None:
     rig.node._head.told = lambda *given: seen.append(given[1]) or inner(*given)
     rig.see_with_angles()
     assert seen == [tilted.carrier]
+
+
+def test_an_encoder_that_slips_stops_the_robot_until_it_is_reset(bench) -> None:
+    rig = Headed(bench).drive()
+    for _ in range(10):
+        rig.angles(joint_states(Joints(0.4, 0.0), NAMES, rig.stamp_ns))
+        bench.settle()
+        rig.see()
+    assert rig.twists()[-1] == STANDSTILL and 'leap by 0.40 rad' in rig.trouble
+    rig.node._on_reset(None, Trigger.Response())
+    assert not rig.node._head._history.last_ns

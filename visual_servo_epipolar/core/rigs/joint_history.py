@@ -9,13 +9,21 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 KEPT_S = 3.0  # no image is older
 LONGEST_GAP_S = 0.25  # between two readings, over which angles are interpolated
 AHEAD_S = 0.1  # by which an image may be newer than the last reading: joints go on as they did
-FASTEST = 30.0  # [rad/s] what is faster is a leap, or another head
+FASTER = 2.0  # than the head can turn: what is faster is a leap, or another head
+SLACK = 0.03  # of a reading [rad]
 
 
 class JointHistory:
-    """Angles of joints by stamp, in order of time; stamps that go back begin it anew."""
+    """
+    Angles of joints by stamp, in order of time; stamps that go back begin it anew.
 
-    def __init__(self) -> None:
+    Joints turn at ``speed`` [rad/s]. After a leap nothing is known any more: what the encoder says
+    is not what it said at the photograph, and no view tells a head that slipped from a robot that
+    faces elsewhere.
+    """
+
+    def __init__(self, speed: float) -> None:
+        self._speed, self._leapt = speed, ''
         self._stamps: list[int] = []
         self._angles: list[Joints] = []
 
@@ -30,7 +38,7 @@ class JointHistory:
             return f'joint angles must be finite, got {joints.pan} and {joints.tilt}'
         if self._stamps and stamp_ns == self._stamps[-1]:
             return ''
-        trouble = self._leap(stamp_ns, joints)
+        trouble = self._oddity(stamp_ns, joints)
         if trouble:
             self._stamps, self._angles = [], []
         self._stamps.append(stamp_ns)
@@ -39,19 +47,20 @@ class JointHistory:
             del self._stamps[0], self._angles[0]
         return trouble
 
-    def _leap(self, stamp_ns: int, joints: Joints) -> str:
+    def _oddity(self, stamp_ns: int, joints: Joints) -> str:
         if not self._stamps:
             return ''
         dt = seconds_between(self._stamps[-1], stamp_ns)
         if dt <= 0.0:
             return f'the stamps of joint angles went back by {-dt:.2f} s; look at the clock'
         turn = max(abs(now - before) for now, before in zip(joints, self._angles[-1], strict=True))
-        if turn <= FASTEST * dt:
+        if turn <= FASTER * self._speed * dt + SLACK:
             return ''
-        return (
+        self._leapt = (
             f'joint angles leap by {turn:.2f} rad in {dt:.3f} s; look who else publishes them, or '
-            'who sets the encoder to zero'
+            'who sets the encoder to zero; set it as it was at the photograph, and call ~/reset'
         )
+        return self._leapt
 
     def at(self, stamp_ns: int) -> Joints | None:
         """Return the angles at the time of an image; None where ``trouble`` says why not."""
@@ -70,6 +79,8 @@ class JointHistory:
 
     def trouble(self, stamp_ns: int) -> str:
         """Return why the angles at the time of an image are not known; or ''."""
+        if self._leapt:
+            return self._leapt
         if not self._stamps:
             return 'no joint angles yet'
         late = seconds_between(self._stamps[-1], stamp_ns)

@@ -32,7 +32,8 @@ class Head:
     def __init__(
         self, node: Node, rig: Rig, settings: ServoNodeSettings, warn: Callable[[str], None]
     ) -> None:
-        self._warn, self.is_there = warn, rig.turn_rate > 0.0
+        self._warn, self._speed = warn, rig.turn_rate
+        self.is_there = rig.turn_rate > 0.0
         self._names = settings.pan_joint, settings.tilt_joint
         self._kind = settings.head_command
         self._topic = node.resolve_topic_name('joint_states')
@@ -46,7 +47,7 @@ class Head:
 
     def begin_anew(self) -> None:
         """Forget where the joints were."""
-        self._history, self._others = JointHistory(), ''
+        self._history, self._others = JointHistory(self._speed), ''
 
     def trouble(self, stamp_ns: int | None = None) -> str:
         """Return why the angles at an image, or any, are not known; or ''."""
@@ -60,7 +61,7 @@ class Head:
                 'those of its joints; start its driver, remap joint_states, or set pan_joint and '
                 'tilt_joint to their names'
             )
-        return '' if stamp_ns is None else self._history.trouble(stamp_ns)
+        return self._history.trouble(last_ns if stamp_ns is None else stamp_ns)
 
     def told(self, observation: Observation, rig: Rig) -> Observation:
         """Return ``observation`` in axes of the base, by the angles at its image and the rig."""
