@@ -35,7 +35,7 @@ from visual_servo_epipolar.messages.images import pictures
 
 VERSION = 1
 ROUTE, CAMERA, STRUCTURE = 'route.yaml', 'camera.yaml', 'structure.npz'
-ENCODING = [cv2.IMWRITE_JPEG_QUALITY, 90, cv2.IMWRITE_PNG_COMPRESSION, 6]
+ENCODING = {'.png': [cv2.IMWRITE_PNG_COMPRESSION, 6], '.jpg': [cv2.IMWRITE_JPEG_QUALITY, 90]}
 AGAIN = 'copy the folder anew from where it is whole, or teach the route again'
 Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
@@ -94,7 +94,8 @@ def _replace(folder: Path, new: Path) -> None:
 def _write_files(route: Route, folder: Path) -> None:
     for number, view in enumerate(route.views):
         name = _photograph(number, view)
-        _, encoded = cv2.imencode(Path(name).suffix, view.image, ENCODING)
+        kind = Path(name).suffix
+        _, encoded = cv2.imencode(kind, view.image, ENCODING[kind])
         (folder / name).write_bytes(encoded.tobytes())
     with open(folder / STRUCTURE, 'wb') as file:
         np.savez_compressed(file, **_arrays(route.views))
