@@ -103,15 +103,15 @@ def test_a_base_that_does_not_follow_is_held_and_the_run_fails_soon(begin_s: flo
 def test_a_stranger_is_held_against_teaches_nothing_and_the_run_goes_on_when_he_is_gone() -> None:
     # A turn by a third of a radian, back again: the goal stays in view.
     def interfere(time_s: float, command: Command) -> Command:
-        if not 4.0 <= time_s < 5.4:
+        if not 6.0 <= time_s < 7.4:
             return command
-        return Command(Twist(0.0, 0.5 if time_s < 4.7 else -0.5))
+        return Command(Twist(0.0, 0.5 if time_s < 6.7 else -0.5))
 
     loop = DisturbedLoop(interfere).run(120.0)
-    assert 4.0 < loop.held_s < 5.0
+    assert 6.0 < loop.held_s < 7.0
     held = [state for state in loop.states if state.phase is Phase.HOLDING]
     assert 'something else publishes cmd_vel' in held[0].reason
-    undisturbed = [state for state in loop.states[:44] if state.phase is not Phase.HOLDING]
+    undisturbed = [state for state in loop.states[:66] if state.phase is not Phase.HOLDING]
     for state in held:
         assert (
             abs(state.identified.curvature.value - undisturbed[30].identified.curvature.value)
@@ -177,5 +177,5 @@ def test_a_camera_the_wrong_way_round_stops_the_robot_after_some_degrees(
     assert 'the image turns against the command: upside down or mirrored' in first.reason
     assert loop.states[-1].phase is Phase.FAILED
     turned = max(abs(pose.theta - loop.poses[0].theta) for pose in loop.poses)
-    assert turned < np.radians(20.0)
+    assert turned < np.radians(30.0)  # half a second at 0.5 rad/s, and braking
     assert loop.pose.distance == pytest.approx(loop.poses[0].distance)

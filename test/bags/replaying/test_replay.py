@@ -82,7 +82,7 @@ def test_other_parameters_part_from_the_recorded_run_where_they_first_matter(bag
     assert not comparison.equal
     divergence = comparison.divergence
     assert divergence is not None
-    assert divergence.stamp_ns <= steps[1].key[0]  # it turns from the start
+    assert divergence.stamp_ns <= steps[2].key[0]  # it turns from the start, by its ramp
     before, now = divergence.values['angular_rad_s']
     assert before != now
     assert comparison.differences['linear_m_s'].compared == len(steps)

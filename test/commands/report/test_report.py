@@ -158,7 +158,7 @@ def test_what_is_neither_run_nor_bag_is_refused_and_leaves_nothing(tmp_path, cap
 def test_a_run_cannot_be_changed_afterwards(run_page, tmp_path, capsys) -> None:
     source = str(run_page.parents[1] / 'run')
     error = refused(capsys, source, '--set', 'servo.k1=0.2', '--out', str(tmp_path))
-    assert 'is a run, not a bag: --set cannot change what it did' in error
+    assert 'is no bag: --set cannot change what is in it' in error
 
 
 def test_a_page_goes_beside_the_run_unless_told_otherwise(run_page, capsys) -> None:

@@ -7,6 +7,7 @@ import signal
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.core.cameras.model import field_of_view
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
@@ -55,7 +56,10 @@ def test_the_film_is_the_video_of_one_process(waiting, tmp_path, monkeypatch) ->
             film.add(*step(number))
         film.end()
     size = view_size((160, 128))
-    with VideoWriter(tmp_path / 'a.mp4', FPS, image_size=size, bounds=BOUNDS) as video:
+    angle = field_of_view(CAMERA)
+    with VideoWriter(
+        tmp_path / 'a.mp4', FPS, image_size=size, bounds=BOUNDS, field_of_view=angle
+    ) as video:
         for number in range(STEPS):
             image, features, sample = step(number)
             video.add(picture(image, features, sample, CAMERA, size), sample)

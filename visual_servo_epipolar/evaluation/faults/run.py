@@ -61,8 +61,8 @@ class FaultDrive:
 
     def _look(self) -> None:
         now_s, record = self.scene.witness.now_s, self.scene.witness.record
-        works = self.scene.world.works(BASE)
-        if works and record.truths and moving(record.truths[-1].twist):
+        moves = bool(record.truths) and moving(record.truths[-1].twist)
+        if self._may_drive_on or (moves and self.scene.world.works(BASE)):
             self._moved_s = now_s
         if self._reached_s is None and record.phase == self._moment.phase.value:
             self._reached_s = now_s
