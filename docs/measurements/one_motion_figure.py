@@ -74,7 +74,7 @@ def _velocities(axes: Axes, law: str, log: RunLog) -> None:
         least = least_time(Pose.from_start(*log.start), log.limits)
         axes.axvline(least, color=INK, ls=':', lw=1.0, label='least time')
     x, y, heading = log.start
-    axes.set(xlabel='time [s]', ylabel='velocity', xlim=(0.0, 42.0))
+    axes.set(xlabel='time [s]', ylabel='velocity', xlim=(0.0, 25.0))
     axes.set_title(f'{law} from {x:.2f} m, {y:.2f} m, {heading:.0f} deg')
     axes.legend(loc='upper right')
 

@@ -206,6 +206,7 @@ def test_an_interrupted_sweep_ends_with_one_line_and_without_its_workers(
     assert [path.name for path in folder.iterdir()] == [FILE]
 
 
+@pytest.mark.long
 def test_a_worker_that_was_killed_is_said_and_what_ended_is_kept(
     tmp_path: Path, brief: str
 ) -> None:

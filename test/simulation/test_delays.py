@@ -53,6 +53,7 @@ def test_one_that_obeys_at_once_is_not_taken_for_late(name) -> None:
     assert state.identified.delay.value == 0.0
 
 
+@pytest.mark.long
 def test_without_anticipation_it_goes_round_and_round() -> None:
     summary, _ = driven('nominal', 0.5, anticipation=False)
     assert summary['outcome'] == 'failed'

@@ -36,6 +36,7 @@ def taught() -> Taught:
     return teach(SCENARIO, WAY, watch=lambda *what: shown.append(what))
 
 
+@pytest.mark.long
 def test_a_way_that_is_recorded_is_the_one_of_memory(bench, tmp_path: Path, taught) -> None:
     rig = RouteRig(bench, tmp_path / 'hall', SCENARIO.camera.nominal_camera)
     rig.see(shown[0][0], 0)
