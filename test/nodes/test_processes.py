@@ -97,6 +97,7 @@ def test_the_base_stops_when_the_servo_is_killed(team) -> None:
     assert team.processes['servo_node'].wait(END_SEC) == -signal.SIGKILL
 
 
+@pytest.mark.long
 @pytest.mark.alone
 def test_an_interrupted_servo_stops_the_robot_and_ends_well(team) -> None:
     team.at_speed()

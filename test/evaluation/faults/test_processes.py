@@ -8,6 +8,7 @@ from visual_servo_epipolar.evaluation.faults.processes import run as runs
 from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
 
 
+@pytest.mark.long
 @pytest.mark.alone
 def test_a_servo_whose_terminal_is_closed_leaves_the_robot_at_rest_under_nohup_too() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup has it
