@@ -24,13 +24,9 @@ def generate_launch_description():
                 'params_file', '', 'Parameters of your own, which win over config/robot.yaml'
             ),
             argument('rig'),
-            argument('image', 'image_raw', "Topic of the camera's images, as /camera/image_raw"),
-            argument(
-                'camera_info',
-                'camera_info',
-                'Topic of its calibration, as /camera/camera_info',
-            ),
-            argument('cmd_vel', 'cmd_vel', 'Topic on which the base takes velocity commands'),
+            argument('image'),
+            argument('camera_info'),
+            argument('cmd_vel'),
             argument(
                 'odom',
                 'odom',

@@ -25,13 +25,9 @@ def generate_launch_description():
             argument(
                 'route', '', 'Folder of the route: repeated, or written where a way is recorded'
             ),
-            argument('image', 'image_raw', "Topic of the camera's images, as /camera/image_raw"),
-            argument(
-                'camera_info',
-                'camera_info',
-                'Topic of its calibration, as /camera/camera_info',
-            ),
-            argument('cmd_vel', 'cmd_vel', 'Topic on which the base takes velocity commands'),
+            argument('image'),
+            argument('camera_info'),
+            argument('cmd_vel'),
             argument('odom', 'odom', "Topic of the base's odometry, for metres of a new way"),
             argument(
                 'autostart',

@@ -46,17 +46,15 @@ def progress(values: RouteProgress) -> dict[str, float]:
     }
 
 
-def diagnosis(step: RouteStep, stamp_ns: int, *, name: str, notice: str = '') -> DiagnosticArray:
+def diagnosis(step: RouteStep, stamp_ns: int, *, name: str) -> DiagnosticArray:
     """Return the phase of a repetition, why, and its progress as a diagnostic status."""
     values: dict[str, object] = {'phase': step.phase, 'reason': step.reason}
     if step.progress is not None:
         values |= progress(step.progress)
-    level: bytes = LEVELS.get(step.phase, DiagnosticStatus.OK)
-    summary = ': '.join(filter(None, [step.phase, step.reason]))
     return write.diagnostics(
         name,
-        level=max(level, DiagnosticStatus.WARN) if notice else level,
-        summary='; '.join(filter(None, [summary, notice])),
+        level=LEVELS.get(step.phase, DiagnosticStatus.OK),
+        summary=': '.join(filter(None, [step.phase, step.reason])),
         values=values,
         stamp_ns=stamp_ns,
     )

@@ -37,20 +37,18 @@ class RouteReports:
         self._path_pub.publish(route_messages.path(route, now_ns))
         self._markers_pub.publish(route_messages.markers(route, now_ns))
 
-    def step(self, step: RouteStep, stamp_ns: int, frame_id: str, *, notice: str = '') -> None:
+    def step(self, step: RouteStep, stamp_ns: int, frame_id: str) -> None:
         """Publish what an image led to."""
         if step.progress is not None:
             values = route_messages.progress(step.progress)
             self._progress_pub.publish(write.telemetry(values, stamp_ns, frame_id))
-        self.standing(step, stamp_ns, notice=notice)
+        self.standing(step, stamp_ns)
 
-    def standing(self, step: RouteStep, stamp_ns: int | None = None, *, notice: str = '') -> None:
+    def standing(self, step: RouteStep, stamp_ns: int | None = None) -> None:
         """Publish the phase, and why, also where no image led to it."""
         stamp_ns = self._clock.now().nanoseconds if stamp_ns is None else stamp_ns
         self._phase_pub.publish(write.text(step.phase))
-        self._diagnostics_pub.publish(
-            route_messages.diagnosis(step, stamp_ns, name=self._name, notice=notice)
-        )
+        self._diagnostics_pub.publish(route_messages.diagnosis(step, stamp_ns, name=self._name))
         self._diagnosed_ns = self._steady.now().nanoseconds
 
     @property

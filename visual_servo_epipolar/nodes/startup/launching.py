@@ -17,6 +17,9 @@ UNSET_OR_BOOLEAN = ('', 'true', 'false')
 # Arguments that mean the same in several launch files: default, description, choices.
 SHARED: Mapping[str, tuple[Any, ...]] = {
     'namespace': ('', 'Namespace of the nodes, as robot1'),
+    'image': ('image_raw', "Topic of the camera's images, as /camera/image_raw"),
+    'camera_info': ('camera_info', 'Topic of its calibration, as /camera/camera_info'),
+    'cmd_vel': ('cmd_vel', 'Topic on which the base takes velocity commands'),
     'desired_image': ('', 'File of the photograph; empty: {otherwise}'),
     'use_sim_time': ('', 'true: time comes from /clock, which {who} publishes', UNSET_OR_BOOLEAN),
     'rig': ('', 'Rig: a parameter file of camera, head and base, or a name, as panorama'),
