@@ -126,3 +126,14 @@ def test_a_lap_begins_in_the_half_of_the_route_where_the_way_begins(
         run._begin_lap(10**9)
         assert run.step(image, 2 * 10**9).phase == 'localizing'
         assert looked[-2:] == [None, half]
+
+
+def test_a_lap_whose_beginning_is_not_in_sight_says_what_a_lap_needs(taught: Taught) -> None:
+    settings = FollowSettings(laps=2)
+    run = RouteRun(taught.route, settings, SCENARIO.servo)
+    run._begin_lap(0)
+    elsewhere = np.zeros_like(taught.route.views[0].image)
+    late_ns = round(1.1e9 * settings.lost_timeout)
+    step = run.step(elsewhere, late_ns)
+    assert step.phase == 'failed'
+    assert 'lap 2 needs a way that ends in sight of its beginning' in step.reason

@@ -145,8 +145,15 @@ class RouteRun:
         if way is not None:
             return self._begin_at(way)
         if seconds_between(self._lost_ns, stamp_ns) > self.settings.lost_timeout:
-            return self.fail(self._finder.reason)
+            return self.fail(self._unclosed + self._finder.reason)
         return RouteStep(STANDSTILL, LOCALIZING, self._finder.reason)
+
+    @property
+    def _unclosed(self) -> str:
+        """What to think of where a lap is over, and its beginning is not in sight."""
+        if self.lap == 1:
+            return ''
+        return f'lap {self.lap} needs a way that ends in sight of its beginning, or laps: 1: '
 
     @property
     def _begin_of_lap(self) -> range | None:
