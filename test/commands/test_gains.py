@@ -8,8 +8,11 @@ import yaml
 
 from visual_servo_epipolar.commands import options
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.core.laws.gains import Circumstances, derive
-from visual_servo_epipolar.core.laws.settling_times import longest_convergence, longest_matching
+from visual_servo_epipolar.core.laws.two_steps.gains import Circumstances, derive
+from visual_servo_epipolar.core.laws.two_steps.settling_times import (
+    longest_convergence,
+    longest_matching,
+)
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import from_mapping, range_of
 

@@ -23,7 +23,7 @@ LARGE_VALUES = {
     'Task',
 }
 FLAT = ('Settings', 'Circumstances')
-FULL_FOLDERS = {'core/laws', 'core/tracking'}
+FULL_FOLDERS = {'core/tracking'}
 DOUBLE_NAMES = {'Gains', 'Scene'}
 
 

@@ -8,10 +8,13 @@ from typing import Any
 
 from visual_servo_epipolar.commands.files.output import publish
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.laws.gains import Circumstances, derive, Gains
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.phases.derived_gains import enough
-from visual_servo_epipolar.core.laws.settling_times import longest_convergence, longest_matching
+from visual_servo_epipolar.core.laws.two_steps.derived_gains import enough
+from visual_servo_epipolar.core.laws.two_steps.gains import Circumstances, derive, Gains
+from visual_servo_epipolar.core.laws.two_steps.settling_times import (
+    longest_convergence,
+    longest_matching,
+)
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 

@@ -20,7 +20,7 @@ from visual_servo_epipolar.commands.arguments import (
     scenes,
     tolerance,
 )
-from visual_servo_epipolar.core.laws.gains import Circumstances
+from visual_servo_epipolar.core.laws.two_steps.gains import Circumstances
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.simulation.choices import REGIONS, STEERINGS, WAYS
 

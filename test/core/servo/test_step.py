@@ -12,12 +12,12 @@ from strategies import bearings, CAMERA, floats, matches, twists
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.decisions import nominal_twist
 from visual_servo_epipolar.core.laws.law import DEPARTURES
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.conditions import displacement
+from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation

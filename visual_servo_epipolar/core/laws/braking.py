@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from visual_servo_epipolar.core.laws.equations import LINE_DAMPING
-from visual_servo_epipolar.core.laws.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.laws.prediction import is_late
 from visual_servo_epipolar.core.laws.timing import usual_step
+from visual_servo_epipolar.core.laws.two_steps.equations import LINE_DAMPING
+from visual_servo_epipolar.core.laws.two_steps.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.mapping.adjustment.window import X
 
 if TYPE_CHECKING:

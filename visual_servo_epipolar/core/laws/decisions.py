@@ -11,11 +11,11 @@ import math
 from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.excursion import excursion_limit
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.bounds import FACING
 from visual_servo_epipolar.core.laws.phases.conditions import sees_too_little
+from visual_servo_epipolar.core.laws.phases.excursion import excursion_limit
 from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.timing import has_timed_out, usual_step
 from visual_servo_epipolar.core.perception.measurement import Measurement

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeAlias
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.machine import StateMachine
+from visual_servo_epipolar.core.laws.two_steps import equations
 
 EpipoleControls: TypeAlias = Callable[..., tuple[float, float]]
 MatchingControl: TypeAlias = Callable[..., Twist]

@@ -10,9 +10,9 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.laws.command import Command, HALT
-from visual_servo_epipolar.core.laws.gains import Gains
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.smooth.arcs import Backing
+from visual_servo_epipolar.core.laws.two_steps.gains import Gains
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Leg, Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement

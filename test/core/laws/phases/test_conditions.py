@@ -14,7 +14,6 @@ from visual_servo_epipolar.core.laws.decisions import (
     nominal_twist,
     switch_phase,
 )
-from visual_servo_epipolar.core.laws.excursion import excursion_limit
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import has_parallax, is_at_goal
 from visual_servo_epipolar.core.laws.phases.bounds import (
@@ -27,6 +26,7 @@ from visual_servo_epipolar.core.laws.phases.bounds import (
     trial_of,
 )
 from visual_servo_epipolar.core.laws.phases.conditions import is_off_course, is_sideways
+from visual_servo_epipolar.core.laws.phases.excursion import excursion_limit
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception

@@ -7,7 +7,6 @@ import pytest
 from servo_states import in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.core.laws.decisions import classify
-from visual_servo_epipolar.core.laws.equations import follow_line
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.conditions import is_far_enough, KNOWN, ROOM
 from visual_servo_epipolar.core.laws.phases.lines import (
@@ -15,6 +14,7 @@ from visual_servo_epipolar.core.laws.phases.lines import (
     leads_home,
     line_look_ahead,
 )
+from visual_servo_epipolar.core.laws.two_steps.equations import follow_line
 from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,

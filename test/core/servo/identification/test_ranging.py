@@ -8,8 +8,8 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
-from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.decisions import compensate_curvature
+from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.odometry.ranging import Leg, MIN_TURN
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.settings import ServoSettings

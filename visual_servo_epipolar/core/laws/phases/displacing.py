@@ -11,13 +11,13 @@ import math
 from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.braking import braked_turn
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, with_new_leg
-from visual_servo_epipolar.core.laws.phases.derived_gains import legal_target
+from visual_servo_epipolar.core.laws.two_steps import equations
+from visual_servo_epipolar.core.laws.two_steps.derived_gains import legal_target
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 if TYPE_CHECKING:

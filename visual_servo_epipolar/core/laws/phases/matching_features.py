@@ -10,7 +10,6 @@ import math
 from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.braking import (
     braked,
     braked_turn,
@@ -24,7 +23,6 @@ from visual_servo_epipolar.core.laws.braking import (
     STEERING_S,
     unfelt_latency,
 )
-from visual_servo_epipolar.core.laws.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.laws.law import matching_control
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
@@ -37,9 +35,11 @@ from visual_servo_epipolar.core.laws.phases.arrival import (
 )
 from visual_servo_epipolar.core.laws.phases.bounds import FACING, is_matched, trial_of
 from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted
-from visual_servo_epipolar.core.laws.phases.derived_gains import gains_in_use, with_gains_of_now
 from visual_servo_epipolar.core.laws.phases.lines import lateral_offset, line_look_ahead
 from visual_servo_epipolar.core.laws.prediction import felt_latency
+from visual_servo_epipolar.core.laws.two_steps import equations
+from visual_servo_epipolar.core.laws.two_steps.derived_gains import gains_in_use, with_gains_of_now
+from visual_servo_epipolar.core.laws.two_steps.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 if TYPE_CHECKING:

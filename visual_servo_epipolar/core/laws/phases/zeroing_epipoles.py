@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
-from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.braking import braked_turn
 from visual_servo_epipolar.core.laws.law import epipole_controls
 from visual_servo_epipolar.core.laws.machine import PhaseRow
@@ -22,8 +21,9 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     is_off_course,
     with_new_leg,
 )
-from visual_servo_epipolar.core.laws.phases.derived_gains import gains_in_use, with_gains_of_now
 from visual_servo_epipolar.core.laws.phases.lines import leads_home, offset_ratio
+from visual_servo_epipolar.core.laws.two_steps import equations
+from visual_servo_epipolar.core.laws.two_steps.derived_gains import gains_in_use, with_gains_of_now
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
 

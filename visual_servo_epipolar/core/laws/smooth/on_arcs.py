@@ -32,7 +32,7 @@ from visual_servo_epipolar.core.laws.smooth.phases import (
     retreating,
 )
 from visual_servo_epipolar.core.laws.smooth.wide_view import GAINS, RESERVE
-from visual_servo_epipolar.core.laws.two_steps import FULL
+from visual_servo_epipolar.core.laws.two_steps.laws import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 if TYPE_CHECKING:

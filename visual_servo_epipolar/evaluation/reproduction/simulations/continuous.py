@@ -14,7 +14,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, Twist
-from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.evaluation.reproduction.simulations.camera import (
     EpipoleReading,
     PointCamera,

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.laws.gains import Circumstances, Gains
+from visual_servo_epipolar.core.laws.two_steps.gains import Circumstances, Gains
 
 RATIOS = 9  # values of d_hat_0 / d_0, of which one gives the longest path
 STEPS = 100  # of the integration over e_du, or over the distance

@@ -4,7 +4,7 @@ Gains of both steps, derived from section IV-C by what is known before the robot
 In continuous time the law works for any gains (docs/theory.md, 2.1); sampling, delay and limits of
 speed are what bounds them. Saturation by one common factor costs time and leaves the path, so that
 limits of speed enter only where a command is held for one period. docs/theory.md, 3, has the
-reasons, test/core/laws/test_gains.py the runs.
+reasons, test/core/laws/two_steps/test_gains.py the runs.
 """
 
 from dataclasses import dataclass

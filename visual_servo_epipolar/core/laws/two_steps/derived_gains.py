@@ -11,12 +11,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from visual_servo_epipolar.core.laws.gains import Circumstances, derive, Gains
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, displacement
 from visual_servo_epipolar.core.laws.prediction import felt_latency
-from visual_servo_epipolar.core.laws.settling_times import longest_convergence, longest_matching
+from visual_servo_epipolar.core.laws.two_steps.gains import Circumstances, derive, Gains
+from visual_servo_epipolar.core.laws.two_steps.settling_times import (
+    longest_convergence,
+    longest_matching,
+)
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 if TYPE_CHECKING:

@@ -1,0 +1,1 @@
+"""Two steps: the laws of the paper, their equations, gains and settling times."""
