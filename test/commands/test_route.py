@@ -15,9 +15,10 @@ from visual_servo_epipolar.core.routes.settings import STEERINGS as TAUGHT_STEER
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.choices import STEERINGS, WAYS
+from visual_servo_epipolar.simulation.choices import STEERINGS, WAYS, WORLDS
 from visual_servo_epipolar.simulation.routes.drives import route_scenario
 from visual_servo_epipolar.simulation.routes.ways import WAYS as CORNERS
+from visual_servo_epipolar.simulation.routes.worlds import WORLDS as CHANGED_WORLDS
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 STEP, PERIOD_NS = 0.045, 90_000_000
@@ -25,6 +26,10 @@ STEP, PERIOD_NS = 0.045, 90_000_000
 
 def test_ways_have_one_set_of_names() -> None:
     assert tuple(CORNERS) == WAYS
+
+
+def test_worlds_have_one_set_of_names() -> None:
+    assert WORLDS == ('same', *CHANGED_WORLDS)
 
 
 def test_steerings_have_one_set_of_names() -> None:

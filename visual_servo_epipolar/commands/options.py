@@ -22,7 +22,7 @@ from visual_servo_epipolar.commands.arguments import (
 )
 from visual_servo_epipolar.core.laws.two_steps.gains import Circumstances
 from visual_servo_epipolar.core.settings import range_of
-from visual_servo_epipolar.simulation.choices import REGIONS, STEERINGS, WAYS
+from visual_servo_epipolar.simulation.choices import REGIONS, STEERINGS, WAYS, WORLDS
 
 DEMO_START = (1.0, -3.5, 8.0)
 DEMO_FOLDER, SWEEP_FOLDER, ROUTE_FOLDER = 'demo_out', 'sweep_out', 'route_out'
@@ -212,6 +212,14 @@ def _add_route_demo(actions: Any) -> None:
         {'--elsewhere N': 'starts anywhere in another storey (default 0)'},
         type=count_or_none,
         default=0,
+    )
+    demo.add_argument(
+        '--world',
+        choices=WORLDS,
+        default=WORLDS[0],
+        help='what is another when it is repeated, by the seed of each run: lamps, windows and '
+        'tones (light), a third of the pictures, furniture, people who walk by, all of these; '
+        'dim: 8 %% of the light is left (default same)',
     )
     add_flags(demo, {'--reverse': 'repeat it backward, from the last station to the first'})
     demo.add_argument(

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
-from visual_servo_epipolar.simulation.light.exposure import Exposure, LitView
+from visual_servo_epipolar.simulation.light.exposure import Exposure, LitView, toned
 from visual_servo_epipolar.simulation.light.lights import Light, LIGHTS
 from visual_servo_epipolar.simulation.light.settings import LightSettings, SAME
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
@@ -119,6 +119,7 @@ class CameraSimulator:
         factor = self._light.passing_exposure if passes else 1.0
         view = LitView(image, light, frame / self.settings.frame_rate, factor)
         image, gain = self._exposure.take(view)
+        image = toned(image, 1.0 if is_photograph else self._light.gamma)
         image = self._sensor(gain).capture(image, frame)
         return as_jpeg(image, self.settings.jpeg) if self.settings.jpeg else image
 

@@ -6,12 +6,20 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.simulation.light.lights import CEILING
+from visual_servo_epipolar.simulation.light.lights import CEILING, LIGHTS
+from visual_servo_epipolar.simulation.light.settings import (
+    FURNITURE,
+    PICTURES,
+    RoomChange,
+    STOREY,
+)
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rooms.storey import PLAN, Storey, StoreyScene
+from visual_servo_epipolar.simulation.rooms.storey_changes import changed_storey, ChangedStorey
+from visual_servo_epipolar.simulation.routes.ways import way_named, WAYS
 
 POSES = (
     Pose(3.0, -7.4, math.pi / 2.0),
@@ -27,8 +35,50 @@ CAMERA = CameraSettings(
 
 
 @pytest.fixture(scope='module')
-def scene() -> StoreyScene:
-    return Storey(1).by(CEILING)
+def storey() -> Storey:
+    return Storey(1)
+
+
+@pytest.fixture(scope='module')
+def scene(storey: Storey) -> StoreyScene:
+    return storey.by(CEILING)
+
+
+def changed(storey: Storey, name: str, seed: int = 1) -> ChangedStorey:
+    change = RoomChange(name, True, seed)
+    return changed_storey(storey._builder, storey._cells, LIGHTS[CEILING], change, PLAN)
+
+
+def test_a_third_of_the_pictures_is_exchanged_where_they_hung(storey: Storey) -> None:
+    before, after = storey._builder.panels, changed(storey, PICTURES).builder.panels
+    hung = [k for k, panel in enumerate(before) if panel.sheet.pictures]
+    others = [len(after[k].sheet.pictures) - len(before[k].sheet.pictures) for k in hung]
+    total = sum(len(before[k].sheet.pictures) for k in hung)
+    assert 0.25 * total < sum(others) < 0.42 * total
+    assert all(one.frame is other.frame for one, other in zip(before, after, strict=True))
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_furniture_that_is_moved_leaves_the_ways_free(storey: Storey, seed: int) -> None:
+    standing = changed(storey, FURNITURE, seed).builder.standing
+    low = [piece for piece in standing if piece.bottom < 1.0]
+    moved = [piece for piece in low if piece not in storey._builder.standing]
+    assert sum('chair' in piece.name for piece in moved) == 2 * len(PLAN.cells) < len(moved)
+    points = np.concatenate([way_named(name).points for name in WAYS])
+    points = np.column_stack([points, np.zeros(len(points))])
+    assert min(float(piece.distances(points).min()) for piece in moved) > 0.2
+
+
+def test_lamps_of_another_seed_are_others(storey: Storey) -> None:
+    first, second, again = (changed(storey, STOREY, seed) for seed in (1, 2, 1))
+    assert first.sources == again.sources != second.sources
+    assert len(first.builder.lamps) < len(storey._builder.lamps)
+    points = np.array([[[3.0, -6.0, 0.0]]])
+    up, lamps = np.array([0.0, 0.0, 1.0]), first.builder.places_of_lamps
+    lit = [
+        each._light_in(frozenset(['office'])).on(points, up, lamps, []) for each in (first, second)
+    ]
+    assert lit[0] != lit[1]
 
 
 def test_a_room_without_a_door_in_line_is_not_seen() -> None:

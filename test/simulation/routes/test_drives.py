@@ -6,15 +6,24 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.routes.chain import seam
+from visual_servo_epipolar.core.routes.following import RouteProgress
 from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.run import RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.routes.drives import repeat, route_scenario, Taught, teach
+from visual_servo_epipolar.simulation.routes.drives import (
+    repeat,
+    RepeatLog,
+    route_scenario,
+    RouteSample,
+    Taught,
+    teach,
+)
 from visual_servo_epipolar.simulation.routes.ways import rounded, way_named
+from visual_servo_epipolar.simulation.routes.worlds import world_of
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 SCENARIO = route_scenario(Scenario(base=PioneerSettings(wheel_ratio=1.01)), 1).with_servo(
@@ -80,11 +89,31 @@ def test_a_robot_that_is_carried_along_the_route_finds_itself_again(taught: Taug
     assert step.progress.lateral == pytest.approx(offset, abs=0.02)
 
 
-def test_a_robot_that_was_kidnapped_finds_itself(taught: Taught) -> None:
+def test_a_robot_that_was_kidnapped_finds_itself_where_all_has_changed(taught: Taught) -> None:
     start = replace(taught.stations[0], x=3.1, y=-3.4, theta=1.45)
-    log = repeat(SCENARIO.seeded(8), taught, SETTINGS, start=start)
+    log = repeat(world_of(SCENARIO.seeded(8), 'all', 8), taught, SETTINGS, start=start)
     assert log.outcome == 'arrived', log.reason
     assert log.station[0] < 3e-3 and abs(log.offsets[-1]) < 0.01
+    assert not log.is_wrong and log.standstills == 0
+
+
+def test_who_believes_a_view_and_is_elsewhere_is_silently_wrong() -> None:
+    pose, way = Pose(0.0, 0.0, 0.0), RouteProgress(1, 1.0, 2.0, 0.0, 0.01, 0.0, 30)
+    samples = [
+        RouteSample(0, pose, offset, replace(way, inliers=inliers), twist)
+        for offset, inliers, twist in (
+            (0.02, 30, STANDSTILL),
+            (0.02, 30, Twist(0.5, 0.0)),
+            (0.15, 0, STANDSTILL),
+            (0.15, 0, STANDSTILL),
+            (0.02, 30, Twist(0.5, 0.0)),
+        )
+    ]
+    log = RepeatLog(samples, 'arrived', station=(0.001, 0.0))
+    assert log.standstills == 1 and not log.is_wrong
+    wrong = samples[2]._replace(progress=way)
+    assert RepeatLog([*samples[:2], wrong], 'failed').is_wrong
+    assert replace(log, station=(0.03, 0.0)).is_wrong
 
 
 def test_a_robot_off_the_route_stands_and_says_so(taught: Taught) -> None:

@@ -86,6 +86,7 @@ def demo(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.simulation.routes import drives
     from visual_servo_epipolar.simulation.routes.kidnaps import kidnap, kidnap_elsewhere
     from visual_servo_epipolar.simulation.routes.ways import way_named
+    from visual_servo_epipolar.simulation.routes.worlds import world_of
 
     settings = _follow_settings(options)
     scene = 1 if options.scene is None else options.scene
@@ -98,12 +99,14 @@ def demo(options: argparse.Namespace) -> int:
     taught = replace(taught, route=read_route(folder))
     taught.route.check_camera(scenario.camera.nominal_camera)
     progress.say('repeating ...')
-    logs = [
-        drives.repeat(scenario.seeded(options.seed + 1 + k), taught, settings)
-        for k in range(options.runs)
-    ]
+    logs = []
+    for seed in range(options.seed + 1, options.seed + 1 + options.runs):
+        world = world_of(scenario.seeded(seed), options.world, seed)
+        logs.append(drives.repeat(world, taught, settings))
+        progress.say(f'repetition {len(logs)} of {options.runs}: {logs[-1].outcome}')
     progress.say('kidnapping ...')
-    kidnaps = kidnap(scenario, taught, options.kidnaps, options.seed)
+    world = world_of(scenario, options.world, options.seed)
+    kidnaps = kidnap(world, taught, options.kidnaps, options.seed)
     other = drives.route_scenario(scenario, scene + 1)
     elsewhere = kidnap_elsewhere(other, taught, options.elsewhere, options.seed)
     progress.close()
@@ -137,11 +140,10 @@ def _judged(
         'reason': failed[0].reason if failed else '',
         'runs': len(logs),
         'arrived': len(logs) - len(failed),
+        'wrong': sum(log.is_wrong for log in logs),
         **summary_of(taught.route, folder),
         'duration_s': logs[0].duration_s,
-        'lateral_rms_m': _rms(offsets),
-        'lateral_p95_m': float(np.percentile(offsets, 95.0)),
-        'lateral_max_m': float(offsets.max()),
+        **_lateral(offsets),
         'max_turn_jump': max(log.turn_jump(max_turn_rate) for log in logs),
         'stations': [
             {
@@ -151,6 +153,30 @@ def _judged(
             for log in logs
         ],
         'laps': [{'lateral_rms_m': _rms(lap)} for log in logs for lap in log.laps()],
+        'each': [_row(log, max_turn_rate) for log in logs],
+    }
+
+
+def _row(log: 'RepeatLog', max_turn_rate: float) -> dict[str, Any]:
+    """Return what one repetition was like."""
+    return {
+        'outcome': log.outcome,
+        'reason': log.reason,
+        'wrong': log.is_wrong,
+        **_lateral(np.abs(log.offsets)),
+        'max_turn_jump': log.turn_jump(max_turn_rate),
+        'duration_s': log.duration_s,
+        'path_length_m': log.length,
+        'standstills': log.standstills,
+    }
+
+
+def _lateral(offsets: FloatArray) -> dict[str, float]:
+    p95, largest = np.percentile(offsets, [95.0, 100.0]) if len(offsets) else (math.nan, math.nan)
+    return {
+        'lateral_rms_m': _rms(offsets),
+        'lateral_p95_m': float(p95),
+        'lateral_max_m': float(largest),
     }
 
 
@@ -161,14 +187,17 @@ def _rms(values: FloatArray) -> float:
 def _report(result: dict[str, Any], out: str) -> str:
     stations = [1e3 * each['position_error_m'] for each in result['stations']]
     headings = [abs(each['heading_error_deg']) for each in result['stations']]
+    standstills = [each['standstills'] for each in result['each']]
     reason = f': {result["reason"]}' if result['reason'] else ''
     return '\n'.join(
         [
             f'{result["arrived"]} of {result["runs"]} arrived{reason}',
+            f'{result["wrong"]} silently wrong; {max(standstills)} standstills at most',
             _sentence(result),
             f'off the taught way: {1e3 * result["lateral_rms_m"]:.2f} mm rms, p95 '
             f'{1e3 * result["lateral_p95_m"]:.2f}, at most {1e3 * result["lateral_max_m"]:.2f} mm',
-            f'at the station: {max(stations):.2f} mm and {max(headings):.3f} deg at most',
+            f'at the station: {np.nanmax(stations):.2f} mm and {np.nanmax(headings):.3f} deg at '
+            'most',
             f'largest jump of w at a key view: {100.0 * result["max_turn_jump"]:.1f} % of '
             'max_turn_rate',
             'kidnapped {tried} times: {right} right, {refused} refused, {wrong} wrong'.format(

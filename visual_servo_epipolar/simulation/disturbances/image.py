@@ -32,7 +32,7 @@ class DisturbanceSettings(Settings):
         0, 'Frames from one disturbance to the next; 0 = there is but one', low=0, high=10**6
     )
     light_step: float = setting(
-        0.0, 'Change of the light from the first frame on', low=-0.9, high=2.0
+        0.0, 'Change of the light from the first frame on', low=-0.95, high=2.0
     )
     light_wave: float = setting(0.0, 'Amplitude of a slow change of light', low=0.0, high=0.9)
     light_period: float = setting(120.0, 'Frames in one wave of light', low=2.0, high=1e6)

@@ -107,3 +107,11 @@ def brightened(image: Image, factor: float, *, glare: bool = False) -> Image:
     levels = np.arange(256.0) * factor
     levels[WHITE] *= GLARE
     return np.asarray(cv2.LUT(image, np.rint(np.minimum(levels, 255.0)).astype(np.uint8)))
+
+
+def toned(image: Image, gamma: float) -> Image:
+    """Return ``image``, shape (H, W), with grey to the power of ``gamma``, in units of white."""
+    if gamma == 1.0:
+        return image
+    levels = WHITE * (np.arange(256.0) / WHITE) ** gamma
+    return np.asarray(cv2.LUT(image, np.rint(levels).astype(np.uint8)))

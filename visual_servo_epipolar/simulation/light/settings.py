@@ -1,12 +1,22 @@
 """Settings of the light: by which the photograph was taken, by which the robot drives."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from visual_servo_epipolar.core.settings import fixed, setting, Settings
 from visual_servo_epipolar.simulation.light.lights import CEILING, Light, LIGHTS
 
 DAY = ('noon', 'ceiling', 'dusk', 'lamp_right', 'lamp_side')
 SAME, EACH = 'same', 'each'  # each: one of DAY, by the seed
+LAMPS, PICTURES, FURNITURE, STOREY = 'lamps', 'pictures', 'furniture', 'storey'
+
+
+class RoomChange(NamedTuple):
+    """Change of a room: the name of what changes, whether it has, and the seed of how."""
+
+    name: str = 'none'
+    has_changed: bool = False
+    seed: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +41,13 @@ class LightSettings(Settings):
     )
     changed: str = fixed(
         'none',
-        'What is another in the run: a monitor shows something else, a door stands open',
-        choices=('none', 'monitor', 'door'),
+        'What is another in the run: a monitor shows something else, a door stands open; in a '
+        'storey: lamps and windows, a third of the pictures, furniture; storey: all three',
+        choices=('none', 'monitor', 'door', LAMPS, PICTURES, FURNITURE, STOREY),
+    )
+    changed_seed: int = fixed(0, 'Seed of what changed in a storey', low=0, high=2**31 - 1)
+    gamma: float = setting(
+        1.0, 'Gamma of the run: grey is to the power of it, white stays white', low=0.4, high=2.5
     )
     exposure: str = setting(
         'fixed', 'Exposure: fixed, or auto as it follows the light', choices=('fixed', 'auto')
@@ -56,9 +71,10 @@ class LightSettings(Settings):
         0.0, 'Time from the first row to the last; 0: global shutter [s]', low=0.0, high=0.1
     )
 
-    def thing(self, *, has_changed: bool) -> tuple[str, bool]:
+    def thing(self, *, has_changed: bool) -> RoomChange:
         """Return what changes, and whether it has, in the photograph or in the run."""
-        return self.changed, has_changed and self.changed != 'none'
+        has_changed = has_changed and self.changed != 'none'
+        return RoomChange(self.changed, has_changed, self.changed_seed)
 
     def light_of(self, seed: int) -> Light:
         """Return the light of a run with that seed."""

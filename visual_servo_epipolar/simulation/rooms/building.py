@@ -1,7 +1,8 @@
 """Builder of rooms: the shell, boxes that stand or hang in it, and the light on them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 import math
 
 import cv2
@@ -82,6 +83,17 @@ class Panel:
     standing: Sequence[Furniture] = ()
     glows: bool = False
 
+    def with_moved(self, piece: Furniture, moved: Furniture) -> 'Panel':
+        """Return the panel where a ``piece`` has ``moved``, itself or what stands before it."""
+        if piece in self.standing:
+            standing = [moved if each == piece else each for each in self.standing]
+            return replace(self, standing=standing)
+        if self.body != piece.name:
+            return self
+        origin, edge_u, edge_v = self.frame
+        shift = np.array([moved.x - piece.x, moved.y - piece.y, 0.0])
+        return replace(self, frame=(origin + shift, edge_u, edge_v))
+
     def lit(
         self, light: Light, ceiling_lamps: Sequence[FloatArray], boxes: Sequence[Box]
     ) -> Surface:
@@ -115,9 +127,32 @@ class Builder:
         self, rng: np.random.Generator, lamps: Sequence[tuple[float, float]], end: float
     ) -> None:
         self.rng, self.lamps, self.end = rng, lamps, end
-        self._panels: list[Panel] = []
-        self.boxes: list[Box] = []
+        self.panels: list[Panel] = []
+        self.standing: list[Furniture] = []
         self._grain = fractal_grain(rng)
+
+    def copied(self, rng: np.random.Generator) -> 'Builder':
+        """Return a builder of the same room, which is changed by another random generator."""
+        other = copy(self)
+        other.rng, other.panels, other.standing = rng, [*self.panels], [*self.standing]
+        return other
+
+    @property
+    def boxes(self) -> list[Box]:
+        """The boxes that cast shadows."""
+        return [piece.box for piece in self.standing]
+
+    @property
+    def places_of_lamps(self) -> list[FloatArray]:
+        """Where the lamps on the ceiling are, shape (3,) each [m]."""
+        return [np.array([x, y, HEIGHT]) for x, y in self.lamps]
+
+    def move(self, piece: Furniture, shift: FloatArray) -> None:
+        """Move a piece of furniture by ``shift``, shape (2,) [m]."""
+        x, y = shift.tolist()
+        moved = replace(piece, x=piece.x + x, y=piece.y + y)
+        self.standing[self.standing.index(piece)] = moved
+        self.panels = [panel.with_moved(piece, moved) for panel in self.panels]
 
     def wall(self, side: str, paint: Painter, *, density: float = 220.0) -> None:
         """Put up the 'front', 'left', 'right' or 'rear' wall; ``density`` is in texels a metre."""
@@ -146,7 +181,7 @@ class Builder:
 
     def stand(self, piece: Furniture, *, density: float = DENSITY) -> None:
         """Put a piece of furniture in its place: all faces but the one it stands on."""
-        self.boxes.append(piece.box)
+        self.standing.append(piece)
         right, back = piece.axes()
         width, depth, height = piece.size
         x, y, down = width * right, depth * back, np.array([0.0, 0.0, -height])
@@ -184,7 +219,7 @@ class Builder:
         width, height = float(np.linalg.norm(edge_u)), float(np.linalg.norm(edge_v))
         sheet = Painting(width, height, density, self.rng, self._grain)
         paint(sheet)
-        self._panels.append(Panel(name, body, frame, sheet, standing, glows))
+        self.panels.append(Panel(name, body, frame, sheet, standing, glows))
 
     def surfaces(self, light: Light, boxes: Sequence[Box] | None = None) -> list[Surface]:
         """
@@ -192,9 +227,8 @@ class Builder:
 
         Shadows are cast by ``boxes``, or else by what stands in the room.
         """
-        lamps = [np.array([x, y, HEIGHT]) for x, y in self.lamps]
-        boxes = self.boxes if boxes is None else boxes
-        return [panel.lit(light, lamps, boxes) for panel in self._panels]
+        lamps, boxes = self.places_of_lamps, self.boxes if boxes is None else boxes
+        return [panel.lit(light, lamps, boxes) for panel in self.panels]
 
     def panes(self, light: Light) -> list[Surface]:
         """Return the windows that are part of ``light``, right in front of their walls."""

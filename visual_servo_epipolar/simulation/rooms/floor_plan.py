@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+import math
 from typing import NamedTuple
 
 THICKNESS = 0.12  # of walls [m]
@@ -84,6 +85,15 @@ class FloorPlan:
     def cells_at(self, x: float, y: float, slack: float = SLACK) -> list[str]:
         """Return the names of the cells that hold a point, both where it is in an opening."""
         return [cell.name for cell in self.cells if cell.holds(x, y, slack)]
+
+    def is_near_opening(self, x: float, y: float, clear: float) -> bool:
+        """Return whether a point is in the way of an opening: ``clear`` [m] beside it."""
+        for opening in self.openings:
+            (x0, y0), (x1, y1) = opening.ends
+            reach = clear + 0.5 * math.hypot(x1 - x0, y1 - y0)
+            if math.hypot(0.5 * (x0 + x1) - x, 0.5 * (y0 + y1) - y) < reach:
+                return True
+        return False
 
     def seen_from(self, x: float, y: float) -> frozenset[str]:
         """Return the names of the cells of which something may be seen from a point."""

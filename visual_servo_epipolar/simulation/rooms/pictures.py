@@ -88,6 +88,7 @@ def landscape(sheet: Painting, x: float, y: float, width: float, height: float) 
 
 def poster(sheet: Painting, x: float, y: float, width: float, height: float) -> None:
     """Hang a framed picture: text, abstract art, a mosaic, or a landscape with its title."""
+    sheet.pictures.append((x, y, width, height))
     sheet.rect(x + 0.012, y + 0.018, width + 0.012, height + 0.012, 70.0)  # its shadow
     sheet.rect(x, y, width, height, float(sheet.rng.choice([25.0, 60.0, 215.0])))
     line = float(sheet.rng.uniform(0.015, 0.04))

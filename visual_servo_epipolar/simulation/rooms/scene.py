@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.simulation.light.lights import CEILING, LIGHTS
+from visual_servo_epipolar.simulation.light.settings import RoomChange
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms import furniture as c
 from visual_servo_epipolar.simulation.rooms import materials as m
@@ -19,7 +20,7 @@ from visual_servo_epipolar.simulation.rooms.textures import Painting
 KINDS = ('room', 'wall', 'plain')
 STOREY = 'storey'  # of a building, in the coordinates of its plan
 END = {'room': 8.0, 'wall': 5.0, 'plain': 8.0}  # how far the front wall is from the goal [m]
-NOTHING = ('none', False)
+NOTHING = RoomChange()
 KEPT = 3  # lights by which a room is kept
 LAMPS = [(x, y) for y in (-11.0, -7.4, -3.8, -0.2, 3.4, 6.4) for x in (-2.9, 2.9)]
 
@@ -49,7 +50,7 @@ ASIDE = (c.bookcase, c.cupboard, c.crate, c.noticeboard)  # fronts along the sid
 
 
 def room(
-    seed: int, kind: str = 'room', light: str = CEILING, thing: tuple[str, bool] = NOTHING
+    seed: int, kind: str = 'room', light: str = CEILING, thing: RoomChange = NOTHING
 ) -> Scene:
     """
     Return a room; all arguments together fix every texel of it. The last room is kept.
@@ -64,7 +65,7 @@ def room(
         pictures and little furniture, 3-8 m ahead, all of weak contrast.
     light : str
         A name in LIGHTS; the room is painted once for all lights, and lit once for each.
-    thing : tuple of str and bool
+    thing : RoomChange
         A name in CHANGES, or 'none', and whether it has changed since the photograph.
 
     Raises
@@ -80,13 +81,15 @@ class PaintedRoom:
     """A room, and how it looks by each light that was asked for."""
 
     def __init__(self, builder: Builder) -> None:
-        self._builder, self._scenes = builder, dict[tuple[str, tuple[str, bool]], Scene]()
+        self._builder, self._scenes = builder, dict[tuple[str, RoomChange], Scene]()
 
-    def by(self, light: str, thing: tuple[str, bool]) -> Scene:
+    def by(self, light: str, thing: RoomChange) -> Scene:
         """Return the room by the light of that name, with a thing; the last few are kept."""
         key = light, thing
         kept = key in self._scenes
-        self._scenes[key] = self._scenes.pop(key) if kept else self._build(light, *thing)
+        self._scenes[key] = (
+            self._scenes.pop(key) if kept else self._build(light, thing.name, thing.has_changed)
+        )
         if len(self._scenes) > KEPT:
             del self._scenes[next(iter(self._scenes))]
         return self._scenes[key]

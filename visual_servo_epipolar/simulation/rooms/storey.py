@@ -8,6 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.simulation.light.lights import LIGHTS
+from visual_servo_epipolar.simulation.light.settings import RoomChange
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene
 from visual_servo_epipolar.simulation.rooms import furniture as c
 from visual_servo_epipolar.simulation.rooms import materials as m
@@ -18,6 +19,7 @@ from visual_servo_epipolar.simulation.rooms.floor_plan import (
     THICKNESS,
     WallLine,
 )
+from visual_servo_epipolar.simulation.rooms.storey_changes import changed_storey
 from visual_servo_epipolar.simulation.rooms.textures import Painting
 
 DOOR = 1.1  # width [m]
@@ -53,8 +55,9 @@ LAMP_SPACING = 3.6  # at most [m]
 WALL_DENSITY = 180.0  # texels a metre
 LEAST_PIECE = 0.02  # of a wall [m]
 PITCH = 1.75  # from one piece of furniture along a wall to the next [m]
-CLEAR = 1.4  # of furniture around the middle of a door, and in corners [m]
+CLEAR, FROM_CORNER = 0.85, 1.05  # of furniture beside an opening, and in corners [m]
 FRONTS = (c.bookcase, c.cupboard, c.crate, c.noticeboard)
+UNCHANGED = RoomChange()
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,16 +88,18 @@ class Storey:
         lamps = [lamp for cell in PLAN.cells for lamp in _lamps(cell)]
         self._builder = Builder(np.random.default_rng((seed, 99)), lamps, 0.0)
         self._cells: dict[str, frozenset[str]] = {}  # by panel or body
-        self._scenes: dict[str, StoreyScene] = {}
+        self._scenes: dict[tuple[str, RoomChange], StoreyScene] = {}
         self._build()
 
-    def by(self, light: str, thing: tuple[str, bool] = ('none', False)) -> StoreyScene:
-        """Return the storey by the light of that name, as a room; it has none of the things."""
-        if light not in self._scenes:
-            surfaces = tuple(self._builder.surfaces(LIGHTS[light]))
-            cells = tuple(self._cells[s.name if s.body == ROOM else s.body] for s in surfaces)
-            self._scenes = {light: StoreyScene(surfaces, cells=cells)}
-        return self._scenes[light]
+    def by(self, light: str, change: RoomChange = UNCHANGED) -> StoreyScene:
+        """Return the storey by the light of that name, as a room, with a change; one is kept."""
+        key = light, change
+        if key not in self._scenes:
+            self._scenes = {}  # two do not fit into small machines
+            storey = changed_storey(self._builder, self._cells, LIGHTS[light], change, PLAN)
+            surfaces, cells = zip(*storey.surfaces(), strict=True)
+            self._scenes = {key: StoreyScene(surfaces, cells=cells)}
+        return self._scenes[key]
 
     def _build(self) -> None:
         for cell in PLAN.cells:
@@ -189,14 +194,14 @@ def _along_walls(cell: FloorCell, rng: np.random.Generator) -> list[Furniture]:
     for side in ('south', 'north', 'west', 'east'):
         across = side in ('south', 'north')
         start, end = (cell.x0, cell.x1) if across else (cell.y0, cell.y1)
-        for along in np.arange(start + 0.75 * CLEAR, end - 0.75 * CLEAR, PITCH).tolist():
+        for along in np.arange(start + FROM_CORNER, end - FROM_CORNER, PITCH).tolist():
             along += float(rng.uniform(-0.15, 0.15))
             width, depth, height = rng.uniform((0.8, 0.3, 0.6), (1.4, 0.5, 2.1)).tolist()
             front = FRONTS[int(rng.integers(len(FRONTS)))]
             is_left_out = float(rng.uniform()) > (0.25 if is_corridor else 0.75)
             depth = 0.22 if is_corridor else depth
             at, turn = _beside(cell, side, along, depth + 0.5 * THICKNESS + 0.02)
-            if is_left_out or _is_near_opening(*at):
+            if is_left_out or PLAN.is_near_opening(*at, CLEAR):
                 continue
             name, size = f'{cell.name} {side} {along:.2f}', (width, depth, height)
             pieces.append(Furniture(name, *at, size, front, c.timber, turn=turn))
@@ -213,12 +218,3 @@ def _beside(
         'west': ((cell.x0 + depth, along), 0.5 * math.pi),
         'east': ((cell.x1 - depth, along), -0.5 * math.pi),
     }[side]
-
-
-def _is_near_opening(x: float, y: float) -> bool:
-    for opening in PLAN.openings:
-        (x0, y0), (x1, y1) = opening.ends
-        reach = CLEAR + 0.5 * math.hypot(x1 - x0, y1 - y0) - 0.5 * DOOR
-        if math.hypot(0.5 * (x0 + x1) - x, 0.5 * (y0 + y1) - y) < reach:
-            return True
-    return False

@@ -35,7 +35,8 @@ class Painting:
     """
     A rectangle being painted: lengths in metres from the upper left corner, grey in 0..255.
 
-    Every method but ``lit`` paints in place by its own random generator.
+    Every method but ``lit`` paints in place by its own random generator. ``pictures`` are where
+    pictures hang on it: corner and size (x, y, width, height).
     """
 
     def __init__(
@@ -45,6 +46,13 @@ class Painting:
         self.rng, self.grain = rng, grain
         shape = (max(2, round(height * density)), max(2, round(width * density)))
         self.pixels: Image = np.full(shape, 128, dtype=np.uint8)
+        self.pictures: list[tuple[float, float, float, float]] = []
+
+    def copied(self, rng: np.random.Generator) -> 'Painting':
+        """Return a copy, to be painted on by another random generator."""
+        other = Painting(self.width, self.height, self.density, rng, self.grain)
+        other.pixels, other.pictures = self.pixels.copy(), [*self.pictures]
+        return other
 
     def fill(self, grey: float) -> None:
         """Paint all of it."""

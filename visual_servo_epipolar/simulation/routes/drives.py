@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 import math
 from typing import NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.motion import Pose, Twist, wrap_angle
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist, wrap_angle
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.routes.following import RouteProgress
 from visual_servo_epipolar.core.routes.route import Route
@@ -20,11 +21,13 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.bases.simulated_base import SimulatedBase
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.routes.ways import DrivenWay, Driver, SPACING
 from visual_servo_epipolar.simulation.run_monitor import period_ns
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 REST_FRAMES = 8  # after the last command, until the base stands
+WRONG_OFFSET, WRONG_STATION, WRONG_HEADING = 0.1, 0.02, math.radians(0.5)  # silently [m, rad]
 LONGEST = 4.0  # times that a run may take, of driving at full speed
 SIZE, FOCAL = (640, 480), 385.0  # of the camera of routes [px]
 
@@ -53,6 +56,11 @@ def route_scenario(scenario: Scenario, seed: int) -> Scenario:
     return replace(scenario, camera=camera)
 
 
+def new_simulator(scenario: Scenario) -> CameraSimulator:
+    """Return the camera in the world of a ``scenario``, by its light and its disturbances."""
+    return CameraSimulator(scenario.camera, scenario.disturbances, scenario.light)
+
+
 @dataclass(frozen=True, eq=False)
 class Taught:
     """A route, the true way that was driven, and the true poses of its stations by key view."""
@@ -71,7 +79,10 @@ def teach(
     watch: Callable[[Image, int, Pose], None] = lambda image, stamp_ns, odometry: None,
 ) -> Taught:
     """Drive along a ``way``, and return the route that is learnt; ``watch`` is shown the same."""
-    driver, simulator = Driver(way, speed), CameraSimulator(scenario.camera)
+    driver, simulator = (
+        Driver(way, speed),
+        CameraSimulator(scenario.camera, None, _taught_by(scenario)),
+    )
     base = new_base(scenario.base, way.start, seed=scenario.camera.seed)
     teacher = Teacher(scenario.camera.nominal_camera, settings)
     poses: list[Pose] = []
@@ -86,6 +97,17 @@ def teach(
         _drive(base, twist, scenario)
     route = teacher.finish()
     return Taught(route, _resampled(poses), {0: poses[0], len(route.views) - 1: poses[-1]})
+
+
+def _taught_by(scenario: Scenario) -> LightSettings:
+    """Return the light by which a route is taught: that of the photograph, of nothing changed."""
+    settings = scenario.light
+    return replace(
+        LightSettings(),
+        light=settings.photograph_light,
+        photograph_light=settings.photograph_light,
+        exposure=settings.exposure,
+    )
 
 
 def _drive(base: SimulatedBase, twist: Twist, scenario: Scenario) -> None:
@@ -112,6 +134,12 @@ class RouteSample(NamedTuple):
     twist: Twist
     lap: int = 1
 
+    @property
+    def is_wrong(self) -> bool:
+        """Whether it believes a view, and is elsewhere beside the way than it says."""
+        off = abs(self.offset - self.progress.lateral)
+        return self.progress.inliers > 0 and off > WRONG_OFFSET
+
 
 @dataclass(eq=False)
 class RepeatLog:
@@ -122,6 +150,21 @@ class RepeatLog:
     reason: str = ''
     station: tuple[float, float] = (math.nan, math.nan)
     duration_s: float = 0.0
+    length: float = 0.0  # that the robot drove [m]
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether it was wrong and did not know: on the way, or by an arrival elsewhere."""
+        position, heading = self.station
+        elsewhere = position > WRONG_STATION or abs(heading) > WRONG_HEADING
+        return elsewhere or any(sample.is_wrong for sample in self.samples)
+
+    @property
+    def standstills(self) -> int:
+        """How often it stood on the way, before the servo took over at the station."""
+        stands = [sample.twist == STANDSTILL for sample in self.samples]
+        begun = stands[stands.index(False) :] if False in stands else []
+        return sum(after and not before for before, after in pairwise(begun))
 
     @property
     def offsets(self) -> FloatArray:
@@ -155,7 +198,7 @@ def repeat(
     watch: Callable[[Image, Pose, RouteStep], None] = lambda image, pose, step: None,
 ) -> RepeatLog:
     """Repeat a route to its end, from its beginning or from any ``start``; return the record."""
-    simulator, last = CameraSimulator(scenario.camera), len(taught.route.views) - 1
+    simulator, last = new_simulator(scenario), len(taught.route.views) - 1
     begin, end = (last, 0) if settings.reverse else (0, last)
     base = new_base(scenario.base, start or taught.stations[begin], seed=scenario.camera.seed + 1)
     servo = replace(scenario.servo, latency=base.settings.command_delay)
@@ -176,6 +219,7 @@ def repeat(
             log.samples.append(RouteSample(stamp_ns, pose, offset, step.progress, step.twist, lap))
         frame, rest = frame + 1, rest - run.ended
         _drive(base, step.twist, scenario)
+        log.length += math.hypot(base.pose.x - pose.x, base.pose.y - pose.y)
     log.outcome, log.reason = (step.phase, step.reason) if run.ended else ('failed', 'out of time')
     log.duration_s = base.now_ns / NANOSECONDS
     truth, pose = taught.stations[end], base.pose

@@ -8,9 +8,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import Pose, wrap_angle
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
-from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.rooms.storey import PLAN
-from visual_servo_epipolar.simulation.routes.drives import Taught
+from visual_servo_epipolar.simulation.routes.drives import new_simulator, Taught
 from visual_servo_epipolar.simulation.routes.ways import SPACING
 from visual_servo_epipolar.simulation.scenario import Scenario
 
@@ -31,7 +30,7 @@ class Kidnaps:
 
 def kidnap(scenario: Scenario, taught: Taught, count: int, seed: int) -> Kidnaps:
     """Put the robot beside the route ``count`` times, and judge where it says that it is."""
-    simulator, finder = CameraSimulator(scenario.camera), PlaceFinder(taught.route)
+    simulator, finder = new_simulator(scenario), PlaceFinder(taught.route)
     rng = np.random.default_rng((seed, 11))
     right = refused = 0
     for number in range(count):
@@ -45,7 +44,7 @@ def kidnap(scenario: Scenario, taught: Taught, count: int, seed: int) -> Kidnaps
 
 def kidnap_elsewhere(scenario: Scenario, taught: Taught, count: int, seed: int) -> Kidnaps:
     """Put the robot anywhere in the storey of the ``scenario``, another one than that taught."""
-    simulator, finder = CameraSimulator(scenario.camera), PlaceFinder(taught.route)
+    simulator, finder = new_simulator(scenario), PlaceFinder(taught.route)
     found = [
         finder.find(simulator.capture(pose, k)) for k, pose in enumerate(_anywhere(count, seed))
     ]
