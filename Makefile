@@ -20,10 +20,11 @@ OLDEST_STAMP := $(OLDEST)/.installed
 # 5 is pytest's code where PYTEST_ARGS leave nothing to run.
 WORKERS ?= auto
 PYTEST_ARGS ?=
+WITH_ALONE = $(shell grep -rl --include='*.py' 'pytest.mark.alone' test)
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 define run_tests
 @$(ONE_THREAD) $(1)/python -m pytest -ra -n $(WORKERS) --dist worksteal -m 'not alone$(2)' $(PYTEST_ARGS) || [ $$? = 5 ]
-@$(1)/python -m pytest -ra -m 'alone$(2)' $(PYTEST_ARGS) || [ $$? = 5 ]
+@$(1)/python -m pytest -ra -m 'alone$(2)' $(or $(PYTEST_ARGS),$(WITH_ALONE)) || [ $$? = 5 ]
 endef
 BENCH_ARGS ?=
 DEMO_OUT ?= demo_out
@@ -46,7 +47,7 @@ $(STAMP): setup.py setup.cfg constraints.txt
 	@touch $@
 	@echo 'Ready: $(BIN)/visual_servo --help'
 
-test: lint ## lint, then the tests of a quarter of an hour; PYTEST_ARGS='-x test/core' for some
+test: lint ## lint, then the tests of ten minutes; PYTEST_ARGS='-x test/core' for some
 	$(call run_tests,$(BIN), and not long)
 
 test-long: $(STAMP) ## what test leaves out: closed loops of benchmarks, clusters, colcon

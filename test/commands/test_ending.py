@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 
+from durations import few_of
 import pytest
 
 from visual_servo_epipolar.commands.ending import terminable, Terminated
@@ -121,10 +122,13 @@ LOADED_ON_THE_WAY = (
 
 @pytest.mark.parametrize(
     ('number', 'code', 'module'),
-    [
-        *((signal.SIGINT, 130, module) for module in LOADED_ON_THE_WAY),
-        *((signal.SIGTERM, 143, module) for module in LOADED_ON_THE_WAY[1:6:4]),
-    ],
+    few_of(
+        [
+            *((signal.SIGINT, 130, module) for module in LOADED_ON_THE_WAY),
+            *((signal.SIGTERM, 143, module) for module in LOADED_ON_THE_WAY[1:6:4]),
+        ],
+        keep=(0, 3, 8),
+    ),
 )
 def test_a_signal_while_modules_are_loaded_ends_a_command_with_one_line(
     tmp_path: Path, number: signal.Signals, code: int, module: str
@@ -214,7 +218,11 @@ def piped(arguments: Sequence[str], *, unbuffered: str, errors_too: bool) -> tup
 
 
 @pytest.mark.parametrize('unbuffered', ['', '1'], ids=['buffered', 'unbuffered'])
-@pytest.mark.parametrize('arguments', [('gains',), ('gains', '--json', '-')], ids=['text', 'json'])
+@pytest.mark.parametrize(
+    'arguments',
+    [('gains',), pytest.param(('gains', '--json', '-'), marks=pytest.mark.long)],
+    ids=['text', 'json'],
+)
 def test_a_pipe_that_nobody_reads_ends_a_command_without_a_word(
     arguments: tuple[str, ...], unbuffered: str
 ) -> None:

@@ -217,8 +217,10 @@ def test_outputs_are_tried_before_the_run(bag, tmp_path, capsys, monkeypatch, ou
     assert 'not the name of a file' in refused(capsys, bag, '--json', str(tmp_path))
 
 
-@pytest.mark.parametrize('ending', [KeyboardInterrupt, OSError(28, 'No space left on device')])
-@pytest.mark.parametrize('where', ['replay_bag', 'write_json'])
+@pytest.mark.parametrize(
+    ('where', 'ending'),
+    [('replay_bag', KeyboardInterrupt), ('write_json', OSError(28, 'No space left on device'))],
+)
 def test_nothing_is_left_of_a_replay_that_was_cut_off(
     bag, tmp_path, capsys, monkeypatch, ending, where
 ) -> None:

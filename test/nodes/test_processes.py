@@ -8,6 +8,7 @@ import signal
 import subprocess
 
 from bench import Bench, next_domain
+from durations import few_of
 from nav_msgs.msg import Odometry
 from node_process import arguments, environment
 import pytest
@@ -20,7 +21,7 @@ from visual_servo_epipolar.nodes import qos
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / 'config'
 NODES = ('unicycle_node', 'camera_node', 'tracker_node', 'servo_node')
-START = ('-p', 'start:=[0.3, -2.2, 0.0]')
+START = ('-p', 'start:=[0.2, -1.6, 0.0]')
 ARRIVE_SEC, MOVE_SEC, END_SEC = 150.0, 60.0, 30.0
 COMMAND_TIMEOUT_SEC, BRAKING_SEC = 0.5, 0.4 / 0.6  # from 0.4 m/s at 0.6 m/s^2
 
@@ -124,14 +125,17 @@ def run_badly(name: str, *more: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize(
     ('text', 'reason'),
-    [
-        ('{k1: 99.0}', 'k1 out of range'),
-        ('{k1: 2}', 'k1 must be a double, write 2.0, got the integer 2$'),
-        ('{k1: .nan}', 'k1'),
-        ('{kk1: 0.1}', 'no parameter kk1; did you mean k1'),
-        ('{law: other}', 'law must be one of paper, corrected, full'),
-        ('{latch_engage: 0.1}', 'latch_engage must not exceed latch_release'),
-    ],
+    few_of(
+        [
+            ('{k1: 99.0}', 'k1 out of range'),
+            ('{k1: 2}', 'k1 must be a double, write 2.0, got the integer 2$'),
+            ('{k1: .nan}', 'k1'),
+            ('{kk1: 0.1}', 'no parameter kk1; did you mean k1'),
+            ('{law: other}', 'law must be one of paper, corrected, full'),
+            ('{latch_engage: 0.1}', 'latch_engage must not exceed latch_release'),
+        ],
+        keep=(1, 3),
+    ),
 )
 def test_a_bad_setting_ends_a_node_with_one_line(tmp_path, text, reason) -> None:
     file = tmp_path / 'servo_node.yaml'
@@ -143,7 +147,9 @@ def test_a_bad_setting_ends_a_node_with_one_line(tmp_path, text, reason) -> None
     assert re.search(reason, ended.stderr), ended.stderr
 
 
-@pytest.mark.parametrize('text', [None, 'servo_node: {ros__parameters: {k1: [}', 'servo_node: 1'])
+@pytest.mark.parametrize(
+    'text', few_of(['servo_node: {ros__parameters: {k1: [}', None, 'servo_node: 1'])
+)
 def test_a_file_that_is_no_parameter_file_ends_a_node_with_one_line(tmp_path, text) -> None:
     file = tmp_path / 'servo_node.yaml'
     if text is not None:

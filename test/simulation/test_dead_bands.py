@@ -29,7 +29,7 @@ def driven(
             ('nominal', 0.01, RATE),
             ('realistic', 0.02, 30.0),
         ],
-        keep=(0, 1, 2),
+        keep=(0, 1),
     ),
 )
 def test_a_dead_band_that_nobody_told_is_found(name, zone, rate) -> None:

@@ -25,9 +25,9 @@ TOLD = {
 @pytest.mark.parametrize(
     ('mount', 'servo', 'count'),
     [
-        ({'tilt': math.radians(15.0), 'roll': math.radians(8.0)}, {}, 4),
+        ({'tilt': math.radians(15.0), 'roll': math.radians(8.0)}, {}, 2),
         pytest.param({'tilt': math.radians(-25.0)}, {}, 4, marks=pytest.mark.long),
-        (ASIDE, {}, 3),
+        (ASIDE, {}, 2),
         pytest.param(ASIDE, TOLD, 4, marks=pytest.mark.long),
     ],
     ids=['down and rolled', 'up', 'aside and not told', 'aside and told'],

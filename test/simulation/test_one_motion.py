@@ -43,7 +43,7 @@ def test_from_the_front_it_is_one_motion_in_little_more_than_the_least_time(star
     assert abs(result['heading_error_deg']) < 0.1
 
 
-@pytest.mark.parametrize('start', BESIDE)
+@pytest.mark.parametrize('start', [*BESIDE[:2], pytest.param(BESIDE[2], marks=pytest.mark.long)])
 def test_from_beside_it_backs_off_once_and_does_not_stand_at_the_cusp(start: Start) -> None:
     log = driven(start)
     result = summarise(log)

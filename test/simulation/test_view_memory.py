@@ -3,6 +3,7 @@
 from itertools import pairwise
 import math
 
+from durations import few_of
 import numpy as np
 import pytest
 
@@ -13,7 +14,7 @@ from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import points_of
 
-SEED, STARTS = 3, 3
+SEED, STARTS = 3, 2
 
 
 def driven(remembers: bool) -> list[dict[str, object]]:
@@ -53,15 +54,17 @@ def driven_from(
     return summarise(log), max(math.hypot(*place) for place in places), way
 
 
-@pytest.mark.parametrize('start', [(0.05, 0.0, 0.0), (-0.05, 0.0, 0.0), (0.035, -0.035, 3.0)])
-def test_from_5_cm_aside_a_quarter_of_a_metre_is_enough(start) -> None:
-    summary, farthest, _ = driven_from(start)
+@pytest.mark.parametrize(
+    ('x', 'y', 'heading'), few_of([(0.05, 0.0, 0.0), (-0.05, 0.0, 0.0), (0.035, -0.035, 3.0)])
+)
+def test_from_5_cm_aside_a_quarter_of_a_metre_is_enough(x, y, heading) -> None:
+    summary, farthest, _ = driven_from((x, y, heading))
     assert summary['outcome'] == 'arrived'
     assert float(str(summary['position_error_m'])) < 0.0015
     assert farthest < 0.27
 
 
-@pytest.mark.parametrize('seed', range(300, 303))
+@pytest.mark.parametrize('seed', few_of(range(300, 303)))
 def test_from_1_cm_aside_it_drives_half_a_metre_in_all(seed) -> None:
     summary, _, way = driven_from((0.01, 0.0, 0.0), seed=seed)
     assert summary['outcome'] == 'arrived'
@@ -69,14 +72,14 @@ def test_from_1_cm_aside_it_drives_half_a_metre_in_all(seed) -> None:
     assert way < 0.8  # one of them loses its baseline for a frame, and backs off once more
 
 
-def test_before_a_wall_a_centimetre_aside_is_not_taken_for_the_goal() -> None:
+@pytest.mark.parametrize('seed', few_of([303, 304, 305]))
+def test_before_a_wall_a_centimetre_aside_is_not_taken_for_the_goal(seed) -> None:
     """A turn explains all but a tenth of a pixel of it."""
-    for seed in (303, 304, 305):
-        summary, farthest, _ = driven_from((-0.01, 0.0, 0.0), 'flat', seed)
-        assert summary['outcome'] == 'arrived'
-        assert farthest > 0.2
-        # Of 32 such starts the median is 2.1 mm, and the worst 5.7.
-        assert float(str(summary['position_error_m'])) < 0.006
+    summary, farthest, _ = driven_from((-0.01, 0.0, 0.0), 'flat', seed)
+    assert summary['outcome'] == 'arrived'
+    assert farthest > 0.2
+    # Of 32 such starts the median is 2.1 mm, and the worst 5.7.
+    assert float(str(summary['position_error_m'])) < 0.006
 
 
 @pytest.mark.parametrize('name', ['nominal', 'flat', 'realistic', 'harsh'])

@@ -7,7 +7,11 @@ import pytest
 TRIALS, FEW = 60, 16
 
 
-@pytest.fixture(scope='module', params=[False, True], ids=['room', 'wall'])
+@pytest.fixture(
+    scope='module',
+    params=[False, pytest.param(True, marks=pytest.mark.long)],
+    ids=['room', 'wall'],
+)
 def errors(request: pytest.FixtureRequest) -> TrialErrors:
     """Return the errors of drives through a room, or before one wall."""
     return errors_of(StudySettings(wall=request.param), range(TRIALS))

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+from durations import few_of
 import numpy as np
 import pytest
 from rclpy.publisher import Publisher
@@ -245,7 +246,7 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(orders, 'LATER_S', 14.0)
 
 
-@pytest.mark.parametrize('name', [name for name in FAULTS if name.startswith('arming_')])
+@pytest.mark.parametrize('name', few_of([name for name in FAULTS if name.startswith('arming_')]))
 def test_what_comes_after_an_order_to_start_sets_nothing_moving(name: str, soon: None) -> None:
     result = runs.run(name, FAULTS[name], SEED)
     assert (result['verdict'], result['phase']) == ('at rest', 'waiting'), result['charges']

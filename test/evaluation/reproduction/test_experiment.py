@@ -64,6 +64,7 @@ def test_settings_are_those_of_the_paper() -> None:
     assert servo(k_t=PRINTED_K_T * FOCAL_PX**2).k_t == pytest.approx(236.7, abs=0.1)
 
 
+@pytest.mark.long
 def test_images_begin_as_in_the_stored_figure() -> None:
     run = experiment(lambda _: None, longest=SHORT_S)
     shown = figure_data(figures.epipoles(run))

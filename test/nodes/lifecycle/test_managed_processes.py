@@ -6,6 +6,7 @@ import signal
 import subprocess
 
 from bench import Bench, next_domain
+from durations import few_of
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from lifecycles import asked
@@ -50,7 +51,7 @@ def test_a_process_survives_impossible_transitions_and_ends_in_any_state(
             assert 'Traceback' not in (tmp_path / name).read_text()
 
 
-@pytest.mark.parametrize('name', NODES)
+@pytest.mark.parametrize('name', few_of(NODES))
 def test_shutdown_ends_the_process(wide_open, tmp_path, name) -> None:
     domain = next_domain()
     command = arguments(name)

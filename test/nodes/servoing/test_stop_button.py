@@ -3,6 +3,7 @@
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
+from durations import few_of
 import pytest
 from servo_rig import HandSetClock, Rig
 from std_msgs.msg import Bool
@@ -191,7 +192,9 @@ def asked(rig) -> None:
     rig.bench.settle()
 
 
-@pytest.mark.parametrize('second', [qos.LATCHED, VOLATILE], ids=['latched', 'repeated'])
+@pytest.mark.parametrize(
+    'second', few_of([qos.LATCHED, VOLATILE], keep=(1,)), ids=['latched', 'repeated']
+)
 @pytest.mark.parametrize('first', [qos.LATCHED, VOLATILE], ids=['latched', 'repeated'])
 def test_a_second_button_that_is_not_pressed_does_not_release_the_first(
     bench, hasty, first, second

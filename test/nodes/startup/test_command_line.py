@@ -5,6 +5,7 @@ from pathlib import Path
 import subprocess
 import sys
 
+from durations import few_of
 import pytest
 
 from visual_servo_epipolar.nodes.startup import command_line
@@ -47,7 +48,7 @@ def test_help_says_what_a_node_does_and_takes(node, option, capsys) -> None:
 
 
 @pytest.mark.parametrize('start', [executable, module])
-@pytest.mark.parametrize('words', [['--help'], ['--ros-args', '--help']])
+@pytest.mark.parametrize('words', few_of([['--help'], ['--ros-args', '--help']]))
 def test_help_ends_well_and_starts_nothing(start, words) -> None:
     ended = run(start('servo_node'), *words)
     assert (ended.returncode, ended.stderr) == (0, '')
@@ -63,7 +64,7 @@ def test_help_that_nobody_reads_ends_quietly(unbuffered) -> None:
     assert (ended.returncode, ended.stderr) == (141, '')
 
 
-@pytest.mark.parametrize('start', [executable, module])
+@pytest.mark.parametrize('start', few_of([executable, module]))
 @pytest.mark.parametrize(
     'words', [['--foo'], ['config.yaml'], ['-p', 'k1:=0.1'], ['--ros-args', '--', 'config.yaml']]
 )
@@ -100,7 +101,7 @@ def test_small_products_are_not_shared_among_threads_unless_somebody_says_so(tol
     assert ended.stderr == f'threads: {kept}\n'
 
 
-@pytest.mark.parametrize('node', NODES)
+@pytest.mark.parametrize('node', few_of([*NODES]))
 def test_without_ros_an_executable_says_so_in_one_line(node) -> None:
     ended = run(f'sys.modules["rclpy"] = None\n{executable(node)}')
     assert ended.returncode == 2

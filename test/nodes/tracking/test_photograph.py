@@ -6,6 +6,7 @@ import os
 import shutil
 
 import cv2
+from durations import few_of
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
@@ -180,28 +181,34 @@ def changed(key, value):
 
 @pytest.mark.parametrize(
     ('damage', 'reason'),
-    [
-        (lambda path: picture(path).unlink(), 'is missing or broken'),
-        (cut_short, 'is missing or broken'),
-        (exchanged, 'is another one'),
-        (of_another_size, 'its picture has 9x9 px, its camera 320x240'),
-        (lambda path: path.write_text(''), 'a camera file must map names to values'),
-        (lambda path: path.write_bytes(b'\xff\xfe\x00'), 'cannot be used'),
-        (lambda path: path.write_text('a: [1'), 'cannot be used'),
-        (without('camera_matrix'), "lacks 'camera_matrix'"),
-        (without('photograph'), "'photograph'"),
-        (without('stamp_ns'), "'stamp_ns'"),
-        (without('goal'), "'goal'"),
-        (changed('photograph', None), 'photograph must be a name, got nothing'),
-        (changed('photograph', [1]), 'photograph must be a name, got a list of 1'),
-        *(
-            (changed('stamp_ns', value), 'stamp_ns must be a whole number from 0 to ')
-            for value in (None, 'now', True, [], {}, -1, 10**30, float('inf'), float('nan'))
-        ),
-        (changed('goal', None), 'is another one'),
-        (changed('camera_matrix', None), 'camera_matrix must be a list of 9 numbers, got nothing'),
-        (changed('image_width', None), 'image_width must be a whole number'),
-    ],
+    few_of(
+        [
+            (lambda path: picture(path).unlink(), 'is missing or broken'),
+            (cut_short, 'is missing or broken'),
+            (exchanged, 'is another one'),
+            (of_another_size, 'its picture has 9x9 px, its camera 320x240'),
+            (lambda path: path.write_text(''), 'a camera file must map names to values'),
+            (lambda path: path.write_bytes(b'\xff\xfe\x00'), 'cannot be used'),
+            (lambda path: path.write_text('a: [1'), 'cannot be used'),
+            (without('camera_matrix'), "lacks 'camera_matrix'"),
+            (without('photograph'), "'photograph'"),
+            (without('stamp_ns'), "'stamp_ns'"),
+            (without('goal'), "'goal'"),
+            (changed('photograph', None), 'photograph must be a name, got nothing'),
+            (changed('photograph', [1]), 'photograph must be a name, got a list of 1'),
+            *(
+                (changed('stamp_ns', value), 'stamp_ns must be a whole number from 0 to ')
+                for value in (None, 'now', True, [], {}, -1, 10**30, float('inf'), float('nan'))
+            ),
+            (changed('goal', None), 'is another one'),
+            (
+                changed('camera_matrix', None),
+                'camera_matrix must be a list of 9 numbers, got nothing',
+            ),
+            (changed('image_width', None), 'image_width must be a whole number'),
+        ],
+        keep=(0, 1, 2, 3, 7, 9, 13, 22),
+    ),
 )
 def test_a_broken_photograph_is_one_line_at_the_start(
     bench, simulator, tmp_path, damage, reason
