@@ -194,6 +194,14 @@ def test_a_rig_has_parameters_of_nodes_alone_and_wins_over_a_scenario(path: Path
             assert len(values) == 1, (node, key)
 
 
+def test_a_mistake_is_that_of_the_file_in_which_it_is(tmp_path: Path) -> None:
+    good, bad = written(tmp_path, 'servo: {k2: 1.0}'), tmp_path / 'worse.yaml'
+    bad.write_text('servo: {k1: 99.0}')
+    for files in ((good, bad), (bad, good)):
+        with pytest.raises(InputError, match=rf'^{bad}: servo: k1'):
+            load(*files)
+
+
 def test_a_servo_whose_head_the_camera_lacks_is_refused_in_one_line(tmp_path: Path) -> None:
     message = 'camera must be on a head for a servo with rig pan_tilt, got one with rig fixed'
     with pytest.raises(InputError, match=message):

@@ -255,9 +255,17 @@ def _section(name: str, values: Any, where: str) -> Settings:
 
 def load(path: Path | None, rig: Path | None = None) -> Scenario:
     """Read a scenario file, and a rig of the same form; InputError if it cannot be used."""
-    documents = [None if each is None else _read(each) for each in (path, rig)]
+    documents: dict[Path | None, Any] = {}
+    for each in (rig, path):
+        if each is not None:
+            documents[each] = _read(each)
     where = ' with '.join(str(each) for each in (path, rig) if each is not None)
-    return from_document(documents[0], where, documents[1])
+    try:
+        return from_document(documents.get(path), where, documents.get(rig))
+    except InputError:
+        for each, document in documents.items():  # what one of them says alone is its own mistake
+            from_document(document, str(each))
+        raise
 
 
 def _read(path: Path) -> Any:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.simulation.light.flicker import flicker
+from visual_servo_epipolar.simulation.light.exposure import flicker
 from visual_servo_epipolar.simulation.light.settings import LightSettings
 
 GREY = np.full((200, 4), 100, np.uint8)

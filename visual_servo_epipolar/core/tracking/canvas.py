@@ -13,9 +13,10 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.tracking import ray_geometry, robust_geometry
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.features import Passing
+from visual_servo_epipolar.core.tracking.geometry import pixels as geometry_of_pixels
+from visual_servo_epipolar.core.tracking.geometry import rays as geometry_of_rays
 
 BESIDE = 0.1  # of the width, that the image goes on on either side
 BEYOND_POLE = 24  # rows
@@ -131,16 +132,16 @@ class Canvas:
     ) -> tuple[FloatArray | None, BoolArray]:
         """Return F or E of one robust geometry, (3, 3), and which of the pixels fit it, (N,)."""
         if self.camera is None:
-            return robust_geometry.epipolar_geometry(current, desired)
-        return ray_geometry.epipolar_geometry(
+            return geometry_of_pixels.epipolar_geometry(current, desired)
+        return geometry_of_rays.epipolar_geometry(
             self.points(current), self.points(desired), 1.0 / self.camera.focal
         )
 
     def agree(self, current: FloatArray, desired: FloatArray) -> bool:
         """Return whether one geometry fits all of the pixels, shape (N, 2) each."""
         if self.camera is None:
-            return robust_geometry.agree_on_one_geometry(current, desired)
-        return ray_geometry.agree_on_one_geometry(
+            return geometry_of_pixels.agree_on_one_geometry(current, desired)
+        return geometry_of_rays.agree_on_one_geometry(
             self.points(current), self.points(desired), 1.0 / self.camera.focal
         )
 

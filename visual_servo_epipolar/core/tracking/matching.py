@@ -15,9 +15,9 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
     patch_radius,
 )
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
+from visual_servo_epipolar.core.tracking.geometry.pixels import MIN_MATCHES
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints, Matcher
 from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
-from visual_servo_epipolar.core.tracking.robust_geometry import MIN_MATCHES
 
 CORNER_WINDOW = 15  # side of the window of the corner measure [px]
 CORNER_SCALE = (0.5 * CORNER_WINDOW * 255) ** 2  # of OpenCV's measure, which is no sum

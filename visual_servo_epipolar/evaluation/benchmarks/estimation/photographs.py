@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.geometry.rotation import headings
-from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_inliers
+from visual_servo_epipolar.core.tracking.geometry.pixels import epipolar_inliers
 
 WIDTH, HEIGHT = 640, 480
 DRAWN = 6000  # points, of which the first in view from both poses are taken

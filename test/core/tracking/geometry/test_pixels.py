@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.tracking.robust_geometry import (
+from visual_servo_epipolar.core.tracking.geometry.pixels import (
     epipolar_geometry,
     epipolar_inliers,
     EPIPOLAR_PX,

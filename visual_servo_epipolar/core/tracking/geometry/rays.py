@@ -11,7 +11,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
-from visual_servo_epipolar.core.tracking.robust_geometry import (
+from visual_servo_epipolar.core.tracking.geometry.pixels import (
     AGREEMENT_PX,
     EPIPOLAR_PX,
     MIN_MATCHES,
