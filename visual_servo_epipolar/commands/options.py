@@ -221,6 +221,8 @@ def _add_route_demo(actions: Any) -> None:
         'tones (light), a third of the pictures, furniture, people who walk by, all of these; '
         'dim: 8 %% of the light is left (default same)',
     )
+    renew = 'photographs of other light that a key view keeps, from arrivals (default 0)'
+    add_words(demo, {'--renewals N': renew}, type=count_or_none, default=0)
     add_flags(demo, {'--reverse': 'repeat it backward, from the last station to the first'})
     demo.add_argument(
         '--steering',

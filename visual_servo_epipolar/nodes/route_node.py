@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.routes.route import Route
-from visual_servo_epipolar.core.routes.run import RouteRun
+from visual_servo_epipolar.core.routes.run import ARRIVED, RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -26,7 +26,7 @@ from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.routing.recording import RouteRecording
+from visual_servo_epipolar.nodes.routing.recording import RouteRecording, RouteRenewal
 from visual_servo_epipolar.nodes.routing.repetition import RouteRepetition
 from visual_servo_epipolar.nodes.routing.reports import RouteReports
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
@@ -84,6 +84,7 @@ class RouteNode(ManagedNode):
         settings = self._node_settings
         self.received = 0  # images
         self._recording: RouteRecording | None = None
+        self._renewal = RouteRenewal(self.get_logger())
         self._taught: Route | None = None  # and not written yet
         self._pending: Image | CompressedImage | None = None
         self._reader = GrayReader()
@@ -215,6 +216,8 @@ class RouteNode(ManagedNode):
         try:
             latency = self._node_settings.max_latency
             self._repetition.see(image, stamp_ns, frame_id, latency)
+            if self.phase == ARRIVED:
+                self._renewal.begin()
         except VisualServoError as error:  # a photograph on the disk that cannot be read
             self._repetition.fail(str(error))
 
@@ -260,6 +263,7 @@ class RouteNode(ManagedNode):
         if self._taught is None:
             raise InputError('no way is being recorded; call ~/start_recording first')
         route, folder = self._taught, self._folder()
+        self._renewal.wait()
         write_route(route, folder)
         self._taught = None
         self._reports.route(route)
@@ -272,12 +276,14 @@ class RouteNode(ManagedNode):
         refusal = self._refusal()
         if refusal:
             raise InputError(refusal)
-        route = self._load()
+        self._renewal.wait()
+        route, folder = self._load(), self._folder()
         assert self._camera.model is not None
         route.check_camera(self._camera.model)
         run = RouteRun(route, self._follow, self._servo)
         self._reports.route(route)
         self._repetition.begin(run)
+        self._renewal.follow(run, folder)
         end = route.views[run.target].way
         return f'begun, to the station after {end:.2f} m; the robot looks where it is'
 

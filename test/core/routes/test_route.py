@@ -8,9 +8,11 @@ import pytest
 from routes import key_view, route_of
 
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.routes.following import Confirmation
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.tracking.features import Features
 
 
 @pytest.mark.parametrize('way', [0.0, -1.0, math.nan, math.inf])
@@ -47,6 +49,13 @@ def test_a_start_beyond_the_station_fails_with_what_to_do() -> None:
 def test_a_car_keeps_to_its_curvature() -> None:
     route = route_of(*map(key_view, range(3)))
     car = ServoSettings(base='car', law='smooth', max_curvature=1.5)
-    base = RouteRun(route, FollowSettings(), car, way=0.0).base
+    base = RouteRun(route, FollowSettings(), car).base
     assert base.max_curvature == car.drive.max_curvature == 1.5
     assert base.limits.max_linear == FollowSettings().max_speed
+
+
+def test_a_run_that_did_not_arrive_renews_nothing() -> None:
+    route = route_of(*map(key_view, range(3)))
+    run = RouteRun(route, FollowSettings(renewals=2), ServoSettings())
+    run._confirmed[1] = Confirmation(0.0, key_view(9).image, Features())
+    assert run.confirmed == 1 and run.renewed().views == route.views

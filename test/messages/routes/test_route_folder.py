@@ -1,5 +1,6 @@
 """The folder of a route: what is read is what was written, or one clear error."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from routes import CAMERA, key_view, route_of
 
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_intrinsics
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.routes.route import Appearance, in_memory
 from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
 
 
@@ -37,6 +39,31 @@ def test_a_route_is_read_as_it_was_written(folder: Path) -> None:
         'route.yaml',
         'structure.npz',
     ]
+
+
+def test_photographs_of_other_days_are_kept_and_lose_nothing(folder: Path) -> None:
+    route, rows = read_route(folder), np.array([1, 4])
+    old = (folder / '000001.jpg').read_bytes()
+    for number, count in ((1, 2), (2, 1)):
+        view = route.views[number]
+        looks = [
+            Appearance(in_memory(key_view(10 + k).image), view.keypoints.take(rows), rows)
+            for k in range(count)
+        ]
+        views = list(route.views)
+        views[number] = replace(view, renewed=tuple(looks))
+        route = replace(route, views=tuple(views))
+    write_route(route, folder)
+    again = read_route(folder)
+    assert [len(view.renewed) for view in again.views] == [0, 2, 1]
+    assert (folder / '000001.jpg').read_bytes() == old
+    assert np.array_equal(again.views[2].renewed[0].load(), key_view(10).image)
+    assert np.array_equal(again.views[1].renewed[1].rows, rows)
+    expected = key_view(1).keypoints.descriptors[rows]
+    assert np.array_equal(again.views[1].renewed[0].keypoints.descriptors, expected)
+    (folder / '000002_1.png').unlink()
+    with pytest.raises(InputError, match='1 of 6 photographs are missing, the first is 000002_1'):
+        read_route(folder)
 
 
 @pytest.mark.parametrize(

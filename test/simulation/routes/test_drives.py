@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.routes.chain import seam
 from visual_servo_epipolar.core.routes.following import RouteProgress
+from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.run import RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
+from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.routes.drives import (
@@ -89,12 +91,37 @@ def test_a_robot_that_is_carried_along_the_route_finds_itself_again(taught: Taug
     assert step.progress.lateral == pytest.approx(offset, abs=0.02)
 
 
+def test_a_view_far_off_is_not_believed_however_long_nothing_else_is_seen(
+    taught: Taught, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody walks along, and what moves with him agrees on a place that is none."""
+    run = RouteRun(taught.route, SETTINGS, SCENARIO.servo, way=0.0)
+    image = CameraSimulator(SCENARIO.camera).capture(taught.stations[0], 0)
+    steps = [run.step(image, round(k * 9e7)) for k in range(3)]
+    assert all(step.progress is not None and step.progress.inliers for step in steps)
+    locate = KeyViewTracker.locate
+
+    def turned(tracker: KeyViewTracker, image: Image, near: FloatArray) -> ViewPose | None:
+        found = locate(tracker, image, near)
+        return found and found._replace(pose=found.pose - [0.0, 0.0, 0.25])
+
+    monkeypatch.setattr(KeyViewTracker, 'locate', turned)
+    monkeypatch.setattr(PlaceFinder, 'find', lambda *_: None)
+    steps = [run.step(image, round(k * 9e7)) for k in range(3, 23)]
+    assert not any(step.progress is None or step.progress.inliers for step in steps)
+    assert steps[-1].phase == 'holding' and steps[-1].twist == STANDSTILL
+
+
 def test_a_robot_that_was_kidnapped_finds_itself_where_all_has_changed(taught: Taught) -> None:
     start = replace(taught.stations[0], x=3.1, y=-3.4, theta=1.45)
-    log = repeat(world_of(SCENARIO.seeded(8), 'all', 8), taught, SETTINGS, start=start)
+    settings = replace(SETTINGS, renewals=2)
+    log = repeat(world_of(SCENARIO.seeded(8), 'all', 8), taught, settings, start=start)
     assert log.outcome == 'arrived', log.reason
     assert log.station[0] < 3e-3 and abs(log.offsets[-1]) < 0.01
     assert not log.is_wrong and log.standstills == 0
+    assert log.route is not None and 0 < sum(len(view.renewed) for view in log.route.views)
+    for view, first in zip(log.route.views, taught.route.views, strict=True):
+        assert view.load is first.load and view.structure is first.structure
 
 
 def test_who_believes_a_view_and_is_elsewhere_is_silently_wrong() -> None:

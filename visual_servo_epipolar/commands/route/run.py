@@ -67,6 +67,7 @@ def summary_of(route: Route, folder: Path) -> dict[str, Any]:
         'length_m': route.length,
         'key_views': len(route.views),
         'stations': route.stations,
+        'renewed': sum(len(view.renewed) for view in route.views),
         'seam_rms_m': _rms(seam(route.views)),
         'features': float(np.median([len(view.structure) for view in route.views])),
         'folder_bytes': sum(file.stat().st_size for file in folder.iterdir()),
@@ -102,7 +103,10 @@ def demo(options: argparse.Namespace) -> int:
     logs = []
     for seed in range(options.seed + 1, options.seed + 1 + options.runs):
         world = world_of(scenario.seeded(seed), options.world, seed)
-        logs.append(drives.repeat(world, taught, settings))
+        logs.append(log := drives.repeat(world, taught, settings))
+        if log.route is not None:
+            write_route(log.route, folder)
+            taught = replace(taught, route=read_route(folder))
         progress.say(f'repetition {len(logs)} of {options.runs}: {logs[-1].outcome}')
     progress.say('kidnapping ...')
     world = world_of(scenario, options.world, options.seed)
@@ -124,7 +128,10 @@ def _follow_settings(options: argparse.Namespace) -> FollowSettings:
     """Return how the route is to be followed; raises InputError before anything is built."""
     try:
         return FollowSettings(
-            steering=options.steering, reverse=options.reverse, laps=options.laps
+            steering=options.steering,
+            reverse=options.reverse,
+            laps=options.laps,
+            renewals=options.renewals,
         )
     except ValueError as error:
         raise InputError(str(error)) from None

@@ -32,6 +32,7 @@ from visual_servo_epipolar.core.routes.steering import (
 )
 from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+from visual_servo_epipolar.core.tracking.features import Features
 
 GATE = 4.0  # deviations of a view from what was predicted, from which it is not believed
 GATE_FLOOR = np.array([0.02, 0.01])  # that they are at least [m, rad]
@@ -39,6 +40,8 @@ OBEYED_AFTER, LEAST_OBEYED = 0.5, 0.2  # way [m] of commands of which the view m
 COASTED = 0.5  # time without a trusted view after which it stands [s]
 CERTAIN = 0.01  # a third of the deviation of the offset that slows it down [m]
 SLOWEST = 0.1  # that it drives where it was taught slower [m/s]
+CONFIRMED_NEAR, LEAST_CONFIRMED = 0.06, 30  # of a key view that is confirmed: away [m], inliers
+MOST_CONFIRMED = 200  # images that are kept for this
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +64,23 @@ class RouteProgress:
     switched: bool = False
 
 
+class Confirmation(NamedTuple):
+    """An image near a key view that was placed by it: how far away [m], and its features there."""
+
+    away: float
+    image: Image
+    features: Features
+
+
 class PathMeasurement(NamedTuple):
     """Where a view is beside the path, with the covariance, (2, 2), of offset and turn."""
 
     point: PathPoint
     covariance: FloatArray
     inliers: int
+
+
+FAR = Confirmation(math.inf, np.empty((0, 0), np.uint8), Features())
 
 
 class Follower:
@@ -78,7 +92,8 @@ class Follower:
 
     ``is_there``: so near before the target that the servo takes over. ``lost`` [s] is the time
     without a view that was believed, ``reason`` says why. ``disobeyed`` says that the base does
-    not do what it is told.
+    not do what it is told. ``confirmed`` are key views that look otherwise than their photographs,
+    where ``settings`` want them renewed.
     """
 
     def __init__(
@@ -91,6 +106,7 @@ class Follower:
         target: int,
         way: float,
         latency: float,
+        confirmed: dict[int, Confirmation] | None = None,
     ) -> None:
         self.route, self.settings, self._base = route, settings, base
         self.view, self.target, self.way = view, target, way
@@ -98,6 +114,7 @@ class Follower:
         self.lost, self.reason, self.disobeyed = 0.0, '', ''
         self._commanded, self._marked = 0.0, way  # since the base was last seen to obey [m]
         self._trackers: dict[int, KeyViewTracker] = {}
+        self.confirmed = {} if confirmed is None else confirmed
         self._filter: LateralFilter | None = None
         self._sent: deque[tuple[int, Twist]] = deque()
         self._stamp_ns: int | None = None
@@ -125,10 +142,11 @@ class Follower:
         self._predict(stamp_ns, dt)
         self._stamp_ns = stamp_ns
         switched = self._switch(image)
-        found = self._look(image, self.lost + dt)
+        found = self._look(image)
         self.lost = 0.0 if found is not None else self.lost + dt
         if found is not None:
             self._update(found)
+            self._confirm(image, found)
         wanted = STANDSTILL
         if self._filter is not None and self.lost <= COASTED:
             wanted = self._wanted(image, self._filter, found, dt)
@@ -141,6 +159,25 @@ class Follower:
         """Read the key view after the one ahead, so that no image has to wait for it."""
         if not self._is_last:
             self._tracker(self.view + self._sign)
+        passed = self.view - self._sign
+        if passed in self.confirmed and not self._looks_new(passed):
+            del self.confirmed[passed]
+
+    def _looks_new(self, view: int) -> bool:
+        """Return whether none of its photographs shows a key view as it was confirmed."""
+        known, (_, image, features) = self.route.views[view], self.confirmed[view]
+        pixels, rows, most = features.current, features.ids, self.settings.renewals
+        return known.superfluous(image, pixels, rows, most) != len(known.appearances)
+
+    def _confirm(self, image: Image, found: PathMeasurement) -> None:
+        """Remember an image that was taken where the key view ahead was."""
+        away = abs(self.way - self.route.views[self.view].way)
+        is_full = len(self.confirmed) >= MOST_CONFIRMED and self.view not in self.confirmed
+        if not self.settings.renewals or is_full or found.inliers < LEAST_CONFIRMED:
+            return
+        if away < min(CONFIRMED_NEAR, self.confirmed.get(self.view, FAR).away):
+            features = self._tracker(self.view).features
+            self.confirmed[self.view] = Confirmation(away, image, features)
 
     def halt(self, stamp_ns: int, *, unsent: bool) -> None:
         """Note that the base was told to stand at ``stamp_ns``; the last twist was ``unsent``."""
@@ -211,7 +248,7 @@ class Follower:
         offset, turn, _ = self._filter.state.tolist()
         return compose(pose, np.array([0.0, offset, turn]))
 
-    def _look(self, image: Image, unseen: float) -> PathMeasurement | None:
+    def _look(self, image: Image) -> PathMeasurement | None:
         """Return where the view is beside the path; None, and why, if that is not believed."""
         tracker, path = self._tracker(self.view), self.route.views[self.view].path
         found = tracker.locate(image, self._pose_in(self.view))
@@ -220,7 +257,7 @@ class Follower:
             return None
         measured = beside(path, found, self.way)
         self.reason = ''
-        if self._filter is not None and unseen < COASTED:
+        if self._filter is not None:  # a robot that was carried away is looked for anew
             self.reason = beyond_gate(self._filter, measured)
         return None if self.reason else measured
 

@@ -1,16 +1,24 @@
 """Key view tracker: the features of one key view in the images, and where these were taken."""
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.routes.route import RouteView
+from visual_servo_epipolar.core.routes.route import Appearance, in_memory, RouteView
 from visual_servo_epipolar.core.routes.structure import Localizer, ViewPose
+from visual_servo_epipolar.core.tracking.alignment.sampling import inside_border, patch_radius
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
+from visual_servo_epipolar.core.tracking.matchers.sift import detect
 from visual_servo_epipolar.core.tracking.matching import (
+    BORDER,
     CurrentView,
+    LIMIT,
     match,
     view_of_keypoints,
 )
@@ -19,6 +27,8 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 
 MARGIN = 8.0  # from the border of the image, of what is expected in it [px]
 SETTINGS = TrackerSettings(max_features=60, min_features=20)
+ENOUGH = 40  # features with which a photograph is good enough: the first one rules
+SAME_PX = 1.5  # from a feature to the keypoint that is the same [px]
 
 
 class KeyViewTracker:
@@ -27,11 +37,10 @@ class KeyViewTracker:
     def __init__(
         self, view: RouteView, camera: CameraModel, settings: TrackerSettings = SETTINGS
     ) -> None:
-        self._view, self._camera = view, camera
+        self._view, self._camera, self._settings = view, camera, settings
         self._localizer = Localizer(view.structure, camera)
-        self._tracker = Tracker(settings)
-        self._desired = view_of_keypoints(view.image, view.keypoints)
-        self._tracker.set_view(self._desired)
+        self._tracked = [_TrackedAppearance(view, view.appearances[0], settings)]
+        self._used = self._tracked[0]
         self.begun, self.reason = False, ''
         self.features = Features()
 
@@ -40,33 +49,34 @@ class KeyViewTracker:
         was_begun = self.begun
         if not was_begun:
             self.begin(image, near)
-        self.features = features = self._tracker.track(image)
+        self.features = features = self._used.track(image)
         found = self.place(features, near)
         if found is None and was_begun:  # after a gap they are where the pose has them
             self.begin(image, near)
-            self.features = features = self._tracker.track(image)
+            self.features = features = self._used.track(image)
             found = self.place(features, near)
         self.begun = found is not None
         if found is None:
             count = len(features)
-            self.reason = self._tracker.reason or (
+            self.reason = self._used.tracker.reason or (
                 f'{count} features of the key view are in sight, and do not agree on a place'
             )
         return found
 
     def match(self, image: Image, current: CurrentView) -> Features:
         """Return its features in ``image``, whose keypoints are ``current``, wherever it is."""
-        try:
-            matches = match(self._desired, current)
-        except TrackingError as error:
-            self.reason = str(error)
-            return Features()
-        ids = matches.indices
-        desired = self._desired.keypoints.pixels[ids]
-        warps = Warps(ids, desired, matches.pixels, matches.scales[:, None, None] * np.eye(2))
-        if self._tracker.expect(image, warps) < SETTINGS.min_features:
-            return Features()
-        return self._tracker.track(image)
+        best = Features()
+        for tracked in self._appearances():
+            try:
+                features = tracked.match(image, current)
+            except TrackingError as error:
+                self.reason = str(error)
+                continue
+            if len(features) > len(best):
+                best, self._used = features, tracked
+            if len(best) >= ENOUGH:
+                break
+        return best
 
     def place(self, features: Features, near: FloatArray) -> ViewPose | None:
         """Return where ``features`` are seen from, ``near`` a pose, (3,); None if unsure."""
@@ -74,13 +84,72 @@ class KeyViewTracker:
 
     def begin(self, image: Image, near: FloatArray) -> None:
         """Look for the features where they are seen from a pose ``near``, (3,)."""
-        warps = self._expected(near)
-        self.begun = self._tracker.expect(as_gray(image), warps) >= SETTINGS.min_features
+        image, most = as_gray(image), 0
+        for tracked in self._appearances():
+            count = tracked.tracker.expect(image, self._expected(near, tracked.appearance))
+            if count > most:
+                most, self._used = count, tracked
+            if count >= ENOUGH:
+                break
+        self.begun = most >= SETTINGS.min_features
 
-    def _expected(self, pose: FloatArray) -> Warps:
-        """Return how the photograph's features are seen from a pose, (3,)."""
-        pixels = self._view.structure.pixels
-        current = self._camera.pixels(self._localizer.rays_seen(pose))
+    def appearance(self, image: Image, features: Features) -> Appearance:
+        """Return ``image`` as another photograph of the key view, by the ``features`` in it."""
+        border = patch_radius(image.shape) + BORDER
+        shown = inside_border(features.current, image.shape, border)
+        rows, pixels = features.ids[shown], features.current[shown]
+        keypoints = _described(self._view.keypoints.take(rows), pixels, image)
+        return Appearance(in_memory(image.copy()), keypoints, rows)
+
+    def _appearances(self) -> Iterator['_TrackedAppearance']:
+        """Yield the photographs, the first one first; others are read when they are needed."""
+        for number, appearance in enumerate(self._view.appearances):
+            if number == len(self._tracked):
+                each = _TrackedAppearance(self._view, appearance, self._settings)
+                self._tracked.append(each)
+            yield self._tracked[number]
+
+    def _expected(self, pose: FloatArray, appearance: Appearance) -> Warps:
+        """Return how the features of a photograph are seen from a pose, (3,)."""
+        rows, pixels = appearance.rows, appearance.keypoints.pixels
+        current = self._camera.pixels(self._localizer.rays_seen(pose))[rows]
         ids = np.flatnonzero(self._camera.contains(current, margin=MARGIN))
         scales = self._localizer.distances(np.zeros(3)) / self._localizer.distances(pose)
-        return Warps(ids, pixels[ids], current[ids], scales[ids, None, None] * np.eye(2))
+        return Warps(ids, pixels[ids], current[ids], scales[rows][ids, None, None] * np.eye(2))
+
+
+class _TrackedAppearance:
+    """A photograph of a key view, and its tracker; features are those of the structure."""
+
+    def __init__(self, view: RouteView, appearance: Appearance, settings: TrackerSettings) -> None:
+        self.appearance, self._view, self.tracker = appearance, view, Tracker(settings)
+        self._desired = view_of_keypoints(appearance.load(), appearance.keypoints)
+        self.tracker.set_view(self._desired)
+
+    def track(self, image: Image) -> Features:
+        """Return the features in the next image."""
+        features = self.tracker.track(image)
+        rows = self.appearance.rows[features.ids]
+        return replace(features, ids=rows, desired=self._view.structure.pixels[rows])
+
+    def match(self, image: Image, current: CurrentView) -> Features:
+        """Return the features in an image, wherever it is; TrackingError where it is another."""
+        matches = match(self._desired, current)
+        ids = matches.indices
+        desired = self._desired.keypoints.pixels[ids]
+        warps = Warps(ids, desired, matches.pixels, matches.scales[:, None, None] * np.eye(2))
+        if self.tracker.expect(image, warps) < SETTINGS.min_features:
+            return Features()
+        return self.track(image)
+
+
+def _described(keypoints: Keypoints, pixels: FloatArray, image: Image) -> Keypoints:
+    """Return ``keypoints`` at other ``pixels``, (N, 2), described by ``image`` where it can."""
+    assert isinstance(keypoints.tuning, int)
+    today = detect(as_gray(image), limit=LIMIT, enlargement=keypoints.tuning)
+    descriptors = keypoints.descriptors.copy()
+    if len(today):
+        squared = ((pixels[:, None] - today.pixels[None]) ** 2).sum(axis=2)
+        same = squared.min(axis=1, initial=np.inf) < SAME_PX**2
+        descriptors[same] = today.descriptors[squared[same].argmin(axis=1)]
+    return replace(keypoints, pixels=pixels, descriptors=descriptors)

@@ -6,7 +6,7 @@ key view whose descriptor is by far the nearest of all, and a geometry that the 
 pass. Beyond some thousand photographs an index of vectors does the same (``docs/routes.md``).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 import math
 
@@ -56,11 +56,15 @@ class PlaceFinder:
 
     @cached_property
     def _descriptors(self) -> NDArray[np.float32]:
-        return np.concatenate([view.keypoints.descriptors for view in self.route.views])
+        return np.concatenate(
+            [each.keypoints.descriptors for view in self.route.views for each in view.appearances]
+        )
 
     @cached_property
     def _owners(self) -> IntArray:
-        counts = [len(view.keypoints) for view in self.route.views]
+        counts = [
+            sum(len(each.keypoints) for each in view.appearances) for view in self.route.views
+        ]
         return np.repeat(np.arange(len(counts)), counts)
 
     def votes(self, image: Image) -> FloatArray:
@@ -126,9 +130,7 @@ class PlaceFinder:
         return best
 
     def _loaded(self, number: int) -> RouteView:
-        view = self.route.views[number]
-        image = view.image
-        return replace(view, load=lambda: image)
+        return self.route.views[number].loaded()
 
     def _verified(self, image: Image, current: CurrentView, number: int) -> Place | None:
         view = self._view(number)

@@ -1,16 +1,32 @@
 """Route: key views along a way that was driven once, with the path between them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.path import TaughtPath
 from visual_servo_epipolar.core.routes.structure import LocalStructure
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
+from visual_servo_epipolar.core.tracking.photographs.photographs import superfluous
+
+
+@dataclass(frozen=True, eq=False)
+class Appearance:
+    """
+    Appearance of a key view on one day: a photograph, and which features it shows.
+
+    ``load`` returns the image, uint8 of shape (H, W), which may lie on a disk; its n ``keypoints``
+    are the features ``rows``, (n,), of the structure.
+    """
+
+    load: Callable[[], Image]
+    keypoints: Keypoints
+    rows: IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +37,7 @@ class RouteView:
     ``load`` returns its image, uint8 of shape (H, W), which may lie on a disk; its ``keypoints``
     are the features of the ``structure``, row by row; ``path`` is the taught one around it.
     ``way`` [m] is where it was taken, ``pose``, (3,), where in axes of the first key view. At a
-    station the robot ends exactly.
+    station the robot ends exactly. ``renewed`` is how it looked on other days.
     """
 
     load: Callable[[], Image]
@@ -31,11 +47,62 @@ class RouteView:
     way: float
     pose: FloatArray
     is_station: bool = False
+    renewed: tuple[Appearance, ...] = ()
 
     @property
     def image(self) -> Image:
         """The photograph."""
         return self.load()
+
+    @property
+    def appearances(self) -> tuple[Appearance, ...]:
+        """The photograph with all of its features, and those of other days."""
+        first = Appearance(self.load, self.keypoints, np.arange(len(self.keypoints)))
+        return (first, *self.renewed)
+
+    def loaded(self) -> 'RouteView':
+        """Return the key view with its photographs in memory."""
+        first, *renewed = (replace(each, load=in_memory(each.load())) for each in self.appearances)
+        return replace(self, load=first.load, renewed=tuple(renewed))
+
+    def superfluous(
+        self, image: Image, pixels: FloatArray, rows: IntArray, most: int
+    ) -> int | None:
+        """
+        Return which photograph tells least of other light where ``image`` is one more.
+
+        It shows features ``rows``, (n,), at ``pixels``, (n, 2). The first photograph is number 0
+        and always stays, the new one is the last. None: all may stay, as there are no more than
+        ``most`` beside the first.
+        """
+        images = [
+            self._shifted(each.load(), each.keypoints.pixels, each.rows)
+            for each in self.appearances
+        ]
+        return superfluous([*images, self._shifted(image, pixels, rows)], most + 1)
+
+    def _shifted(self, image: Image, pixels: FloatArray, rows: IntArray) -> Image:
+        """Return an image moved to where the first shows its features: so that light differs."""
+        shift = np.rint(np.median(pixels - self.structure.pixels[rows], axis=0)).astype(int)
+        return np.roll(image, (-shift[1], -shift[0]), (0, 1))
+
+    def renewed_by(self, appearance: Appearance, most: int) -> 'RouteView':
+        """Return the key view with at most so many photographs beside its first one."""
+        pixels = appearance.keypoints.pixels
+        out = self.superfluous(appearance.load(), pixels, appearance.rows, most)
+        kept = [*self.renewed, appearance]
+        if out is not None:
+            del kept[out - 1]
+        return replace(self, renewed=tuple(kept))
+
+
+def in_memory(image: Image) -> Callable[[], Image]:
+    """Return what loads an ``image`` that is there already."""
+    return partial(_same, image)
+
+
+def _same(image: Image) -> Image:
+    return image
 
 
 @dataclass(frozen=True, eq=False)

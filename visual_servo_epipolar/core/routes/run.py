@@ -6,16 +6,26 @@ Node, replay and simulation call ``step``; the words of its phases are the servo
 ahead, then at its neighbours, then anywhere on the route, and then fails with a reason.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.bases.base import Base
 from visual_servo_epipolar.core.bases.registry import base_of
-from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.routes.following import COASTED, Follower, RouteProgress
+from visual_servo_epipolar.core.routes.following import (
+    COASTED,
+    Confirmation,
+    Follower,
+    LEAST_CONFIRMED,
+    RouteProgress,
+)
+from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
@@ -71,7 +81,8 @@ class RouteRun:
         self._finder = PlaceFinder(route)
         self._follower: Follower | None = None
         self._session: Session | None = None
-        self._tracker: Tracker | None = None
+        self._tracker = Tracker(TrackerSettings())
+        self._confirmed: dict[int, Confirmation] = {}
         self._searched, self._lost_ns, self.lap = 0, -1, 1
         self._newest_ns: int | None = None
         self._views = FrozenImageCheck()
@@ -138,6 +149,29 @@ class RouteRun:
         self.last = RouteStep(STANDSTILL, FAILED, reason)
         return self.last
 
+    @property
+    def confirmed(self) -> int:
+        """The number of key views that may be renewed."""
+        return len(self._confirmed)
+
+    def renewed(self) -> Route:
+        """
+        Return the route with photographs of today, after an arrival; it takes a while.
+
+        Those of key views that were confirmed on the way, and of the station, and only where none
+        of a key view's photographs is like them.
+        """
+        views = list(self.route.views)
+        for number, seen in self._confirmed.items() if self.last.phase == ARRIVED else ():
+            tracker, features = KeyViewTracker(views[number], self.route.camera), seen.features
+            if number == self.target:
+                tracker.locate(seen.image, np.zeros(3))
+                features = tracker.features
+            if len(features) >= LEAST_CONFIRMED:
+                appearance = tracker.appearance(seen.image, features)
+                views[number] = views[number].renewed_by(appearance, self.settings.renewals)
+        return Route(self.route.camera, tuple(views))
+
     def _localize(self, image: Image, stamp_ns: int) -> RouteStep:
         """Look for the robot on the route, every few images."""
         self._lost_ns = stamp_ns if self._lost_ns < 0 else self._lost_ns
@@ -189,7 +223,9 @@ class RouteRun:
             target=self.target,
             way=way,
             latency=self._servo.latency,
+            confirmed=self._confirmed,
         )
+        self._aim()
         return RouteStep(STANDSTILL, LOCALIZING, f'found after {way:.2f} m')
 
     def _follow(self, image: Image, stamp_ns: int, follower: Follower) -> RouteStep:
@@ -214,21 +250,27 @@ class RouteRun:
             return self._begin_at(way)
         return RouteStep(follower.twist, HOLDING, follower.reason, progress)
 
+    def _aim(self) -> None:
+        """Read the photographs of the station, while the robot stands: that takes a while."""
+        first, *others = self.route.views[self.target].appearances
+        self._tracker.set_desired(first.load())
+        for each in others:
+            with suppress(TrackingError):  # it serves a key view, but cannot be tied to the first
+                self._tracker.add_desired(each.load())
+
     def _begin_docking(self) -> None:
         """Leave the path to the servo, once."""
-        if self._session is not None:
-            return
-        self._tracker = Tracker(TrackerSettings())
-        self._tracker.set_desired(self.route.views[self.target].image)
-        self._session = Session(camera=self.route.camera, started=True)
+        if self._session is None:
+            self._session = Session(camera=self.route.camera, started=True)
 
     def _dock(self, image: Image, stamp_ns: int, session: Session) -> RouteStep:
         """Let the servo drive to the photograph of the station."""
-        assert self._tracker is not None
         features = self._tracker.track(image)
         seen = observe(features, self.route.camera, stamp_ns)
         session = session.decide(seen, self._servo, goal=features.goal).update_map()
         self._session, state = session, session.state
+        if state.phase is Phase.ARRIVED and self.settings.renewals:
+            self._confirmed[self.target] = Confirmation(0.0, image, features)
         if state.phase is Phase.ARRIVED and self.lap < self.settings.laps:
             return self._begin_lap(stamp_ns)
         twist = STANDSTILL if state.phase.ended else state.command.twist

@@ -60,6 +60,13 @@ class FollowSettings(Settings):
     station_distance: float = setting(
         0.3, 'Way before a station from which the servo drives [m]', low=0.0, high=2.0
     )
+    renewals: int = setting(
+        0,
+        'Photographs of other light that a key view keeps beside its first one, from repetitions '
+        'that arrived; 0 = none',
+        low=0,
+        high=10,
+    )
     lost_timeout: float = setting(
         10.0, 'Time to look for the route where it is lost [s]', low=0.1, high=600.0
     )

@@ -8,7 +8,6 @@ these views their depths are learnt, and in them the path is measured.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
 import math
 from typing import NamedTuple
 
@@ -22,7 +21,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.planar_poses import relative_pose
 from visual_servo_epipolar.core.routes.chain import chained
 from visual_servo_epipolar.core.routes.path import smooth_path
-from visual_servo_epipolar.core.routes.route import Route, RouteView
+from visual_servo_epipolar.core.routes.route import in_memory, Route, RouteView
 from visual_servo_epipolar.core.routes.settings import TeachSettings
 from visual_servo_epipolar.core.routes.structure import learn_structure, Localizer, SeenView
 from visual_servo_epipolar.core.stamps import seconds_between
@@ -239,7 +238,7 @@ def _learnt(
         np.array([frame.speed for frame in frames]),
     )
     view = RouteView(
-        partial(_same, pending.frame.image),
+        in_memory(pending.frame.image),
         pending.keypoints.take(rows),
         structure,
         path,
@@ -248,10 +247,6 @@ def _learnt(
         pending.is_station,
     )
     return view, located
-
-
-def _same(image: Image) -> Image:
-    return image
 
 
 def _views(pending: _Pending, camera: CameraModel) -> Iterator[SeenView]:

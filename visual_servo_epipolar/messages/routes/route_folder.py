@@ -1,16 +1,16 @@
 """
 Folder of a route: route.yaml, camera.yaml, structure.npz, and photographs 000000.png, ...
 
-Photographs of stations are PNG, to the last bit; others are JPEG, at a fraction of the size.
+Photographs of stations are PNG, to the last bit; others are JPEG, at a fraction of the size. Those
+of other days are beside the first one of their key view: 000000_1.png, ...
 
 It is written beside its place and renamed, so that it is there whole or not at all; photographs
 are read when they are needed.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields
-from functools import partial
+from dataclasses import dataclass, fields
 import hashlib
 import json
 from pathlib import Path
@@ -27,7 +27,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.path import TaughtPath
-from visual_servo_epipolar.core.routes.route import Route, RouteView
+from visual_servo_epipolar.core.routes.route import Appearance, Route, RouteView
 from visual_servo_epipolar.core.routes.structure import LocalStructure
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 from visual_servo_epipolar.messages import camera_file
@@ -36,6 +36,7 @@ from visual_servo_epipolar.messages.images import pictures
 VERSION = 1
 ROUTE, CAMERA, STRUCTURE = 'route.yaml', 'camera.yaml', 'structure.npz'
 ENCODING = {'.png': [cv2.IMWRITE_PNG_COMPRESSION, 6], '.jpg': [cv2.IMWRITE_JPEG_QUALITY, 90]}
+RENEWED = ('rows', 'pixels', 'sizes', 'angles', 'descriptors')
 AGAIN = 'copy the folder anew from where it is whole, or teach the route again'
 Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
@@ -93,10 +94,8 @@ def _replace(folder: Path, new: Path) -> None:
 
 def _write_files(route: Route, folder: Path) -> None:
     for number, view in enumerate(route.views):
-        name = _photograph(number, view)
-        kind = Path(name).suffix
-        _, encoded = cv2.imencode(kind, view.image, ENCODING[kind])
-        (folder / name).write_bytes(encoded.tobytes())
+        for name, appearance in zip(_photographs(number, view), view.appearances, strict=True):
+            _write_photograph(appearance.load, folder / name)
     with open(folder / STRUCTURE, 'wb') as file:
         np.savez_compressed(file, **_arrays(route.views))
     document = camera_file.to_document(route.camera)
@@ -104,10 +103,11 @@ def _write_files(route: Route, folder: Path) -> None:
     (folder / CAMERA).write_text(yaml.safe_dump(document), encoding='utf-8')
     views = [
         {
-            'photograph': _photograph(number, view),
+            'photograph': _photographs(number, view)[0],
             'way': round(view.way, 6),
             'pose': [round(value, 9) for value in view.pose.tolist()],
             'station': view.is_station,
+            **({'renewed': _photographs(number, view)[1:]} if view.renewed else {}),
         }
         for number, view in enumerate(route.views)
     ]
@@ -123,8 +123,20 @@ def calibration_hash(camera: CameraModel) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _photograph(number: int, view: RouteView) -> str:
-    return f'{number:06d}.{"png" if view.is_station else "jpg"}'
+def _photographs(number: int, view: RouteView) -> list[str]:
+    """Return the names of the photographs of a key view, its first one first."""
+    kind, count = 'png' if view.is_station else 'jpg', len(view.renewed)
+    return [f'{number:06d}{"" if k == 0 else f"_{k}"}.{kind}' for k in range(1 + count)]
+
+
+def _write_photograph(load: Callable[[], Image], path: Path) -> None:
+    """Write a photograph; one that lies on the disk already is copied, and loses nothing."""
+    stored = getattr(load, 'path', None)
+    if stored is not None and stored.suffix == path.suffix:
+        shutil.copyfile(stored, path)
+        return
+    _, encoded = cv2.imencode(path.suffix, load(), ENCODING[path.suffix])
+    path.write_bytes(encoded.tobytes())
 
 
 def _columns(view: RouteView) -> dict[str, Any]:
@@ -148,7 +160,24 @@ def _arrays(views: Sequence[RouteView]) -> dict[str, Any]:
     each = [_columns(view) for view in views]
     arrays = {name: np.concatenate([columns[name] for columns in each]) for name in each[0]}
     counts = {f'{name}_count': [len(it[name]) for it in each] for name in ('pixels', 'path')}
-    return arrays | {name: np.array(count) for name, count in counts.items()}
+    arrays |= {name: np.array(count) for name, count in counts.items()}
+    renewed = [appearance for view in views for appearance in view.renewed]
+    if renewed:
+        arrays['renewed_count'] = np.array([len(it.rows) for it in renewed])
+        for name in RENEWED:
+            arrays[f'renewed_{name}'] = np.concatenate([_renewed(it)[name] for it in renewed])
+    return arrays
+
+
+def _renewed(appearance: Appearance) -> dict[str, Any]:
+    keypoints = appearance.keypoints
+    return {
+        'rows': appearance.rows,
+        'pixels': keypoints.pixels,
+        'sizes': keypoints.sizes,
+        'angles': keypoints.angles,
+        'descriptors': keypoints.descriptors.astype(np.uint16),
+    }
 
 
 def read_route(folder: Path) -> Route:
@@ -165,26 +194,39 @@ def read_route(folder: Path) -> Route:
         names = [str(row['photograph']) for row in rows]
         poses = np.array([row['pose'] for row in rows], np.float64).reshape(len(rows), 3)
         ways, stations = [float(it['way']) for it in rows], [bool(it['station']) for it in rows]
-    except (KeyError, TypeError, ValueError) as error:
+        renewed = [[str(name) for name in row.get('renewed', ())] for row in rows]
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f'{folder / ROUTE} is cut off or damaged: {error!r}; {AGAIN}') from None
     if version != VERSION:
         raise InputError(
             f'{folder / ROUTE} is of version {version}, {VERSION} can be read; teach it anew'
         )
     camera = _camera(folder / CAMERA)
+    every = [*names, *(name for each in renewed for name in each)]
+    _refuse_missing(folder, every)
+    parts = _parts(folder / STRUCTURE, [len(each) for each in renewed])
+    loads = {
+        name: StoredPhotograph(folder / name, (camera.height, camera.width)) for name in every
+    }
+    try:
+        views = [
+            _key_view([loads[name] for name in (first, *others)], *row)
+            for first, others, *row in zip(
+                names, renewed, parts, ways, poses, stations, strict=True
+            )
+        ]
+        return Route(camera, tuple(views))
+    except (KeyError, IndexError, ValueError) as error:
+        raise InputError(f'{folder}: the route is damaged: {error}; {AGAIN}') from None
+
+
+def _refuse_missing(folder: Path, names: Sequence[str]) -> None:
     missing = [name for name in names if not (folder / name).is_file()]
     if missing:
         raise InputError(
             f'{folder}: {len(missing)} of {len(names)} photographs are missing, the first is '
             f'{missing[0]}; {AGAIN}'
         )
-    parts = _parts(folder / STRUCTURE, len(rows))
-    loads = [partial(_load, folder / name, (camera.height, camera.width)) for name in names]
-    try:
-        views = [_key_view(*row) for row in zip(loads, parts, ways, poses, stations, strict=True)]
-        return Route(camera, tuple(views))
-    except (KeyError, IndexError, ValueError) as error:
-        raise InputError(f'{folder}: the route is damaged: {error}; {AGAIN}') from None
 
 
 def _document(path: Path) -> Mapping[str, Any]:
@@ -214,18 +256,47 @@ def _camera(path: Path) -> CameraModel:
     return camera
 
 
-def _parts(path: Path, count: int) -> list[dict[str, Any]]:
-    """Return the arrays of each key view."""
+def _parts(path: Path, renewed: Sequence[int]) -> list[dict[str, Any]]:
+    """Return the arrays of each key view, which was ``renewed`` so many times."""
+    count = len(renewed)
     try:
         with open(path, 'rb') as opened, np.load(opened, allow_pickle=False) as file:
             arrays = dict(file)
+        looks = _renewed_parts(arrays, sum(renewed))
         features, samples = (np.cumsum(arrays.pop(f'{it}_count')) for it in ('pixels', 'path'))
         ends = {name: features for name in arrays} | {'path': samples}
         ends |= dict.fromkeys(('shared', 'tuning'), np.arange(1, count + 1))
         split = {name: np.split(array, ends[name][:-1]) for name, array in arrays.items()}
-        return [{name: parts[k] for name, parts in split.items()} for k in range(count)]
+        parts = [{name: parts[k] for name, parts in split.items()} for k in range(count)]
+        return [
+            part | {'renewed': [next(looks) for _ in range(times)]}
+            for part, times in zip(parts, renewed, strict=True)
+        ]
     except (OSError, BadZipFile, KeyError, IndexError, ValueError, EOFError) as error:
         raise InputError(f'{path} is missing, cut off or damaged: {error}; {AGAIN}') from None
+
+
+def _renewed_parts(arrays: dict[str, Any], count: int) -> Iterator[dict[str, Any]]:
+    """Take the arrays of photographs of other days out of ``arrays``; yield those of each."""
+    if not count:
+        return iter(())
+    ends = np.cumsum(arrays.pop('renewed_count'))
+    if len(ends) != count:
+        raise ValueError(f'{len(ends)} photographs of other days, {count} are named')
+    split = {name: np.split(arrays.pop(f'renewed_{name}'), ends[:-1]) for name in RENEWED}
+    return iter([{name: parts[k] for name, parts in split.items()} for k in range(count)])
+
+
+@dataclass(frozen=True, slots=True)
+class StoredPhotograph:
+    """A photograph of ``shape`` (H, W) on the disk, read when it is called."""
+
+    path: Path
+    shape: tuple[int, int]
+
+    def __call__(self) -> Image:
+        """Return the image; InputError with what is wrong with it."""
+        return _load(self.path, self.shape)
 
 
 def _load(path: Path, shape: tuple[int, int]) -> Image:
@@ -242,16 +313,15 @@ def _load(path: Path, shape: tuple[int, int]) -> Image:
 
 
 def _key_view(
-    load: Callable[[], Image], part: Mapping[str, Any], way: float, pose: Any, is_station: bool
+    loads: Sequence[StoredPhotograph],
+    part: Mapping[str, Any],
+    way: float,
+    pose: Any,
+    is_station: bool,
 ) -> RouteView:
     shared, path = part['shared'][0], part['path']
-    keypoints = Keypoints(
-        part['pixels'],
-        part['sizes'],
-        part['angles'],
-        part['descriptors'].astype(np.float32),
-        int(part['tuning'][0, 0]),
-    )
+    tuning = int(part['tuning'][0, 0])
+    keypoints = _keypoints(part, tuning)
     structure = LocalStructure(
         keypoints.pixels,
         part['offsets'].T,
@@ -263,4 +333,15 @@ def _key_view(
     if not all(np.isfinite(getattr(structure, item.name)).all() for item in fields(structure)):
         raise ValueError('a structure must be finite')
     taught = TaughtPath(path[:, 0], path[:, 1:4], path[:, 4], path[:, 5])
-    return RouteView(load, keypoints, structure, taught, way, pose, is_station)
+    renewed = tuple(
+        Appearance(load, _keypoints(look, tuning), look['rows'])
+        for load, look in zip(loads[1:], part['renewed'], strict=True)
+    )
+    if any(look.rows.max(initial=0) >= len(keypoints) for look in renewed):
+        raise ValueError('a photograph of another day has features that the key view has not')
+    return RouteView(loads[0], keypoints, structure, taught, way, pose, is_station, renewed)
+
+
+def _keypoints(part: Mapping[str, Any], tuning: int) -> Keypoints:
+    descriptors = part['descriptors'].astype(np.float32)
+    return Keypoints(part['pixels'], part['sizes'], part['angles'], descriptors, tuning)

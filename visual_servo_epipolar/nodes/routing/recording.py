@@ -1,9 +1,12 @@
-"""Recording of a way: images and metres in, a route out."""
+"""Recording of a way: images and metres in, a route out; and its renewal by later arrivals."""
 
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 from typing import TypeVar
+
+from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
@@ -11,8 +14,10 @@ from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.routes.route import Route
+from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.routes.settings import TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
+from visual_servo_epipolar.messages.routes.route_folder import write_route
 from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
 
 ResultT = TypeVar('ResultT')
@@ -115,3 +120,35 @@ class RouteRecording:
         if self.trouble:
             raise InputError(self.trouble)
         return result
+
+
+class RouteRenewal:
+    """Renewal of a route in its folder after an arrival, on a thread of its own."""
+
+    def __init__(self, logger: RcutilsLogger) -> None:
+        self._logger, self._thread = logger, ThreadPoolExecutor(1, 'route_renewal')
+        self._run: RouteRun | None = None
+        self._folder, self._writing = Path(), self._thread.submit(lambda: None)
+
+    def follow(self, run: RouteRun, folder: Path) -> None:
+        """Watch another run, whose route is in a ``folder``."""
+        self._run, self._folder = run, folder
+
+    def begin(self) -> None:
+        """Write what the run that is watched has confirmed, once it has arrived."""
+        run, self._run = self._run, None
+        if run is not None and run.settings.renewals:
+            self._writing = self._thread.submit(self._write, run, self._folder)
+
+    def wait(self) -> None:
+        """Wait until the folder is written."""
+        self._writing.result()
+
+    def _write(self, run: RouteRun, folder: Path) -> None:
+        try:
+            count = run.confirmed
+            if count:
+                write_route(run.renewed(), folder)
+                self._logger.info(f'{count} key views have photographs of today, in {folder}')
+        except VisualServoError as error:
+            self._logger.warning(f'no photographs of today are kept: {error}')

@@ -151,6 +151,7 @@ class RepeatLog:
     station: tuple[float, float] = (math.nan, math.nan)
     duration_s: float = 0.0
     length: float = 0.0  # that the robot drove [m]
+    route: Route | None = None  # with photographs of today, after an arrival that renewed it
 
     @property
     def is_wrong(self) -> bool:
@@ -222,10 +223,13 @@ def repeat(
         log.length += math.hypot(base.pose.x - pose.x, base.pose.y - pose.y)
     log.outcome, log.reason = (step.phase, step.reason) if run.ended else ('failed', 'out of time')
     log.duration_s = base.now_ns / NANOSECONDS
-    truth, pose = taught.stations[end], base.pose
     if log.outcome == ARRIVED:
-        log.station = (
-            math.hypot(pose.x - truth.x, pose.y - truth.y),
-            wrap_angle(pose.theta - truth.theta),
-        )
+        log.station = _apart(base.pose, taught.stations[end])
+        log.route = run.renewed() if settings.renewals else None
     return log
+
+
+def _apart(pose: Pose, truth: Pose) -> tuple[float, float]:
+    """Return how far a pose is from the true one [m], and its heading to the left [rad]."""
+    away = math.hypot(pose.x - truth.x, pose.y - truth.y)
+    return away, wrap_angle(pose.theta - truth.theta)
