@@ -51,9 +51,9 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
 
 def _disobeyed(state: ServoState) -> Event:
     """Return the event of a motion that contradicts the commands: hold, or end where it recurs."""
-    if not state.phase.drives:
-        return Event.NOTHING
-    return Event.DISOBEYED if state.check.is_final else Event.LOST
+    if state.check.is_final:
+        return Event.DISOBEYED
+    return Event.LOST if state.phase.drives else Event.NOTHING
 
 
 def nominal_twist(state: ServoState, settings: ServoSettings) -> Twist:
@@ -175,6 +175,8 @@ def _reason(
             f'at the end of attempt {state.run.attempts}'
         )
         return missed + _against_tolerances(measurement, settings)
+    if event is Event.DISOBEYED and state.check.head.slip:
+        return measurement.reason
     if event is Event.DISOBEYED:
         return f'{state.check.contradictions} times in this run: {measurement.reason}'
     if state.check.trouble:

@@ -10,6 +10,7 @@ import pytest
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.rigs.rig import HeadView, Joints
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.identification.physical import MOST_CURVATURE
 from visual_servo_epipolar.core.servo.motion.check import (
@@ -68,6 +69,79 @@ def troubles(
             found.append((time_s, check.trouble))
         sent = sent.after(seen.stamp_ns, twist(time_s))
     return found
+
+
+def slips(
+    encoder: Motion,
+    *,
+    turn: Motion = lambda time_s: 0.0,
+    pan: Motion = lambda time_s: 0.0,
+    twist: Twist = STILL,
+    noise: float = 0.0,
+    seconds: float = 4.0,
+) -> list[float]:
+    """
+    Return when a run with a head ends [s], of which ``encoder`` is what it is wrong by [rad].
+
+    The joint says that it is at ``pan`` [rad].
+    """
+    check, sent, scene, found = MotionCheck(), CommandsSent(), points(), []
+    rng = np.random.default_rng(5)
+    for frame in range(1, round(seconds / PERIOD_S)):
+        time_s = frame * PERIOD_S
+        wrong = noise * rng.standard_normal()
+        seen = view(time_s, turn(time_s) + encoder(time_s) + wrong, 0.0, scene, 1.0)
+        seen = replace(seen, head=HeadView(Joints(pan(time_s) + wrong), seen.edges))
+        check = check.updated(Evidence(seen, NOISE, 0.03), sent, SETTINGS, drives=True)
+        if check.trouble and check.is_final:
+            found.append(time_s)
+        sent = sent.after(seen.stamp_ns, twist)
+    return found
+
+
+@pytest.mark.parametrize('size', [-0.2, -0.05, 0.04, 0.1])
+@pytest.mark.parametrize('rate', [0.0, 0.3])
+def test_an_encoder_of_a_head_that_slips_ends_the_run(size: float, rate: float) -> None:
+    def slip(time_s: float) -> float:
+        return size if time_s > 2.05 else 0.0
+
+    size *= 1.0 + 2.0 * rate  # a turn may itself be larger than commanded
+    found = slips(slip, pan=slip, turn=late(rate, 0.0), twist=Twist(0.0, rate))
+    assert found[0] == pytest.approx(2.2)
+    assert len(found) == 18  # for good
+
+
+def test_an_encoder_that_slips_little_by_little_ends_the_run() -> None:
+    assert slips(lambda time_s: 0.1 * max(time_s - 1.0, 0.0))
+
+
+def test_a_motor_that_loses_steps_ends_the_run() -> None:
+    def counted(time_s: float) -> float:  # the joint is said to turn, and the camera stands
+        return 0.5 * min(max(time_s - 1.0, 0.0), 0.4)
+
+    assert slips(counted, pan=counted)
+
+
+@pytest.mark.parametrize('noise', [0.0005, 0.005, 0.01])
+def test_a_noisy_encoder_of_a_head_ends_no_run(noise: float) -> None:
+    assert not slips(lambda time_s: 0.0, noise=noise, seconds=40.0)
+
+
+def test_a_single_wrong_reading_of_a_head_ends_no_run() -> None:
+    assert not slips(lambda time_s: 0.08 if 2.05 < time_s < 2.15 else 0.0)
+
+
+@pytest.mark.parametrize('apart', [-0.03, 0.03])
+def test_stamps_of_a_head_that_are_apart_from_those_of_images_end_no_run(apart: float) -> None:
+    def pan(time_s: float) -> float:
+        return 1.5 * min(max(time_s - 1.0, 0.0), 0.5)
+
+    assert not slips(lambda time_s: pan(time_s + apart) - pan(time_s), pan=pan)
+
+
+def test_a_camera_that_no_head_turns_holds_where_it_is_pushed() -> None:
+    found = troubles(lambda time_s: STILL, lambda time_s: 0.2 if time_s > 2.05 else 0.0)
+    assert [round(time_s, 1) for time_s, _ in found] == [2.2]
 
 
 def late(rate: float, delay: float) -> Motion:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.motion.head_check import HeadCheck
 from visual_servo_epipolar.core.servo.motion.verdicts import (
     Asked,
     CommandWindow,
@@ -48,7 +49,8 @@ class MotionCheck:
     ``trouble`` says what contradicts the commands now, '' if nothing does: two views in a row, of
     which the first made it ``suspected``. ``troubled_ns`` is when something did last, None before,
     and ``contradictions`` how often it stopped the run.
-    ``asked`` is what was commanded while the view stood, until ``now_ns``.
+    ``asked`` is what was commanded while the view stood, until ``now_ns``; ``head``, the check of
+    a head's encoder.
     """
 
     reference: Reference | None = None
@@ -58,11 +60,12 @@ class MotionCheck:
     contradictions: int = 0
     asked: Asked = NOTHING
     now_ns: int = 0
+    head: HeadCheck = HeadCheck()
 
     @property
     def is_final(self) -> bool:
-        """Whether it has happened too often for the run to go on."""
-        return self.contradictions >= MOST_CONTRADICTIONS
+        """Whether it has happened too often for the run to go on, or nobody knows the heading."""
+        return bool(self.head.slip) or self.contradictions >= MOST_CONTRADICTIONS
 
     def disturbed(self, now_ns: int) -> bool:
         """Return whether something contradicts the commands, or did just now."""
@@ -82,10 +85,37 @@ class MotionCheck:
         self, evidence: Evidence, sent: CommandsSent, settings: ServoSettings, *, drives: bool
     ) -> 'MotionCheck':
         """Return the check after one more view, of a robot that ``drives`` or holds."""
-        observation, reference = evidence.observation, self.reference
+        observation = evidence.observation
         if observation.ids is None or len(observation) < settings.min_features:
             return self.restarted()  # a few may all be wrong
         here = Reference(observation.stamp_ns, observation.ids, observation.current)
+        after = self._since_reference(here, evidence, sent, settings, drives=drives)
+        if observation.joints is None:
+            return after
+        head = self.head.updated(
+            here,
+            observation.joints.pan,
+            sent,
+            ray_noise=evidence.noise,
+            latency=settings.latency,
+        )
+        if after.trouble and self.reference is not None:
+            head = head.since(self.reference, here, evidence.noise, sent)
+        if not head.slip:
+            return replace(after, head=head)
+        return replace(after, trouble=head.slip, troubled_ns=here.stamp_ns, head=head)
+
+    def _since_reference(
+        self,
+        here: Reference,
+        evidence: Evidence,
+        sent: CommandsSent,
+        settings: ServoSettings,
+        *,
+        drives: bool,
+    ) -> 'MotionCheck':
+        """Return the check of the base after one more view."""
+        reference = self.reference
         seen = reference and view_motion(reference, here, evidence.noise)
         if reference is None or seen is None:
             return replace(self.restarted(), reference=here, now_ns=here.stamp_ns)

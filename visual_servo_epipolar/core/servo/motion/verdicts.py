@@ -112,6 +112,11 @@ class CommandWindow(NamedTuple):
     sent: CommandsSent
 
     @property
+    def seconds(self) -> float:
+        """How long it lasts [s]."""
+        return seconds_between(self.begin_ns, self.end_ns)
+
+    @property
     def turns(self) -> FloatArray:
         """Turns commanded in it, less each of DELAYS: (N,) [rad]."""
         return self.sent.turns(self.begin_ns, self.end_ns, DELAYS)
@@ -151,15 +156,30 @@ def contradiction(
     )
 
 
-def _against(window: CommandWindow, seen: ViewMotion) -> str:
-    """Return how a turn contradicts all that was commanded; or ''."""
-    turns, ways = window.turns, window.ways
-    slack = LEAST_TURN + TURN_DEVIATIONS * seen.noise + TURN_OF_PARALLAX * seen.parallax
-    slack += MOST_CURVATURE * float(np.abs(ways).max())
+def unexplained_turn(window: CommandWindow, seen: ViewMotion) -> float:
+    """Return what commands and noise leave unexplained of a turn, signed [rad]."""
+    turns, slack = window.turns, TURN_DEVIATIONS * seen.noise
     low = MOST_TURN_RATIO * min(float(turns.min()), 0.0) - slack
     high = MOST_TURN_RATIO * max(float(turns.max()), 0.0) + slack
-    if low <= seen.turn <= high:
+    return beyond(seen.turn, low, high)
+
+
+def beyond(value: float, low: float, high: float) -> float:
+    """Return by how much a value is below ``low``, negative, or above ``high``."""
+    return min(value - low, 0.0) + max(value - high, 0.0)
+
+
+def turn_of_way(window: CommandWindow, seen: ViewMotion) -> float:
+    """Return the turn that a way makes, of unequal wheels or by its parallax [rad]."""
+    curved = MOST_CURVATURE * float(np.abs(window.ways).max())
+    return curved + TURN_OF_PARALLAX * seen.parallax
+
+
+def _against(window: CommandWindow, seen: ViewMotion) -> str:
+    """Return how a turn contradicts all that was commanded; or ''."""
+    if abs(unexplained_turn(window, seen)) <= LEAST_TURN + turn_of_way(window, seen):
         return ''
+    turns = window.turns
     soon = turns[DELAYS <= SOON_S]  # of one side: the other would have explained it
     ratios = -seen.turn / soon[np.abs(soon) > TOLD_TURN]
     if ((ratios > AGAINST[0]) & (ratios < AGAINST[1])).any():

@@ -137,5 +137,5 @@ FAULTS: Faults = {
         prepare=partial(on_a_head, limits=(0.05, 0.3)),
     ),
     'head_leaps': Fault('the encoder leaps by 0.3 to 1 rad', _turned(0.3, 1.0), on_a_head),
-    'head_slips': Fault('the encoder slips by 0.1 to 0.3 rad', _turned(0.1, 0.3), on_a_head),
+    'head_slips': Fault('the encoder slips by 0.07 to 0.3 rad', _turned(0.07, 0.3), on_a_head),
 }
