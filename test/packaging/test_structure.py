@@ -2,6 +2,7 @@
 
 import ast
 from collections import Counter
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -28,12 +29,21 @@ DOUBLE_NAMES = {'Gains', 'Scene'}
 
 @cache
 def nodes() -> list[tuple[str, ast.AST]]:
-    """Return everything in the package, with the file it is in."""
+    """Return all classes and functions of the package, with the file that each is in."""
     return [
         (str(path.relative_to(PACKAGE)), node)
         for path in sorted(PACKAGE.rglob('*.py'))
-        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+        for node in statements_of(ast.parse(path.read_text(encoding='utf-8')))
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef))
     ]
+
+
+def statements_of(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield the statements below ``node``: expressions, most of a tree, hold none."""
+    for name in ('body', 'orelse', 'finalbody', 'handlers', 'cases'):
+        for child in getattr(node, name, ()):
+            yield child
+            yield from statements_of(child)
 
 
 def lines_of(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:

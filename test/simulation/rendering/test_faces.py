@@ -2,6 +2,7 @@
 
 import math
 
+from durations import few_of
 import numpy as np
 import pytest
 
@@ -47,9 +48,9 @@ def centroid(image: np.ndarray, pixel: np.ndarray) -> np.ndarray:
     return np.array([u, v]) + np.array(shift) / patch.sum()
 
 
-@pytest.mark.parametrize('turn', TURNS.values(), ids=TURNS)
-def test_spots_are_imaged_where_the_lens_says(turn: tuple[float, float]) -> None:
-    heading, tilt = np.radians(turn)
+@pytest.mark.parametrize('turn', few_of([*TURNS], keep=(1, 4, 6, 7)))
+def test_spots_are_imaged_where_the_lens_says(turn: str) -> None:
+    heading, tilt = np.radians(TURNS[turn])
     image, points = dots()
     renderer = Renderer(Scene((wall(image),)), FixedRig(LENS, CameraMount(tilt=tilt)))
     pose = Pose(0.0, 0.0, math.pi / 2.0 + heading)
