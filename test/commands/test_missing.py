@@ -175,6 +175,7 @@ def test_what_is_missing_is_said_before_anything_runs(
     assert not list(folder.rglob('*.json*'))
 
 
+@pytest.mark.long
 def test_what_is_there_and_cannot_be_loaded_is_said_when_it_is_to_draw(folder: Path) -> None:
     pytest.importorskip('rclpy')
     broken = "raise ImportError('libfreetype.so: no such file')"

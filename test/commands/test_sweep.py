@@ -116,6 +116,7 @@ def test_a_sweep_arrives_and_tells(tmp_path: Path, capsys: Any) -> None:
         assert cv2.imread(str(out / name)).std() > 0.0
 
 
+@pytest.mark.long  # as in images
 def test_a_run_of_a_sweep_is_that_of_simulate(tmp_path: Path, capsys: Any, brief: str) -> None:
     world = ('--scenario', brief)
     document = swept(capsys, '--runs', '2', *world, '--out', str(tmp_path / 'out'))

@@ -80,6 +80,7 @@ def test_a_node_takes_it(environment: dict[str, str]) -> None:
     assert done.stdout.strip() == 'bounded', done.stderr
 
 
+@pytest.mark.long
 def test_an_estimator_of_ones_own_finds_the_goal(environment: dict[str, str]) -> None:
     start = ('simulate', '--start', '0.5', '-3', '5')
     result = run(environment, *start, '--estimator', 'linear_8pt')

@@ -94,6 +94,7 @@ with Draughtsman() as draughtsman:
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not THREADS.is_dir(), reason='nothing is forked here')
 def test_a_figure_that_a_copy_fails_to_draw_is_drawn_again(
     log: RunLog, there: Path, drawn_here

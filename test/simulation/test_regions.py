@@ -5,6 +5,7 @@ from dataclasses import replace
 import math
 from pathlib import Path
 
+from durations import few_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -46,7 +47,7 @@ def test_seed_and_index_alone_decide(region: str, seed: int, index: int, other: 
     assert start_in(region, seed + 1, index, Scenario()) != start
 
 
-@pytest.mark.parametrize('region', ['front', 'beside'])
+@pytest.mark.parametrize('region', few_of(['front', 'beside']))
 def test_a_box_is_filled_evenly(region: str) -> None:
     low, high = map(np.array, BOUNDS[region])
     starts = np.array([start_in(region, 0, index, Scenario()) for index in range(2000)])

@@ -111,6 +111,7 @@ def swept_here(folder: Path) -> dict[Any, Any]:
         return store.results
 
 
+@pytest.mark.long
 def test_a_local_cluster_gives_the_results_of_processes(tmp_path: Path) -> None:
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=2, processes=False, dashboard_address=':0'

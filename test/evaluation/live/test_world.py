@@ -260,6 +260,7 @@ def test_a_servo_that_obeys_an_old_order_is_condemned(
     assert any('moved after stop' in charge for charge in result['charges'])
 
 
+@pytest.mark.long
 def test_a_second_button_that_is_not_pressed_releases_nothing() -> None:
     result = driven('order_two_buttons', FAULTS['order_two_buttons'])
     assert (result['verdict'], result['phase']) == ('at rest', 'waiting'), result['charges']

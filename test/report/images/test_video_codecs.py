@@ -7,6 +7,7 @@ import sys
 
 from browser import ask_browser, needs_browser
 import cv2
+from durations import few_of
 import numpy as np
 import pytest
 
@@ -97,7 +98,7 @@ def test_the_index_stands_before_the_frames(log: RunLog, tmp_path: Path) -> None
 
 @needs_pyav
 @needs_browser
-@pytest.mark.parametrize('name', ['libx264', 'libvpx-vp9', 'mp4v'])
+@pytest.mark.parametrize('name', few_of(['libx264', 'libvpx-vp9', 'mp4v']))
 def test_a_browser_plays_what_is_said_to_play_there(
     log: RunLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
