@@ -20,6 +20,8 @@ OLDEST_STAMP := $(OLDEST)/.installed
 # 5 is pytest's code where PYTEST_ARGS leave nothing to run.
 WORKERS ?= auto
 PYTEST_ARGS ?=
+# What test does first; .ci/run leaves it out and lints beside the tests.
+LINT ?= lint
 WITH_ALONE = $(shell grep -rl --include='*.py' 'pytest.mark.alone' test)
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 define run_tests
@@ -47,7 +49,7 @@ $(STAMP): setup.py setup.cfg constraints.txt
 	@touch $@
 	@echo 'Ready: $(BIN)/visual_servo --help'
 
-test: lint ## lint, then the tests of ten minutes; PYTEST_ARGS='-x test/core' for some
+test: $(STAMP) $(LINT) ## lint, then the tests of ten minutes; PYTEST_ARGS='-x test/core' for some
 	$(call run_tests,$(BIN), and not long)
 
 test-long: $(STAMP) ## what test leaves out: closed loops of benchmarks, clusters, colcon
