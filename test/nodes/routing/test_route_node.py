@@ -111,6 +111,7 @@ def test_a_robot_whose_stamps_do_not_advance_stands(driving, back_ns: int) -> No
     driving.see(picture(9), driving.stamp_ns - back_ns)
     driving.bench.until(lambda: driving.stands, 'the order to stand')
     assert driving.node.phase == 'holding' and 'stamps' in driving.reason
+    assert ('~/cancel, then ~/repeat' in driving.reason) is (back_ns > 0)
 
 
 def test_a_robot_whose_camera_hangs_stands(driving) -> None:

@@ -44,6 +44,7 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 LOCALIZING, FOLLOWING = 'localizing', 'following'
 WAITING, HOLDING = Phase.WAITING.value, Phase.HOLDING.value
 ARRIVED, FAILED = Phase.ARRIVED.value, Phase.FAILED.value
+REMEDY = '~/cancel, then ~/repeat'
 SEARCH_FRAMES = 5  # images between two looks at the route
 NEIGHBOURS = 2  # key views on either side that are looked at first, for half of lost_timeout
 PASSED = 0.05  # way by which a key view counts as passed [m]
@@ -99,8 +100,8 @@ class RouteRun:
         self, arrival: Arrival, *, max_latency: float, still_timeout: float, withheld: str = ''
     ) -> str:
         """Return why no step is taken by an image, or ''; as ``Session.admit`` of the servo."""
-        trouble = refusal(arrival, max_latency) or disorder(self._newest_ns, arrival.stamp_ns)
-        trouble = trouble or withheld
+        trouble = refusal(arrival, max_latency)
+        trouble = trouble or disorder(self._newest_ns, arrival.stamp_ns, REMEDY) or withheld
         if trouble:
             return trouble
         self._views = self._views.after(arrival, drives=self.last.twist != STANDSTILL)

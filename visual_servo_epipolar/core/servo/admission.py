@@ -56,7 +56,7 @@ def refusal(arrival: Arrival, max_latency: float) -> str:
     )
 
 
-def disorder(newest_ns: int | None, stamp_ns: int) -> str:
+def disorder(newest_ns: int | None, stamp_ns: int, remedy: str = '~/stop, then ~/start') -> str:
     """Return that a stamp is not newer than the newest of the run, ``newest_ns``; or ''."""
     if newest_ns is None or stamp_ns > newest_ns:
         return ''
@@ -65,7 +65,7 @@ def disorder(newest_ns: int | None, stamp_ns: int) -> str:
         return NOT_ADVANCING
     return (
         f'the stamps went back by {back_s:.1f} s: a bag played in a loop, or a clock that was '
-        'set; ~/stop, then ~/start begins anew'
+        f'set; {remedy} begins anew'
     )
 
 
