@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.simulation.light.exposure import GAIN_STEP, WhiteBalance
 from visual_servo_epipolar.simulation.light.lights import LIGHTS
-from visual_servo_epipolar.simulation.light.white_balance import STEP, WhiteBalance
 
 WARM, WHITE = LIGHTS['lamp_right'].colour, LIGHTS['ceiling'].colour
 
@@ -35,5 +35,5 @@ def test_gains_follow_by_their_step_and_arrive() -> None:
         balance.take(WARM)
         reds.append(balance.colours[2] / balance.colours[1])
         balance.follow(WARM)
-    assert np.abs(np.diff(np.log(reds))).max() <= np.log(1.0 + STEP) + 1e-12
+    assert np.abs(np.diff(np.log(reds))).max() <= np.log(1.0 + GAIN_STEP) + 1e-12
     assert reds[-1] == pytest.approx(1.0)

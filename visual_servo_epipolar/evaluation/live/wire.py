@@ -1,18 +1,22 @@
 """The wire between real nodes: messages as events in simulated time, one after the other."""
 
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass, replace
 import heapq
 import itertools
 import traceback
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
+from rclpy.time import Time
 from rclpy.timer import Timer
 
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -144,7 +148,7 @@ class Wire:
         return envelopes
 
     def publish(self, publisher: Publisher, message: Any) -> None:
-        """Take what a node publishes; see ``hooks``."""
+        """Take what a node publishes; see ``hook_rclpy``."""
         topic = publisher.topic_name
         latched = publisher.qos_profile.durability is Latched
         if not (latched or self.publish_listeners[topic] or self._listeners(topic)):
@@ -159,7 +163,7 @@ class Wire:
                 self._latched[topic] = sent
 
     def log(self, node: str, severity: int, text: str) -> None:
-        """Take what a node logs; see ``hooks``."""
+        """Take what a node logs; see ``hook_rclpy``."""
         self.logs.append((self.now_ns, node, severity, text))
 
     def run_until(self, moment_ns: int) -> None:
@@ -236,3 +240,40 @@ class Wire:
         self._due[timer] = max(self._due[timer] + timer.timer_period_ns, self.now_ns + 1)
         node = next(node for node in self.nodes if timer in node.timers)
         self.call(node, timer.callback)
+
+
+@contextmanager
+def hook_rclpy(wire: Wire) -> Iterator[None]:
+    """
+    Let ``wire`` carry what nodes of this process publish and log, and tell them the time.
+
+    Entities of rclpy stay real: names, types and QoS are theirs. Classes are hooked, not objects,
+    so that what a node publishes in its constructor is carried as well, and what a managed
+    publisher withholds is not. A clock that follows /clock is left to rclpy.
+    """
+    real_now = Clock.now
+
+    def now(clock: Clock) -> Time:
+        if clock.clock_type is ClockType.STEADY_TIME:
+            return Time(nanoseconds=wire.now_ns, clock_type=clock.clock_type)
+        if getattr(clock, 'ros_time_is_active', False):
+            return real_now(clock)
+        return Time(nanoseconds=wire.wall_ns, clock_type=clock.clock_type)
+
+    def publish(publisher: Publisher, message: Any) -> None:
+        wire.publish(publisher, message)
+
+    def log(logger: RcutilsLogger, message: str, severity: int, **_: Any) -> bool:
+        wire.log(str(logger.name), int(severity), str(message))
+        return True
+
+    with ExitStack() as stack:
+        for kind, name, function in (
+            (Clock, 'now', now),
+            (Publisher, 'publish', publish),
+            (Publisher, 'wait_for_all_acked', lambda publisher, timeout=None: True),
+            (RcutilsLogger, 'log', log),
+        ):
+            stack.callback(setattr, kind, name, getattr(kind, name))
+            setattr(kind, name, function)
+        yield

@@ -13,8 +13,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.evaluation.live.breakable_base import BreakableUnicycleNode
-from visual_servo_epipolar.evaluation.live.hooks import hook_rclpy
-from visual_servo_epipolar.evaluation.live.wire import BEGIN_NS, Envelope, Wire
+from visual_servo_epipolar.evaluation.live.wire import BEGIN_NS, Envelope, hook_rclpy, Wire
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode

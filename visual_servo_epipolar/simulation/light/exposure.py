@@ -1,15 +1,14 @@
-"""Exposure: how bright a sensor takes an image, fixed or as it follows the light; and flicker."""
+"""How bright a sensor takes an image: exposure and white balance, fixed or following; flicker."""
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.simulation.light.lights import Light
 from visual_servo_epipolar.simulation.light.settings import LightSettings
-from visual_servo_epipolar.simulation.light.white_balance import WhiteBalance
 
 STOP = 12  # steps in which the exposure is set, a factor of two [1]
 LEAST = -6 * STOP  # the shortest exposure: 1/64 of the fixed one
@@ -17,6 +16,44 @@ HYSTERESIS = 2  # steps off the target at which the exposure begins to follow
 SPACING = 4  # of the pixels that are metered [px]
 WHITE = 255  # of a window: what is drawn so is GLARE times as bright, however short the exposure
 GLARE = 16.0
+
+Colour: TypeAlias = tuple[float, float, float]  # red, green, blue
+LUMA = np.array([0.299, 0.587, 0.114])  # share of red, green and blue in grey
+LARGEST_GAIN, GAIN_STEP = 2.5, 0.04  # of a colour over green, either way; its change an image
+
+
+class WhiteBalance:
+    """
+    Gains of red, green and blue, those of white light at first.
+
+    Where they follow, they make what is grey as red and as blue as green, by a step an image.
+    """
+
+    def __init__(self) -> None:
+        self._gains, self._taken = np.ones(3), np.ones(3)
+
+    @property
+    def colours(self) -> FloatArray:
+        """Blue, green and red of the image that was taken last, over its grey, shape (3,)."""
+        return np.asarray((self._taken / (LUMA @ self._taken))[::-1])
+
+    def take(self, colour: Colour) -> float:
+        """Return how bright the grey image is in which grey things have that ``colour``."""
+        self._taken = self._gains * np.array(colour)
+        return float(LUMA @ self._taken)
+
+    def settle(self, colour: Colour) -> None:
+        """Let the gains be those of that ``colour``, within their limits."""
+        light = np.array(colour)
+        self._gains = np.clip(light[1] / light, 1.0 / LARGEST_GAIN, LARGEST_GAIN)
+
+    def follow(self, colour: Colour) -> None:
+        """Move the gains towards those of that ``colour``, by a step."""
+        before = self._gains
+        self.settle(colour)
+        self._gains = before * np.clip(
+            self._gains / before, 1.0 / (1.0 + GAIN_STEP), 1.0 + GAIN_STEP
+        )
 
 
 class LitView(NamedTuple):
