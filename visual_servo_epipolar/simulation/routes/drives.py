@@ -27,7 +27,7 @@ from visual_servo_epipolar.simulation.run_monitor import period_ns
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 REST_FRAMES = 8  # after the last command, until the base stands
-WRONG_OFFSET, WRONG_STATION, WRONG_HEADING = 0.1, 0.02, math.radians(0.5)  # silently [m, rad]
+WRONG_OFFSET, WRONG_STATION, WRONG_HEADING = 0.05, 0.02, math.radians(0.5)  # silently [m, rad]
 LONGEST = 4.0  # times that a run may take, of driving at full speed
 SIZE, FOCAL = (640, 480), 385.0  # of the camera of routes [px]
 
