@@ -17,6 +17,7 @@ from visual_servo_epipolar.core.rigs.rig import (
     HeadCommand,
     HeadLimits,
     Joints,
+    Lean,
 )
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -41,7 +42,7 @@ class PanHead:
     def __init__(self, limits: HeadLimits) -> None:
         self.limits, self.photograph = limits, joints_at(-1)
 
-    def rays(self, rays: FloatArray, joints: Joints) -> FloatArray:
+    def rays(self, rays: FloatArray, joints: Joints, lean: Lean | None = None) -> FloatArray:
         cos, sin = math.cos(joints.pan), math.sin(joints.pan)
         return rays @ np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
 

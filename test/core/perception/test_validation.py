@@ -59,7 +59,9 @@ def quality_of(estimate: Estimate = GOOD, rays: np.ndarray = RAYS) -> FitQuality
 
 def reason(memory: PerceptionMemory = FRESH, rays: np.ndarray = RAYS, **changes: object) -> str:
     estimate = replace(GOOD, **changes)  # type: ignore[arg-type]
-    return rejection_reason(estimate, quality_of(estimate, rays), memory, SETTINGS)
+    return rejection_reason(
+        estimate, quality_of(estimate, rays), memory, SETTINGS, SETTINGS.floor_jitter
+    )
 
 
 def some(count: int) -> np.ndarray:
@@ -108,7 +110,9 @@ def test_of_few_matches_most_must_agree(count: int, doubted: bool) -> None:
     """Nine of twelve agreed on a geometry of mirrored images."""
     quality = quality_of()
     few = replace(GOOD, inliers=some(count)[:13])
-    said = rejection_reason(few, replace(quality, inliers=count), FRESH, SETTINGS)
+    said = rejection_reason(
+        few, replace(quality, inliers=count), FRESH, SETTINGS, SETTINGS.floor_jitter
+    )
     assert said.startswith(f'only {count} of 13 matches agree') == doubted
 
 

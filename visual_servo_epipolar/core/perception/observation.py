@@ -94,7 +94,7 @@ class Observation:
             pixel_angles=self.resolution,  # those of the camera, wherever it looks
             wide=True,  # seen from the base, features lie on any side
             passing=passing,
-            head=HeadView(joints, rig.reach(self.edges)),
+            head=HeadView(joints, rig.reach(self.edges), rig),
         )
 
     def corrected(self, lens: Lens) -> 'Observation':

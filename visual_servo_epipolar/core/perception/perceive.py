@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.geometry.epipolar import rotations_desired_curre
 from visual_servo_epipolar.core.geometry.lens import change, for_wrong_rays, spurious_parallax
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, RotationFit
 from visual_servo_epipolar.core.perception import measures
+from visual_servo_epipolar.core.perception.leaning_head import levelled
 from visual_servo_epipolar.core.perception.measurement import Measurement, UNBOUNDED
 from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -68,6 +69,7 @@ def perceive(
     if len(observation) < settings.min_features:
         return blank(observation, settings, memory)
     observation = observation.corrected(memory.lens)
+    observation = levelled(observation, memory.attitude, settings.mount)
     rotation = fit_rotation(observation.current, observation.desired)
     estimate = validated_estimate(observation, rotation, memory, settings, frame)
     better = change(estimate.memory.lens, memory.lens)
@@ -83,6 +85,7 @@ def blank(
 ) -> Perception:
     """Return what too few features tell two views: nothing."""
     observation = observation.corrected(memory.lens)
+    observation = levelled(observation, memory.attitude, settings.mount)
     reason = f'{len(observation)} features, {settings.min_features} needed'
     measurement = Measurement(
         observation.stamp_ns, len(observation), observation.focal, memory.noise, reason=reason

@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.estimators.registry import estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rotation import RotationFit
 from visual_servo_epipolar.core.geometry.small_baseline import fundamental_of_small_baseline
+from visual_servo_epipolar.core.perception.leaning_head import with_jitter
 from visual_servo_epipolar.core.perception.memory import (
     Lesson,
     PerceptionMemory,
@@ -67,7 +68,7 @@ def validated_estimate(
             observation.current,
             observation.desired,
             noise=memory.noise * observation.resolution,
-            prior=prior_of(memory, settings),
+            prior=prior_of(memory, settings, observation),
             seed=(settings.seed, frame),
         )
     except DegenerateGeometryError as error:
@@ -130,9 +131,12 @@ def noise_learnt(memory: PerceptionMemory) -> PerceptionMemory:
     return changed(memory, noise=_noise(now, memory.noise, still.first_noise), unlearnt=None)
 
 
-def prior_of(memory: PerceptionMemory, settings: PerceptionSettings) -> Prior:
-    """Return what an estimator may know beforehand."""
-    return Prior(memory.attitude, memory.bearings, settings.max_leap, memory.lens, settings.mount)
+def prior_of(
+    memory: PerceptionMemory, settings: PerceptionSettings, observation: Observation
+) -> Prior:
+    """Return what an estimator may know beforehand of an ``observation``."""
+    attitude = with_jitter(memory.attitude, observation)
+    return Prior(attitude, memory.bearings, settings.max_leap, memory.lens, settings.mount)
 
 
 def lesson_of(
@@ -144,7 +148,8 @@ def lesson_of(
     quality: FitQuality,
 ) -> Lesson:
     """Return what an estimate may add to the ``memory``, with the verdict of the gates."""
-    reason = rejection_reason(geometry, quality, memory, settings)
+    jitter = with_jitter(memory.attitude, observation).jitter
+    reason = rejection_reason(geometry, quality, memory, settings, jitter)
     if settings.calibrated:  # through an unknown lens a turn looks another
         reason = reason or turned_otherwise(geometry.bearings, rotation.heading_error)
     reason = reason or rolled_over(rotation.rotation)

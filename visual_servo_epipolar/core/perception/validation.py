@@ -146,8 +146,13 @@ def rejection_reason(
     quality: FitQuality,
     memory: PerceptionMemory,
     settings: PerceptionSettings,
+    jitter: float,
 ) -> str:
-    """Return why ``estimate`` does not pass the gates, in words; empty if it does."""
+    """
+    Return why ``estimate`` does not pass the gates, in words; empty if it does.
+
+    ``jitter`` is the deviation of tilt and roll between the views [rad].
+    """
     inliers, count = quality.inliers, len(estimate.inliers)
     by_chance = min(FEW_INLIERS, FEW_SHARE * count)
     if inliers < max(MIN_INLIERS, MIN_INLIER_SHARE * count, by_chance):
@@ -156,7 +161,7 @@ def rejection_reason(
         return f'the features are clustered within {math.degrees(quality.extent):.1f} deg'
     if estimate.confidence < settings.min_confidence:
         return f'the cheirality vote is undecided ({estimate.confidence:.3f})'
-    if estimate.jump > MAX_JUMP * settings.floor_jitter:
+    if estimate.jump > MAX_JUMP * jitter:
         return f'the camera tilted by {math.degrees(estimate.jump):.1f} deg between the views'
     if quality.deviation > settings.max_deviation:
         return f'the bearings are uncertain by {math.degrees(quality.deviation):.1f} deg'

@@ -7,7 +7,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.rigs.rig import AT_REST, Edges, Gaze, Joints
+from visual_servo_epipolar.core.rigs.rig import AT_REST, Edges, Gaze, Joints, Lean
 
 STEEPEST = math.radians(46.0)  # of an optical axis off the floor's plane
 MISSHAPEN = 1e-6  # largest element of R^T R - 1 of what is a rotation
@@ -21,7 +21,7 @@ class FixedMount:
     search_time: float = 0.0
     photograph: Joints = AT_REST
 
-    def rays(self, rays: FloatArray, joints: Joints) -> FloatArray:
+    def rays(self, rays: FloatArray, joints: Joints, lean: Lean | None = None) -> FloatArray:
         """Return ``rays`` as they are."""
         return rays
 

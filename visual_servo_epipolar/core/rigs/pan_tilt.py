@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, median, packed
-from visual_servo_epipolar.core.rigs.rig import Edges, Gaze, HeadCommand, HeadLimits, Joints
+from visual_servo_epipolar.core.rigs.rig import Edges, Gaze, HeadCommand, HeadLimits, Joints, Lean
 
 LEAST_SEEN = 6  # features whose shift tells where the others are
 SEARCH_SPEED = 0.6  # of that of the head, by which images are not blurred
@@ -45,12 +45,13 @@ class PanTiltHead:
     def _range(self) -> float:
         return self.limits.pan_max - self.limits.pan_min
 
-    def rays(self, rays: FloatArray, joints: Joints) -> FloatArray:
+    def rays(self, rays: FloatArray, joints: Joints, lean: Lean | None = None) -> FloatArray:
         """Return unit rays, (N, 3), of the virtual camera, which sits as this one does at zero."""
         if not any(joints):
             return rays
-        upright = _roll(self.limits.roll)
-        tilt, at_zero = _tilt(self.limits.tilt + joints.tilt), _tilt(self.limits.tilt)
+        lean = lean or Lean(self.limits.tilt, self.limits.roll)
+        upright, at_zero = _roll(lean.roll), _tilt(lean.tilt)
+        tilt = _tilt(lean.tilt + joints.tilt)
         turned = upright.T @ at_zero.T @ _pan(joints.pan) @ tilt @ upright
         return np.asarray(rays @ turned.T)
 

@@ -70,11 +70,19 @@ class Gaze(NamedTuple):
     lost: float = 0.0
 
 
+class Lean(NamedTuple):
+    """How a camera sits on its rig at joints of zero: ``tilt`` down, ``roll`` clockwise [rad]."""
+
+    tilt: float
+    roll: float
+
+
 class HeadView(NamedTuple):
-    """Angles of a head at an image, and the ``reach``: edges of all its views together [rad]."""
+    """Angles of a ``rig`` at an image, and the ``reach``: edges of all its views [rad]."""
 
     joints: Joints
     reach: Edges
+    rig: 'Rig'
 
 
 class Rig(Protocol):
@@ -95,8 +103,12 @@ class Rig(Protocol):
         """Angles of the joints at which the photograph was taken."""
         ...
 
-    def rays(self, rays: FloatArray, joints: Joints) -> FloatArray:
-        """Return unit rays, (N, 3), in axes of the rig, of those in axes of the camera."""
+    def rays(self, rays: FloatArray, joints: Joints, lean: Lean | None = None) -> FloatArray:
+        """
+        Return unit rays, (N, 3), in axes of the rig, of those in axes of the camera.
+
+        ``lean`` is that of the camera, None as it is configured.
+        """
         ...
 
     def edges(self, edges: Edges, joints: Joints) -> Edges:

@@ -10,7 +10,8 @@ import pytest
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.rigs.rig import HeadView, Joints
+from visual_servo_epipolar.core.rigs.pan_tilt import PanTiltHead
+from visual_servo_epipolar.core.rigs.rig import HeadLimits, HeadView, Joints
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.identification.physical import MOST_CURVATURE
 from visual_servo_epipolar.core.servo.motion.check import (
@@ -23,6 +24,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 SETTINGS = ServoSettings()
 PERIOD_S, NOISE = 0.1, 4e-4  # 0.3 px at 769 px
+HEAD = PanTiltHead(HeadLimits())
 STILL, TURN, AHEAD = STANDSTILL, Twist(0.0, 0.3), Twist(0.3, 0.0)
 Motion = Callable[[float], float]  # by the time since the beginning [s]
 
@@ -91,7 +93,7 @@ def slips(
         time_s = frame * PERIOD_S
         wrong = noise * rng.standard_normal()
         seen = view(time_s, turn(time_s) + encoder(time_s) + wrong, 0.0, scene, 1.0)
-        seen = replace(seen, head=HeadView(Joints(pan(time_s) + wrong), seen.edges))
+        seen = replace(seen, head=HeadView(Joints(pan(time_s) + wrong), seen.edges, HEAD))
         check = check.updated(Evidence(seen, NOISE, 0.03), sent, SETTINGS, drives=True)
         if check.trouble and check.is_final:
             found.append(time_s)

@@ -172,7 +172,7 @@ def _simplest_planar(
             observation.current,
             observation.desired,
             noise=fit.scale * observation.resolution,
-            prior=prior_of(fresh_memory(settings), settings),
+            prior=prior_of(fresh_memory(settings), settings, observation),
             seed=(settings.seed, 0),
         )
     except DegenerateGeometryError:
