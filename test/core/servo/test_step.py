@@ -17,6 +17,7 @@ from visual_servo_epipolar.core.laws.decisions import nominal_twist
 from visual_servo_epipolar.core.laws.law import DEPARTURES
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.conditions import displacement
+from visual_servo_epipolar.core.laws.timing import phase_timeout
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
@@ -261,7 +262,8 @@ def test_the_bare_laws_displace_a_current_epipole_that_is_zero(law: str) -> None
 def test_the_displaced_epipole_begins_the_first_step() -> None:
     state = after(measurement())
     there = math.atan(state.law.target)
-    assert after(measurement(0.1, current=there), state=state).phase is Phase.ZEROING_EPIPOLES
+    state = after(*(measurement(0.1 * k, current=there) for k in (1, 2, 3)), state=state)
+    assert state.phase is Phase.ZEROING_EPIPOLES  # once it stands
 
 
 @pytest.mark.parametrize(('law', 'sign'), [('full', -1.0), ('corrected', -1.0), ('paper', 1.0)])
@@ -551,11 +553,12 @@ def test_time_that_runs_backwards_does_not_change_d_hat() -> None:
 
 @pytest.mark.parametrize('phase', DRIVING)
 def test_a_phase_that_takes_too_long_fails_with_its_name(phase: Phase) -> None:
-    running = in_phase(phase, measurement=measurement(SETTINGS.phase_timeout - 0.1))
-    assert after(measurement(SETTINGS.phase_timeout), state=running).phase is not Phase.FAILED
-    state = after(measurement(SETTINGS.phase_timeout + 0.1), state=running)
+    most = phase_timeout(phase, SETTINGS)
+    running = in_phase(phase, measurement=measurement(most - 0.1))
+    assert after(measurement(most - 0.01), state=running).phase is not Phase.FAILED
+    state = after(measurement(most + 0.1), state=running)
     assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
-    assert state.reason == f'{phase.value} took longer than 120 s'
+    assert state.reason.startswith(f'{phase.value} took longer than ')
 
 
 @pytest.mark.parametrize('phase', PHASES)

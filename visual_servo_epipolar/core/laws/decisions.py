@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.laws.phases.bounds import FACING
 from visual_servo_epipolar.core.laws.phases.conditions import sees_too_little
 from visual_servo_epipolar.core.laws.phases.excursion import excursion_limit
 from visual_servo_epipolar.core.laws.prediction import predicted
-from visual_servo_epipolar.core.laws.timing import has_timed_out, usual_step
+from visual_servo_epipolar.core.laws.timing import has_timed_out, phase_timeout, usual_step
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.stamps import seconds_between
 
@@ -115,7 +115,9 @@ def switch_phase(
         time_in_tolerance=0.0,
         gains=state.law.gains if settings.derives else None,
         reason=_reason(state, measurement, event, settings),
-        restarts=0 if event is Event.MISSED else state.run.restarts + (event is Event.ESCAPED),
+        restarts=0
+        if event is Event.MISSED
+        else state.run.restarts + _gives_up(state.phase, event),
         attempts=state.run.attempts + (event is Event.MISSED),
         warning='',
     )
@@ -124,6 +126,12 @@ def switch_phase(
     except ValueError as error:
         state = switch_phase(state, measurement, Event.NO_GAIN, settings)
         return state.changed(reason=str(error))
+
+
+def _gives_up(phase: Phase, event: Event) -> bool:
+    """Return whether step 1 was given up: it begins anew, or the robot backs off."""
+    backs_off = phase is Phase.ZEROING_EPIPOLES and event is Event.SIDEWAYS
+    return backs_off or event is Event.ESCAPED
 
 
 def _waiting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
@@ -162,8 +170,7 @@ def _reason(
         lost = f'tracks lost or untrusted for {settings.holding_timeout:g} s'
         return f'{lost}: {state.reason}, {ago:.1f} s ago'
     if event is Event.TIMED_OUT:
-        because = f': {state.run.warning}' if state.run.warning else ''
-        return f'{name} took longer than {settings.phase_timeout:g} s{because}'
+        return f'{name} took longer than {_too_long(state, settings)}'
     if event is Event.EXCURSION:
         return excursion_limit(state, measurement, settings)
     if event is Event.DIVERGED:
@@ -186,6 +193,18 @@ def _reason(
     if event is Event.LOST:
         return measurement.reason or f'bearings not trusted in {name}'
     return str(event.value)
+
+
+def _too_long(state: ServoState, settings: ServoSettings) -> str:
+    """Return in words how long the phase may last, and why it lasts longer."""
+    most = phase_timeout(state.phase, settings)
+    because = f': {state.run.warning}' if state.run.warning else ''
+    if most < settings.phase_timeout:
+        because = (
+            ': the robot turns to and fro; check whether camera_info belongs to these images, and '
+            'latency to this base'
+        )
+    return f'{most:.3g} s{because}'
 
 
 def _against_tolerances(measurement: Measurement, settings: ServoSettings) -> str:

@@ -8,6 +8,7 @@ one usual period, and go on by the new clock.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.laws.phase import Phase
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from visual_servo_epipolar.core.servo.state import ServoState
 
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
+HALF_TURNS = 3.0  # at full speed, that no turn in place takes
 USUAL_STEP_S = 0.1  # between two images, where no others came before
 
 
@@ -68,5 +70,17 @@ def has_timed_out(state: ServoState, measurement: Measurement, settings: ServoSe
     holding = state.phase is Phase.HOLDING
     run_time = seconds_between(state.run.run_start_ns, measurement.stamp_ns)
     phase_time = seconds_between(state.run.phase_start_ns, measurement.stamp_ns)
-    timeout = settings.holding_timeout if holding else settings.phase_timeout
+    timeout = settings.holding_timeout if holding else phase_timeout(state.phase, settings)
     return run_time > settings.run_timeout or phase_time > timeout
+
+
+def phase_timeout(phase: Phase, settings: ServoSettings) -> float:
+    """
+    Return how long a ``phase`` may last [s]: a turn in place that brakes as long as some turns.
+
+    One that takes longer swings about its aim: it looks larger than it is.
+    """
+    if phase is not Phase.DISPLACING or not settings.options.speed_ramps:
+        return settings.phase_timeout
+    slowest = settings.max_speed_ratio * settings.max_angular
+    return min(settings.phase_timeout, HALF_TURNS * math.pi / slowest)

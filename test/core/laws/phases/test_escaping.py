@@ -9,8 +9,9 @@ from servo_states import behind, in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
-from visual_servo_epipolar.core.laws.decisions import classify
+from visual_servo_epipolar.core.laws.decisions import classify, switch_phase
 from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phases.bounds import hysteresis
 from visual_servo_epipolar.core.laws.phases.lines import offset_ratio
 from visual_servo_epipolar.core.laws.phases.zeroing_epipoles import escape_bound
 from visual_servo_epipolar.core.laws.two_steps import equations
@@ -66,6 +67,31 @@ def test_near_the_goal_less_is_taken_up() -> None:
     ]
     assert bounds == sorted(bounds)
     assert bounds[0] < 0.03 < bounds[-1] <= 0.1
+
+
+@pytest.mark.parametrize('event', [Event.ESCAPED, Event.SIDEWAYS])
+def test_each_time_step_1_is_given_up_it_is_held_on_to_more(event) -> None:
+    """One hysteresis for both steps: else noise leads to and fro, or a geometry told wrong."""
+    state = switch_phase(STATE, REMEMBERED, event, SETTINGS)
+    assert (state.run.restarts, hysteresis(state, SETTINGS)) == (1, 2.0)
+    again = STATE.changed(restarts=1)
+    near = replace(REMEMBERED, offset=(0.0, -0.1), deviation=0.01)
+    assert escape_bound(again, near, SETTINGS) == 2.0 * escape_bound(STATE, near, SETTINGS)
+    held = again.changed(latched=False, target=0.2)
+    away = replace(REMEMBERED, bearings=behind(0.01, -0.2))
+    assert classify(held.changed(restarts=0, measurement=away), SETTINGS) is Event.ESCAPED
+    assert classify(held.changed(measurement=away), SETTINGS) is Event.NOTHING
+
+
+def test_laws_that_never_back_off_give_up_as_ever() -> None:
+    assert hysteresis(STATE.changed(restarts=3), replace(SETTINGS, law='corrected')) == 1.0
+
+
+def test_who_has_no_room_for_the_spiral_backs_off_before_step_1_begins_anew() -> None:
+    away = replace(REMEMBERED, bearings=behind(0.3, 0.0), view_margins=(0.01, 0.01))
+    assert classify(STATE.changed(measurement=away), SETTINGS) is Event.SIDEWAYS
+    room = replace(away, view_margins=(0.5, 0.5))
+    assert classify(STATE.changed(measurement=room), SETTINGS) is Event.ESCAPED
 
 
 def test_a_leaning_camera_far_ahead_of_the_axle_does_not_lead_to_and_fro() -> None:

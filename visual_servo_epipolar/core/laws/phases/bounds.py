@@ -24,6 +24,7 @@ LEAST_OFFSET, LEAST_HEADING = 4e-5, 2e-5  # that a memory of views bothers about
 NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of who comes from behind
 PULSE_MISS = 0.15  # of a hop, by which stretched pulses miss: a base slips
 FACING = 6e-4  # heading error that two views leave; what a tolerance is less by, too [rad]
+MOST_HYSTERESIS = 4.0
 PATIENCE_S, PULSED_PATIENCE_S = 0.8, 4.0  # within the usual bounds, after which they are enough
 
 
@@ -55,6 +56,18 @@ def engage_bound(measurement: Measurement, settings: ServoSettings) -> float:
 def release_bound(measurement: Measurement, settings: ServoSettings) -> float:
     """Return the bearing of e_du [rad] beyond which it has left zero, and not by noise alone."""
     return max(settings.latch_release, RELEASE_DEVIATIONS * _deviation(measurement))
+
+
+def hysteresis(state: ServoState, settings: ServoSettings) -> float:
+    """
+    Return the factor by which step 1 is held on to: one for both steps.
+
+    It doubles each time step 1 was given up in this attempt, for a retreat or a new beginning:
+    what spoke against it may be noise, or a geometry that is told wrong.
+    """
+    if not settings.options.retreat:
+        return 1.0
+    return min(2.0**state.run.restarts, MOST_HYSTERESIS)
 
 
 def align_bound(measurement: Measurement, settings: ServoSettings) -> float:

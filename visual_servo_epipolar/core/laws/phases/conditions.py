@@ -32,9 +32,11 @@ def is_sideways(measurement: Measurement, settings: ServoSettings) -> bool:
     return _backs_off(measurement, settings, settings.least_spiral_ratio)
 
 
-def is_off_course(measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether step 1, once begun, is given up for a retreat: with a hysteresis."""
-    return _backs_off(measurement, settings, settings.least_spiral_ratio**2)
+def is_off_course(
+    measurement: Measurement, settings: ServoSettings, *, factor: float = 1.0
+) -> bool:
+    """Return whether step 1, once begun, is given up for a retreat: ``factor`` of hysteresis."""
+    return _backs_off(measurement, settings, settings.least_spiral_ratio ** (1.0 + factor))
 
 
 def _backs_off(measurement: Measurement, settings: ServoSettings, least_ratio: float) -> bool:
@@ -120,9 +122,9 @@ def has_turned(state: ServoState, measurement: Measurement) -> bool:
 
 
 def begun_step_1(measurement: Measurement, settings: ServoSettings, event: Event) -> Event:
-    """Return the ``event`` that begins step 1; but from too near a goal the robot backs off."""
-    near = not is_far_enough(measurement, settings)
-    return Event.SIDEWAYS if near and settings.options.retreat else event
+    """Return the ``event`` that begins step 1; where there is no room the robot backs off."""
+    room = is_far_enough(measurement, settings) and not is_sideways(measurement, settings)
+    return event if room or not settings.options.retreat else Event.SIDEWAYS
 
 
 def with_new_leg(state: ServoState, measurement: Measurement) -> ServoState:

@@ -15,7 +15,12 @@ from visual_servo_epipolar.core.laws.braking import braked_turn
 from visual_servo_epipolar.core.laws.law import epipole_controls
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.bounds import align_bound, engage_bound, release_bound
+from visual_servo_epipolar.core.laws.phases.bounds import (
+    align_bound,
+    engage_bound,
+    hysteresis,
+    release_bound,
+)
 from visual_servo_epipolar.core.laws.phases.conditions import (
     begun_step_1,
     is_off_course,
@@ -43,13 +48,15 @@ def _classify(state: ServoState, measurement: Measurement, settings: ServoSettin
     chi = measurement.bearings.chi
     if abs(chi) >= settings.divergence:
         return Event.DIVERGED
-    turned = state.yaw_learnt > YAW_FOR_NEW_START
-    if not state.law.latched and not turned and is_off_course(measurement, settings):
+    factor = hysteresis(state, settings)
+    turned = state.yaw_learnt > factor * YAW_FOR_NEW_START
+    off_course = is_off_course(measurement, settings, factor=factor)
+    if not state.law.latched and not turned and off_course:
         return Event.ALIGNED if leads_home(measurement, settings) else Event.SIDEWAYS
     if state.law.latched:
         escaped = abs(chi) > escape_bound(state, measurement, settings)
     else:
-        escaped = leads_away(measurement, settings)
+        escaped = leads_away(measurement, settings, factor=factor)
     if escaped or (turned and not _goes_on(state, measurement, settings)):
         return begun_step_1(measurement, settings, Event.ESCAPED)
     return Event.ALIGNED if state.settling.settled >= settings.align_frames else Event.NOTHING
@@ -74,7 +81,7 @@ def escape_bound(state: ServoState, measurement: Measurement, settings: ServoSet
     camera ahead of the axle swings aside while the robot turns: to begin anew would displace e_au
     by as much, and the camera would swing aside once more.
     """
-    bound = release_bound(measurement, settings)
+    bound = hysteresis(state, settings) * release_bound(measurement, settings)
     if not settings.options.line_following:
         return bound
     if measurement.offset is None:
@@ -86,7 +93,7 @@ def escape_bound(state: ServoState, measurement: Measurement, settings: ServoSet
     return max(bound, min(most / distance, LARGEST_ESCAPE))
 
 
-def leads_away(measurement: Measurement, settings: ServoSettings) -> bool:
+def leads_away(measurement: Measurement, settings: ServoSettings, *, factor: float = 1.0) -> bool:
     """
     Return whether both epipoles are on one side, from where step 1 drives away from the goal.
 
@@ -96,7 +103,7 @@ def leads_away(measurement: Measurement, settings: ServoSettings) -> bool:
     law, bearings = settings.options, measurement.bearings
     if bearings is None or not (law.discordant_turn and law.retreat):
         return False
-    known = abs(bearings.chi) > release_bound(measurement, settings)
+    known = abs(bearings.chi) > factor * release_bound(measurement, settings)
     return known and bearings.alpha * bearings.chi > 0.0
 
 
