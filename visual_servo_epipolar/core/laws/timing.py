@@ -83,4 +83,5 @@ def phase_timeout(phase: Phase, settings: ServoSettings) -> float:
     if phase is not Phase.DISPLACING or not settings.options.speed_ramps:
         return settings.phase_timeout
     slowest = settings.max_speed_ratio * settings.max_angular
-    return min(settings.phase_timeout, HALF_TURNS * math.pi / slowest)
+    half_turn = math.pi / slowest + slowest / settings.max_angular_acceleration
+    return min(settings.phase_timeout, HALF_TURNS * half_turn)
