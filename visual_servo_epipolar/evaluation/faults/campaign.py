@@ -8,6 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint
 from visual_servo_epipolar.evaluation.faults.catalogue import (
     base,
@@ -52,23 +53,30 @@ Result = dict[str, Any]
 
 
 class FaultRun(NamedTuple):
-    """A run: the name of its fault, and the seed that all else is drawn from."""
+    """A run: the name of its fault, the seed that all else is drawn from, and the law."""
 
     fault: str
     seed: int
+    law: str = ServoSettings.law
 
 
-def plan(names: Sequence[str], runs: int, seed: int) -> list[FaultRun]:
+def plan(
+    names: Sequence[str], runs: int, seed: int, law: str = ServoSettings.law
+) -> list[FaultRun]:
     """
     Return the runs of a campaign: each fault in turn, and again with the next seed.
 
-    Raises InputError for a fault that there is not.
+    Raises InputError for a fault or a law that there is not.
     """
+    try:
+        ServoSettings(law=law)
+    except ValueError as error:
+        raise InputError(str(error)) from None
     unknown = sorted(set(names) - set(NAMES))
     if unknown:
         raise InputError(f'unknown fault {", ".join(unknown)}; {hint(unknown, NAMES)}')
     chosen = list(dict.fromkeys(names)) or list(NAMES)
-    return [FaultRun(chosen[k % len(chosen)], seed + k // len(chosen)) for k in range(runs)]
+    return [FaultRun(chosen[k % len(chosen)], seed + k // len(chosen), law) for k in range(runs)]
 
 
 def drive(runs: Sequence[FaultRun], jobs: int, watch: Callable[[Result], None]) -> list[Result]:
@@ -116,7 +124,7 @@ def _driven(run: FaultRun) -> Result:
         return processes.run(run.fault, PROCESSES[run.fault], run.seed)
     from visual_servo_epipolar.evaluation.faults.run import run as simulated
 
-    return simulated(run.fault, FAULTS[run.fault], run.seed)
+    return simulated(run.fault, FAULTS[run.fault], run.seed, run.law)
 
 
 def document(results: Sequence[Result], seed: int) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from visual_servo_epipolar.commands.arguments import (
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.output import publish, write_whole
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.processes import cores
 
@@ -36,6 +37,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     words = {
         '--only NAME,...': 'inject these faults only; simulated or processes stands for all of '
         'that kind',
+        '--law LAW': 'law of the simulated runs (default full; those with a head have smooth)',
         '--table FILE': 'write the table to FILE as well',
     }
     add_words(parser, words)
@@ -53,7 +55,12 @@ def faults(options: argparse.Namespace) -> int:
         print('\n'.join(f'{name:<28} {what}' for name, what in campaign.WORDS.items()))
         return 0
     names = _names(options.only)
-    runs = campaign.plan(names, options.runs or len(names or campaign.NAMES), options.seed)
+    runs = campaign.plan(
+        names,
+        options.runs or len(names or campaign.NAMES),
+        options.seed,
+        options.law or ServoSettings.law,
+    )
     with closing(Progress()) as progress:
         progress.say('starting workers ...')
         ended: list[Mapping[str, Any]] = []

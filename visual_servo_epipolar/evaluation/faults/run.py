@@ -8,10 +8,16 @@ import zlib
 import cv2
 import numpy as np
 
+from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.laws.registry import phase_named
-from visual_servo_epipolar.core.laws.smooth.phases import APPROACHING as ONE_MOTION
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import EVERYWHERE, Fault, StruckRun
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
+    ALWAYS,
+    EVERYWHERE,
+    Fault,
+    StruckRun,
+)
 from visual_servo_epipolar.evaluation.faults.judging.judge import judge_run
 from visual_servo_epipolar.evaluation.faults.judging.record import moving, SafetyBounds
 from visual_servo_epipolar.evaluation.faults.judging.witness import BASE, SERVO, Witness
@@ -102,16 +108,18 @@ SLACK_S = 0.15  # watchdog, messages and ticks of the base
 BESIDE = 0.25  # part of the starts from which the robot turns and backs off first
 NO_TIMEOUT = 0.5  # part of the bases that do not stop by themselves
 LONGEST_DELAY_S = 3.0  # into a phase
-WHOLE_WAY_S = 5.5  # delay into one motion, which lasts 6 to 8 s from these starts
+WHOLE_WAY_S = 5.5  # into a phase of another law: one motion lasts 6 to 8 s from these starts
+ASIDE = (Phase.ORIENTING, Phase.RETREATING)
+COMMON = {*ALWAYS, *ASIDE}
 
 
-def run(name: str, fault: Fault, seed: int) -> dict[str, Any]:
-    """Drive with a fault, and return what became of it as a JSON object."""
+def run(name: str, fault: Fault, seed: int, law: str = ServoSettings.law) -> dict[str, Any]:
+    """Drive by a law with a fault, and return what became of it as a JSON object."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng((seed, zlib.crc32(name.encode())))
     beside = bool(rng.random() < BESIDE)
-    settings = fault.prepare(_world(seed, rng, beside=beside), rng)
-    moment = _moment(fault, rng, beside=beside)
+    settings = fault.prepare(_world(seed, rng, law, beside=beside), rng)
+    moment = strike_time(fault, settings.servo, rng, beside=beside)
     if not fault.base_alone and bool(rng.random() < NO_TIMEOUT):
         settings = replace(settings, base=replace(settings.base, command_timeout=0.0))
     with World(settings) as world:
@@ -122,6 +130,7 @@ def run(name: str, fault: Fault, seed: int) -> dict[str, Any]:
         drive.scene.witness.record,
         fault=name,
         seed=seed,
+        law=settings.servo.law,
         start=list(settings.start),
         base_stops_by_itself=settings.base.command_timeout > 0.0,
         moment={'phase': moment.phase.value, 'delay_s': moment.delay_s},
@@ -132,20 +141,34 @@ def run(name: str, fault: Fault, seed: int) -> dict[str, Any]:
     )
 
 
-def _world(seed: int, rng: np.random.Generator, *, beside: bool) -> WorldSettings:
+def _world(seed: int, rng: np.random.Generator, law: str, *, beside: bool) -> WorldSettings:
     x, y, heading = rng.uniform(-1.0, 1.0, 3)
     spot = (0.5 * x, -0.2 + 0.3 * y) if beside else (0.3 * x, -1.3 + 0.3 * y)
     start = float(spot[0]), float(spot[1]), float(6.0 * heading)
-    return WorldSettings(start=start, seed=seed, camera=small_camera(seed))
+    world = WorldSettings(start=start, seed=seed, camera=small_camera(seed))
+    return replace(world, servo=replace(world.servo, law=law))
 
 
-def _moment(fault: Fault, rng: np.random.Generator, *, beside: bool) -> StrikeTime:
-    phases = fault.phases
+def strike_time(
+    fault: Fault, servo: ServoSettings, rng: np.random.Generator, *, beside: bool
+) -> StrikeTime:
+    """Return when a fault strikes a run of ``servo``: in a phase that its law has."""
+    phases, rows = fault.phases, servo.machine.rows
     if beside and set(EVERYWHERE) <= set(phases):
-        phases = (*phases, Phase.ORIENTING, Phase.RETREATING)
+        phases = (*phases, *ASIDE)
+    if not rows.keys() >= set(EVERYWHERE):  # then it drives in phases of its own
+        own = [phase for phase in rows if phase.drives and phase not in COMMON]
+        phases = tuple(dict.fromkeys(p for each in phases for p in _instead(each, rows, own)))
     phase = phases[int(rng.integers(len(phases)))]
-    longest_s = WHOLE_WAY_S if phase is ONE_MOTION.phase else LONGEST_DELAY_S
+    longest_s = LONGEST_DELAY_S if phase in COMMON else WHOLE_WAY_S
     return StrikeTime(phase, float(rng.uniform(0.0, longest_s)))
+
+
+def _instead(phase: Phase, rows: Mapping[Phase, PhaseRow], own: list[Phase]) -> list[Phase]:
+    """Return the phases of a law with its ``own`` that stand for one of the paper's steps."""
+    if phase in EVERYWHERE:
+        return own
+    return [phase] if phase in rows else []
 
 
 def _bounds(world: World) -> SafetyBounds:

@@ -9,16 +9,13 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.smooth.phases import APPROACHING as ONE_MOTION
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.judging.witness import Witness
 from visual_servo_epipolar.evaluation.live.wire import Envelope, Filter
 from visual_servo_epipolar.evaluation.live.world import World, WorldSettings
 
-# Phases of the default law that nearly every run goes through, where the robot moves.
-STEPS = (Phase.DISPLACING, Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)
-EVERYWHERE = (ONE_MOTION.phase,) if ONE_MOTION.phase in ServoSettings().machine.rows else STEPS
+# Phases that nearly every run goes through, where the robot moves; a law without them has its own.
+EVERYWHERE = (Phase.DISPLACING, Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)
 AT_FIRST = (Phase.WAITING,)
 ALWAYS = (Phase.WAITING, *EVERYWHERE, Phase.ARRIVED)
 

@@ -1,0 +1,34 @@
+"""When a fault strikes: in phases that the law of the run has."""
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.evaluation.faults.campaign import FAULTS, plan
+from visual_servo_epipolar.evaluation.faults.run import strike_time
+
+
+def phases(fault: str, law: str, *, beside: bool = False) -> set[Phase]:
+    rng, servo = np.random.default_rng(4), ServoSettings(law=law)
+    times = [strike_time(FAULTS[fault], servo, rng, beside=beside) for _ in range(40)]
+    return {time.phase for time in times}
+
+
+@pytest.mark.parametrize('law', ['full', 'smooth'])
+@pytest.mark.parametrize('beside', [False, True])
+def test_a_fault_strikes_in_phases_that_the_law_has(law: str, beside: bool) -> None:
+    rows = ServoSettings(law=law).machine.rows
+    for fault in FAULTS:
+        assert phases(fault, law, beside=beside) <= set(rows)
+
+
+def test_a_law_of_one_motion_is_struck_on_its_way() -> None:
+    driving = {phase.value for phase in phases('images_end', 'smooth') if phase.drives}
+    assert driving == {'approaching'}
+
+
+def test_a_law_that_there_is_not_is_refused_before_any_run() -> None:
+    with pytest.raises(InputError, match='law must be one of'):
+        plan(['none'], 1, 0, 'smoth')
