@@ -38,6 +38,7 @@ def test_at_a_reading_it_is_that_to_the_last_bit() -> None:
         ((1000, 1020), 1200, 'older than the image'),
         ((1000, 1020), 900, 'begin 0.10 s after the image'),
         ((1000, 1300), 1150, 'silent for 0.30 s'),
+        (tuple(range(1000, 1620, 20)), 1050, '0.55 s newer than the image'),
     ],
 )
 def test_what_is_not_known_is_told(stamps: tuple[int, ...], image: int, words: str) -> None:

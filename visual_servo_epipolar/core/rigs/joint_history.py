@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 KEPT_S = 3.0  # no image is older
 LONGEST_GAP_S = 0.25  # between two readings, over which angles are interpolated
 AHEAD_S = 0.1  # by which an image may be newer than the last reading: joints go on as they did
+BEHIND_S = 0.5  # by which it may be older: later it is of no use, or the clocks are apart
 FASTER = 2.0  # than the head can turn: what is faster is a leap, or another head
 SLACK = 0.03  # of a reading [rad]
 
@@ -88,6 +89,11 @@ class JointHistory:
             return (
                 f'joint angles are {late:.2f} s older than the image, at most {AHEAD_S:g} s can '
                 'be; look at the rate of the head, and at the clocks of head and camera'
+            )
+        if late < -BEHIND_S:
+            return (
+                f'joint angles are {-late:.2f} s newer than the image, at most {BEHIND_S:g} s can '
+                'be; look at the clocks of head and camera, and at how late images come'
             )
         if stamp_ns < self._stamps[0]:
             early = seconds_between(stamp_ns, self._stamps[0])
