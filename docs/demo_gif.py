@@ -1,0 +1,38 @@
+"""Makes demo.gif of the video of a demo: `python demo_gif.py demo_out/video.mp4 [TARGET.gif]`."""
+
+from pathlib import Path
+import sys
+
+import cv2
+import numpy as np
+from PIL import Image
+
+WIDTH, FRAMES, FRAME_MS, LAST_MS = 560, 26, 250, 2500
+COLOURS = 64
+
+
+def frames(video: Path) -> list[Image.Image]:
+    """Return so many frames of a video, from the first to the last, made smaller."""
+    capture = cv2.VideoCapture(str(video))
+    count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    wanted = set(np.linspace(0, count - 1, FRAMES).round().astype(int).tolist())
+    found = []
+    for number in range(count):
+        ok, image = capture.read()
+        if ok and number in wanted:
+            height = round(image.shape[0] * WIDTH / image.shape[1])
+            small = cv2.resize(image, (WIDTH, height), interpolation=cv2.INTER_AREA)
+            found.append(Image.fromarray(cv2.cvtColor(small, cv2.COLOR_BGR2RGB)))
+    return found
+
+
+def main() -> None:
+    """Write the moving picture."""
+    target = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).with_name('demo.gif')
+    first, *others = (image.quantize(COLOURS) for image in frames(Path(sys.argv[1])))
+    times = [FRAME_MS] * len(others) + [LAST_MS]
+    first.save(target, save_all=True, append_images=others, duration=times, loop=0, optimize=True)
+
+
+if __name__ == '__main__':
+    main()
