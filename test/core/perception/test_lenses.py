@@ -5,15 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.core.cameras.dual_fisheye import LAYOUTS
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.cameras.registry import camera_of_size
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.perception.measures import (
     difference_deviation,
     feature_difference,
     usual_difference,
 )
-from visual_servo_epipolar.core.perception.observation import observe, observe_each
+from visual_servo_epipolar.core.perception.observation import observe, observe_each, OTHER_LENS
 from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
@@ -113,3 +115,17 @@ def test_the_stated_deviation_of_d_is_what_noise_makes() -> None:
         values.append(float(usual_difference(*both, True)))
     stated = float(difference_deviation(desired, desired, 1e-3, True))
     assert float(np.std(values)) == pytest.approx(stated, rel=0.1)
+
+
+@pytest.mark.parametrize('name', LAYOUTS)
+def test_a_feature_that_another_lens_sees_than_in_the_photograph_is_uncertain(name: str) -> None:
+    camera = camera_of_size(name, (640, 320))
+    ahead = normalised(np.random.default_rng(4).uniform([-1, -1, 0.5], 1.0, (12, 3)))
+    behind = ahead * [-1.0, 1.0, -1.0]
+    current, desired = np.concatenate([ahead, ahead]), np.concatenate([ahead, behind])
+    numbers = np.arange(24)
+    pixels = camera.pixels(current), camera.pixels(desired)
+    seen = observe(Features(numbers, *pixels, numbers, np.zeros(24)), camera, 7)
+    same, other = seen.resolution[:12], seen.resolution[12:]
+    np.testing.assert_allclose(other, OTHER_LENS * same)
+    np.testing.assert_allclose(same[:, 0], camera.resolution(ahead))

@@ -72,15 +72,15 @@ class DualFisheye(Equidistant):
     def _layout(self) -> Layout:
         return LAYOUTS[self.distortion_model]
 
-    def _back(self, pixels: FloatArray) -> BoolArray:
-        """Return which ``pixels``, shape (N, 2), are of the lens that looks back."""
+    def looks_back(self, pixels: FloatArray) -> BoolArray:
+        """See ``TwoLenses``."""
         is_right = pixels[:, 0] > self.height - 0.5
         return np.asarray(is_right != self._layout.ahead_right)
 
     def rays(self, pixels: FloatArray) -> FloatArray:
         """Return unit rays, (N, 3), of ``pixels``, (N, 2), nan beyond ``reach``."""
         pixels = as_points(pixels, 'pixels')
-        back = self._back(pixels)
+        back = self.looks_back(pixels)
         rays = Equidistant.rays(self, self._upright(pixels, back))
         rays[back] *= BACK
         return rays
@@ -93,7 +93,7 @@ class DualFisheye(Equidistant):
 
     def round_trips(self, pixels: FloatArray, rays: FloatArray) -> BoolArray:
         """Return which ``pixels``, shape (N, 2), come back from their ``rays``, (N, 3): (N,)."""
-        back = self._back(pixels)
+        back = self.looks_back(pixels)
         turned = np.where(back[:, None], rays * BACK, rays)
         error = self._in_place(Equidistant.pixels(self, turned), back) - pixels
         return np.asarray(np.hypot(error[:, 0], error[:, 1]) <= ROUND_TRIP_PX)

@@ -8,12 +8,16 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.model import CameraModel, changes_lens
 from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 from visual_servo_epipolar.core.rigs.rig import HeadView, Joints, Rig
 from visual_servo_epipolar.core.tracking.features import Features, Passing
+
+# Of the angle of a pixel, where another lens sees a feature than in the photograph: its centre is
+# elsewhere, by what nobody tells.
+OTHER_LENS = 8.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,18 +151,20 @@ def observe_each(
     if not usable.all():
         whole = _in_both_views(usable, counts)
         kept = [int(part.sum()) for part in np.split(whole, np.cumsum(counts)[:-1])]
-        rays, ids = rays[_for_both_views(whole, counts)], ids[whole]
+        both = _for_both_views(whole, counts)
+        rays, pixels, ids = rays[both], pixels[both], ids[whole]
     rays = _frozen(rays)
-    resolution = _frozen(camera.resolution(rays))
+    resolution = camera.resolution(rays)
     observations, first = [], 0
     passing = [passing_rays(view.passing, camera) for view in features]
     columns = zip(counts, kept, stamps_ns, passing, strict=True)
     for count, left, stamp_ns, others in columns:
-        both = slice(first, first + 2 * left)
+        view = slice(first, first + 2 * left)
         observations.append(
             _observation(
-                rays[both],
-                resolution[both],
+                rays[view],
+                pixels[view],
+                resolution[view],
                 camera,
                 stamp_ns,
                 dropped=count - left,
@@ -166,7 +172,7 @@ def observe_each(
                 passing=others,
             )
         )
-        first = both.stop
+        first = view.stop
     return observations
 
 
@@ -198,6 +204,7 @@ def _for_both_views(whole: BoolArray, counts: Sequence[int]) -> BoolArray:
 
 def _observation(
     rays: FloatArray,
+    pixels: FloatArray,
     resolution: FloatArray,
     camera: CameraModel,
     stamp_ns: int,
@@ -206,6 +213,7 @@ def _observation(
     """Return the observation of as many current rays as desired ones, one after the other."""
     count = len(rays) // 2
     angles = resolution.reshape(2, count).T.copy()
+    angles[changes_lens(camera, pixels[:count], pixels[count:])] *= OTHER_LENS
     return Observation(
         stamp_ns,
         rays[:count],
