@@ -74,6 +74,14 @@ def test_a_car_far_off_its_heading_drives_on_in_any_view(margins, heading: float
     assert back_off(ServoState(), beside, CAR).linear == -CAR.retreat_speed
 
 
+@pytest.mark.parametrize('aside', [-0.05, 0.0, 0.05])
+def test_behind_its_goal_a_wide_view_backs_off_straight(aside: float) -> None:
+    """Around the goal there is no way from here, to either side: it would turn to and fro."""
+    behind = sight(offset=(aside, -0.6), heading_error=0.0, view_margins=HEAD)
+    twist = back_off(ServoState(), behind, FREE)
+    assert twist.linear < -0.1 and abs(twist.angular) < 0.05
+
+
 def test_a_turn_goes_the_long_way_where_the_short_one_leads_out_of_view() -> None:
     margins = 0.2, 4.2  # turned left as far as it sees
     held = visible_aim(-2.0, 1.5, margins)
