@@ -60,14 +60,13 @@ class FaultRun(NamedTuple):
     law: str = ServoSettings.law
 
 
-def plan(
-    names: Sequence[str], runs: int, seed: int, law: str = ServoSettings.law
-) -> list[FaultRun]:
+def plan(names: Sequence[str], runs: int, seed: int, law: str = '') -> list[FaultRun]:
     """
     Return the runs of a campaign: each fault in turn, and again with the next seed.
 
-    Raises InputError for a fault or a law that there is not.
+    Without a ``law`` it is the default. Raises InputError for a fault or law that there is not.
     """
+    law = law or ServoSettings.law
     try:
         ServoSettings(law=law)
     except ValueError as error:

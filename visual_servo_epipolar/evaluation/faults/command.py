@@ -17,7 +17,6 @@ from visual_servo_epipolar.commands.arguments import (
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.output import publish, write_whole
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.processes import cores
 
@@ -55,12 +54,8 @@ def faults(options: argparse.Namespace) -> int:
         print('\n'.join(f'{name:<28} {what}' for name, what in campaign.WORDS.items()))
         return 0
     names = _names(options.only)
-    runs = campaign.plan(
-        names,
-        options.runs or len(names or campaign.NAMES),
-        options.seed,
-        options.law or ServoSettings.law,
-    )
+    number = options.runs or len(names or campaign.NAMES)
+    runs = campaign.plan(names, number, options.seed, options.law or '')
     with closing(Progress()) as progress:
         progress.say('starting workers ...')
         ended: list[Mapping[str, Any]] = []

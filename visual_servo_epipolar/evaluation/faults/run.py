@@ -118,7 +118,8 @@ def run(name: str, fault: Fault, seed: int, law: str = ServoSettings.law) -> dic
     cv2.setNumThreads(1)
     rng = np.random.default_rng((seed, zlib.crc32(name.encode())))
     beside = bool(rng.random() < BESIDE)
-    settings = fault.prepare(_world(seed, rng, law, beside=beside), rng)
+    drawn = _world(seed, rng, beside=beside)
+    settings = fault.prepare(replace(drawn, servo=replace(drawn.servo, law=law)), rng)
     moment = strike_time(fault, settings.servo, rng, beside=beside)
     if not fault.base_alone and bool(rng.random() < NO_TIMEOUT):
         settings = replace(settings, base=replace(settings.base, command_timeout=0.0))
@@ -141,12 +142,11 @@ def run(name: str, fault: Fault, seed: int, law: str = ServoSettings.law) -> dic
     )
 
 
-def _world(seed: int, rng: np.random.Generator, law: str, *, beside: bool) -> WorldSettings:
+def _world(seed: int, rng: np.random.Generator, *, beside: bool) -> WorldSettings:
     x, y, heading = rng.uniform(-1.0, 1.0, 3)
     spot = (0.5 * x, -0.2 + 0.3 * y) if beside else (0.3 * x, -1.3 + 0.3 * y)
     start = float(spot[0]), float(spot[1]), float(6.0 * heading)
-    world = WorldSettings(start=start, seed=seed, camera=small_camera(seed))
-    return replace(world, servo=replace(world.servo, law=law))
+    return WorldSettings(start=start, seed=seed, camera=small_camera(seed))
 
 
 def strike_time(
