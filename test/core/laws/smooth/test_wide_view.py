@@ -115,3 +115,14 @@ def test_with_a_head_no_robot_goes_away_from_its_goal(start) -> None:
     assert result['position_error_m'] < 0.003
     assert result['max_distance_ratio'] < 1.05
     assert result['path_length_m'] < 2.0 * math.hypot(*start[:2])
+
+
+def test_a_camera_that_leans_on_its_head_by_what_nobody_told_arrives() -> None:
+    leaning = replace(ON_A_HEAD, camera=replace(ON_A_HEAD.camera, tilt=math.radians(5.0)))
+    result = summarise(
+        run(
+            leaning.loop((-2.0, 0.1, 5.0), 3), points_of(leaning, 3), leaning.camera.nominal_camera
+        )
+    )
+    assert result['outcome'] == 'arrived', result['reason']
+    assert result['position_error_m'] < 0.003
