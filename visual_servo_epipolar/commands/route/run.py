@@ -187,6 +187,11 @@ def _lateral(offsets: FloatArray) -> dict[str, float]:
     }
 
 
+def _largest(values: list[float]) -> float:
+    """Return the largest of numbers, nan where none is known: of runs that did not arrive."""
+    return max((value for value in values if not math.isnan(value)), default=math.nan)
+
+
 def _rms(values: FloatArray) -> float:
     return math.sqrt(float(np.nanmean(np.square(values)))) if len(values) else math.nan
 
@@ -203,7 +208,7 @@ def _report(result: dict[str, Any], out: str) -> str:
             _sentence(result),
             f'off the taught way: {1e3 * result["lateral_rms_m"]:.2f} mm rms, p95 '
             f'{1e3 * result["lateral_p95_m"]:.2f}, at most {1e3 * result["lateral_max_m"]:.2f} mm',
-            f'at the station: {np.nanmax(stations):.2f} mm and {np.nanmax(headings):.3f} deg at '
+            f'at the station: {_largest(stations):.2f} mm and {_largest(headings):.3f} deg at '
             'most',
             f'largest jump of w at a key view: {100.0 * result["max_turn_jump"]:.1f} % of '
             'max_turn_rate',

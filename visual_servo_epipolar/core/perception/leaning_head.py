@@ -75,9 +75,9 @@ def _change(head: HeadView, joints: Joints, lean: Lean) -> FloatArray:
 
 def _tilting(head: HeadView, lean: Lean) -> float:
     """Return by how much a view tilts against the photograph, per angle of a lean."""
-    level = Lean(0.0, 0.0)
+    axes, level, rig = np.eye(3), Lean(0.0, 0.0), head.rig
     here, there = (
-        _change(head, joints, lean) @ _change(head, joints, level).T
-        for joints in (head.joints, head.rig.photograph)
+        rig.rays(axes, joints, lean).T @ rig.rays(axes, joints, level)
+        for joints in (head.joints, rig.photograph)
     )
     return float(np.linalg.norm(here - there)) / (math.sqrt(2.0) * STEP)

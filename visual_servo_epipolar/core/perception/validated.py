@@ -62,13 +62,14 @@ def validated_estimate(
         return without_baseline(observation, rotation.rotation, memory, settings, reason)
     if memory.two_view_skip:
         return ValidatedEstimate(memory, SPARED)
+    prior = prior_of(memory, settings, observation)
     try:
         geometry = estimate(
             settings.estimator,
             observation.current,
             observation.desired,
             noise=memory.noise * observation.resolution,
-            prior=prior_of(memory, settings, observation),
+            prior=prior,
             seed=(settings.seed, frame),
         )
     except DegenerateGeometryError as error:
@@ -80,7 +81,8 @@ def validated_estimate(
         observation.resolution,
         memory.noise,
     )
-    lesson = lesson_of(observation, rotation, memory, settings, geometry, quality)
+    reason = rejection_reason(geometry, quality, memory, settings, prior.attitude.jitter)
+    lesson = lesson_of(observation, rotation, memory, settings, geometry, quality, reason)
     return ValidatedEstimate(updated_memory(lesson), lesson.reason, geometry, quality)
 
 
@@ -146,10 +148,9 @@ def lesson_of(
     settings: PerceptionSettings,
     geometry: Estimate,
     quality: FitQuality,
+    reason: str,
 ) -> Lesson:
-    """Return what an estimate may add to the ``memory``, with the verdict of the gates."""
-    jitter = with_jitter(memory.attitude, observation).jitter
-    reason = rejection_reason(geometry, quality, memory, settings, jitter)
+    """Return what an estimate may add to the ``memory``, rejected if there is a ``reason``."""
     if settings.calibrated:  # through an unknown lens a turn looks another
         reason = reason or turned_otherwise(geometry.bearings, rotation.heading_error)
     reason = reason or rolled_over(rotation.rotation)

@@ -131,9 +131,8 @@ def _photographs(number: int, view: RouteView) -> list[str]:
 
 def _write_photograph(load: Callable[[], Image], path: Path) -> None:
     """Write a photograph; one that lies on the disk already is copied, and loses nothing."""
-    stored = getattr(load, 'path', None)
-    if stored is not None and stored.suffix == path.suffix:
-        shutil.copyfile(stored, path)
+    if isinstance(load, StoredPhotograph) and load.path.suffix == path.suffix:
+        shutil.copyfile(load.path, path)
         return
     _, encoded = cv2.imencode(path.suffix, load(), ENCODING[path.suffix])
     path.write_bytes(encoded.tobytes())
@@ -142,11 +141,7 @@ def _write_photograph(load: Callable[[], Image], path: Path) -> None:
 def _columns(view: RouteView) -> dict[str, Any]:
     """Return the arrays of a key view, rows are features, or samples of the path."""
     keypoints, structure, path = view.keypoints, view.structure, view.path
-    return {
-        'pixels': keypoints.pixels,
-        'sizes': keypoints.sizes,
-        'angles': keypoints.angles,
-        'descriptors': keypoints.descriptors.astype(np.uint16),
+    return _keypoint_columns(keypoints) | {
         'offsets': structure.offsets.T,
         'inverse_depth': structure.inverse_depth,
         'covariance': structure.covariance.transpose(2, 0, 1),
@@ -161,18 +156,20 @@ def _arrays(views: Sequence[RouteView]) -> dict[str, Any]:
     arrays = {name: np.concatenate([columns[name] for columns in each]) for name in each[0]}
     counts = {f'{name}_count': [len(it[name]) for it in each] for name in ('pixels', 'path')}
     arrays |= {name: np.array(count) for name, count in counts.items()}
-    renewed = [appearance for view in views for appearance in view.renewed]
+    renewed = [
+        {'rows': it.rows} | _keypoint_columns(it.keypoints)
+        for view in views
+        for it in view.renewed
+    ]
     if renewed:
-        arrays['renewed_count'] = np.array([len(it.rows) for it in renewed])
+        arrays['renewed_count'] = np.array([len(columns['rows']) for columns in renewed])
         for name in RENEWED:
-            arrays[f'renewed_{name}'] = np.concatenate([_renewed(it)[name] for it in renewed])
+            arrays[f'renewed_{name}'] = np.concatenate([columns[name] for columns in renewed])
     return arrays
 
 
-def _renewed(appearance: Appearance) -> dict[str, Any]:
-    keypoints = appearance.keypoints
+def _keypoint_columns(keypoints: Keypoints) -> dict[str, Any]:
     return {
-        'rows': appearance.rows,
         'pixels': keypoints.pixels,
         'sizes': keypoints.sizes,
         'angles': keypoints.angles,

@@ -189,16 +189,19 @@ def back_off(state: ServoState, measurement: Measurement, settings: ServoSetting
     Return the velocity backward, on an arc: onto the axis behind the goal, or to a turn ahead.
 
     From ahead of the goal the same law leads backward onto its axis. From behind it, straight back
-    is enough, wherever a wide view would lead. From beside, the robot backs
-    off at the goal's heading and turns to where it will drive at the end of that. One that steers
-    turns by driving alone, and does not slow down for it.
+    is enough, wherever a wide view would lead. From beside, the robot backs off at the goal's
+    heading and turns to where it will drive at the end of that. One that steers turns by driving
+    alone, and does not slow down for it.
     """
     sight, bearings = seen_from(state, measurement, settings), measurement.bearings
     turn, speed = 0.0, settings.retreat_speed
     pose = None if sight is None else polar_pose(-sight.x, -sight.y, sight.heading, ahead=RUN_UP)
     behind = sight is not None and abs(math.atan2(sight.x, -sight.y)) <= settings.sideways_bearing
-    around = pose is not None and goes_around_in_view(pose, measurement, settings, least=0.0)
-    if pose is not None and around and not behind:
+    if (
+        pose is not None
+        and not behind
+        and goes_around_in_view(pose, measurement, settings, least=0.0)
+    ):
         twist = _around_in_view(pose, speed, measurement, settings)
         return Twist(-twist.linear, twist.angular)
     if pose is not None and max(abs(pose.delta), abs(pose.phi)) < BACKING:
