@@ -28,8 +28,13 @@ def frames(video: Path) -> list[Image.Image]:
 
 def main() -> None:
     """Write the moving picture."""
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
     target = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).with_name('demo.gif')
-    first, *others = (image.quantize(COLOURS) for image in frames(Path(sys.argv[1])))
+    images = [image.quantize(COLOURS) for image in frames(Path(sys.argv[1]))]
+    if not images:
+        sys.exit(f'{sys.argv[1]}: no video that can be read; make one with visual_servo demo')
+    first, *others = images
     times = [FRAME_MS] * len(others) + [LAST_MS]
     first.save(target, save_all=True, append_images=others, duration=times, loop=0, optimize=True)
 
