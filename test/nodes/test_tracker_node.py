@@ -454,7 +454,7 @@ def test_the_process_of_the_tracker_takes_one_thread_of_opencv(
     assert during == [1]
 
 
-@pytest.mark.parametrize('projection', ['equirectangular', 'dual_fisheye'])
+@pytest.mark.parametrize('projection', ['equirectangular_stitched', 'dual_fisheye'])
 def test_a_panorama_needs_no_camera_info_and_the_tracker_publishes_it(
     bench, photograph, view, projection
 ) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from visual_servo_epipolar.core.cameras.dual_fisheye import LAYOUTS
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.equirectangular import STITCHED
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.cameras.registry import camera_of_size
 from visual_servo_epipolar.core.geometry.rays import normalised
@@ -117,7 +118,7 @@ def test_the_stated_deviation_of_d_is_what_noise_makes() -> None:
     assert float(np.std(values)) == pytest.approx(stated, rel=0.1)
 
 
-@pytest.mark.parametrize('name', LAYOUTS)
+@pytest.mark.parametrize('name', [*LAYOUTS, STITCHED])
 def test_a_feature_that_another_lens_sees_than_in_the_photograph_is_uncertain(name: str) -> None:
     camera = camera_of_size(name, (640, 320))
     ahead = normalised(np.random.default_rng(4).uniform([-1, -1, 0.5], 1.0, (12, 3)))

@@ -25,7 +25,7 @@ DUAL = TwoLensSettings(
     lens_baseline=0.2,
     noise=0.0,
 )
-STITCHED = replace(DUAL, distortion_model='equirectangular')
+STITCHED = replace(DUAL, distortion_model='equirectangular_stitched')
 POSE = Pose.from_start(0.4, -0.6, 70.0)
 
 

@@ -2,7 +2,8 @@
 Equirectangular image of 360 deg, as drivers of 360-degree cameras publish it.
 
 No CameraInfo names it, and none is needed: all 360 deg lie over the width, as many pixels per rad
-along the height, and the horizon in the middle row. Its left edge is its right one.
+along the height, and the horizon in the middle row. Its left edge is its right one. One that is
+stitched from two lenses shows what lies behind from another centre than what lies ahead.
 """
 
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, packed
 from visual_servo_epipolar.core.cameras.intrinsics import ImageIntrinsics
 
-NAME = 'equirectangular'
+NAME, STITCHED = 'equirectangular', 'equirectangular_stitched'
 LEAST_LEVEL = (
     0.3  # cosine of an elevation [-]: nearer to a pole a row is as exact, a column is not
 )
@@ -80,8 +81,27 @@ class Equirectangular(ImageIntrinsics):
         return np.asarray(inside_u & (v >= margin - 0.5) & (v <= self.height - 0.5 - margin))
 
 
-def of_size(width: int, height: int) -> Equirectangular:
+@dataclass(frozen=True, slots=True)
+class StitchedPanorama(Equirectangular):
+    """Panorama stitched from two lenses back to back, which meet at 90 deg to either side."""
+
+    distortion_model: str = STITCHED
+
+    lens = STITCHED
+
+    def looks_back(self, pixels: FloatArray) -> BoolArray:
+        """See ``TwoLenses``."""
+        bearing = (pixels[:, 0] - self.cx) / self.fx
+        return np.asarray(np.cos(bearing) < 0.0)
+
+
+def of_size(
+    width: int, height: int, kind: type[Equirectangular] = Equirectangular
+) -> Equirectangular:
     """Return the panorama of that size [px], which tells all; ValueError of a lower one."""
     focal = width / math.tau
     centre = 0.5 * (width - 1), 0.5 * (height - 1)
-    return Equirectangular(width, height, focal, focal, *centre)
+    return kind(width, height, focal, focal, *centre)
+
+
+KINDS = {NAME: Equirectangular, STITCHED: StitchedPanorama}

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 from visual_servo_epipolar.core.cameras import dual_fisheye, equidistant, equirectangular, pinhole
@@ -35,9 +36,10 @@ CAMERAS: Registry[CameraRow] = Registry(
             for name, counts in pinhole.DISTORTION_MODELS.items()
         },
         'equidistant': CameraRow(equidistant.Equidistant, equidistant.COEFFICIENTS),
-        equirectangular.NAME: CameraRow(
-            equirectangular.Equirectangular, of_size=equirectangular.of_size
-        ),
+        **{
+            name: CameraRow(kind, of_size=partial(equirectangular.of_size, kind=kind))
+            for name, kind in equirectangular.KINDS.items()
+        },
         **{
             name: CameraRow(dual_fisheye.DualFisheye, equidistant.COEFFICIENTS, of_size)
             for name, of_size in dual_fisheye.SIZED.items()

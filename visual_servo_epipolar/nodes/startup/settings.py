@@ -137,8 +137,9 @@ class TrackerNodeSettings(LifecycleSettings):
     projection: str = fixed(
         CAMERA_INFO,
         'Images are: camera_info, what it says; or what their size tells and the tracker '
-        'publishes as camera_info where nobody does: equirectangular, 360 deg, dual_fisheye, two '
-        'lenses side by side, dual_fisheye_insta360, the same as that driver publishes it',
+        'publishes as camera_info where nobody does: equirectangular, 360 deg, '
+        'equirectangular_stitched, the same of two lenses, dual_fisheye, these side by side, '
+        'dual_fisheye_insta360, the same as that driver publishes it',
     )
     transport: str = fixed(
         'raw',

@@ -37,8 +37,9 @@ class CameraSettings(Settings):
     distortion_model: str = setting(
         'plumb_bob',
         'Lens: plumb_bob, rational_polynomial, equidistant (a fisheye, whose focal length is that '
-        'of its centre), equirectangular (360 deg, told by the size alone), dual_fisheye (two of '
-        'those in one image), or one of another package',
+        'of its centre), equirectangular (360 deg, told by the size alone; '
+        'equirectangular_stitched: of two lenses), dual_fisheye (both side by side), or one of '
+        'another package',
         read_only=True,
     )
     image_circle: float = setting(
