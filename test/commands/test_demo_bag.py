@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from bag_reading import read_back
+from bagmaker import decoded
 import pytest
 
 from visual_servo_epipolar.commands.main import main
@@ -38,7 +39,7 @@ def topics(bag: Path) -> set[str]:
 def test_a_bag_without_images_is_the_default_and_replaces_the_one_before(tmp_path, capsys) -> None:
     bag = earlier(tmp_path)
     (tmp_path / 'out/video.mp4').touch()
-    assert demo(tmp_path) == 1
+    assert demo(tmp_path, '--rig', 'car') == 1
     files = ('bag', 'result.json', 'run.json', 'signals.png', 'trajectory.png')
     assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == list(files)
     shown = capsys.readouterr().out.splitlines()[-1]
@@ -46,6 +47,9 @@ def test_a_bag_without_images_is_the_default_and_replaces_the_one_before(tmp_pat
     assert {path.name for path in bag.iterdir()} == {'metadata.yaml', 'bag_0.mcap'}
     assert topics(bag) >= {'/tracks', '/camera_info', '/cmd_vel', '/epipoles', '/ground_truth'}
     assert not any(topic.endswith('image_raw') for topic in topics(bag))
+    twists = [decoded(message) for message in read_back(bag) if message[0] == '/cmd_vel']
+    assert any(twist.linear.x for twist in twists)
+    assert all(abs(twist.angular.z) <= 1.668 * abs(twist.linear.x) for twist in twists)
     assert main(['replay', str(bag), '--out', str(tmp_path / 'replayed')]) == 0
 
 
