@@ -90,7 +90,7 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            f'visual_servo = {NAME}.commands.entry:main',
+            f'visual_servo = {NAME}.__main__:main',
             *(f'{node} = {NAME}.nodes.startup.executables:{node}' for node in NODES),
         ],
     },

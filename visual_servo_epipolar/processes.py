@@ -1,4 +1,9 @@
-"""Processes beside this one: copies of it where that is safe, otherwise new ones."""
+"""
+Processes beside this one: copies of it where that is safe, otherwise new ones.
+
+``python -m visual_servo_epipolar.processes PARENT MODULE [ARGUMENT ...]`` runs a module as by
+``python -m``, in a process that ends with the one of number PARENT, which started it.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -7,7 +12,9 @@ from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 import os
 from pathlib import Path
+import runpy
 import signal
+import sys
 from threading import current_thread, main_thread
 from typing import Any
 
@@ -146,3 +153,15 @@ def hurry(pid: int | None) -> None:
     if pid is not None:
         with suppress(OSError):  # it has died, or may not: then in the time that is left
             os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))
+
+
+def main() -> None:
+    """Run the module, unless the parent has ended meanwhile."""
+    _, parent, *command = sys.argv
+    if end_with(int(parent)):
+        sys.argv[:] = command
+        runpy.run_module(command[0], run_name='__main__', alter_sys=True)
+
+
+if __name__ == '__main__':
+    main()

@@ -16,11 +16,10 @@ from sweeps import BRIEF, plan_of
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.sweeping import cluster
-from visual_servo_epipolar.sweeping import drive as drive_module
+from visual_servo_epipolar.sweeping import store as store_module
 from visual_servo_epipolar.sweeping.cluster import cluster_workers
-from visual_servo_epipolar.sweeping.drive import drive
 from visual_servo_epipolar.sweeping.local import local_workers
-from visual_servo_epipolar.sweeping.store import Store
+from visual_servo_epipolar.sweeping.store import drive, Store
 
 distributed = pytest.importorskip('distributed')
 
@@ -144,7 +143,7 @@ def test_a_cluster_is_refused_unless_it_can_work(
 def test_a_sweep_outlives_a_worker_but_not_the_last_one(
     tmp_path: Path, real: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(drive_module, 'PATIENCE_S', 0.5)
+    monkeypatch.setattr(store_module, 'PATIENCE_S', 0.5)
     crew, seen = [real.worker(), real.worker()], []
 
     def watch(results: list[Any]) -> None:

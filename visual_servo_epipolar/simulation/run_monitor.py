@@ -20,8 +20,7 @@ from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings
-from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
-from visual_servo_epipolar.simulation.mounts.true_geometry import true_geometry
+from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig, true_geometry
 
 WRONG_BEARING = math.radians(10.0)  # beyond which a geometry is wrong [rad]
 LEAST_BASELINE_M = 0.02  # below which bearings mean little

@@ -1,13 +1,15 @@
-"""Store: results on disk as they come, from which a sweep that was killed is resumed."""
+"""Store: results on disk as workers bring them; a sweep that was killed is resumed from it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from datetime import date
 import fcntl
 import json
 import os
 from pathlib import Path
+from queue import Empty, SimpleQueue
 import time
-from typing import Any
+from typing import Any, Protocol
 
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.core.errors import InputError
@@ -15,7 +17,11 @@ from visual_servo_epipolar.sweeping.plan import Chunk, Key, SweepPlan
 from visual_servo_epipolar.sweeping.provenance import commit, digest
 
 FILE = 'runs.jsonl'
+PATIENCE_S = 10.0  # without a result, after which the workers are checked
+
 Header = dict[str, Any]
+Results = list[dict[str, Any]]
+Watch = Callable[[Sequence[dict[str, Any]]], None]
 
 
 class Store:
@@ -133,6 +139,44 @@ def header_of(plan: SweepPlan) -> Header:
         'commit': commit(),
         'begun': date.today().isoformat(),
     }
+
+
+class Workers(Protocol):
+    """Workers: processes of this machine, or of a cluster; ``count`` chunks at a time."""
+
+    count: int
+
+    def submit(self, plan: SweepPlan, chunk: Chunk) -> 'Future[Results]':
+        """Have ``chunk`` done by the function ``work`` on some worker."""
+        ...
+
+    def check(self) -> None:
+        """Raise VisualServoError if the workers can no longer answer."""
+        ...
+
+
+def drive(plan: SweepPlan, store: Store, workers: Workers, watch: Watch) -> None:
+    """
+    Do the runs of ``plan`` that ``store`` does not have yet, and keep each as its chunk ends.
+
+    ``watch`` is called after each chunk with its results. What a worker or its loss raises comes
+    out here; the results until then are kept.
+    """
+    completed: SimpleQueue[Future[Results]] = SimpleQueue()
+    pending: dict[Future[Results], Chunk] = {}
+    for chunk in plan.chunks(store.results.keys(), workers.count):
+        future = workers.submit(plan, chunk)
+        pending[future] = chunk
+        future.add_done_callback(completed.put)
+    while pending:
+        try:
+            future = completed.get(timeout=PATIENCE_S)
+        except Empty:
+            workers.check()
+            continue
+        results = future.result()
+        store.add(pending.pop(future), results)
+        watch(results)
 
 
 def _parse(text: bytes, where: str) -> dict[str, Any]:

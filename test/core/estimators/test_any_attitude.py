@@ -15,9 +15,8 @@ from visual_servo_epipolar.core.estimators.machinery.search.general_hypotheses i
 )
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import PHI, PSI
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
-from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.core.geometry.rays import image_points, rotation_level_camera
 from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (
     Cell,
     draw_pair,

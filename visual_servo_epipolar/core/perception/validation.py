@@ -7,8 +7,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
-from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
+from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 

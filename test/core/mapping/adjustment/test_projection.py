@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
+from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.mapping.adjustment import projection
 from visual_servo_epipolar.core.mapping.adjustment.window import Unknowns
 from visual_servo_epipolar.core.mapping.feature_observations import tangent_basis_of

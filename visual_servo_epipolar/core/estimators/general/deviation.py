@@ -11,7 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.estimators.general.motion import (
+    cost_of_essential,
     costs_of,
     GeneralFit,
     improved,
@@ -27,6 +29,7 @@ from visual_servo_epipolar.core.estimators.general.steps import (
     turned_only,
     UNKNOWNS,
 )
+from visual_servo_epipolar.core.estimators.machinery.attitude_prior import JITTER_DEVIATIONS
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
 from visual_servo_epipolar.core.geometry.rotation import headings
@@ -241,3 +244,41 @@ def _by_angle(vector: FloatArray, change: FloatArray) -> FloatArray:
     """Return how atan2(x, z) of a vector changes, per change of it: shape (K, M)."""
     x, z = vector[..., 0], vector[..., 2]
     return np.asarray((z * change[..., 0] - x * change[..., 2]) / (x * x + z * z + 1e-12))
+
+
+def planar_is_simplest(
+    planar: Estimate, fit: GeneralFit, spread: Spread, rays: Rays, mount: Attitude
+) -> bool:
+    """
+    Return whether a ``planar`` motion explains the matches as well as the best general one.
+
+    By minimum description length: it has a parameter less, which is worth log(N) of the robust
+    cost (Torr's GRIC weighs costs the same way). Costs are at the scale of the residuals, less
+    what their tails add: by shares of inliers, each attitude that bends far enough would do.
+    """
+    excess = (
+        cost_of_essential(planar.fundamental, fit, rays) - float(fit.costs[0])
+    ) / spread.tails
+    excess += (planar.jump / (JITTER_DEVIATIONS * mount.jitter)) ** 2 if mount.jitter else 0.0
+    if planar.attitude is not None:
+        excess += ((planar.attitude.tilt - mount.tilt) / mount.tilt_deviation) ** 2
+        excess += ((planar.attitude.roll - mount.roll) / mount.roll_deviation) ** 2
+    return excess <= math.log(rays.matches)
+
+
+def planar_deviations(planar: Estimate, spread: Spread) -> FloatArray:
+    """
+    Return the deviations of a planar motion, (3,) [rad]: current, desired, heading.
+
+    A level plane is as far from that of motion as tilt and roll are unknown: to second order that
+    turns bearings between the axis and across it.
+    """
+    covariance = planar.whole_covariance
+    psi, phi = covariance[0, 0], covariance[1, 1]
+    variances = np.array([phi, psi, max(psi + phi - 2.0 * covariance[0, 1], 0.0)]) * spread.tails
+    variances += spread.camera**2
+    if planar.attitude is not None:
+        lean = planar.attitude.tilt_deviation**2 + planar.attitude.roll_deviation**2
+        bearings = np.array([planar.bearings.current, planar.bearings.desired])
+        variances[:2] += (0.5 * lean * np.sin(2.0 * bearings)) ** 2
+    return np.asarray(np.sqrt(variances))

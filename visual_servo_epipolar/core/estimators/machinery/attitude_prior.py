@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
     TILT,
     TILT_JUMP,
 )
-from visual_servo_epipolar.core.geometry.attitude import level
+from visual_servo_epipolar.core.geometry.rays import level
 
 JITTER_DEVIATIONS = 3.0  # a prior tighter than the true jitter does harm
 LEAST_JITTER = 1e-4  # [rad]

@@ -10,6 +10,8 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.estimators.general.deviation import (
     bearings_of,
+    planar_deviations,
+    planar_is_simplest,
     Spread,
     spread_of,
 )
@@ -18,14 +20,10 @@ from visual_servo_epipolar.core.estimators.general.motion import (
     GeneralFit,
     plain_cost,
 )
-from visual_servo_epipolar.core.estimators.general.selection import (
-    planar_deviations,
-    planar_is_simplest,
-)
 from visual_servo_epipolar.core.estimators.general.steps import essentials, Motions
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays, rays_of
 from visual_servo_epipolar.core.estimators.registry import estimate
-from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
+from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair, uncalibrated
 from visual_servo_epipolar.core.perception.memory import fresh_memory

@@ -14,8 +14,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.cameras.pinhole import Camera
-from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
+from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.geometry.rotation import headings
 from visual_servo_epipolar.core.tracking.geometry.pixels import epipolar_inliers
 

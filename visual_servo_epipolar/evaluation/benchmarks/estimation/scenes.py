@@ -6,10 +6,9 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
+from visual_servo_epipolar.core.geometry.rays import image_points, rotation_level_camera, unit_rays
 
 FOCAL = 770.0  # [px]
 HALF_VIEW = np.array([635.0, 512.0]) / FOCAL  # tangents of half the field of view

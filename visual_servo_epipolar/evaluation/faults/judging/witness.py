@@ -19,7 +19,7 @@ from visual_servo_epipolar.evaluation.live.wire import Envelope, ImageOrigin, WA
 from visual_servo_epipolar.evaluation.live.world import World
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.mounts.true_geometry import true_geometry
+from visual_servo_epipolar.simulation.mounts.simulated_rig import true_geometry
 from visual_servo_epipolar.simulation.run_monitor import LEAST_BASELINE_M, WRONG_BEARING
 
 SERVO, BASE = 'servo_node', 'unicycle_node'

@@ -22,8 +22,8 @@ from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
     TILT,
     TILT_JUMP,
 )
-from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
+from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 
 WIDE = Attitude(tilt_deviation=math.radians(15.0), roll_deviation=math.radians(5.0))
 SIGNS = st.sampled_from([-1.0, 1.0])

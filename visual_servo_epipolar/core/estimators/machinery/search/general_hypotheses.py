@@ -29,8 +29,8 @@ from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
     ROLL,
     TILT,
 )
-from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
+from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 
 SAMPLES = 160  # where 40 % of the matches are wrong, a dozen samples have none
 BEST = 60  # essential matrices that are made planar

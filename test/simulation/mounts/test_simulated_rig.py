@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
-from visual_servo_epipolar.simulation.mounts.true_geometry import true_geometry
+from visual_servo_epipolar.simulation.mounts.simulated_rig import true_geometry
 
 CAMERA = Camera(640, 480, 400.0, 400.0, 320.0, 240.0)
 BEHIND = Pose.from_start(0.0, -2.0, 0.0)
