@@ -1,16 +1,32 @@
-"""Following: which views are believed."""
+"""Following: which views are believed, and what is driven without one."""
 
+from dataclasses import replace
 import math
 
 import numpy as np
 import pytest
+from routes import key_view, route_of
 
-from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.routes.following import beside, beyond_gate
+from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.bases.registry import base_of
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.routes.following import (
+    beside,
+    beyond_gate,
+    Follower,
+    PathMeasurement,
+)
+from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.path import TaughtPath
+from visual_servo_epipolar.core.routes.route import RouteView
+from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.routes.steering import LateralFilter
 from visual_servo_epipolar.core.routes.structure import ViewPose
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 
+SETTINGS = FollowSettings()
+LIMITS = replace(ServoSettings().drive.limits, max_linear=0.5, max_angular=1.0)
+BASE = base_of(ServoSettings().base, LIMITS)
 WAY = np.linspace(0.0, 2.0, 21)
 SURE = LateralFilter(np.zeros(3), np.diag([1e-8, 1e-8, 1e-8]))
 
@@ -28,7 +44,12 @@ def seen(heading: float, offset: float, turn: float, along: FloatArray) -> ViewP
     axes = np.eye(3)
     axes[:2, 0], axes[:2, 1] = ahead, left
     covariance = axes @ np.diag(along**2) @ axes.T
-    return ViewPose(np.append(ahead + offset * left, heading + turn), covariance, 40)
+    return ViewPose(np.append(ahead + offset * left, heading + turn), covariance, 40, 20)
+
+
+def is_believed(measured: PathMeasurement, slip: float = 0.0, variance: float = 0.0) -> bool:
+    """Whether a view is believed where what was predicted is known to a tenth of a millimetre."""
+    return not beyond_gate(SURE, measured, slip, variance)
 
 
 @pytest.mark.parametrize('heading', [0.0, 0.5 * math.pi, 2.0])
@@ -36,17 +57,76 @@ def test_the_gate_goes_by_the_deviations_across_the_path_and_of_the_turn(heading
     path = straight(heading)
     # Uncertain along the way alone: that widens the gate of neither offset nor turn.
     along = np.array([0.5, 1e-3, 1e-3])
-    assert not beyond_gate(SURE, beside(path, seen(heading, 0.0, 0.0, along), 1.0))
-    assert beyond_gate(SURE, beside(path, seen(heading, 0.03, 0.0, along), 1.0))
-    assert beyond_gate(SURE, beside(path, seen(heading, 0.0, 0.03, along), 1.0))
+    assert is_believed(beside(path, seen(heading, 0.0, 0.0, along), 1.0), slip=0.5)
+    assert not is_believed(beside(path, seen(heading, 0.03, 0.0, along), 1.0))
+    assert not is_believed(beside(path, seen(heading, 0.0, 0.03, along), 1.0))
     # Uncertain across the way, or in its turn: that widens its own gate alone.
     across, turning = np.array([1e-3, 0.1, 1e-3]), np.array([1e-3, 1e-3, 0.1])
-    assert not beyond_gate(SURE, beside(path, seen(heading, 0.03, 0.0, across), 1.0))
-    assert beyond_gate(SURE, beside(path, seen(heading, 0.0, 0.03, across), 1.0))
-    assert not beyond_gate(SURE, beside(path, seen(heading, 0.0, 0.03, turning), 1.0))
-    assert beyond_gate(SURE, beside(path, seen(heading, 0.03, 0.0, turning), 1.0))
+    assert is_believed(beside(path, seen(heading, 0.03, 0.0, across), 1.0))
+    assert not is_believed(beside(path, seen(heading, 0.0, 0.03, across), 1.0))
+    assert not is_believed(beside(path, seen(heading, 0.0, 0.0, across), 1.0), slip=0.03)
+    assert is_believed(beside(path, seen(heading, 0.0, 0.03, turning), 1.0))
+    assert not is_believed(beside(path, seen(heading, 0.03, 0.0, turning), 1.0))
+    # Long without a view, the base may have slipped.
+    exact = beside(path, seen(heading, 0.0, 0.0, np.full(3, 1e-3)), 1.0)
+    assert is_believed(exact, slip=0.03, variance=0.01**2)
 
 
 def test_what_is_not_believed_is_told_in_metres_and_radians() -> None:
     measured = beside(straight(0.0), seen(0.0, -0.25, 0.125, np.full(3, 1e-3)), 1.0)
-    assert '-0.250 m and +0.125 rad off' in beyond_gate(SURE, measured)
+    reason = beyond_gate(SURE, measured, 0.5, 0.0)
+    assert '+0.500 m along the way, -0.250 m beside it and +0.125 rad off' in reason
+
+
+def follower_on(path: TaughtPath, view: RouteView) -> Follower:
+    """Return a follower 1 m along a path, at full speed, that believes views to a millimetre."""
+    views = (replace(view, path=path), replace(key_view(1), path=path, way=2.0))
+    follower = Follower(
+        route_of(*views), SETTINGS, BASE, view=1, target=1, way=1.0, latency=0.1, at=SURE
+    )
+    follower.twist = Twist(0.5, 0.5 * path.curvature_at(1.0))
+    return follower
+
+
+@pytest.mark.parametrize(
+    ('ahead', 'is_believed'), [(0.04, True), (0.14, False), (-0.08, True), (-0.24, False)]
+)
+def test_a_place_farther_along_the_way_than_the_base_can_be_is_not_believed(
+    ahead: float, is_believed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by a cabinet that was moved along the wall; the base may have stood, though."""
+    follower = follower_on(straight(0.0), key_view(0))
+    follower.halt(0, unsent=False)
+    follower._sent[-1] = (0, Twist(0.5, 0.0))
+    follower._stamp_ns, follower._way_variance = 100_000_000, 0.0
+    place = seen(0.0, 0.0, 0.0, np.full(3, 1e-3))
+
+    def locate(tracker: KeyViewTracker, image: Image, near: FloatArray) -> ViewPose:
+        return place._replace(pose=np.array([1.1 + ahead, 0.0, 0.0]))
+
+    monkeypatch.setattr(KeyViewTracker, 'locate', locate)
+    progress = follower.step(follower.route.views[0].image, 300_000_000)
+    assert bool(progress.inliers) is is_believed, follower.reason
+    assert progress.way == pytest.approx(1.1 + ahead * is_believed)
+
+
+def test_without_a_view_the_robot_slows_down_on_the_same_curve() -> None:
+    arc = replace(straight(0.0), curvatures=np.full(21, 0.9))
+    follower = follower_on(arc, key_view(0))
+    image, twists = follower.route.views[0].image, [follower.twist]
+    for follower.lost in (0.09, 0.18, 0.27, 0.36, 0.45):
+        follower.twist = follower._wanted(image, SURE, None, 0.09)
+        twists.append(follower.twist)
+    speeds, turns = np.array([[twist.linear, twist.angular] for twist in twists]).T
+    assert speeds[-1] < 0.3
+    assert turns / speeds == pytest.approx(np.full(6, 0.9), abs=0.02)
+    assert np.abs(np.diff(turns)).max() < 0.05 * SETTINGS.max_turn_rate
+
+
+def test_the_curve_stays_the_same_where_the_base_cannot_slow_down_as_fast() -> None:
+    """As where the view is unsure by centimetres: a quarter of the speed, at once."""
+    arc = replace(straight(0.0), curvatures=np.full(21, 0.9))
+    follower = follower_on(arc, key_view(0))
+    unsure = LateralFilter(np.zeros(3), np.diag([0.12**2, 1e-8, 1e-8]))
+    after = follower._wanted(follower.route.views[0].image, unsure, None, 0.04)
+    assert 0.4 < after.linear < 0.5 and after.angular == pytest.approx(0.9 * after.linear)

@@ -35,7 +35,9 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 
 GATE = 4.0  # deviations of a view from what was predicted, from which it is not believed
-GATE_FLOOR = np.array([0.02, 0.01])  # that they are at least [m, rad]
+GATE_FLOOR = np.array([0.02, 0.02, 0.01])  # that they are at least [m, m, rad]
+SLIP_NOISE = 0.03  # of the true way against the commanded one [m/sqrt(m)]
+PLACE_NOISE = np.array([0.02, 0.02, 0.02])  # of way, offset and turn of a place [m, m, rad]
 OBEYED_AFTER, LEAST_OBEYED = 0.5, 0.2  # way [m] of commands of which the view must see a share
 COASTED = 0.5  # time without a trusted view after which it stands [s]
 CERTAIN = 0.01  # a third of the deviation of the offset that slows it down [m]
@@ -73,7 +75,7 @@ class Confirmation(NamedTuple):
 
 
 class PathMeasurement(NamedTuple):
-    """Where a view is beside the path, with the covariance, (2, 2), of offset and turn."""
+    """Where a view is beside the path, with the covariance, (3, 3), of way, offset and turn."""
 
     point: PathPoint
     covariance: FloatArray
@@ -88,7 +90,8 @@ class Follower:
     Follows a route from ``way`` [m] and key view ``view`` on, to ``target``: a step an image.
 
     In reverse it drives backward, seeing what was seen when the way was taught. ``latency`` [s]
-    is the delay from an image to the motion that it leads to.
+    is the delay from an image to the motion that it leads to. ``at`` is where beside the path it
+    begins, if that is known.
 
     ``is_there``: so near before the target that the servo takes over. ``lost`` [s] is the time
     without a view that was believed, ``reason`` says why. ``disobeyed`` says that the base does
@@ -106,6 +109,7 @@ class Follower:
         target: int,
         way: float,
         latency: float,
+        at: LateralFilter | None = None,
         confirmed: dict[int, Confirmation] | None = None,
     ) -> None:
         self.route, self.settings, self._base = route, settings, base
@@ -113,9 +117,11 @@ class Follower:
         self._sign, self._late_ns = -1 if settings.reverse else 1, round(latency * NANOSECONDS)
         self.lost, self.reason, self.disobeyed = 0.0, '', ''
         self._commanded, self._marked = 0.0, way  # since the base was last seen to obey [m]
+        # Where a view was believed at last, and what is unsure since then.
+        self._seen_way, self._way_variance = way, float(PLACE_NOISE[0] ** 2)
         self._trackers: dict[int, KeyViewTracker] = {}
         self.confirmed = {} if confirmed is None else confirmed
-        self._filter: LateralFilter | None = None
+        self._filter = at
         self._sent: deque[tuple[int, Twist]] = deque()
         self._stamp_ns: int | None = None
         self._curvature = 0.0
@@ -207,6 +213,7 @@ class Follower:
             self._filter = self._filter.moved(twist.linear, twist.angular, self._curvature, span)
             self.way += twist.linear * span
             self._commanded += abs(twist.linear) * span
+            self._way_variance += SLIP_NOISE**2 * abs(twist.linear) * span
         while len(self._sent) > 1 and self._sent[1][0] + self._late_ns <= stamp_ns:
             self._sent.popleft()  # it acts no more
 
@@ -258,15 +265,24 @@ class Follower:
         measured = beside(path, found, self.way)
         self.reason = ''
         if self._filter is not None:  # a robot that was carried away is looked for anew
-            self.reason = beyond_gate(self._filter, measured)
+            slip, variance = self._slip(measured), self._way_variance
+            self.reason = beyond_gate(self._filter, measured, slip, variance)
+        tracker.begun = not self.reason  # the features are elsewhere: look where they must be
         return None if self.reason else measured
+
+    def _slip(self, measured: PathMeasurement) -> float:
+        """Return how far along the way a view is from where the base can be [m]."""
+        # It may have driven less than it was told: that is for ``disobeyed``.
+        least, most = sorted((self._seen_way, self.way))
+        return measured.point.way - min(max(measured.point.way, least), most)
 
     def _update(self, measured: PathMeasurement) -> None:
         """Take in where the view is."""
         point = measured.point
         before = LateralFilter() if self._filter is None else self._filter
-        self._filter = before.seen(point.offset, point.turn, measured.covariance)
+        self._filter = before.seen(point.offset, point.turn, measured.covariance[1:, 1:])
         self.way, self._curvature = point.way, point.curvature
+        self._seen_way, self._way_variance = point.way, 0.0
         if self._commanded > OBEYED_AFTER:
             moved = abs(self.way - self._marked)
             if moved < LEAST_OBEYED * self._commanded:
@@ -283,9 +299,13 @@ class Follower:
         settings, now = self.settings, self._stamp_ns or 0
         taught = settings.max_speed if found is None else found.point.speed
         speed = max(min(taught, settings.max_speed), min(SLOWEST, settings.max_speed))
-        speed *= confidence(at, seen=found is not None)
+        speed *= confidence(at, self.lost)
         left = self.remaining - settings.station_distance
         speed = self._sign * min(speed, brake(left, self._base.limits.max_acceleration))
+        if dt:  # it turns by the speed that it can have: the curve stays the same
+            speed = self._base.within_acceleration(
+                replace(self.twist, linear=speed), self.twist, dt
+            ).linear
         way = self.way
         for twist, span in self._acting(now, now + self._late_ns):
             state = at.predicted(twist.linear, twist.angular, self._curvature, span)
@@ -313,24 +333,33 @@ def beside(path: TaughtPath, found: ViewPose, near: float) -> PathMeasurement:
     """Return where a placed view is beside a ``path``, not far from ``near`` [m] on it."""
     point = path.beside(found.pose, near)
     heading = path.pose_at(point.way)[2]
-    rows = np.array([[-math.sin(heading), math.cos(heading), 0.0], [0.0, 0.0, 1.0]])
+    cos, sin = math.cos(heading), math.sin(heading)
+    rows = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return PathMeasurement(point, rows @ found.covariance @ rows.T, found.inliers)
 
 
-def beyond_gate(at: LateralFilter, measured: PathMeasurement) -> str:
-    """Return that a view is farther off what was predicted than chance has it; or ''."""
-    off = np.array([measured.point.offset, measured.point.turn]) - at.state[:2]
-    covariance = at.covariance[:2, :2] + measured.covariance + np.diag((GATE_FLOOR / GATE) ** 2)
+def beyond_gate(at: LateralFilter, measured: PathMeasurement, slip: float, variance: float) -> str:
+    """
+    Return that a view is farther off what was predicted than chance has it; or ''.
+
+    It is ``slip`` [m] along the way from where the base can be, which has a ``variance``.
+    """
+    offset, turn, _ = at.state.tolist()
+    off = np.array([slip, measured.point.offset - offset, measured.point.turn - turn])
+    covariance = measured.covariance + np.diag((GATE_FLOOR / GATE) ** 2)
+    covariance[0, 0] += variance
+    covariance[1:, 1:] += at.covariance[:2, :2]
     if float(off @ np.linalg.solve(covariance, off)) <= GATE**2:
         return ''
     return (
-        f'the view is {off[0]:+.3f} m and {off[1]:+.3f} rad off what was predicted, '
-        f'{GATE:g} deviations are believed'
+        f'the view is {off[0]:+.3f} m along the way, {off[1]:+.3f} m beside it and '
+        f'{off[2]:+.3f} rad off what was predicted, {GATE:g} deviations are believed'
     )
 
 
-def confidence(at: LateralFilter, *, seen: bool) -> float:
-    """Return the share of the taught speed at which it is safe to go on."""
+def confidence(at: LateralFilter, lost: float) -> float:
+    """Return the share of the taught speed at which it is safe to go on, ``lost`` for a time."""
     deviation, off = math.sqrt(at.covariance[0, 0]), abs(float(at.state[0]))
     share = min(1.0, 3.0 * CERTAIN / max(deviation, 1e-6), 0.1 / max(off, 1e-6))
-    return max(share if seen else 0.7 * share, 0.2)
+    # By and by: a single image without a view is no reason to turn less at once.
+    return max(share * (1.0 - 0.6 * min(lost / COASTED, 1.0)), 0.2)

@@ -59,7 +59,8 @@ class KeyViewTracker:
         if found is None:
             count = len(features)
             self.reason = self._used.tracker.reason or (
-                f'{count} features of the key view are in sight, and do not agree on a place'
+                f'{count} features of the key view are in sight, and do not agree on a place, or '
+                'only those of what may have been moved'
             )
         return found
 

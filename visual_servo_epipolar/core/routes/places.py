@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_p
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.path import PathPoint
 from visual_servo_epipolar.core.routes.route import Route, RouteView
-from visual_servo_epipolar.core.routes.structure import ViewPose
+from visual_servo_epipolar.core.routes.structure import ViewPose, WITNESSES
 from visual_servo_epipolar.core.tracking.matchers.sift import detect
 from visual_servo_epipolar.core.tracking.matching import CurrentView
 
@@ -38,12 +38,22 @@ RIVAL = 0.7  # of the inliers of the best: another place with so many leaves it 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Place on a route: the key ``view`` ahead, the camera's pose in its axes, the ``way`` [m]."""
+    """
+    Place on a route: the key ``view`` ahead, the camera's pose in its axes, the ``way`` [m].
+
+    ``offset`` to the left of the path [m], and ``turn`` to the left of its heading [rad].
+    """
 
     view: int
     pose: ViewPose
     way: float
     offset: float
+    turn: float
+
+    @property
+    def deviation(self) -> float:
+        """The deviation of its position [m]."""
+        return math.sqrt(max(self.pose.covariance[0, 0], self.pose.covariance[1, 1]))
 
 
 class PlaceFinder:
@@ -138,11 +148,9 @@ class PlaceFinder:
         if found is None:
             return None
         point = self._beside(number, found.pose)
-        spread = math.sqrt(max(found.covariance[0, 0], found.covariance[1, 1]))
+        place = Place(number, found, point.way, point.offset, point.turn)
         is_near = abs(point.offset) < FARTHEST and abs(point.turn) < MOST_TURN
-        if not is_near or spread > CERTAIN:
-            return None
-        return Place(number, found, point.way, point.offset)
+        return place if is_near and place.deviation < CERTAIN else None
 
     def _beside(self, number: int, pose: FloatArray) -> PathPoint:
         """Return where a pose in axes of a key view is beside the path, as who knows it best."""
@@ -173,4 +181,4 @@ def _located(
     )
     if best is None or best.inliers < max(LEAST_INLIERS, LEAST_SHARE * len(features)):
         return None
-    return best
+    return best if best.witnesses >= WITNESSES else None

@@ -23,12 +23,14 @@ from visual_servo_epipolar.core.routes.following import (
     Confirmation,
     Follower,
     LEAST_CONFIRMED,
+    PLACE_NOISE,
     RouteProgress,
 )
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
-from visual_servo_epipolar.core.routes.places import PlaceFinder
+from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
+from visual_servo_epipolar.core.routes.steering import FIRST, LateralFilter
 from visual_servo_epipolar.core.servo.admission import (
     Arrival,
     disorder,
@@ -176,9 +178,9 @@ class RouteRun:
     def _localize(self, image: Image, stamp_ns: int) -> RouteStep:
         """Look for the robot on the route, every few images."""
         self._lost_ns = stamp_ns if self._lost_ns < 0 else self._lost_ns
-        way = self._look(image, self._begin_of_lap)
-        if way is not None:
-            return self._begin_at(way)
+        place = self._look(image, self._begin_of_lap)
+        if place is not None:
+            return self._begin_at(place.way, place_filter(place))
         if seconds_between(self._lost_ns, stamp_ns) > self.settings.lost_timeout:
             return self.fail(self._unclosed + self._finder.reason)
         return RouteStep(STANDSTILL, LOCALIZING, self._finder.reason)
@@ -198,16 +200,15 @@ class RouteRun:
         count = len(self.route.views)
         return range(count // 2, count) if self.settings.reverse else range((count + 1) // 2)
 
-    def _look(self, image: Image, among: range | None) -> float | None:
-        """Return the way [m] at which the robot is on the route, where this image is looked at."""
+    def _look(self, image: Image, among: range | None) -> Place | None:
+        """Return where on the route the robot is, where this image is looked at."""
         self._searched += 1
         if self._searched % SEARCH_FRAMES != 1:
             return None
-        place = self._finder.find(image, among)
-        return None if place is None else place.way
+        return self._finder.find(image, among)
 
-    def _begin_at(self, way: float) -> RouteStep:
-        """Follow the route from a ``way`` [m] on."""
+    def _begin_at(self, way: float, at: LateralFilter | None = None) -> RouteStep:
+        """Follow the route from a ``way`` [m] on, ``at`` a place beside it if that is known."""
         past = way - self.route.views[self.target].way
         if (-past if self.settings.reverse else past) > PASSED:
             other = _direction(replace(self.settings, reverse=not self.settings.reverse))
@@ -224,6 +225,7 @@ class RouteRun:
             target=self.target,
             way=way,
             latency=self._servo.latency,
+            at=at,
             confirmed=self._confirmed,
         )
         self._aim()
@@ -246,9 +248,9 @@ class RouteRun:
         near = follower.lost < 0.5 * self.settings.lost_timeout
         first, last = follower.view - NEIGHBOURS, follower.view + NEIGHBOURS
         among = range(max(first, 0), min(last + 1, len(self.route.views))) if near else None
-        way = self._look(image, among)
-        if way is not None:
-            return self._begin_at(way)
+        place = self._look(image, among)
+        if place is not None:
+            return self._begin_at(place.way, place_filter(place))
         return RouteStep(follower.twist, HOLDING, follower.reason, progress)
 
     def _aim(self) -> None:
@@ -283,6 +285,15 @@ class RouteRun:
         self.lap, self._searched, self._lost_ns = self.lap + 1, 0, stamp_ns
         self._session, self._follower = None, None
         return RouteStep(STANDSTILL, LOCALIZING, f'lap {self.lap} of {self.settings.laps}')
+
+
+def place_filter(place: Place) -> LateralFilter:
+    """Return the filter that begins where a ``place`` is beside the path."""
+    covariance = FIRST.copy()
+    covariance[:2, :2] = np.diag(PLACE_NOISE[1:] ** 2)
+    covariance[0, 0] += place.deviation**2
+    covariance[1, 1] += place.pose.covariance[2, 2]
+    return LateralFilter(np.array([place.offset, place.turn, 0.0]), covariance)
 
 
 def target_of(route: Route, settings: FollowSettings) -> int:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, IntArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Attitude
@@ -49,6 +49,8 @@ LEAST_INVERSE_DEPTH = 1e-3  # [1/m]
 LEAST_VIEWS = 2  # in which a feature is seen, to be kept
 LEAST_FEATURES = 12  # of a structure
 MIN_AGREEING, MIN_SHARE = 8, 0.5  # features of a view that agree with one place
+OBJECT = 0.6  # around a feature, seen from above: what may be one piece of furniture [m]
+WITNESSES = 4  # features elsewhere that can contradict it
 
 
 class SeenView(NamedTuple):
@@ -60,11 +62,16 @@ class SeenView(NamedTuple):
 
 
 class ViewPose(NamedTuple):
-    """Pose of a camera, (3,), in axes of a key view, its covariance, (3, 3), how many agree."""
+    """
+    Pose of a camera, (3,), in axes of a key view, its covariance, (3, 3), how many agree.
+
+    ``witnesses`` of these stand elsewhere than where most of them stand together.
+    """
 
     pose: FloatArray
     covariance: FloatArray
     inliers: int
+    witnesses: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +109,9 @@ class Localizer:
 
     def __init__(self, structure: LocalStructure, camera: CameraModel) -> None:
         self._anchors, self._camera = structure.anchors(camera), camera
+        rays, near = self._anchors.structure.rays, self._anchors.structure.inverse_depth
+        self._points = (rays / np.maximum(near, LEAST_INVERSE_DEPTH)).T  # right, down, ahead
+        self._plan = self._points[:, ::2]
 
     def rays_seen(self, pose: FloatArray) -> FloatArray:
         """Return unit rays, (N, 3), at which a camera at a ``pose``, (3,), sees the features."""
@@ -110,14 +120,16 @@ class Localizer:
 
     def distances(self, pose: FloatArray) -> FloatArray:
         """Return how far from a camera at a ``pose``, (3,), the features are, (N,) [m]."""
-        points = self._anchors.structure.rays / np.maximum(
-            self._anchors.structure.inverse_depth, LEAST_INVERSE_DEPTH
-        )
-        away = points.T - np.array([-pose[1], 0.0, pose[0]])
+        away = self._points - np.array([-pose[1], 0.0, pose[0]])
         return np.asarray(np.linalg.norm(away, axis=1))
 
     def locate(self, ids: IntArray, pixels: FloatArray, near: FloatArray) -> ViewPose | None:
-        """Return the pose by features ``ids``, (n,), at ``pixels``, (n, 2); None if unsure."""
+        """
+        Return the pose by features ``ids``, (n,), at ``pixels``, (n, 2); None if unsure.
+
+        What stands together may have been moved together, and agrees on a place all the same:
+        where most features elsewhere contradict it, the pose is not believed.
+        """
         if len(ids) < MIN_AGREEING:
             return None
         rays = self._camera.rays(pixels)
@@ -128,10 +140,22 @@ class Localizer:
         agree = int(fit.inliers.sum())
         if agree < max(MIN_AGREEING, MIN_SHARE * len(ids)):
             return None
+        elsewhere = ~self._largest_object(ids, fit.inliers)
+        witnesses, others = int(fit.inliers[elsewhere].sum()), int(elsewhere.sum())
+        if others >= WITNESSES and witnesses < MIN_SHARE * others:
+            return None
         covariance = pose_covariance(anchors, seen, fit)
         turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         covariance = turn @ covariance[:3, :3] @ turn.T
-        return ViewPose(camera_poses(fit.pose[None])[0], covariance, agree)
+        return ViewPose(camera_poses(fit.pose[None])[0], covariance, agree, witnesses)
+
+    def _largest_object(self, ids: IntArray, inliers: BoolArray) -> BoolArray:
+        """Return which of features ``ids``, (n,), stand where most ``inliers``, (n,), do."""
+        plan = self._plan[ids]
+        apart = plan[:, None] - plan[None]
+        together = (apart * apart).sum(2) < OBJECT**2
+        most = (together & inliers).sum(1) * inliers
+        return np.asarray(together[int(most.argmax())])
 
 
 def learn_structure(
