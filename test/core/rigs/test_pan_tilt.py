@@ -87,3 +87,14 @@ def test_it_searches_its_range_where_nothing_is_seen() -> None:
     assert min(pans) < HEAD.limits.pan_min + 0.05
     steps = np.abs(np.diff(pans)) / (times[1] - times[0])
     assert steps.max() < HEAD.limits.pan_speed
+
+
+def test_a_head_slower_than_it_is_told_comes_to_both_ends_of_its_range() -> None:
+    pan, period, pans = 0.0, 0.1, []
+    slow = period * HEAD.limits.pan_speed / 3.0
+    for frame in range(round(7.0 * HEAD.search_time / period)):
+        gaze = Gaze(Joints(pan), NOTHING, NOTHING, lost=0.5 + period * frame)
+        pan += min(max(HEAD.head_command(gaze).pan - pan, -slow), slow)
+        pans.append(pan)
+    assert max(pans) > HEAD.limits.pan_max - 0.2
+    assert min(pans) < HEAD.limits.pan_min + 0.2

@@ -88,9 +88,14 @@ class PanTiltHead:
         return HeadCommand(target, tilt, self._within(rate, gaze.joints.pan), tilt_rate)
 
     def _swept(self, since: float) -> float:
-        """Return the angle of a sweep ``since`` [s] it began: from the middle to either end."""
+        """
+        Return the angle of a sweep ``since`` [s] it began: from the middle to either end.
+
+        Each sweep takes twice the time of the one before: a head may be slower than it is told.
+        """
         middle = 0.5 * (self.limits.pan_min + self.limits.pan_max)
-        share = math.fmod(since / self.search_time, 1.0)
+        sweeps = 1.0 + since / self.search_time
+        share = sweeps / 2.0 ** math.floor(math.log2(sweeps)) - 1.0
         wave = 4.0 * abs(math.fmod(share + 0.75, 1.0) - 0.5) - 1.0
         return middle + 0.5 * self._range * wave
 

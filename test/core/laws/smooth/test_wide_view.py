@@ -3,6 +3,7 @@
 from dataclasses import replace
 import math
 
+import numpy as np
 import pytest
 from servo_states import sight
 
@@ -82,6 +83,22 @@ def test_behind_its_goal_a_wide_view_backs_off_straight(aside: float) -> None:
     assert twist.linear < -0.1 and abs(twist.angular) < 0.05
 
 
+@pytest.mark.parametrize(('x', 'y'), [(1.2, 1.6), (-2.0, 2.2)])
+def test_ahead_of_its_goal_a_wide_view_backs_off_on_one_arc(x: float, y: float) -> None:
+    """Where one way to back off gives over to the next, it must not turn to and fro."""
+    heading, turns = 0.0, []
+    while y > 0.2 and len(turns) < 400:
+        margins = 2.2 - heading, 2.2 + heading
+        here = sight(offset=(x, y), heading_error=heading, view_margins=margins)
+        twist = back_off(ServoState(), here, FREE)
+        x -= 0.1 * twist.linear * math.sin(heading)
+        y += 0.1 * twist.linear * math.cos(heading)
+        heading += 0.1 * twist.angular
+        turns.append(twist.angular)
+    assert y <= 0.2 and abs(x) < 0.1
+    assert np.count_nonzero(np.diff(np.sign(turns))) <= 1
+
+
 def test_a_turn_goes_the_long_way_where_the_short_one_leads_out_of_view() -> None:
     margins = 0.2, 4.2  # turned left as far as it sees
     held = visible_aim(-2.0, 1.5, margins)
@@ -115,6 +132,14 @@ def test_with_a_head_no_robot_goes_away_from_its_goal(start) -> None:
     assert result['position_error_m'] < 0.003
     assert result['max_distance_ratio'] < 1.05
     assert result['path_length_m'] < 2.0 * math.hypot(*start[:2])
+
+
+def test_with_a_noisy_encoder_the_robot_arrives_as_soon_as_it_is_there() -> None:
+    noisy = replace(ON_A_HEAD, camera=replace(ON_A_HEAD.camera, head_encoder_noise=4e-3))
+    camera = noisy.camera.nominal_camera
+    result = summarise(run(noisy.loop((0.3, -1.0, 20.0), 3), points_of(noisy, 3), camera))
+    assert result['outcome'] == 'arrived', result['reason']
+    assert result['duration_s'] < 15.0 and abs(result['heading_error_deg']) < 0.3
 
 
 def test_a_camera_that_leans_on_its_head_by_what_nobody_told_arrives() -> None:

@@ -9,7 +9,12 @@ import pytest
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.odometry.increments import Motion
-from visual_servo_epipolar.core.servo.fusion.pose_filter import filter_pose, first_pose, SLIP
+from visual_servo_epipolar.core.servo.fusion.pose_filter import (
+    filter_pose,
+    first_pose,
+    SLIP,
+    with_heading_noise,
+)
 
 OWN = np.diag([0.8e-3, 0.5e-3, 1.5e-4, 1e-3, 1e-3]) ** 2
 COMMON = np.diag([0.4e-3, 0.3e-3, 0.5e-4, 1e-3, 1e-3]) ** 2
@@ -39,6 +44,18 @@ def test_views_of_a_robot_that_stands_average_out() -> None:
     assert np.sqrt(np.diag(now.own)[:3]) == pytest.approx(expected, rel=0.05)
     # What all views have in common stays.
     assert now.covariance - now.own == pytest.approx(COMMON, abs=1e-12)
+
+
+def test_headings_by_a_noisy_encoder_average_out_and_are_known_as_such() -> None:
+    rng, noise, errors, now = np.random.default_rng(3), 3e-3, [], said(np.zeros(3))
+    for _ in range(100):
+        place = None
+        for _ in range(16):
+            view = said(np.array([0.0, 0.0, noise * rng.normal()]))
+            now, place = filter_pose(with_heading_noise(view, noise), place, STILL)
+        errors.append(now.pose[2])
+    assert np.std(errors) == pytest.approx(noise / 4.0, rel=0.25)
+    assert math.sqrt(now.own[2, 2]) == pytest.approx(noise / 4.0, rel=0.05)
 
 
 @pytest.mark.parametrize(

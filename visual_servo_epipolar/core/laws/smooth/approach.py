@@ -200,7 +200,7 @@ def back_off(state: ServoState, measurement: Measurement, settings: ServoSetting
     if (
         pose is not None
         and not behind
-        and goes_around_in_view(pose, measurement, settings, least=0.0)
+        and goes_around_in_view(pose, measurement, settings, least=0.0, aside=BACKING)
     ):
         twist = _around_in_view(pose, speed, measurement, settings)
         return Twist(-twist.linear, twist.angular)

@@ -87,8 +87,9 @@ def goes_around_in_view(
     settings: ServoSettings,
     *,
     least: float = KEPT_SHARE,
+    aside: float = ASIDE,
 ) -> bool:
-    """Return whether it goes around the goal now, in place of a way ahead."""
-    if pose.distance < AT_GOAL or max(abs(pose.phi), abs(pose.delta)) < ASIDE:
+    """Return whether it goes around the goal now: it is ``aside`` [rad] of the way ahead."""
+    if pose.distance < AT_GOAL or max(abs(pose.phi), abs(pose.delta)) < aside:
         return False
     return leads_around(pose, measurement, settings, least=least)

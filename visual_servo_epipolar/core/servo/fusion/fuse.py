@@ -42,7 +42,14 @@ def fuse(
 ) -> Fusion:
     """Return what two views, by ``perception``, and the map know ``dt`` [s] after the last."""
     seconds = dt if state.phase.runs else 0.0
-    after, reading = localize(state.view.map, perception, increment, settings, dt=seconds)
+    after, reading = localize(
+        state.view.map,
+        perception,
+        increment,
+        settings,
+        dt=seconds,
+        encoder_noise=state.check.head.noise,
+    )
     measurement = measurement_of(perception, reading, after, settings)
     if needs_two_view(perception, measurement, settings):
         perception = reestimate(state, perception, settings)

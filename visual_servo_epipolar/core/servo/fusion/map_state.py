@@ -22,7 +22,12 @@ from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncre
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import of_few, Perception, with_difference
-from visual_servo_epipolar.core.servo.fusion.pose_filter import agrees, filter_pose, FilteredPose
+from visual_servo_epipolar.core.servo.fusion.pose_filter import (
+    agrees,
+    filter_pose,
+    FilteredPose,
+    with_heading_noise,
+)
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.values import changed
 
@@ -63,9 +68,12 @@ def localize(
     settings: ServoSettings,
     *,
     dt: float = 0.0,
+    encoder_noise: float = 0.0,
 ) -> tuple[MapState, MapMeasurement | None]:
     """
     Return the memory ``dt`` [s] after the last view, and what it reads of this; None if nothing.
+
+    The heading that a head's encoder tells is wrong by its ``encoder_noise`` [rad] in each view.
 
     The ``increment`` driven since the last view gives the scale. A lens that is being learnt
     would move the rays that keyframes hold: with one nothing is remembered.
@@ -93,6 +101,8 @@ def localize(
             unseen = replace(after, pose=views.pose, shrinkage=views.shrinkage)
             is_over = is_over and (carries or before.is_over)  # the cause, also of what follows
             return MapState(unseen, place, few_s, is_over), None
+    if observation.head is not None:
+        said = with_heading_noise(said, encoder_noise)
     said, place = filter_pose(said, before.place, motion)
     reading = reading_in_view(said, observation)
     agree = int(said.inliers[: len(observation)].sum())

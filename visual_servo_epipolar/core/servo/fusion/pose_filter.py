@@ -96,6 +96,14 @@ def filter_pose(
     return changed(said, pose=pose, covariance=covariance, own=own), now
 
 
+def with_heading_noise(said: MapLocalization, noise: float) -> MapLocalization:
+    """Return what a view says whose heading has a ``noise`` of its own [rad]."""
+    covariance, own = said.covariance.copy(), said.own.copy()
+    covariance[HEADING, HEADING] += noise * noise
+    own[HEADING, HEADING] += noise * noise
+    return changed(said, covariance=covariance, own=own)
+
+
 def agrees(said: MapLocalization, place: FilteredPose) -> bool:
     """Return whether a recollection is of a robot at ``place``, within the noise of a view."""
     change = _change(said, place)

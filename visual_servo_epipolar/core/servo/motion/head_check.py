@@ -17,6 +17,7 @@ from visual_servo_epipolar.core.servo.motion.verdicts import (
     Reference,
     SOON_S,
     TURN_DEVIATIONS,
+    TURN_OF_PARALLAX,
     turn_of_way,
     unexplained_turn,
     view_motion,
@@ -71,10 +72,11 @@ class HeadCheck:
             return anew
         rate = (pan - self.pan) / window.seconds
         left, most = _unexplained(window, seen, latency)
+        rest, _ = _unexplained(window, seen, latency, slack=TURN_OF_PARALLAX * seen.parallax)
         limit = max(LEAST_SLIP, NOISES * self.noise, TURN_RATIOS[0] * most)
         fastest = max(abs(rate), LATELY * self.fastest)
         by_stamps = STAMPS_S * abs(rate - self.rate)
-        noise = self.noise + SMOOTHING * (min(max(abs(left) - by_stamps, 0.0), limit) - self.noise)
+        noise = self.noise + SMOOTHING * (min(max(abs(rest) - by_stamps, 0.0), limit) - self.noise)
         if self.suspected:
             back = -left * math.copysign(1.0, self.suspected) > TURNED_BACK * abs(self.suspected)
             lasts = not back and abs(self.suspected) > limit + by_stamps
@@ -98,10 +100,12 @@ class HeadCheck:
         return replace(self, slip=_slip(left))
 
 
-def _unexplained(window: CommandWindow, seen: ViewMotion, latency: float) -> tuple[float, float]:
+def _unexplained(
+    window: CommandWindow, seen: ViewMotion, latency: float, *, slack: float | None = None
+) -> tuple[float, float]:
     """Return what is left of a turn, signed, and the largest that was commanded [rad]."""
     turns = window.turns[latency + SOON_S >= DELAYS]
-    slack = TURN_DEVIATIONS * seen.noise
+    slack = TURN_DEVIATIONS * seen.noise if slack is None else slack
     low, high = float(turns.min()), float(turns.max())
     left = beyond(
         seen.turn,
