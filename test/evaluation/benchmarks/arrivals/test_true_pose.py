@@ -1,4 +1,4 @@
-"""A point off the axle: it moves in any direction at once, and leaves a heading at the goal."""
+"""Peers by the true pose: a point off the axle moves at once; the least time from anywhere."""
 
 import math
 
@@ -6,10 +6,12 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, saturate
 from visual_servo_epipolar.core.laws.smooth.steering import polar_pose
+from visual_servo_epipolar.core.servo.run_log import MotionLimits
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.true_pose import (
     displaced,
     graceful,
+    least_time,
     OFF_AXLE,
     POSE_LAWS,
 )
@@ -47,3 +49,19 @@ def test_on_the_axle_alone_the_heading_ends_at_the_goals(law: str) -> None:
     left = abs(math.degrees(pose.heading_error))
     assert left < 0.01 if POSE_LAWS[law] is graceful else 2.0 < left < 10.0
     assert pose.distance == pytest.approx(OFF_AXLE * math.radians(left), abs=1e-3)
+
+
+def test_the_least_time_is_that_of_the_straight_way_where_it_leads_to_the_goal() -> None:
+    limits = MotionLimits.of(SETTINGS, backward=SETTINGS.retreat_speed)
+    straight = limits.time(3.0, limits.speed)
+    assert least_time(Pose(0.0, -3.0, 0.5 * math.pi), SETTINGS) == pytest.approx(
+        straight, rel=0.01
+    )
+    assert least_time(Pose(0.5, -3.0, 0.5 * math.pi), SETTINGS) > straight
+
+
+@pytest.mark.parametrize('y', [0.4, 0.0, -0.3])
+def test_beside_the_goal_the_least_way_begins_with_one_back(y: float) -> None:
+    limits = MotionLimits.of(SETTINGS, backward=SETTINGS.retreat_speed)
+    least = least_time(Pose(0.5, y, 0.5 * math.pi), SETTINGS)
+    assert limits.time(max(y, 0.1), limits.backward) < least < 30.0

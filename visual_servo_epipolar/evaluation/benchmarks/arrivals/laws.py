@@ -40,7 +40,9 @@ COLUMNS: Columns = {
     'heading deg': lambda row: number(row['heading_median_deg'], 2),
     'path / d_0': lambda row: number(row['path_ratio'], 2),
     'time s': lambda row: number(row['duration_s'], 0),
-    'of the least': lambda row: number(row['time_over_optimal'], 2),
+    'of the least, med / p95': lambda row: numbers(
+        (row['time_over_optimal'], row['time_over_optimal_p95']), 2
+    ),
     'fewest features': lambda row: f'{row["fewest_features"]:.0f}',
 }
 PEER_PARALLAX_PX = 1.0  # of trusted bearings; ours changes law at its own, larger bound
@@ -115,6 +117,11 @@ def scores(runs: list[Run]) -> dict[str, float]:
     def spread(of: list[Run], name: str, share: float) -> float:
         return quantile([abs(it[name]) for it in of], share)
 
+    times = [
+        it['duration_s'] / it['optimal_time_s']
+        for it in reached
+        if math.isfinite(it.get('optimal_time_s', math.inf))
+    ]
     ratios = [it['path_length_m'] / math.hypot(*it['start'][:2]) for it in reached]
     return {
         'runs': len(runs),
@@ -126,14 +133,8 @@ def scores(runs: list[Run]) -> dict[str, float]:
         'heading_median_deg': spread(seeing, 'heading_error_deg', 0.5),
         'path_ratio': quantile(ratios, 0.5),
         'duration_s': spread(reached, 'duration_s', 0.5),
-        'time_over_optimal': quantile(
-            [
-                it['duration_s'] / it['optimal_time_s']
-                for it in reached
-                if math.isfinite(it.get('optimal_time_s', math.inf))
-            ],
-            0.5,
-        ),
+        'time_over_optimal': quantile(times, 0.5),
+        'time_over_optimal_p95': quantile(times, 0.95),
         'fewest_features': spread(runs, 'min_visible_features', 0.0),
     }
 
@@ -148,7 +149,7 @@ def table(document: Mapping[str, Any]) -> str:
             f'{reached["heading_deg"]:g} deg',
             '(lost: the features; wrong: arrived, it says, but not reached; position and heading '
             'of all that did not lose the features, path and time of those that reached; least: '
-            'of a time-optimal unicycle ahead; graceful and displaced are given the true pose)',
+            'of a time-optimal unicycle; graceful and displaced are given the true pose)',
             '',
             *aligned(' | '.join(COLUMNS), cells(COLUMNS, document['rows']), left=2),
         ]
