@@ -1,16 +1,21 @@
 """Braking: turns in place are trapezoids that end within a tolerance, if late by some frames."""
 
 from dataclasses import replace
+import math
 
+import numpy as np
 import pytest
 from servo_states import behind, in_phase, sight
 
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.braking import braked_turn
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases import matching_features
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Slope
+from visual_servo_epipolar.core.servo.identification.delay import Delay
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 FRAME_S, TOLERANCE = 0.09, 1.5e-3
@@ -32,6 +37,47 @@ def turned(angle: float, settings: ServoSettings, *, delay: int) -> tuple[float,
         left.append(left[-1] - FRAME_S * waiting.pop(0))
         last = last if abs(left[-1]) <= TOLERANCE else (frame + 1) * FRAME_S
     return last, left
+
+
+@pytest.mark.parametrize('angle', [0.3, -0.5])
+@pytest.mark.parametrize('late', [0.02, 0.11, 0.21])
+def test_a_turn_is_a_trapezoid_however_late_the_base_obeys(angle: float, late: float) -> None:
+    time, rates, left = landed(angle, late)
+    assert time < abs(angle) / 0.5 + 0.5 / 1.2 + late + 2.5 * FRAME_S
+    braking = np.diff(np.abs(rates)) / FRAME_S
+    constant = braking[(braking < -1.0) & (np.abs(rates[1:]) > 0.15)]
+    assert len(constant) >= (2 if late > 0.1 else 1)
+    assert constant == pytest.approx(-1.2 * 1.2, rel=0.2)  # an exponential: from -1.9 to -0.5
+    assert max(-each * math.copysign(1.0, angle) for each in left) < 5.0 * TOLERANCE
+
+
+def landed(angle: float, late: float) -> tuple[float, FloatArray, list[float]]:
+    """Return the time until TOLERANCE, the rates, what was left, of a base that obeys late [s]."""
+    known, sent, heading, rates, left, last = Delay(), CommandsSent(), -angle, [], [], 0.0
+    before = Twist(0.0, 0.0)
+    for frame in range(60):
+        now_ns = frame * round(FRAME_S * 1e9)
+        seen = sight(
+            stamp_ns=now_ns, heading_error=heading, offset=(0.0, -1.0), heading_deviation=1e-4
+        )
+        known = known.updated(seen, sent, FULL)
+        state = in_phase(
+            Phase.ORIENTING,
+            period=FRAME_S,
+            command=Command(before),
+            measurement=seen,
+            sent=sent,
+            delay=known,
+        )
+        wanted = FULL.drive.within_speed(Twist(0.0, braked_turn(-heading, state, FULL)))
+        before = FULL.drive.within_acceleration(wanted, before, FRAME_S)
+        sent = sent.after(now_ns, before)
+        next_ns = now_ns + round(FRAME_S * 1e9)
+        heading += float(sent.turns(now_ns, next_ns, np.array([late]))[0])
+        rates.append(before.angular)
+        left.append(-heading)
+        last = last if abs(heading) <= TOLERANCE else (frame + 1) * FRAME_S
+    return last, np.array(rates), left
 
 
 @pytest.mark.parametrize('angle', [0.03, 0.2, -0.5])

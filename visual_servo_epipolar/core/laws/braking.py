@@ -15,12 +15,15 @@ from visual_servo_epipolar.core.laws.timing import usual_step
 from visual_servo_epipolar.core.laws.two_steps.equations import LINE_DAMPING
 from visual_servo_epipolar.core.laws.two_steps.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.mapping.adjustment.window import X
+from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 if TYPE_CHECKING:
     from visual_servo_epipolar.core.servo.settings import ServoSettings
     from visual_servo_epipolar.core.servo.state import ServoState
 
 BRAKING = 1.6  # of an acceleration, at which it closes in: the ramps slow down by 2
+TURN_BRAKING = 1.3  # the same of turns in place: what is left of it is for the feedback
+LANDING = 1.2  # frames in which a turn ends that is a frame from its end: it is known so well
 TAIL_S = 0.25  # time constant of the last centimetre, and of the turn at its end
 STEERING_S = 0.35  # look-ahead in time: what is steered within less, a late loop swings by
 CONVERGING_S = 0.25  # the same, where the rest aside decides on the speed
@@ -84,18 +87,51 @@ def braked_turn(angle: float, state: ServoState, settings: ServoSettings) -> flo
     """
     Return the rate [rad/s] of a turn in place of which an ``angle`` [rad] is left, as seen.
 
-    Without speed ramps it is that of ``turn_gain``.
+    It is a trapezoid once turns have told how late the base obeys. Without speed ramps the rate is
+    that of ``turn_gain``.
     """
+    landing = _landing_turn(angle, state, settings)
+    return (
+        landing
+        if abs(landing) > settings.dead_band_angular
+        else settled_turn(angle, state, settings)
+    )
+
+
+def settled_turn(angle: float, state: ServoState, settings: ServoSettings) -> float:
+    """Return the same for a turn that ends as an exponential, however late the base obeys."""
     if not settings.options.speed_ramps:
         return settings.turn_gain * angle
-    left = angle - state.twist.angular * unfelt_latency(settings)
     return braked(
-        left,
+        angle - state.twist.angular * unfelt_latency(settings),
         state,
         gain=settings.turn_gain,
         deceleration=BRAKING * settings.max_angular_acceleration,
         dead_band=settings.dead_band_angular,
     )
+
+
+def _landing_turn(angle: float, state: ServoState, settings: ServoSettings) -> float:
+    """
+    Return the rate [rad/s] of a turn of a trapezoid, whose last frame ends where it is to.
+
+    What was commanded and has not acted is turned already; 0 where nobody knows how much that is.
+    """
+    late, measurement = state.identified.delay.response, state.measurement
+    if measurement is None or math.isnan(late) or is_late(settings):
+        return 0.0
+    if not (settings.turn_gain and settings.options.speed_ramps):
+        return 0.0
+    now_ns = measurement.stamp_ns
+    acting = state.motion.sent.acting(now_ns, now_ns + round(late * NANOSECONDS), late)
+    left = angle - math.fsum(span * twist.angular for span, twist in acting)
+    frame_s = LANDING * usual_step(state)
+    rate = rate_within(
+        left,
+        deceleration=TURN_BRAKING * settings.max_angular_acceleration,
+        delay=0.5 * frame_s,
+    )
+    return math.copysign(min(abs(rate), abs(left) / frame_s), left)
 
 
 def braked(

@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.braking import braked_turn
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phases.arrival import stopping
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, with_new_leg
 from visual_servo_epipolar.core.laws.two_steps import equations
@@ -33,8 +34,11 @@ def _classify(state: ServoState, measurement: Measurement, settings: ServoSettin
         return Event.DISPLACED  # e_du is zero already: any e_au will do
     if not settings.options.discordant_turn and not settings.derives:
         return Event.DISPLACED if abs(alpha) > settings.singular_epipole else Event.NOTHING
-    near = abs(alpha - math.atan(state.law.target)) <= settings.displacement_tolerance
-    return Event.DISPLACED if near else Event.NOTHING
+    off = alpha - math.atan(state.law.target)
+    if settings.options.speed_ramps:  # also once it stands
+        turn = stopping(state.twist.angular, settings.max_angular_acceleration, settings)
+        off = max(off, off + turn, key=abs)
+    return Event.DISPLACED if abs(off) <= settings.displacement_tolerance else Event.NOTHING
 
 
 def _command(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.braking import (
     braked,
-    braked_turn,
     BRAKING,
     converging_speed,
     CREEP,
@@ -20,6 +19,7 @@ from visual_servo_epipolar.core.laws.braking import (
     LEAST_LOOK_AHEAD,
     NEAR,
     place_deviation,
+    settled_turn,
     STEERING_S,
     unfelt_latency,
 )
@@ -102,7 +102,7 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
     ):
         return twist
     facing = heading_share(measurement.offset[1])
-    turn = braked_turn(-measurement.heading_error, state, settings)
+    turn = settled_turn(-measurement.heading_error, state, settings)
     return Twist(linear, (1.0 - facing) * twist.angular + facing * turn)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.laws.braking import braked_turn
+from visual_servo_epipolar.core.laws.braking import settled_turn
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_at_goal
@@ -33,7 +33,7 @@ def _classify(state: ServoState, measurement: Measurement, settings: ServoSettin
 
 def _command(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
     """Return the turn in place to the goal's heading."""
-    return Twist(0.0, braked_turn(-measurement.heading_error, state, settings))
+    return Twist(0.0, settled_turn(-measurement.heading_error, state, settings))
 
 
 def _is_close(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.braking import braked_turn
+from visual_servo_epipolar.core.laws.braking import settled_turn
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.conditions import (
@@ -52,7 +52,7 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
     left, right = measurement.view_margins
     angle = min(max(-measurement.heading_error, -right), left)
     turning = abs(angle) > settings.retreat_heading
-    return Twist(0.0 if turning else -settings.retreat_speed, braked_turn(angle, state, settings))
+    return Twist(0.0 if turning else -settings.retreat_speed, settled_turn(angle, state, settings))
 
 
 def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:

@@ -31,6 +31,7 @@ LEAST_TURN = 2e-3  # in an interval, seen or commanded [rad]
 CERTAINLY_LESS = 0.999  # of it: by more than rounding
 PUSHED = 1.5  # times the largest turn that may be commanded: it was not the base
 LEAST_POWER = 0.01  # sum of squared turns that tells a delay [rad^2]
+LEAST_RESPONSE_POWER = 2e-3  # the same, where none is changed for it [rad^2]
 LEAST_CHANGE = 1e-3  # of squares that a delay adds, and takes away, in beginnings and ends [rad^2]
 GAINS = 0.6, 1.6  # turns seen over turns commanded, of a base that obeys
 UNEXPLAINED = 0.15  # most share of squared turns that the delay leaves
@@ -105,8 +106,7 @@ class Delay:
 
     def _value(self, settings: ServoSettings) -> float:
         """Return the delay that turns tell, the one before where they tell none for certain."""
-        left = self.energy - self.seen**2 / np.maximum(self.power, 1e-12)
-        left = np.where((self.seen > 0.0) & (self.power >= LEAST_POWER), left, self.energy)
+        left = self._left(LEAST_POWER)
         usual = _usual(settings.configured_latency)
         soon, best = int(left[usual].argmin()), int(left.argmin())
         if best not in usual:
@@ -117,10 +117,27 @@ class Delay:
         wrong = self._fits(left, soon) and left[known] > CLEARLY * left[soon]
         return 0.0 if wrong else self.value
 
+    def _left(self, least_power: float) -> FloatArray:
+        """Return the squares of turns that each delay leaves unexplained, shape (31,) [rad^2]."""
+        left = self.energy - self.seen**2 / np.maximum(self.power, 1e-12)
+        return np.where((self.seen > 0.0) & (self.power >= least_power), left, self.energy)
+
     def _fits(self, left: FloatArray, place: int) -> bool:
         """Return whether the delay in ``place`` explains the turns, with wheels that obey."""
         gain = self.seen[place] / max(self.power[place], 1e-12)
         return bool(left[place] <= UNEXPLAINED * self.energy and GAINS[0] < gain < GAINS[1])
+
+    @property
+    def response(self) -> float:
+        """How late it turns [s], finer than DELAYS, up to what laws bear; nan until turns tell."""
+        left = self._left(LEAST_RESPONSE_POWER)[: len(_usual(BORNE))]
+        best = int(left.argmin())
+        if not 0.0 < left[best] <= UNEXPLAINED * self.energy:
+            return math.nan
+        if best in (0, len(left) - 1):
+            return float(DELAYS[best])
+        before, least, after = (float(each) for each in left[best - 1 : best + 2])
+        return float(DELAYS[best]) + 0.5 * STEP_S * (before - after) / (before - 2 * least + after)
 
     def beside(self, settings: ServoSettings) -> ServoSettings:
         """Return ``settings`` with the delay that was learnt, where it is longer."""
