@@ -190,6 +190,15 @@ def add_route(parser: ArgumentParser) -> None:
     add_words(teach, {'--odometry NAME': 'topic of the odometry (default odom)'}, default='')
     add_flags(teach, {'--rectified': 'images are rectified: use P of camera_info'})
     add_json(teach)
+    text = 'replay the repetitions of a route in a bag, and compare with what was recorded'
+    again = actions.add_parser('replay', help=text, description=f'{text.capitalize()}.')
+    again.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap, .db3, or ROS 1 .bag')
+    add_words(again, {'--route FOLDER': 'folder of the route (default that of the node)'})
+    images = {'--topics ROLE=NAME': 'name of the topic of images: image=NAME'}
+    add_words(again, images, nargs='+', action='extend', default=[])
+    most = {'--tolerance T': 'largest difference that counts as equal (default 0)'}
+    add_words(again, most, type=tolerance, default=0.0)
+    add_json(again)
     _add_route_demo(actions)
 
 

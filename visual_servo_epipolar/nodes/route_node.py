@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.messages.images.encodings import GrayReader
-from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
+from visual_servo_epipolar.messages.routes.route_folder import read_route, route_hash, write_route
 from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
@@ -282,7 +282,8 @@ class RouteNode(ManagedNode):
         route.check_camera(self._camera.model)
         run = RouteRun(route, self._follow, self._servo)
         self._reports.route(route)
-        self._repetition.begin(run)
+        settings = (self._node_settings, self._servo, self._follow)
+        self._repetition.begin(run, settings, route_hash(folder))
         self._renewal.follow(run, folder)
         end = route.views[run.target].way
         return f'begun, to the station after {end:.2f} m; the robot looks where it is'

@@ -2,16 +2,24 @@
 
 from pathlib import Path
 
+from bagmaker import Message, write_bag
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 from route_rig import RouteRig
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
+from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.routes.run import RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
+from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
+from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup.executor import values_of
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base
@@ -24,7 +32,13 @@ from visual_servo_epipolar.simulation.scenario import Scenario
 SCENARIO = route_scenario(Scenario(base=PioneerSettings(wheel_ratio=1.01)), 1).with_servo(
     {'law': 'smooth', 'latency': 0.0}
 )
-IMAGES = 30  # of the short comparison, in which it finds itself and follows
+TOLD = {
+    '/route_node/settings': (String, qos.LATCHED),
+    '/route_node/events': (String, qos.DIAGNOSTICS),
+    '/route_node/progress': (JointState, qos.DIAGNOSTICS),
+    '/diagnostics': (DiagnosticArray, qos.DIAGNOSTICS),
+}
+IMAGES = 20  # of the short comparison, in which it finds itself and follows
 
 
 WAY = rounded(((3.0, -3.9), (3.0, -2.2)))
@@ -65,6 +79,54 @@ def test_a_way_that_is_repeated_is_the_one_of_memory(bench, tmp_path: Path, taug
 @pytest.mark.long
 def test_a_whole_way_is_the_one_of_memory_up_to_its_station(bench, tmp_path, taught) -> None:
     compare(bench, tmp_path, taught, 10_000)
+
+
+def test_a_repetition_in_a_bag_replays_to_the_last_bit(
+    bench, tmp_path: Path, taught, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where the robot was stopped on the way: by an image of another size."""
+    write_route(taught.route, tmp_path / 'hall')
+    scenario, start = SCENARIO.seeded(5), taught.stations[0]
+    values = {**values_of(scenario.servo), 'watchdog': False}
+    messages: list[Message] = []
+    for name, (kind, profile) in TOLD.items():
+        bench.probe.create_subscription(
+            kind,
+            name,
+            lambda raw, name=name: messages.append((name, len(messages), bytes(raw))),
+            profile,
+            raw=True,
+        )
+    rig = RouteRig(bench, tmp_path / 'hall', scenario.camera.nominal_camera, **values)
+    base, simulator = new_base(scenario.base, start, seed=6), CameraSimulator(scenario.camera)
+    assert rig.call('repeat')[0]
+    for k in range(16):
+        image = simulator.capture(base.pose, k)
+        if k == 10:
+            rig.see(image[::2, ::2], base.now_ns)
+        else:
+            base.command(Command(rig.answered(image, base.now_ns)))
+            shown = write.image(image, 'mono8', base.now_ns, 'camera')
+            messages.append(('/image_raw', len(messages), bytes(serialize_message(shown))))
+        base.advance(base.now_ns + period_ns(scenario.camera.frame_rate))
+    bench.until(lambda: sum(it[0] == '/route_node/progress' for it in messages) == 15, 'steps')
+    kinds = {'/route_node/progress': 'sensor_msgs/msg/JointState'}
+    kinds |= {f'/route_node/{name}': 'std_msgs/msg/String' for name in ('settings', 'events')}
+    bag = write_bag(tmp_path / 'bag', messages, kinds=kinds)
+    assert main(['route', 'replay', str(bag)]) == 0
+    said = capsys.readouterr().out
+    assert 'recorded and replayed: 15 steps, the same to the last bit' in said
+    assert 'localizing' in said and 'following' in said
+    # What happened between two images counts: without it the robot drove on.
+    kept = [each for each in messages if b'"held"' not in each[2]]
+    assert len(kept) == len(messages) - 1
+    bag = write_bag(tmp_path / 'other', kept, kinds=kinds)
+    assert main(['route', 'replay', str(bag)]) == 1
+    # A route that was renewed since is another.
+    with open(tmp_path / 'hall/route.yaml', 'a', encoding='utf-8') as file:
+        file.write('# renewed\n')
+    assert main(['route', 'replay', str(bag)]) == 2
+    assert 'is not the route that was repeated' in capsys.readouterr().err
 
 
 def compare(bench, folder: Path, taught: Taught, images: int) -> None:

@@ -123,6 +123,11 @@ def calibration_hash(camera: CameraModel) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+def route_hash(folder: Path) -> str:
+    """Return the hash of a route in its folder, by which a bag knows it, in hexadecimal digits."""
+    return hashlib.sha256((folder / ROUTE).read_bytes()).hexdigest()
+
+
 def _photographs(number: int, view: RouteView) -> list[str]:
     """Return the names of the photographs of a key view, its first one first."""
     kind, count = 'png' if view.is_station else 'jpg', len(view.renewed)

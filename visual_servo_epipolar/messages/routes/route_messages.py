@@ -33,8 +33,13 @@ def markers(route: Route, stamp_ns: int) -> MarkerArray:
     )
 
 
-def progress(values: RouteProgress) -> dict[str, float]:
-    """Return how far a repetition is, in SI units, as telemetry."""
+def telemetry(step: RouteStep) -> dict[str, float]:
+    """Return what a step told the base, and how far it is if it knows, in SI units."""
+    twist = {'linear_m_s': step.twist.linear, 'angular_rad_s': step.twist.angular}
+    return twist if step.progress is None else twist | _progress(step.progress)
+
+
+def _progress(values: RouteProgress) -> dict[str, float]:
     return {
         'view': float(values.view),
         'remaining': values.remaining,
@@ -50,7 +55,7 @@ def diagnosis(step: RouteStep, stamp_ns: int, *, name: str) -> DiagnosticArray:
     """Return the phase of a repetition, why, and its progress as a diagnostic status."""
     values: dict[str, object] = {'phase': step.phase, 'reason': step.reason}
     if step.progress is not None:
-        values |= progress(step.progress)
+        values |= _progress(step.progress)
     return write.diagnostics(
         name,
         level=LEVELS.get(step.phase, DiagnosticStatus.OK),

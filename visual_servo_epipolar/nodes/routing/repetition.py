@@ -1,6 +1,6 @@
 """Repetition of a route: each image leads to one command, and nothing else moves the robot."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from rclpy.node import Node
 
@@ -9,7 +9,16 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.routes.run import HOLDING, RouteRun, RouteStep, WAITING
 from visual_servo_epipolar.core.servo.admission import Arrival
+from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.messages.event_log import (
+    Entry,
+    FAILED,
+    HELD,
+    STARTED,
+    STOPPED,
+    UNSENT,
+)
 from visual_servo_epipolar.nodes.routing.reports import RouteReports
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.freshness import Freshness
@@ -44,6 +53,7 @@ class RouteRepetition:
         self.freshness, self._images = Freshness(self._clock), Repetition()
         self.run: RouteRun | None = None
         self.last, self._stamp_ns = STANDS, 0
+        self._stepped_ns: int | None = None  # stamp of the last image that a step was taken by
         if watched:
             node.create_timer(WATCH_PERIOD_S, self._on_watch, clock=self.freshness.clock)
             node.create_timer(IDLE_PERIOD_S, self._on_idle, clock=self.freshness.clock)
@@ -53,10 +63,12 @@ class RouteRepetition:
         """Whether a run is under way."""
         return self.run is not None and not self.run.ended
 
-    def begin(self, run: RouteRun) -> None:
-        """Let a run begin, by the next image."""
+    def begin(self, run: RouteRun, settings: Sequence[Settings], route: str) -> None:
+        """Let a run begin, by the next image; ``settings`` and hash of its ``route`` are told."""
         self.run, self.last = run, run.last
         self.freshness.renew()
+        self._reports.settings(settings, self._stepped_ns)
+        self._note(STARTED, route)
         self._reports.standing(self.last)
 
     def see(self, image: Image, stamp_ns: int, frame_id: str, max_latency: float) -> None:
@@ -72,10 +84,11 @@ class RouteRepetition:
             self.lose(trouble)
             return
         self.freshness.renew()
-        self._stamp_ns = stamp_ns
+        self._stamp_ns = self._stepped_ns = stamp_ns
         step = run.step(image, stamp_ns)
         took_s = self.freshness.age
         if self._watched and step.twist != STANDSTILL and took_s > self._stale():
+            self._reports.progress(step, stamp_ns, frame_id)
             self.lose(
                 f'the step by an image took {took_s:.2f} s, too long to drive by it', unsent=True
             )
@@ -113,16 +126,21 @@ class RouteRepetition:
         age_ns = round(self.freshness.age * NANOSECONDS)
         if self.last.phase != HOLDING:
             self._logger.warning(f'{reason}, the robot is stopped')
-        self._end(self.run.halt(self._stamp_ns + age_ns, reason, unsent=unsent))
+        at_ns = self._stamp_ns + age_ns
+        self._note(UNSENT if unsent else HELD, reason, at_ns)
+        self._end(self.run.halt(at_ns, reason, unsent=unsent))
 
     def fail(self, reason: str) -> None:
         """End the run, with a reason."""
         if self.run is not None and not self.run.ended:
+            self._note(FAILED, reason)
             self._end(self.run.fail(reason))
 
     def stop(self, reason: str) -> bool:
         """End what goes on, and tell the base to stand; return whether a run was under way."""
         was_active, self.run = self.is_active, None
+        if was_active:
+            self._note(STOPPED, reason)
         self._commands.send(HALT, self._clock.now().nanoseconds)
         self._commands.stopped()
         self.last = RouteStep(STANDSTILL, WAITING, reason)
@@ -132,6 +150,10 @@ class RouteRepetition:
     def wait(self) -> None:
         """Wait until the last command is acknowledged."""
         self._commands.wait()
+
+    def _note(self, event: str, reason: str, at_ns: int | None = None) -> None:
+        """Tell what happened between two images, for bags."""
+        self._reports.event(Entry(event, self._stepped_ns, reason, at_ns))
 
     def _end(self, step: RouteStep) -> None:
         self._follow(step)

@@ -71,7 +71,16 @@ NODES: Mapping[str, NodeRow] = {
     'route_node': NodeRow(
         does='Records a way by photographs, and repeats it: images in, velocities out.',
         subscribes=('image_raw', 'camera_info', 'odom', 'stop_button'),
-        publishes=('cmd_vel', 'phase', '/diagnostics', '~/progress', '~/path', '~/markers'),
+        publishes=(
+            'cmd_vel',
+            'phase',
+            '/diagnostics',
+            '~/progress',
+            '~/path',
+            '~/markers',
+            '~/settings',
+            '~/events',
+        ),
         services=('~/start_recording', '~/station', '~/stop_recording', '~/repeat', '~/cancel'),
         settings=(
             'nodes.startup.settings:RouteNodeSettings',

@@ -1,0 +1,168 @@
+"""Replay of a repetition of a route: the recorded images through the same run, step by step."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+from visual_servo_epipolar.bags.reading.bag import Bag
+from visual_servo_epipolar.bags.reading.run import EventQueue, in_force, usable
+from visual_servo_epipolar.bags.reading.topics import assign_roles
+from visual_servo_epipolar.bags.replaying.comparison import compare_steps, Comparison, Value
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.routes.run import RouteRun
+from visual_servo_epipolar.core.routes.settings import FollowSettings
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.settings import Settings, SettingsT, updated
+from visual_servo_epipolar.messages import event_log, read
+from visual_servo_epipolar.messages.event_log import Entry, FAILED, HELD, STARTED, STOPPED, UNSENT
+from visual_servo_epipolar.messages.images.encodings import GrayReader
+from visual_servo_epipolar.messages.routes.route_folder import read_route, route_hash
+from visual_servo_epipolar.messages.routes.route_messages import telemetry
+from visual_servo_epipolar.messages.settings_text import from_text, NodeSettings
+
+STRING = 'std_msgs/msg/String'
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedRepetition:
+    """
+    Repetition of a route as its node told it: ``image`` is the topic that it drove by.
+
+    ``steps`` is what each image led to, by its stamp [ns], with the phase where that is clear.
+    """
+
+    image: str
+    settings: list[tuple[int | None, NodeSettings]] = field(default_factory=list)
+    events: list[Entry] = field(default_factory=list)
+    steps: dict[int, dict[str, Value]] = field(default_factory=dict)
+
+    @property
+    def versions(self) -> Mapping[str, str]:
+        """The versions that recorded it, of this package and of what it computes with."""
+        return self.settings[-1][1].versions
+
+    def folder(self) -> Path:
+        """Return the folder of the route, as the node had it."""
+        return Path(str(self.settings[-1][1].values.get('route', ''))).expanduser()
+
+    def new_run(self, folder: Path, entry: Entry, stamp_ns: int) -> RouteRun:
+        """Return the run that ``entry`` begins; raises InputError if ``folder`` is another."""
+        route = read_route(folder)
+        if route_hash(folder) != entry.reason:
+            raise InputError(
+                f'{folder} is not the route that was repeated, or it was renewed since; give the '
+                'folder as it was then: --route FOLDER'
+            )
+        settings = in_force(self.settings, stamp_ns) or self.settings[0][1]
+        follow = _of(FollowSettings(), settings)
+        return RouteRun(route, follow, _of(ServoSettings(), settings))
+
+
+def read_repetition(bag: Bag, requested: Mapping[str, str]) -> RecordedRepetition:
+    """Return what a ``bag`` holds of repetitions but images; InputError if it has none."""
+    node, topics = _node(bag), assign_roles(bag, requested)
+    if node is None or 'image' not in topics:
+        raise InputError(
+            f'{bag.path}: no images and settings of a route_node to replay; record image_raw, '
+            'diagnostics, and settings, events and progress of the node'
+        )
+    recorded = RecordedRepetition(topics['image'].name)
+    names = [f'{node}/{what}' for what in ('settings', 'events', 'progress')]
+    phases: dict[int, set[str]] = {}
+    for item in bag.messages([*names, '/diagnostics']):
+        with usable(bag.path, item):
+            message = item.message
+            if item.topic == names[0]:
+                settings = from_text(message.data)
+                recorded.settings.append((settings.after_stamp_ns, settings))
+            elif item.topic == names[1]:
+                recorded.events.append(event_log.from_text(message.data))
+            elif item.topic == names[2]:
+                recorded.steps[read.stamp_ns(message.header)] = dict(read.telemetry(message))
+            elif message.status and message.status[0].name.endswith(node):
+                phase = str(read.diagnosis(message).get('phase', ''))
+                phases.setdefault(read.stamp_ns(message.header), set()).add(phase)
+    for stamp_ns, step in recorded.steps.items():
+        if len(phases.get(stamp_ns, ())) == 1:
+            step['phase'] = next(iter(phases[stamp_ns]))
+    return recorded
+
+
+def replayed_steps(
+    bag: Bag, recorded: RecordedRepetition, folder: Path
+) -> Iterator[tuple[int, dict[str, Value]]]:
+    """
+    Yield stamp, and phase and telemetry, of each step that the node took, taken once more.
+
+    Raises InputError if the bag begins within a repetition.
+    """
+    events, reader, left = EventQueue(recorded.events), GrayReader(), {*recorded.steps}
+    run: RouteRun | None = None
+    for item in bag.messages([recorded.image]):
+        with usable(bag.path, item):
+            stamp_ns, image = read.stamp_ns(item.message.header), read.gray(item.message, reader)
+        if stamp_ns not in left:
+            continue  # nobody drove by it
+        left.remove(stamp_ns)
+        for entry in events.due(stamp_ns):
+            run = _after(recorded, run, entry, folder, stamp_ns)
+        if run is None:
+            raise InputError(
+                f'{bag.path} begins within a repetition; record from before ~/repeat is called'
+            )
+        run.prepare()
+        step = run.step(image, stamp_ns)
+        yield stamp_ns, {'phase': step.phase, **telemetry(step)}
+
+
+def compare_repetition(
+    recorded: RecordedRepetition, steps: Mapping[int, Mapping[str, Value]], tolerance: float
+) -> Comparison:
+    """Compare replayed steps, by stamp, with the recorded ones."""
+    result = compare_steps(
+        [(stamp_ns, recorded.steps[stamp_ns], step) for stamp_ns, step in steps.items()],
+        tolerance,
+    )
+    result.missing = len(recorded.steps.keys() - steps.keys())
+    return result
+
+
+def _after(
+    recorded: RecordedRepetition, run: RouteRun | None, entry: Entry, folder: Path, stamp_ns: int
+) -> RouteRun | None:
+    """Return the run after what happened to it, as the node had it."""
+    if entry.event == STARTED:
+        return recorded.new_run(folder, entry, stamp_ns)
+    if run is None or entry.event == STOPPED:
+        return None
+    if entry.event != UNSENT:  # the node prepares after each step, but after that
+        run.prepare()
+    if entry.event in (HELD, UNSENT):
+        run.halt(entry.at_ns or 0, entry.reason, unsent=entry.event == UNSENT)
+    elif entry.event == FAILED:
+        run.fail(entry.reason)
+    return run
+
+
+def _node(bag: Bag) -> str | None:
+    """Return the name of the node that repeated a route; None if there is none."""
+    for topic in bag.topics.values():
+        if topic.kind != STRING or not topic.name.endswith('/settings'):
+            continue
+        for item in bag.messages([topic.name]):
+            with usable(bag.path, item):
+                if 'steering_length' in from_text(item.message.data).values:
+                    return topic.name.removesuffix('/settings')
+    return None
+
+
+def _of(default: SettingsT, recorded: NodeSettings) -> SettingsT:
+    values = {name: value for name, value in recorded.values.items() if name in _names(default)}
+    try:
+        return updated(default, values, 'recorded settings')
+    except (TypeError, ValueError) as error:
+        raise InputError(str(error)) from None
+
+
+def _names(settings: Settings) -> set[str]:
+    return {item.name for item in fields(settings)}
