@@ -580,7 +580,7 @@ def test_an_ended_run_stays_ended(sight: Measurement, twist: Twist) -> None:
 
 
 def test_a_run_that_flaps_between_phases_ends() -> None:
-    settings = replace(SETTINGS, run_timeout=10.0)
+    settings = replace(SETTINGS, run_timeout=10.0, law='corrected')
     state = ServoState()
     for number in range(300):
         sight = measurement(0.1 * number)

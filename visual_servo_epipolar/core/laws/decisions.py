@@ -129,9 +129,10 @@ def switch_phase(
 
 
 def _gives_up(phase: Phase, event: Event) -> bool:
-    """Return whether step 1 was given up: it begins anew, or the robot backs off."""
+    """Return whether step 1 was given up: anew, for a retreat, or by turning out of view."""
     backs_off = phase is Phase.ZEROING_EPIPOLES and event is Event.SIDEWAYS
-    return backs_off or event is Event.ESCAPED
+    out_of_view = phase is Phase.DISPLACING and event is Event.LOST
+    return backs_off or out_of_view or event is Event.ESCAPED
 
 
 def _waiting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:

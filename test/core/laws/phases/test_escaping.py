@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.laws.decisions import classify, switch_phase
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.bounds import hysteresis
+from visual_servo_epipolar.core.laws.phases.displacing import MOST_RESTARTS
 from visual_servo_epipolar.core.laws.phases.lines import offset_ratio
 from visual_servo_epipolar.core.laws.phases.zeroing_epipoles import escape_bound
 from visual_servo_epipolar.core.laws.two_steps import equations
@@ -81,6 +82,16 @@ def test_each_time_step_1_is_given_up_it_is_held_on_to_more(event) -> None:
     away = replace(REMEMBERED, bearings=behind(0.01, -0.2))
     assert classify(held.changed(restarts=0, measurement=away), SETTINGS) is Event.ESCAPED
     assert classify(held.changed(measurement=away), SETTINGS) is Event.NOTHING
+
+
+def test_step_1_that_is_given_up_too_often_ends_the_run() -> None:
+    state = STATE.changed(phase=Phase.DISPLACING, restarts=MOST_RESTARTS - 1)
+    held = switch_phase(state, REMEMBERED, Event.LOST, SETTINGS)
+    assert (held.phase, held.run.restarts) == (Phase.HOLDING, MOST_RESTARTS)
+    again = switch_phase(held, REMEMBERED, Event.APART, SETTINGS)
+    assert again.phase is Phase.FAILED and 'given up 12 times' in again.reason
+    once = switch_phase(held.changed(restarts=1), REMEMBERED, Event.APART, SETTINGS)
+    assert once.phase is Phase.DISPLACING
 
 
 def test_laws_that_never_back_off_give_up_as_ever() -> None:

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from visual_servo_epipolar.core.servo.settings import ServoSettings
     from visual_servo_epipolar.core.servo.state import ServoState
 
+MOST_RESTARTS = 12  # of step 1 in an attempt: it goes to and fro
+
 
 def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     if measurement.bearings is None:
@@ -55,7 +57,16 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
 
 
 def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
-    """Return ``state`` with a new leg, and the target of e_au; ValueError if none is legal."""
+    """
+    Return ``state`` with a new leg, and the target of e_au.
+
+    ValueError if none is legal, or step 1 was given up too often in this attempt.
+    """
+    if state.run.restarts >= MOST_RESTARTS and settings.options.speed_ramps:
+        raise ValueError(
+            f'step 1 was given up {state.run.restarts} times: the turn that begins it loses the '
+            'view, or it leads away; let the robot back off (retreat), or begin farther back'
+        )
     state = with_new_leg(state, measurement)
     if settings.derives:
         return state.changed(target=legal_target(state, measurement, settings))
