@@ -217,7 +217,7 @@ def piped(arguments: Sequence[str], *, unbuffered: str, errors_too: bool) -> tup
     return process.returncode, process.stderr or ''
 
 
-@pytest.mark.parametrize('unbuffered', ['', '1'], ids=['buffered', 'unbuffered'])
+@pytest.mark.parametrize('unbuffered', few_of(['', '1']), ids=['buffered', 'unbuffered'])
 @pytest.mark.parametrize(
     'arguments',
     [('gains',), pytest.param(('gains', '--json', '-'), marks=pytest.mark.long)],

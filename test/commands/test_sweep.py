@@ -161,7 +161,7 @@ def test_without_a_folder_each_sweep_gets_one_of_its_own(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     common = ('--runs', '1', '--jobs', '1', '--scenario', brief)
-    for seed in ('1', '2', '2'):
+    for seed in ('1', '2'):
         swept(capsys, *common, '--seed', seed)
     folders = sorted(path.name for path in (tmp_path / 'sweep_out').iterdir())
     assert len(folders) == 2

@@ -67,7 +67,7 @@ def test_shutdown_ends_the_process(wide_open, tmp_path, name) -> None:
     assert 'Traceback' not in (tmp_path / 'log').read_text()
 
 
-@pytest.mark.parametrize('lifecycle', ['true', 'false'])
+@pytest.mark.parametrize('lifecycle', few_of(['true', 'false']))
 def test_a_bad_parameter_is_one_line_whoever_leads_the_node(tmp_path, lifecycle) -> None:
     command = arguments('servo_node', '-p', f'autostart_node:={lifecycle}', '-p', 'law:=none')
     ended = subprocess.run(

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 from bench import Bench, next_domain
+from durations import few_of
 from geometry_msgs.msg import Twist as TwistMessage
 from node_process import arguments, environment
 import pytest
@@ -71,9 +72,8 @@ def stack(monkeypatch: pytest.MonkeyPatch) -> Iterator[ExitStack]:
 @pytest.mark.parametrize(
     'number',
     [
-        'SIGINT',
         'SIGTERM',
-        *(pytest.param(each, marks=pytest.mark.long) for each in ('SIGHUP', 'SIGQUIT')),
+        *(pytest.param(each, marks=pytest.mark.long) for each in ('SIGINT', 'SIGHUP', 'SIGQUIT')),
     ],
 )
 def test_a_servo_that_is_ended_stops_the_robot(stack: ExitStack, number: str) -> None:
@@ -123,7 +123,7 @@ executables.servo_node()
 """
 
 
-@pytest.mark.parametrize('number', ['SIGTERM', 'SIGHUP', 'SIGQUIT'])
+@pytest.mark.parametrize('number', few_of(['SIGTERM', 'SIGHUP', 'SIGQUIT']))
 def test_a_node_that_is_ended_before_it_began_says_so_in_one_line(number: str) -> None:
     code = [sys.executable, '-c', CODE.format(number=number)]
     ended = subprocess.run(code, capture_output=True, text=True, timeout=END_SEC)
