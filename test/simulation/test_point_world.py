@@ -251,3 +251,6 @@ def test_the_nominal_camera_is_not_the_one_that_sees() -> None:
         for item in ({}, believed)
     )
     np.testing.assert_array_equal(plain.current, wrongly.current)
+    panorama = {'width': 640, 'height': 320, 'distortion_model': 'equirectangular', **believed}
+    camera = from_document({'camera': panorama}, 'test').camera
+    assert camera.nominal_camera == camera.camera  # the size of its images tells it

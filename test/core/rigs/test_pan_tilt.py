@@ -89,6 +89,17 @@ def test_it_searches_its_range_where_nothing_is_seen() -> None:
     assert steps.max() < HEAD.limits.pan_speed
 
 
+def test_where_too_few_features_stay_in_view_it_searches_the_other_end() -> None:
+    end = Joints(HEAD.limits.pan_max)
+    few = rays_at([-2.3, -2.2, -2.1, -2.0, -1.9, -1.8, -1.7])
+    pans = [
+        HEAD.head_command(Gaze(end, few, SCENE, lost=0.1 * frame)).pan
+        for frame in range(round(10.0 * HEAD.search_time))
+    ]
+    assert set(pans[:20]) == {end.pan}
+    assert min(pans) < HEAD.limits.pan_min + 0.1
+
+
 def test_a_head_slower_than_it_is_told_comes_to_both_ends_of_its_range() -> None:
     pan, period, pans = 0.0, 0.1, []
     slow = period * HEAD.limits.pan_speed / 3.0

@@ -27,6 +27,11 @@ class CameraRow:
     coefficients: tuple[int, ...] = (0,)
     of_size: Callable[[int, int], CameraModel] | None = None
 
+    @property
+    def is_told_by_size(self) -> bool:
+        """Whether the size alone tells the camera: nothing of it is calibrated."""
+        return self.of_size is not None and self.coefficients == (0,)
+
 
 CAMERAS: Registry[CameraRow] = Registry(
     'visual_servo_epipolar.cameras',
@@ -86,7 +91,7 @@ def calibrated_camera(
     """
     name = lens_name(distortion_model)
     row = CAMERAS[name] if name in CAMERAS else UNKNOWN
-    if row.of_size is not None and (row.coefficients == (0,) or not any(k)):
+    if row.of_size is not None and (row.is_told_by_size or not any(k)):
         return row.of_size(*size)
     (fx, skew, cx), (_, fy, cy), _ = checked_matrix(k).tolist()
     kept = _fitting(distortion, row.coefficients)

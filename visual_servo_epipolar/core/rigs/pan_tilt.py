@@ -18,6 +18,7 @@ LEAST_SEEN = 6  # features whose shift tells where the others are
 SEARCH_SPEED = 0.6  # of that of the head, by which images are not blurred
 GAIN = 4.0  # of the rate towards an angle [1/s]
 WAIT_S = 0.4  # before it searches: features come back by themselves
+FEW_S = 2.0  # for which too few of them are enough: more may be in view at the other end
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +73,7 @@ class PanTiltHead:
         Where too little is seen the head holds its eye on the world, then sweeps its range.
         """
         ahead = self.limits.latency + gaze.period
-        if len(gaze.current) >= LEAST_SEEN:
+        if len(gaze.current) >= LEAST_SEEN and gaze.lost <= FEW_S:
             pan = self.limits.photograph.pan - _shift(gaze.current, gaze.desired)
             target = pan - gaze.twist.angular * ahead
             rate = GAIN * (pan - gaze.joints.pan) - gaze.twist.angular

@@ -5,7 +5,11 @@ import math
 
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant, WIDEST
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_intrinsics
+from visual_servo_epipolar.core.cameras.registry import (
+    calibrated_camera,
+    CAMERAS,
+    with_intrinsics,
+)
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 
@@ -128,6 +132,8 @@ class CameraSettings(Settings):
     def nominal_camera(self) -> CameraModel:
         """The nominal intrinsics, those of the calibration, by which tracker and servo go."""
         true = self.camera
+        if CAMERAS[true.distortion_model].is_told_by_size:
+            return true
         return with_intrinsics(
             true,
             fx=self.believed_focal_ratio * true.fx,
