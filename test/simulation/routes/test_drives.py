@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.routes.chain import seam
 from visual_servo_epipolar.core.routes.following import RouteProgress
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.places import PlaceFinder
+from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.routes.structure import ViewPose
@@ -141,6 +142,38 @@ def test_who_believes_a_view_and_is_elsewhere_is_silently_wrong() -> None:
     wrong = samples[2]._replace(progress=way)
     assert RepeatLog([*samples[:2], wrong], 'failed').is_wrong
     assert replace(log, station=(0.03, 0.0)).is_wrong
+
+
+def test_of_rooms_that_look_alike_only_one_nearby_is_believed(taught: Taught) -> None:
+    views, farther = taught.route.views, taught.route.length + 10.0
+    again = [
+        replace(
+            view,
+            way=view.way + farther,
+            pose=view.pose + [farther, 0.0, 0.0],
+            path=replace(view.path, way=view.path.way + farther),
+        )
+        for view in views
+    ]
+    finder, image = PlaceFinder(Route(taught.route.camera, (*views, *again))), views[2].image
+    assert finder.find(image) is None and finder.reason
+    for first in (0, len(views)):
+        place = finder.find(image, range(first, first + 5))
+        assert place is not None, finder.reason
+        assert place.way == pytest.approx(views[2].way + farther * (first > 0), abs=0.05)
+
+
+@pytest.mark.parametrize('moved', [0.0, 0.15])
+def test_a_station_whose_photograph_was_moved_is_no_arrival(
+    taught: Taught, moved: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by a cabinet that fills it: the servo ends where the photograph looks reached."""
+    station = taught.stations[len(taught.route.views) - 1]
+    photograph = CameraSimulator(SCENARIO.camera).capture(replace(station, x=station.x + moved), 0)
+    monkeypatch.setattr(RouteRun, '_aim', lambda run: run._tracker.set_desired(photograph))
+    log = repeat(SCENARIO.seeded(3), taught, SETTINGS, start=replace(station, x=station.x - 0.6))
+    assert (log.outcome == 'arrived') is (moved == 0.0), log.reason
+    assert moved == 0.0 or 'from where the way leads' in log.reason
 
 
 def test_a_robot_off_the_route_stands_and_says_so(taught: Taught) -> None:

@@ -128,6 +128,11 @@ class Follower:
         self.twist = STANDSTILL
 
     @property
+    def stamp_ns(self) -> int:
+        """Stamp of the last image; 0 before the first."""
+        return self._stamp_ns or 0
+
+    @property
     def remaining(self) -> float:
         """Way that is left to the target [m]."""
         return self._sign * (self.route.views[self.target].way - self.way)
@@ -191,6 +196,12 @@ class Follower:
         if unsent and self._sent:
             self._sent.pop()
         self._sent.append((stamp_ns, STANDSTILL))
+
+    def station_pose(self) -> FloatArray:
+        """Return the pose in axes of the target, (3,), at the last image."""
+        views = self.route.views
+        T_target_view = relative_pose(views[self.target].pose, views[self.view].pose)
+        return compose(T_target_view, self._pose_in(self.view))
 
     def _progress(self, found: PathMeasurement | None, switched: bool) -> RouteProgress:
         it = self._filter or LateralFilter()

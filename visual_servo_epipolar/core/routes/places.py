@@ -77,25 +77,29 @@ class PlaceFinder:
         ]
         return np.repeat(np.arange(len(counts)), counts)
 
-    def votes(self, image: Image) -> FloatArray:
-        """Return for each key view how many descriptors of an image are by far nearest to its."""
+    def votes(self, image: Image, among: range | None = None) -> FloatArray:
+        """
+        Return for each key view how many descriptors of an image are by far nearest to its.
+
+        Those not ``among`` these numbers have none, and are no rivals where rooms look alike.
+        """
         keypoints = detect(as_gray(image), limit=MOST_KEYPOINTS)
-        count = len(self.route.views)
-        votes = np.zeros(count)
+        votes = np.zeros(len(self.route.views))
+        numbers = np.arange(len(votes)) if among is None else np.array(among)
         if not len(keypoints):
             return votes
         # Of one norm: the nearest has the largest product.
         products = keypoints.descriptors @ self._descriptors.T
-        best = np.stack([products[:, self._owners == k].max(axis=1) for k in range(count)], axis=1)
+        best = np.stack([products[:, self._owners == k].max(axis=1) for k in numbers], axis=1)
         norm = float(np.median((keypoints.descriptors**2).sum(axis=1)))
         squared = np.maximum(2.0 * (norm - best), 0.0)
         nearest = squared.argmin(axis=1)
-        apart = np.abs(np.arange(count) - nearest[:, None]) > SAME_PLACE
+        apart = np.abs(np.arange(len(numbers)) - nearest[:, None]) > SAME_PLACE
         least = squared[np.arange(len(squared)), nearest]
         other = np.where(apart, squared, np.inf).min(axis=1)
         distinct = least < RATIO**2 * other if apart.any() else np.ones(len(least), bool)
         near = squared < least[:, None] / RATIO**2
-        votes += (near & distinct[:, None] & ~apart).sum(axis=0)
+        votes[numbers] = (near & distinct[:, None] & ~apart).sum(axis=0)
         return votes
 
     def find(self, image: Image, among: range | None = None) -> Place | None:
@@ -104,9 +108,7 @@ class PlaceFinder:
 
         Only the key views ``among`` these numbers are looked at, where that is not None.
         """
-        votes = self.votes(image)
-        if among is not None:
-            votes[: among.start] = votes[among.stop :] = 0.0
+        votes = self.votes(image, among)
         shortlist = [k for k in np.argsort(-votes)[:SHORTLIST].tolist() if votes[k] >= LEAST_VOTES]
         if not shortlist:
             self.reason = (

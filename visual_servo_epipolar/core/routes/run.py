@@ -8,6 +8,7 @@ ahead, then at its neighbours, then anywhere on the route, and then fails with a
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.bases.base import Base
 from visual_servo_epipolar.core.bases.registry import base_of
 from visual_servo_epipolar.core.errors import InputError, TrackingError
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.routes.following import (
@@ -50,6 +51,7 @@ REMEDY = '~/cancel, then ~/repeat'
 SEARCH_FRAMES = 5  # images between two looks at the route
 NEIGHBOURS = 2  # key views on either side that are looked at first, for half of lost_timeout
 PASSED = 0.05  # way by which a key view counts as passed [m]
+APART, APART_SHARE = 0.05, 0.1  # of a station [m], and share of what was driven
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,36 @@ class RouteStep:
     phase: str
     reason: str = ''
     progress: RouteProgress | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class StationApproach:
+    """
+    Approach to a station by the servo: the ``pose`` in its axes, by commands, and ``driven`` [m].
+
+    The servo goes by a photograph alone; commands tell when what is in it was moved.
+    """
+
+    pose: Pose
+    stamp_ns: int
+    driven: float = 0.0
+
+    def moved(self, twist: Twist, stamp_ns: int) -> 'StationApproach':
+        """Return it at ``stamp_ns``, where the base was told a ``twist`` until then."""
+        span = max(seconds_between(self.stamp_ns, stamp_ns), 0.0)
+        driven = self.driven + abs(twist.linear) * span
+        return StationApproach(integrate(self.pose, twist, span), stamp_ns, driven)
+
+    @property
+    def trouble(self) -> str:
+        """That an arrival here would be elsewhere than where the way leads; or ''."""
+        apart = math.hypot(self.pose.x, self.pose.y)
+        if apart <= APART + APART_SHARE * self.driven:
+            return ''
+        return (
+            f'the photograph of the station looks reached {apart:.2f} m from where the way leads; '
+            'look what was moved there, and teach the station anew'
+        )
 
 
 class RouteRun:
@@ -84,6 +116,7 @@ class RouteRun:
         self._finder = PlaceFinder(route)
         self._follower: Follower | None = None
         self._session: Session | None = None
+        self._approach: StationApproach | None = None
         self._tracker = Tracker(TrackerSettings())
         self._confirmed: dict[int, Confirmation] = {}
         self._searched, self._lost_ns, self.lap = 0, -1, 1
@@ -141,6 +174,9 @@ class RouteRun:
         """
         if self._follower is not None:
             self._follower.halt(stamp_ns, unsent=unsent)
+        if self._approach is not None:
+            acted = STANDSTILL if unsent else self.last.twist
+            self._approach = self._approach.moved(acted, stamp_ns)
         if self._session is not None:
             self._session = self._session.interrupted(Interruption.LOST, reason)
         if not self.ended:
@@ -263,15 +299,22 @@ class RouteRun:
 
     def _begin_docking(self) -> None:
         """Leave the path to the servo, once."""
-        if self._session is None:
+        if self._session is None and self._follower is not None:
             self._session = Session(camera=self.route.camera, started=True)
+            pose = Pose(*self._follower.station_pose().tolist())
+            self._approach = StationApproach(pose, self._follower.stamp_ns)
 
     def _dock(self, image: Image, stamp_ns: int, session: Session) -> RouteStep:
         """Let the servo drive to the photograph of the station."""
+        if self._approach is not None:
+            self._approach = self._approach.moved(self.last.twist, stamp_ns)
         features = self._tracker.track(image)
         seen = observe(features, self.route.camera, stamp_ns)
         session = session.decide(seen, self._servo, goal=features.goal).update_map()
         self._session, state = session, session.state
+        trouble = '' if self._approach is None else self._approach.trouble
+        if state.phase is Phase.ARRIVED and trouble:
+            return self.fail(trouble)
         if state.phase is Phase.ARRIVED and self.settings.renewals:
             self._confirmed[self.target] = Confirmation(0.0, image, features)
         if state.phase is Phase.ARRIVED and self.lap < self.settings.laps:
@@ -283,7 +326,7 @@ class RouteRun:
     def _begin_lap(self, stamp_ns: int) -> RouteStep:
         """Look for the beginning of the way, which is in sight where it closes."""
         self.lap, self._searched, self._lost_ns = self.lap + 1, 0, stamp_ns
-        self._session, self._follower = None, None
+        self._session, self._follower, self._approach = None, None, None
         return RouteStep(STANDSTILL, LOCALIZING, f'lap {self.lap} of {self.settings.laps}')
 
 
