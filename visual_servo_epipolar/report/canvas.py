@@ -54,5 +54,5 @@ def legend_outside(figure: Figure, handles: Sequence[Any], place: Place, *, ncol
     share = min((size.height + 2.0 * PAD_PX) / figure.bbox.height, 0.5)
     bottom = share if place.startswith('lower') else 0.0
     layout: Any = figure.get_layout_engine()
-    layout.set(rect=(0.0, bottom, 1.0, 1.0 - share))
+    layout.set(rect=(0.0, bottom, 1.0, 1.0 - share), h_pad=2.0 * PAD_PX / figure.dpi)
     return legend

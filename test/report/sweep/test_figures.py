@@ -27,6 +27,7 @@ RUNS = {
 }
 UNSEEN = result(outcome='failed', reason='defect: x', position_error_m=None, traceback='x')
 Draw = Callable[[Any], Figure]
+CORNERS = (-1.0, 4.0), (1.0, -4.0)
 DRAWINGS = [start_map.starts, histogram.errors]
 
 
@@ -60,6 +61,14 @@ def test_each_law_has_a_map_and_all_starts_are_on_it(documents: dict[str, Any]) 
     # Two that are where they say, one that is not, one that raised.
     assert drawn(full, 2) == [[[0.0, -2.0], [0.1, -2.0]]]
     assert drawn(full, 1) == [[[0.2, -2.0]], [[0.3, -2.0]]]
+
+
+def test_no_title_is_cut(documents: dict[str, Any]) -> None:
+    around = [run | {'start': [4.0 * x, y, 0.0]} for run in RUNS['full'] for x, y in CORNERS]
+    figure = start_map.starts({'full': documents['full'] | {'runs': around}})
+    figure.canvas.draw()
+    top = figure.axes[0].get_tightbbox(figure.canvas.get_renderer()).y1
+    assert top <= figure.bbox.height
 
 
 def test_arrows_point_along_the_heading(documents: dict[str, Any]) -> None:
