@@ -23,28 +23,29 @@ FATES = {
     'missed': ('#E69F00', 's', 'elsewhere'),
     'lost': ('#D55E00', 'x', 'features lost'),
 }
-COLOURS = dict(zip(PEERS, ('#0072B2', '#009E73', '#E69F00', '#D55E00'), strict=True))
-STYLES = dict(zip(PEERS, ('-', '--', '-.', ':'), strict=True))
+LAWS = (laws.SMOOTH, *PEERS)
+COLOURS = dict(zip(LAWS, ('#117733', '#0072B2', '#009E73', '#E69F00', '#D55E00'), strict=True))
+STYLES = dict(zip(LAWS, ('-', '-', '--', '-.', ':'), strict=True))
 
 
 def draw(document: Mapping[str, Any]) -> Figure:
     """Draw where each law arrives from, and how far from the goal, and when, its runs end."""
-    figure = Figure(figsize=(7.2, 6.0), layout='constrained')
+    figure = Figure(figsize=(8.6, 6.0), layout='constrained')
     FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(2, 4, height_ratios=(1.3, 1.0))
+    grid = figure.add_gridspec(2, 2 * len(LAWS), height_ratios=(1.3, 1.0))
     runs = document['runs']
-    for column, law in enumerate(PEERS):
-        axes = figure.add_subplot(grid[0, column])
+    for column, law in enumerate(LAWS):
+        axes = figure.add_subplot(grid[0, 2 * column : 2 * column + 2])
         _map(axes, [it for it in runs if it['law'] == law], law)
     figure.axes[0].set_ylabel('y [m]')
     handles, _ = figure.axes[0].get_legend_handles_labels()
     legend_outside(figure, handles, 'upper center', ncols=3)
     for place, name, scale, label in (
-        (grid[1, :2], 'position_error_m', 1e3, 'distance from the goal at the end [mm]'),
-        (grid[1, 2:], 'duration_s', 1.0, 'duration of the runs that reached it [s]'),
+        (grid[1, : len(LAWS)], 'position_error_m', 1e3, 'distance from the goal at the end [mm]'),
+        (grid[1, len(LAWS) :], 'duration_s', 1.0, 'duration of the runs that reached it [s]'),
     ):
         axes = figure.add_subplot(place)
-        for law in PEERS:
+        for law in LAWS:
             of = [it for it in runs if it['law'] == law]
             values = [scale * it[name] for it in of if scale > 1.0 or it['fate'] == 'reached']
             axes.step(
@@ -58,6 +59,7 @@ def draw(document: Mapping[str, Any]) -> Figure:
         if scale > 1.0:
             axes.set_xscale('log')
         axes.set(xlabel=label, ylabel='runs up to there [%]', ylim=(0.0, 103.0))
+    figure.axes[-1].set_xlim(right=46.0)  # room for the legend
     figure.axes[-1].legend(loc='lower right')
     return figure
 
