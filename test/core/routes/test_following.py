@@ -44,7 +44,7 @@ def seen(heading: float, offset: float, turn: float, along: FloatArray) -> ViewP
     axes = np.eye(3)
     axes[:2, 0], axes[:2, 1] = ahead, left
     covariance = axes @ np.diag(along**2) @ axes.T
-    return ViewPose(np.append(ahead + offset * left, heading + turn), covariance, 40, 20)
+    return ViewPose(np.append(ahead + offset * left, heading + turn), covariance, 40, 20, 0.01)
 
 
 def is_believed(measured: PathMeasurement, slip: float = 0.0, variance: float = 0.0) -> bool:

@@ -2,10 +2,16 @@
 
 import numpy as np
 import pytest
+from routes import CAMERA as SMALL
+from routes import key_view
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera
+from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
+from visual_servo_epipolar.core.routes.places import _located, CERTAIN
 from visual_servo_epipolar.core.routes.structure import Localizer, LocalStructure, ViewPose
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.matching import CurrentView
 
 CAMERA = calibrated_camera(
     (640, 480), (385.0, 0.0, 319.5, 0.0, 385.0, 239.5, 0.0, 0.0, 1.0), (), 'plumb_bob'
@@ -46,6 +52,28 @@ def test_a_view_is_placed_and_its_witnesses_stand_elsewhere() -> None:
     found = placed(np.vstack([CABINET, WALLS]), np.vstack([CABINET, WALLS]))
     assert found is not None and found.inliers == 46 and found.witnesses == 14
     assert found.pose == pytest.approx(THERE, abs=1e-3)
+
+
+def test_witnesses_far_away_do_not_tell_the_position() -> None:
+    """As a door seen through another: it agrees with whatever a board near the robot says."""
+    far = np.random.default_rng(3).uniform((-0.5, -0.3, 9.0), (0.0, 0.3, 9.3), (14, 3))
+    found = placed(np.vstack([CABINET, far]), np.vstack([CABINET, far]))
+    near = placed(np.vstack([CABINET, WALLS]), np.vstack([CABINET, WALLS]))
+    assert found is not None and near is not None
+    assert found.witnesses == near.witnesses == 14
+    assert near.unaided < CERTAIN < found.unaided
+
+
+@pytest.mark.parametrize(('unaided', 'is_believed'), [(0.04, True), (0.06, False)])
+def test_a_place_that_one_object_alone_tells_is_not_believed(
+    unaided: float, is_believed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = ViewPose(THERE, 1e-6 * np.eye(3), 40, 20, unaided)
+    monkeypatch.setattr(KeyViewTracker, 'match', lambda *_: Features())
+    monkeypatch.setattr(KeyViewTracker, 'place', lambda *_: place)
+    image = np.zeros((48, 64), np.uint8)
+    found = _located(image, CurrentView(image), key_view(0), SMALL)
+    assert (found is place) is is_believed
 
 
 def test_a_cabinet_that_was_moved_is_outvoted_by_the_few_that_stand_elsewhere() -> None:

@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_p
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.path import PathPoint
 from visual_servo_epipolar.core.routes.route import Route, RouteView
-from visual_servo_epipolar.core.routes.structure import ViewPose, WITNESSES
+from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.core.tracking.matchers.sift import detect
 from visual_servo_epipolar.core.tracking.matching import CurrentView
 
@@ -31,7 +31,7 @@ LEAST_VOTES = 6  # of a key view to be on it
 RATIO = 0.85  # of the nearest to the nearest of another place
 SAME_PLACE = 4  # key views before and after that show the same
 LEAST_INLIERS, LEAST_SHARE = 18, 0.6  # of a geometry that is believed
-CERTAIN = 0.05  # deviation of a place that is believed [m]
+CERTAIN = 0.05  # deviation of a place that is believed, also by its witnesses alone [m]
 FARTHEST, MOST_TURN = 3.0, 1.2  # from the path, that the structure can tell [m, rad]
 RIVAL = 0.7  # of the inliers of the best: another place with so many leaves it open
 
@@ -183,4 +183,4 @@ def _located(
     )
     if best is None or best.inliers < max(LEAST_INLIERS, LEAST_SHARE * len(features)):
         return None
-    return best if best.witnesses >= WITNESSES else None
+    return best if best.unaided < CERTAIN else None

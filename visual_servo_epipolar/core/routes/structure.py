@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ from visual_servo_epipolar.core.mapping.fitting import (
     fit_pose,
     MatchedFeatures,
     pose_covariance,
+    PoseFit,
 )
 from visual_servo_epipolar.core.mapping.initialization import (
     refine_narrowing,
@@ -65,13 +67,15 @@ class ViewPose(NamedTuple):
     """
     Pose of a camera, (3,), in axes of a key view, its covariance, (3, 3), how many agree.
 
-    ``witnesses`` of these stand elsewhere than where most of them stand together.
+    ``witnesses`` of these stand elsewhere than where most of them stand together; by those alone
+    its position has the deviation ``unaided`` [m].
     """
 
     pose: FloatArray
     covariance: FloatArray
     inliers: int
     witnesses: int
+    unaided: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +151,14 @@ class Localizer:
         covariance = pose_covariance(anchors, seen, fit)
         turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         covariance = turn @ covariance[:3, :3] @ turn.T
-        return ViewPose(camera_poses(fit.pose[None])[0], covariance, agree, witnesses)
+        unaided = math.inf
+        if witnesses >= WITNESSES:
+            rest = MatchedFeatures(ids[elsewhere], seen.rays[:, elsewhere], basis[..., elsewhere])
+            alone = PoseFit(fit.pose, fit.squares[elsewhere], fit.widening)
+            position = pose_covariance(anchors.of(np.flatnonzero(elsewhere)), rest, alone)[:2, :2]
+            unaided = math.sqrt(float(np.linalg.eigvalsh(position)[-1]))
+        pose = camera_poses(fit.pose[None])[0]
+        return ViewPose(pose, covariance, agree, witnesses, unaided)
 
     def _largest_object(self, ids: IntArray, inliers: BoolArray) -> BoolArray:
         """Return which of features ``ids``, (n,), stand where most ``inliers``, (n,), do."""
