@@ -184,7 +184,7 @@ def test_a_photograph_that_cannot_be_read_on_the_way_ends_the_run(rig, folder) -
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             'visual_servo_epipolar.core.routes.places.PlaceFinder.votes',
-            lambda finder, image: np.array([0.0, 50.0, 0.0]),
+            lambda finder, image, among: np.array([0.0, 50.0, 0.0]),
         )
         rig.see(picture(1))
     assert rig.node.phase == 'failed' and 'cannot be read' in rig.reason and rig.stands
