@@ -128,7 +128,7 @@ def test_a_bag_file_is_read_without_its_folder(bag) -> None:
     assert replayed(next(bag.glob('*.mcap')))[2].equal
 
 
-def test_a_gain_changed_on_the_way_is_replayed_from_the_stamp_it_held_from(
+def test_a_setting_changed_on_the_way_is_replayed_from_the_stamp_it_held_from(
     small_run, tmp_path
 ) -> None:
     remaining = without(small_run, '/servo_node/settings')
@@ -137,7 +137,7 @@ def test_a_gain_changed_on_the_way_is_replayed_from_the_stamp_it_held_from(
         for topic, _, raw in small_run
         if topic == '/servo_node/settings'
     )
-    changed = settings.replace('turn_gain: 0.8', 'turn_gain: 0.4')
+    changed = settings.replace('angular_acceleration: 1.2', 'angular_acceleration: 0.6')
     assert changed != settings
     period_ns = 90_909_091
     texts = [settings, f'# after_stamp_ns: {4 * period_ns}\n{changed}']
