@@ -38,7 +38,7 @@ def test_tracks_that_stay_away_are_lost(bench) -> None:
 def test_a_gap_late_in_a_phase_is_no_end_of_the_run(bench) -> None:
     rig = Rig(bench, stale_timeout=1.0, holding_timeout=5.0)
     pose = AWAY
-    for _ in range(120):  # 10.9 s by the stamps
+    for _ in range(90):  # 8.2 s by the stamps
         rig.see(pose)
         pose = integrate(pose, rig.node._state.twist, PERIOD_NS / 1e9)
     assert rig.node._state.phase.drives
