@@ -24,6 +24,7 @@ FATES = {
     'lost': ('#D55E00', 'x', 'features lost'),
 }
 LAWS = (laws.SMOOTH, *PEERS)
+LABELS = {'ours': 'full'}  # both are ours
 COLOURS = dict(zip(LAWS, ('#117733', '#0072B2', '#009E73', '#E69F00', '#D55E00'), strict=True))
 STYLES = dict(zip(LAWS, ('-', '-', '--', '-.', ':'), strict=True))
 
@@ -54,7 +55,7 @@ def draw(document: Mapping[str, Any]) -> Figure:
                 where='post',
                 color=COLOURS[law],
                 ls=STYLES[law],
-                label=law,
+                label=LABELS.get(law, law),
             )
         if scale > 1.0:
             axes.set_xscale('log')
@@ -72,7 +73,7 @@ def _map(axes: Axes, runs: list[Mapping[str, Any]], law: str) -> None:
     axes.fill(*robot_nose(DESIRED_POSE).T, facecolor=INK)
     axes.set(xlabel='x [m]', xlim=(-1.8, 1.8), ylim=(-5.3, 1.9))
     axes.set_aspect('equal')
-    axes.set_title(law, fontsize=9.0)
+    axes.set_title(LABELS.get(law, law), fontsize=9.0)
 
 
 def main(target: Path) -> None:

@@ -122,6 +122,9 @@ def test_a_repetition_in_a_bag_replays_to_the_last_bit(
     assert len(kept) == len(messages) - 1
     bag = write_bag(tmp_path / 'other', kept, kinds=kinds)
     assert main(['route', 'replay', str(bag)]) == 1
+    silent = [each for each in messages if each[0] != '/route_node/progress']
+    assert main(['route', 'replay', str(write_bag(tmp_path / 'silent', silent, kinds=kinds))]) == 2
+    assert 'no steps of /route_node to compare with' in capsys.readouterr().err
     # A route that was renewed since is another.
     with open(tmp_path / 'hall/route.yaml', 'a', encoding='utf-8') as file:
         file.write('# renewed\n')

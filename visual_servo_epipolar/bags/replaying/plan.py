@@ -61,8 +61,10 @@ def plan(bag: Bag, run: Recording, overrides: ReplayOverrides) -> tuple[Plan, li
     from_tracks = _from_tracks(bag, run, overrides, notes)
     result = Plan(
         from_tracks=from_tracks,
-        servo=_settings(ServoSettings(), run.servo, overrides.changes.get('servo', {}), notes),
-        tracker=_settings(
+        servo=settings_in_time(
+            ServoSettings(), run.servo, overrides.changes.get('servo', {}), notes
+        ),
+        tracker=settings_in_time(
             TrackerSettings(),
             run.tracker,
             overrides.changes.get('tracker', {}),
@@ -72,7 +74,7 @@ def plan(bag: Bag, run: Recording, overrides: ReplayOverrides) -> tuple[Plan, li
         cameras=_cameras(bag, run, overrides),
         photographs=() if from_tracks else _photographs(bag, run, overrides),
     )
-    recorded = _settings(ServoSettings(), run.servo, {}, []) if run.telemetry else []
+    recorded = settings_in_time(ServoSettings(), run.servo, {}, []) if run.telemetry else []
     first = value_at(recorded, min(run.telemetry)[0]) if run.servo and run.telemetry else None
     notes += late_start_notes(bag, run, first, from_tracks=from_tracks)
     return result, notes
@@ -98,7 +100,7 @@ def _from_tracks(bag: Bag, run: Recording, overrides: ReplayOverrides, notes: li
     return False
 
 
-def _settings(
+def settings_in_time(
     default: SettingsT,
     history: Sequence[tuple[int | None, NodeSettings]],
     changes: Mapping[str, Any],

@@ -1,18 +1,19 @@
 """Replay of a repetition of a route: the recorded images through the same run, step by step."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from visual_servo_epipolar.bags.reading.bag import Bag
-from visual_servo_epipolar.bags.reading.run import EventQueue, in_force, usable
+from visual_servo_epipolar.bags.reading.run import EventQueue, usable
 from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare_steps, Comparison, Value
+from visual_servo_epipolar.bags.replaying.plan import settings_in_time
+from visual_servo_epipolar.bags.replaying.replay import value_at
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import Settings, SettingsT, updated
 from visual_servo_epipolar.messages import event_log, read
 from visual_servo_epipolar.messages.event_log import Entry, FAILED, HELD, STARTED, STOPPED, UNSENT
 from visual_servo_epipolar.messages.images.encodings import GrayReader
@@ -53,13 +54,13 @@ class RecordedRepetition:
                 f'{folder} is not the route that was repeated, or it was renewed since; give the '
                 'folder as it was then: --route FOLDER'
             )
-        settings = in_force(self.settings, stamp_ns) or self.settings[0][1]
-        follow = _of(FollowSettings(), settings)
-        return RouteRun(route, follow, _of(ServoSettings(), settings))
+        follow = settings_in_time(FollowSettings(), self.settings, {}, [])
+        servo = settings_in_time(ServoSettings(), self.settings, {}, [])
+        return RouteRun(route, value_at(follow, stamp_ns), value_at(servo, stamp_ns))
 
 
 def read_repetition(bag: Bag, requested: Mapping[str, str]) -> RecordedRepetition:
-    """Return what a ``bag`` holds of repetitions but images; InputError if it has none."""
+    """Return what a ``bag`` holds of repetitions but images; InputError if that is too little."""
     node, topics = _node(bag), assign_roles(bag, requested)
     if node is None or 'image' not in topics:
         raise InputError(
@@ -82,6 +83,10 @@ def read_repetition(bag: Bag, requested: Mapping[str, str]) -> RecordedRepetitio
             elif message.status and message.status[0].name.endswith(node):
                 phase = str(read.diagnosis(message).get('phase', ''))
                 phases.setdefault(read.stamp_ns(message.header), set()).add(phase)
+    if not recorded.steps:
+        raise InputError(
+            f'{bag.path}: no steps of {node} to compare with; record {names[2]} beside the images'
+        )
     for stamp_ns, step in recorded.steps.items():
         if len(phases.get(stamp_ns, ())) == 1:
             step['phase'] = next(iter(phases[stamp_ns]))
@@ -154,15 +159,3 @@ def _node(bag: Bag) -> str | None:
                 if 'steering_length' in from_text(item.message.data).values:
                     return topic.name.removesuffix('/settings')
     return None
-
-
-def _of(default: SettingsT, recorded: NodeSettings) -> SettingsT:
-    values = {name: value for name, value in recorded.values.items() if name in _names(default)}
-    try:
-        return updated(default, values, 'recorded settings')
-    except (TypeError, ValueError) as error:
-        raise InputError(str(error)) from None
-
-
-def _names(settings: Settings) -> set[str]:
-    return {item.name for item in fields(settings)}

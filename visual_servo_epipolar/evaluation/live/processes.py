@@ -14,9 +14,9 @@ from typing import Any
 import rclpy
 from rclpy.node import Node
 
+from visual_servo_epipolar import processes
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.nodes.startup.executor import isolated_context, MessageExecutor
-from visual_servo_epipolar.processes import end_with
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.threads import ONE_THREAD
 
@@ -95,7 +95,7 @@ def start_module(stack: ExitStack, module: str, *arguments: str, **options: Any)
 
     It ends with ``stack``, and with this process, however that ends.
     """
-    command = [sys.executable, '-m', end_with.__module__, str(os.getpid()), module, *arguments]
+    command = [sys.executable, '-m', processes.__name__, str(os.getpid()), module, *arguments]
     process = stack.enter_context(subprocess.Popen(command, **options))
     stack.callback(_end, process)
     return process
