@@ -55,6 +55,16 @@ def test_two_centres_that_nobody_tells_move_the_goal_by_millimetres_at_most(rig,
     assert result['position_error_m'] < 0.008 and result['max_distance_ratio'] < 1.1
 
 
+def test_a_turn_about_another_lens_is_not_taken_for_a_way() -> None:
+    scenario = load(None, RIGS / 'dual_fisheye.yaml').seeded(seed := 274359773)
+    view = view_of(scenario, 'features', seed)
+    start = (1.368867, -0.371214, -14.415847)  # its distance was 5 cm after a turn in place
+    log = run(scenario.loop(start, seed), view, scenario.camera.nominal_camera)
+    result = verdict(log, new_rig(scenario.camera))
+    assert result['outcome'] == 'arrived', result['reason']
+    assert result['duration_s'] < 30.0 and result['position_error_m'] < 0.008
+
+
 def test_a_jpeg_is_nearly_the_image_and_the_same_each_time() -> None:
     settings = CameraSettings(width=160, height=120, focal_length=96.0, noise=0.0)
     plain = CameraSimulator(settings).photograph()

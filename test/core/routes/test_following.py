@@ -10,17 +10,17 @@ from routes import key_view, route_of
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.bases.registry import base_of
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.routes.following import (
+from visual_servo_epipolar.core.routes.following.follower import Follower
+from visual_servo_epipolar.core.routes.following.path_estimate import (
     beside,
     beyond_gate,
-    Follower,
     PathMeasurement,
 )
+from visual_servo_epipolar.core.routes.following.steering import LateralFilter
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.path import TaughtPath
 from visual_servo_epipolar.core.routes.route import RouteView
 from visual_servo_epipolar.core.routes.settings import FollowSettings
-from visual_servo_epipolar.core.routes.steering import LateralFilter
 from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
@@ -97,7 +97,7 @@ def test_a_place_farther_along_the_way_than_the_base_can_be_is_not_believed(
     """As by a cabinet that was moved along the wall; the base may have stood, though."""
     follower = follower_on(straight(0.0), key_view(0))
     follower.halt(0, unsent=False)
-    follower._sent[-1] = (0, Twist(0.5, 0.0))
+    follower._estimate._sent[-1] = (0, Twist(0.5, 0.0))
     follower._stamp_ns, follower._way_variance = 100_000_000, 0.0
     place = seen(0.0, 0.0, 0.0, np.full(3, 1e-3))
 

@@ -8,7 +8,7 @@ import pytest
 from routes import key_view, route_of
 
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.routes.following import Confirmation
+from visual_servo_epipolar.core.routes.following.follower import Confirmation
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.core.routes.following.steering import brake, LateralFilter, steer
 from visual_servo_epipolar.core.routes.settings import FollowSettings
-from visual_servo_epipolar.core.routes.steering import brake, LateralFilter, steer
 
 SETTINGS = FollowSettings()
 DT = 1.0 / 11.0

@@ -8,12 +8,13 @@ import pytest
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.routes.chain import seam
-from visual_servo_epipolar.core.routes.following import RouteProgress
+from visual_servo_epipolar.core.routes.following.follower import RouteProgress
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
+from visual_servo_epipolar.core.routes.station import Docking
 from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
@@ -170,7 +171,9 @@ def test_a_station_whose_photograph_was_moved_is_no_arrival(
     """As by a cabinet that fills it: the servo ends where the photograph looks reached."""
     station = taught.stations[len(taught.route.views) - 1]
     photograph = CameraSimulator(SCENARIO.camera).capture(replace(station, x=station.x + moved), 0)
-    monkeypatch.setattr(RouteRun, '_aim', lambda run: run._tracker.set_desired(photograph))
+    monkeypatch.setattr(
+        Docking, 'aim', lambda docking, _: docking._tracker.set_desired(photograph)
+    )
     log = repeat(SCENARIO.seeded(3), taught, SETTINGS, start=replace(station, x=station.x - 0.6))
     assert (log.outcome == 'arrived') is (moved == 0.0), log.reason
     assert moved == 0.0 or 'from where the way leads' in log.reason

@@ -16,7 +16,7 @@ import math
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 
 MIN_TURN = 0.04  # of the line of sight, below which the distance is not observable [rad]
-
+LEAST_LEG = 0.02  # way from which a turn of it is not that of a second lens, or of the mount [m]
 UNKNOWN_RANGE = 2.0  # largest use of d_hat where the distance was never measured [m]
 LOOK_AHEADS = 4.0  # look-ahead distances in the remaining distance, at least
 LEAST_LOOK_AHEAD, LEAST_REMEMBERED = 0.25, 0.12  # by two views, by a memory of views [m]
@@ -56,7 +56,7 @@ class Leg:
         cos_0, sin_0 = math.cos(self.psi), math.sin(self.psi)
         cos_1, sin_1 = math.cos(psi), math.sin(psi)
         sine = cos_0 * sin_1 - sin_0 * cos_1
-        if abs(sine) < math.sin(min_turn):
+        if abs(sine) < math.sin(min_turn) or math.hypot(self.x, self.y) < LEAST_LEG:
             return None
         first = -(self.x * sin_1 - self.y * cos_1) / sine
         last = (first * cos_0 + self.x) * cos_1 + (first * sin_0 + self.y) * sin_1

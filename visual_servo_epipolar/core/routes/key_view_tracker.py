@@ -39,7 +39,7 @@ class KeyViewTracker:
     ) -> None:
         self._view, self._camera, self._settings = view, camera, settings
         self._localizer = Localizer(view.structure, camera)
-        self._tracked = [_TrackedAppearance(view, view.appearances[0], settings)]
+        self._tracked = [_TrackedAppearance(view, view.appearances[0], settings, camera)]
         self._used = self._tracked[0]
         self.begun, self.reason = False, ''
         self.features = Features()
@@ -80,14 +80,14 @@ class KeyViewTracker:
         return best
 
     def place(self, features: Features, near: FloatArray) -> ViewPose | None:
-        """Return where ``features`` are seen from, ``near`` a pose, (3,); None if unsure."""
+        """Return where ``features`` are seen from, near poses, (3,) or (K, 3); None if unsure."""
         return self._localizer.locate(features.ids, features.current, near)
 
     def begin(self, image: Image, near: FloatArray) -> None:
         """Look for the features where they are seen from a pose ``near``, (3,)."""
         image, most = as_gray(image), 0
         for tracked in self._appearances():
-            count = tracked.tracker.expect(image, self._expected(near, tracked.appearance))
+            count = tracked.expect(image, self._expected(near, tracked.appearance))
             if count > most:
                 most, self._used = count, tracked
             if count >= ENOUGH:
@@ -106,7 +106,7 @@ class KeyViewTracker:
         """Yield the photographs, the first one first; others are read when they are needed."""
         for number, appearance in enumerate(self._view.appearances):
             if number == len(self._tracked):
-                each = _TrackedAppearance(self._view, appearance, self._settings)
+                each = _TrackedAppearance(self._view, appearance, self._settings, self._camera)
                 self._tracked.append(each)
             yield self._tracked[number]
 
@@ -122,10 +122,27 @@ class KeyViewTracker:
 class _TrackedAppearance:
     """A photograph of a key view, and its tracker; features are those of the structure."""
 
-    def __init__(self, view: RouteView, appearance: Appearance, settings: TrackerSettings) -> None:
-        self.appearance, self._view, self.tracker = appearance, view, Tracker(settings)
-        self._desired = view_of_keypoints(appearance.load(), appearance.keypoints)
+    def __init__(
+        self,
+        view: RouteView,
+        appearance: Appearance,
+        settings: TrackerSettings,
+        camera: CameraModel,
+    ) -> None:
+        self.appearance, self._view, self.tracker = appearance, view, Tracker(settings, camera)
+        canvas, keypoints = self.tracker.canvas, appearance.keypoints
+        self._desired = view_of_keypoints(
+            canvas.painted(as_gray(appearance.load())),
+            replace(keypoints, pixels=canvas.pixels_of_canvas(keypoints.pixels)),
+            canvas=canvas,
+        )
         self.tracker.set_view(self._desired)
+
+    def expect(self, image: Image, warps: Warps) -> int:
+        """Begin anew with ``warps`` in pixels of images; return how many features are there."""
+        on_canvas = self.tracker.canvas.pixels_of_canvas
+        current, desired = on_canvas(warps.current), on_canvas(warps.desired)
+        return self.tracker.expect(image, replace(warps, current=current, desired=desired))
 
     def track(self, image: Image) -> Features:
         """Return the features in the next image."""

@@ -20,19 +20,20 @@ from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.path import PathPoint
 from visual_servo_epipolar.core.routes.route import Route, RouteView
 from visual_servo_epipolar.core.routes.structure import ViewPose
+from visual_servo_epipolar.core.tracking.canvas import Canvas
 from visual_servo_epipolar.core.tracking.matchers.sift import detect
 from visual_servo_epipolar.core.tracking.matching import CurrentView
 
 MOST_KEYPOINTS = 500  # of the image that is looked for
 SHORTLIST = 5  # key views that are looked at closely
 KEPT = 2 * SHORTLIST  # photographs that stay in memory
-STARTS = 4  # along the path of each, from which its place is looked for
 LEAST_VOTES = 6  # of a key view to be on it
 RATIO = 0.85  # of the nearest to the nearest of another place
 SAME_PLACE = 4  # key views before and after that show the same
 LEAST_INLIERS, LEAST_SHARE = 18, 0.6  # of a geometry that is believed
 CERTAIN = 0.05  # deviation of a place that is believed, also by its witnesses alone [m]
-FARTHEST, MOST_TURN = 3.0, 1.2  # from the path, that the structure can tell [m, rad]
+FARTHEST = 3.0  # from the path, that the structure can tell [m]
+MOST_TURN = 1.2  # from its heading, of a camera that does not see all around [rad]
 RIVAL = 0.7  # of the inliers of the best: another place with so many leaves it open
 
 
@@ -116,7 +117,8 @@ class PlaceFinder:
                 f'{votes.max():.0f}; put the robot on the route, looking along it'
             )
             return None
-        image, current = as_gray(image), CurrentView(image)
+        image = as_gray(image)
+        current = CurrentView(Canvas.of(self.route.camera).painted(image))
         places = [self._verified(image, current, k) for k in shortlist]
         found = [place for place in places if place is not None]
         if not found:
@@ -151,7 +153,8 @@ class PlaceFinder:
             return None
         point = self._beside(number, found.pose)
         place = Place(number, found, point.way, point.offset, point.turn)
-        is_near = abs(point.offset) < FARTHEST and abs(point.turn) < MOST_TURN
+        is_turned = abs(point.turn) > MOST_TURN and not self.route.camera.wraps
+        is_near = abs(point.offset) < FARTHEST and not is_turned
         return place if is_near and place.deviation < CERTAIN else None
 
     def _beside(self, number: int, pose: FloatArray) -> PathPoint:
@@ -174,13 +177,7 @@ def _located(
     """Return where an image was taken, by matching it with one key view; None if that fails."""
     tracker = KeyViewTracker(view, camera)
     features = tracker.match(image, current)
-    starts = view.path.poses[:: max(len(view.path.poses) // STARTS, 1)]
-    places = [tracker.place(features, near) for near in starts]
-    best = max(
-        (place for place in places if place is not None),
-        key=lambda place: place.inliers,
-        default=None,
-    )
-    if best is None or best.inliers < max(LEAST_INLIERS, LEAST_SHARE * len(features)):
+    place = tracker.place(features, view.path.poses)
+    if place is None or place.inliers < max(LEAST_INLIERS, LEAST_SHARE * len(features)):
         return None
-    return best if best.unaided < CERTAIN else None
+    return place if place.unaided < CERTAIN else None

@@ -6,43 +6,40 @@ Node, replay and simulation call ``step``; the words of its phases are the servo
 ahead, then at its neighbours, then anywhere on the route, and then fails with a reason.
 """
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.bases.base import Base
+from visual_servo_epipolar.core.bases.base import Base, turns_in_place
 from visual_servo_epipolar.core.bases.registry import base_of
-from visual_servo_epipolar.core.errors import InputError, TrackingError
-from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.routes.following import (
+from visual_servo_epipolar.core.routes.following.follower import (
     COASTED,
     Confirmation,
     Follower,
     LEAST_CONFIRMED,
-    PLACE_NOISE,
     RouteProgress,
+    TURNED,
 )
+from visual_servo_epipolar.core.routes.following.path_estimate import place_filter
+from visual_servo_epipolar.core.routes.following.steering import LateralFilter
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
-from visual_servo_epipolar.core.routes.steering import FIRST, LateralFilter
+from visual_servo_epipolar.core.routes.station import Docking
 from visual_servo_epipolar.core.servo.admission import (
     Arrival,
     disorder,
     FrozenImageCheck,
     refusal,
 )
-from visual_servo_epipolar.core.servo.session import Interruption, Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import seconds_between
-from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.core.tracking.tracker import Tracker
 
 LOCALIZING, FOLLOWING = 'localizing', 'following'
 WAITING, HOLDING = Phase.WAITING.value, Phase.HOLDING.value
@@ -51,7 +48,6 @@ REMEDY = '~/cancel, then ~/repeat'
 SEARCH_FRAMES = 5  # images between two looks at the route
 NEIGHBOURS = 2  # key views on either side that are looked at first, for half of lost_timeout
 PASSED = 0.05  # way by which a key view counts as passed [m]
-APART, APART_SHARE = 0.05, 0.1  # of a station [m], and share of what was driven
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,36 +58,6 @@ class RouteStep:
     phase: str
     reason: str = ''
     progress: RouteProgress | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class StationApproach:
-    """
-    Approach to a station by the servo: the ``pose`` in its axes, by commands, and ``driven`` [m].
-
-    The servo goes by a photograph alone; commands tell when what is in it was moved.
-    """
-
-    pose: Pose
-    stamp_ns: int
-    driven: float = 0.0
-
-    def moved(self, twist: Twist, stamp_ns: int) -> 'StationApproach':
-        """Return it at ``stamp_ns``, where the base was told a ``twist`` until then."""
-        span = max(seconds_between(self.stamp_ns, stamp_ns), 0.0)
-        driven = self.driven + abs(twist.linear) * span
-        return StationApproach(integrate(self.pose, twist, span), stamp_ns, driven)
-
-    @property
-    def trouble(self) -> str:
-        """That an arrival here would be elsewhere than where the way leads; or ''."""
-        apart = math.hypot(self.pose.x, self.pose.y)
-        if apart <= APART + APART_SHARE * self.driven:
-            return ''
-        return (
-            f'the photograph of the station looks reached {apart:.2f} m from where the way leads; '
-            'look what was moved there, and teach the station anew'
-        )
 
 
 class RouteRun:
@@ -115,9 +81,7 @@ class RouteRun:
         self.base = _base(settings, servo)
         self._finder = PlaceFinder(route)
         self._follower: Follower | None = None
-        self._session: Session | None = None
-        self._approach: StationApproach | None = None
-        self._tracker = Tracker(TrackerSettings())
+        self._docking = Docking(route.camera, servo)
         self._confirmed: dict[int, Confirmation] = {}
         self._searched, self._lost_ns, self.lap = 0, -1, 1
         self._newest_ns: int | None = None
@@ -149,8 +113,8 @@ class RouteRun:
         self._newest_ns = stamp_ns
         if self._follower is not None and self._follower.is_there:
             self._begin_docking()
-        if self._session is not None:
-            self.last = self._dock(image, stamp_ns, self._session)
+        if self._docking.begun:
+            self.last = self._dock(image, stamp_ns)
         elif self._follower is not None:
             self.last = self._follow(image, stamp_ns, self._follower)
         else:
@@ -174,11 +138,7 @@ class RouteRun:
         """
         if self._follower is not None:
             self._follower.halt(stamp_ns, unsent=unsent)
-        if self._approach is not None:
-            acted = STANDSTILL if unsent else self.last.twist
-            self._approach = self._approach.moved(acted, stamp_ns)
-        if self._session is not None:
-            self._session = self._session.interrupted(Interruption.LOST, reason)
+        self._docking.halt(stamp_ns, STANDSTILL if unsent else self.last.twist, reason)
         if not self.ended:
             self.last = RouteStep(STANDSTILL, HOLDING, reason)
         return self.last
@@ -249,6 +209,13 @@ class RouteRun:
         if (-past if self.settings.reverse else past) > PASSED:
             other = _direction(replace(self.settings, reverse=not self.settings.reverse))
             return self.fail(f'the station is {abs(past):.2f} m behind; repeat the route {other}')
+        turn = 0.0 if at is None else float(at.state[1])
+        if abs(turn) > TURNED and not turns_in_place(self.base):
+            return self.fail(
+                f'the robot is turned by {math.degrees(turn):+.0f} deg to the left of the way, '
+                'and its base does not turn in place; turn it to within '
+                f'{math.degrees(TURNED):.0f} deg'
+            )
         ahead = [k for k, view in enumerate(self.route.views) if view.way > way + PASSED and k]
         view = ahead[0] if ahead else len(self.route.views) - 1
         view = max(view, self.target + 1) if self.settings.reverse else min(view, self.target)
@@ -264,7 +231,7 @@ class RouteRun:
             at=at,
             confirmed=self._confirmed,
         )
-        self._aim()
+        self._docking.aim(self.route.views[self.target])
         return RouteStep(STANDSTILL, LOCALIZING, f'found after {way:.2f} m')
 
     def _follow(self, image: Image, stamp_ns: int, follower: Follower) -> RouteStep:
@@ -289,34 +256,18 @@ class RouteRun:
             return self._begin_at(place.way, place_filter(place))
         return RouteStep(follower.twist, HOLDING, follower.reason, progress)
 
-    def _aim(self) -> None:
-        """Read the photographs of the station, while the robot stands: that takes a while."""
-        first, *others = self.route.views[self.target].appearances
-        self._tracker.set_desired(first.load())
-        for each in others:
-            with suppress(TrackingError):  # it serves a key view, but cannot be tied to the first
-                self._tracker.add_desired(each.load())
-
     def _begin_docking(self) -> None:
         """Leave the path to the servo, once."""
-        if self._session is None and self._follower is not None:
-            self._session = Session(camera=self.route.camera, started=True)
-            pose = Pose(*self._follower.station_pose().tolist())
-            self._approach = StationApproach(pose, self._follower.stamp_ns)
+        if not self._docking.begun and self._follower is not None:
+            self._docking.begin(self._follower.station_pose(), self._follower.stamp_ns)
 
-    def _dock(self, image: Image, stamp_ns: int, session: Session) -> RouteStep:
+    def _dock(self, image: Image, stamp_ns: int) -> RouteStep:
         """Let the servo drive to the photograph of the station."""
-        if self._approach is not None:
-            self._approach = self._approach.moved(self.last.twist, stamp_ns)
-        features = self._tracker.track(image)
-        seen = observe(features, self.route.camera, stamp_ns)
-        session = session.decide(seen, self._servo, goal=features.goal).update_map()
-        self._session, state = session, session.state
-        trouble = '' if self._approach is None else self._approach.trouble
-        if state.phase is Phase.ARRIVED and trouble:
-            return self.fail(trouble)
+        state = self._docking.step(image, stamp_ns, self.last.twist)
+        if state.phase is Phase.ARRIVED and self._docking.trouble:
+            return self.fail(self._docking.trouble)
         if state.phase is Phase.ARRIVED and self.settings.renewals:
-            self._confirmed[self.target] = Confirmation(0.0, image, features)
+            self._confirmed[self.target] = Confirmation(0.0, image, self._docking.features)
         if state.phase is Phase.ARRIVED and self.lap < self.settings.laps:
             return self._begin_lap(stamp_ns)
         twist = STANDSTILL if state.phase.ended else state.command.twist
@@ -326,17 +277,9 @@ class RouteRun:
     def _begin_lap(self, stamp_ns: int) -> RouteStep:
         """Look for the beginning of the way, which is in sight where it closes."""
         self.lap, self._searched, self._lost_ns = self.lap + 1, 0, stamp_ns
-        self._session, self._follower, self._approach = None, None, None
+        self._follower = None
+        self._docking.end()
         return RouteStep(STANDSTILL, LOCALIZING, f'lap {self.lap} of {self.settings.laps}')
-
-
-def place_filter(place: Place) -> LateralFilter:
-    """Return the filter that begins where a ``place`` is beside the path."""
-    covariance = FIRST.copy()
-    covariance[:2, :2] = np.diag(PLACE_NOISE[1:] ** 2)
-    covariance[0, 0] += place.deviation**2
-    covariance[1, 1] += place.pose.covariance[2, 2]
-    return LateralFilter(np.array([place.offset, place.turn, 0.0]), covariance)
 
 
 def target_of(route: Route, settings: FollowSettings) -> int:

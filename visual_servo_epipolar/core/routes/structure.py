@@ -1,7 +1,7 @@
 """Local structure: where the features of one photograph are, learnt from views around it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
 
@@ -34,6 +34,7 @@ from visual_servo_epipolar.core.mapping.fitting import (
     Anchors,
     fit_pose,
     MatchedFeatures,
+    nearest_view,
     pose_covariance,
     PoseFit,
 )
@@ -47,6 +48,7 @@ from visual_servo_epipolar.core.mapping.localization import seen_rays
 STEPS = 12
 SCALE_DEVIATION = 0.01  # of the logarithm of the true way over that of the odometry
 NOISE_PX = 0.1  # of a tracked feature
+ALL_AROUND = 1e-3  # of the logarithm of the focal length: 360 deg are as many pixels as it has
 LEAST_INVERSE_DEPTH = 1e-3  # [1/m]
 LEAST_VIEWS = 2  # in which a feature is seen, to be kept
 LEAST_FEATURES = 12  # of a structure
@@ -131,6 +133,8 @@ class Localizer:
         """
         Return the pose by features ``ids``, (n,), at ``pixels``, (n, 2); None if unsure.
 
+        It is ``near`` a pose, (3,), or one of several, (K, 3), with any heading.
+
         What stands together may have been moved together, and agrees on a place all the same:
         where most features elsewhere contradict it, the pose is not believed.
         """
@@ -139,7 +143,8 @@ class Localizer:
         rays = self._camera.rays(pixels)
         basis = tangent_basis_of(rays, _noise(self._camera, rays))
         seen, anchors = MatchedFeatures(ids, rays.T, basis), self._anchors.of(ids)
-        start = views_of(near[None], anchors.attitude)[0]
+        starts = views_of(np.atleast_2d(near), anchors.attitude)
+        start = starts[0] if near.ndim == 1 else nearest_view(anchors, seen, starts)
         fit = fit_pose(anchors, seen, start)
         agree = int(fit.inliers.sum())
         if agree < max(MIN_AGREEING, MIN_SHARE * len(ids)):
@@ -190,6 +195,8 @@ def learn_structure(
     near = triangulate(window, start, np.ones(len(views), bool))
     unknowns = Unknowns(start.views, start.shared, start.offsets, near)
     factors = factors_of(mount, window, SCALE_DEVIATION)
+    if camera.wraps:
+        factors = replace(factors, lens_deviation=ALL_AROUND)
     at = Evaluation(window, unknowns, np.ones(count, bool), factors)
     geometry = refine(*_narrowed(at))
     rows = np.flatnonzero(geometry.trusted & (window.seen.sum(0) >= LEAST_VIEWS))

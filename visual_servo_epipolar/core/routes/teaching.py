@@ -185,10 +185,11 @@ class Teacher:
     def _begin_key_view(self, frame: DrivenFrame) -> None:
         """End the last key view, and begin one at a frame: first back through those before."""
         self._end_key_view()
-        view = desired_view(frame.image)
-        tracker = Tracker(TrackerSettings(max_features=self._settings.features))
+        tracker = Tracker(TrackerSettings(max_features=self._settings.features), self.camera)
+        view = desired_view(frame.image, canvas=tracker.canvas)
         tracker.set_view(view)
-        pending = _Pending(frame, tracker, view.keypoints)
+        pixels = tracker.canvas.pixels_of_image(view.keypoints.pixels)
+        pending = _Pending(frame, tracker, replace(view.keypoints, pixels=pixels))
         least = -math.inf
         if self._views:
             least = self._views[-1].way - self._settings.overlap

@@ -75,6 +75,11 @@ class Canvas:
         margins = self.margins
         return pixels - np.array(margins, float) if margins[0] else pixels
 
+    def pixels_of_canvas(self, pixels: FloatArray) -> FloatArray:
+        """Return where the canvas shows ``pixels`` of the image, (N, 2)."""
+        margins = self.margins
+        return pixels + np.array(margins, float) if margins[0] else pixels
+
     def owns(self, pixels: FloatArray) -> BoolArray:
         """Return which ``pixels``, shape (N, 2), are the image's own, none shown a second time."""
         beside, beyond = self.margins

@@ -49,12 +49,12 @@ class Tracker:
     is what the features lead to. Of its ``photographs``, in different light, that number
     ``photograph`` is tracked, from 0 on; there are none before there is a desired image.
     ``reason`` says why the last matching of a whole image failed. A ``camera`` whose image is no
-    plane is to be told; others need none.
+    plane is to be told; others need none. Views are on its ``canvas``.
     """
 
     def __init__(self, settings: TrackerSettings, camera: CameraModel | None = None) -> None:
         self.settings = settings
-        self._canvas = Canvas.of(camera, math.radians(self.settings.stitch_band))
+        self.canvas = Canvas.of(camera, math.radians(self.settings.stitch_band))
         self.photographs = Photographs()
         self.photograph = 0
         self._previous: Frame | None = None
@@ -100,7 +100,7 @@ class Tracker:
         Raises ValueError or TrackingError, and keeps the former view, if it cannot be used.
         """
         matcher = matcher_of(self.settings.matcher, self.settings.matcher_model)
-        self.set_view(desired_view(image, matcher, canvas=self._canvas))
+        self.set_view(desired_view(image, matcher, canvas=self.canvas))
 
     def set_view(self, view: DesiredView) -> None:
         """Make ``view`` the desired one, of which all is known, and forget all features."""
@@ -115,7 +115,7 @@ class Tracker:
         Raises ValueError or TrackingError, and changes nothing, if it cannot use the photographs.
         """
         canvas = Canvas.of(camera, math.radians(self.settings.stitch_band))
-        if canvas == self._canvas:
+        if canvas == self.canvas:
             return
         if self.has_desired:
             self._check_size(camera.height, camera.width)
@@ -123,7 +123,7 @@ class Tracker:
             self.photographs = photographs
             self.goal = Goal(goal_id(photographs.views[0].view.image))
             self.redetect()
-        self._canvas = canvas
+        self.canvas = canvas
 
     def add_desired(self, image: Image) -> None:
         """
@@ -155,9 +155,9 @@ class Tracker:
         """
         self.redetect()
         limit = self.settings.max_features
-        frame = Frame(self._canvas.painted(image))
+        frame = Frame(self.canvas.painted(image))
         aligned = self._aligned(Tracks.detected(warps), float_image(frame.image), FIRST_ITERATIONS)
-        found = aligned.without_residual_outliers().without_epipolar_outliers(self._canvas)
+        found = aligned.without_residual_outliers().without_epipolar_outliers(self.canvas)
         if self._candidates is None or len(found) < self.settings.min_features:
             return len(found)
         self._candidates.remember(warps.ids, self.settings.candidates)
@@ -201,20 +201,20 @@ class Tracker:
         self._frame += 1
         self._rematching.pass_frame()
         try:
-            frame = Frame(self._canvas.painted(image))
+            frame = Frame(self.canvas.painted(image))
             tracked = self._tracked_in(frame)
-            self._tracked = replace(tracked, warps=self._canvas.own(tracked.warps))
+            self._tracked = replace(tracked, warps=self.canvas.own(tracked.warps))
             known = self._tracked.warps.current
             passing = self._passing.follow(
-                self._previous, frame, known, self.settings, self._canvas
+                self._previous, frame, known, self.settings, self.canvas
             )
         except (OpenCVError, np.linalg.LinAlgError) as error:
             self.redetect()
             self.reason = f'the image could not be tracked in: {" ".join(str(error).split())}'
             return Features()
         self._previous, self._is_prepared = frame, False
-        shown = self._tracked.take(self._canvas.shows(self._tracked.warps.current))
-        passing = passing.take(self._canvas.shows(passing.current))
+        shown = self._tracked.take(self.canvas.shows(self._tracked.warps.current))
+        passing = passing.take(self.canvas.shows(passing.current))
         return self._tied.features(shown, passing, self.goal.id)
 
     def _check_size(self, height: int, width: int) -> None:
@@ -248,7 +248,7 @@ class Tracker:
         pixels = float_image(frame.image)
         tracked = self._aligned(tracked, pixels, self.settings.anchor_iterations)
         tracked = self._on_common_motion(tracked.without_residual_outliers())
-        return self._reacquired(tracked, pixels).without_epipolar_outliers(self._canvas)
+        return self._reacquired(tracked, pixels).without_epipolar_outliers(self.canvas)
 
     @property
     def _aligns_now(self) -> bool:
@@ -287,8 +287,8 @@ class Tracker:
         if not len(ids):
             return tracked
         predicted = self._predictions.select(ids)
-        predicted = replace(predicted, warps=self._canvas.own(predicted.warps))
-        warps = reacquire(predicted, tracked.warps, self._tied.anchor, image, self._canvas)
+        predicted = replace(predicted, warps=self.canvas.own(predicted.warps))
+        warps = reacquire(predicted, tracked.warps, self._tied.anchor, image, self.canvas)
         found = self._aligned(Tracks.detected(warps), image, FIRST_ITERATIONS)
         if not len(found):
             return tracked
@@ -316,7 +316,7 @@ class Tracker:
         assert self._candidates is not None
         warps = self._candidates.matched(matches, tracked.warps, self.settings.candidates)
         detected = self._aligned(Tracks.detected(warps), float_image(image), FIRST_ITERATIONS)
-        joined = tracked.joined(detected).without_epipolar_outliers(self._canvas)
+        joined = tracked.joined(detected).without_epipolar_outliers(self.canvas)
         self._candidates.remember(joined.warps.ids, self.settings.candidates)
         self._predictions.correct(joined.warps)
         return self._candidates.limited(joined, tracked, limit)

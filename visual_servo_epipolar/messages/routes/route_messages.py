@@ -8,7 +8,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import quaternion_from_yaw
 from visual_servo_epipolar.core.routes.chain import path_poses
-from visual_servo_epipolar.core.routes.following import RouteProgress
+from visual_servo_epipolar.core.routes.following.follower import RouteProgress
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import FAILED, HOLDING, RouteStep
 from visual_servo_epipolar.messages import write

@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist, wrap_angle
 from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.routes.following import RouteProgress
+from visual_servo_epipolar.core.routes.following.follower import RouteProgress
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import ARRIVED, RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
@@ -33,26 +32,17 @@ SIZE, FOCAL = (640, 480), 385.0  # of the camera of routes [px]
 
 
 def route_scenario(scenario: Scenario, seed: int) -> Scenario:
-    """
-    Return a ``scenario`` in the storey of a seed, with a camera of 640x480.
-
-    Raises InputError for a lens that is no pinhole.
-    """
-    if scenario.camera.camera.planar is None:
-        raise InputError(
-            f'routes are simulated with a pinhole, got a {scenario.camera.camera.lens} lens; '
-            'leave out --rig'
+    """Return a ``scenario`` in the storey of a seed; a pinhole has images of 640x480."""
+    camera = replace(scenario.camera, scene='storey', scene_seed=seed)
+    if camera.camera.planar is not None:
+        camera = replace(
+            camera,
+            width=SIZE[0],
+            height=SIZE[1],
+            focal_length=FOCAL,
+            principal_u=0.5 * (SIZE[0] - 1),
+            principal_v=0.5 * (SIZE[1] - 1),
         )
-    camera = replace(
-        scenario.camera,
-        width=SIZE[0],
-        height=SIZE[1],
-        focal_length=FOCAL,
-        principal_u=0.5 * (SIZE[0] - 1),
-        principal_v=0.5 * (SIZE[1] - 1),
-        scene='storey',
-        scene_seed=seed,
-    )
     return replace(scenario, camera=camera)
 
 

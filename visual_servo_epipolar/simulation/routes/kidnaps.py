@@ -29,13 +29,18 @@ class Kidnaps:
 
 
 def kidnap(scenario: Scenario, taught: Taught, count: int, seed: int) -> Kidnaps:
-    """Put the robot beside the route ``count`` times, and judge where it says that it is."""
+    """
+    Put the robot beside the route ``count`` times, and judge where it says that it is.
+
+    A camera that sees all around is turned anyhow.
+    """
     simulator, finder = new_simulator(scenario), PlaceFinder(taught.route)
     rng = np.random.default_rng((seed, 11))
+    turned = math.pi if scenario.camera.camera.wraps else TURNED
     right = refused = 0
     for number in range(count):
         k, offset = int(rng.integers(0, len(taught.way.points) - 40)), float(rng.uniform(-1, 1))
-        pose = _beside(taught, k, ASIDE * offset, TURNED * float(rng.uniform(-1.0, 1.0)))
+        pose = _beside(taught, k, ASIDE * offset, turned * float(rng.uniform(-1.0, 1.0)))
         place = finder.find(simulator.capture(pose, number))
         refused += place is None
         right += place is not None and _is_right(taught, place, pose)

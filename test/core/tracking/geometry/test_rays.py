@@ -76,3 +76,9 @@ def test_chance_is_told_from_a_place_that_is_seen_again() -> None:
         frames = [np.column_stack([rays, turn]) for rays in (current, desired)]
         frames[0][:, 3] += rng.uniform(-3.0, 3.0, 60) * (wrong == 60)
         assert low <= log_false_alarms(geometry, *frames, inliers) <= high
+
+
+def test_eight_matches_are_enough() -> None:
+    geometry, inliers = epipolar_geometry(*matches(4, 8, 0), 4.0 * PIXEL)
+    assert geometry is not None
+    assert inliers.all()

@@ -91,7 +91,8 @@ def _candidates(
 
 
 def _samples(rng: np.random.Generator, count: int, size: int) -> IntArray:
-    return np.asarray(rng.random((SAMPLES, count)).argpartition(size, axis=1)[:, :size])
+    order = rng.random((SAMPLES, count)).argpartition(min(size, count - 1), axis=1)
+    return np.asarray(order[:, :size])
 
 
 def _refined(

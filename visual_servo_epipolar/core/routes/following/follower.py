@@ -6,8 +6,6 @@ shows it. Where a key view is reached, the next takes over: what both say differ
 which a filter spreads over some steps.
 """
 
-from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
@@ -15,33 +13,33 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.bases.base import Base
+from visual_servo_epipolar.core.bases.base import Base, turns_in_place
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_pose
-from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
-from visual_servo_epipolar.core.routes.path import PathPoint, TaughtPath
-from visual_servo_epipolar.core.routes.route import Route
-from visual_servo_epipolar.core.routes.settings import EPIPOLE, FollowSettings
-from visual_servo_epipolar.core.routes.steering import (
+from visual_servo_epipolar.core.routes.following.path_estimate import (
+    beside,
+    PathEstimate,
+    PathMeasurement,
+)
+from visual_servo_epipolar.core.routes.following.steering import (
     brake,
     epipole_error,
     EPIPOLE_GAIN,
     LateralFilter,
     NEAREST,
     steer,
+    turned_back,
 )
-from visual_servo_epipolar.core.routes.structure import ViewPose
-from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
+from visual_servo_epipolar.core.routes.route import Route
+from visual_servo_epipolar.core.routes.settings import EPIPOLE, FollowSettings
+from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 
-GATE = 4.0  # deviations of a view from what was predicted, from which it is not believed
-GATE_FLOOR = np.array([0.02, 0.02, 0.01])  # that they are at least [m, m, rad]
-SLIP_NOISE = 0.03  # of the true way against the commanded one [m/sqrt(m)]
-PLACE_NOISE = np.array([0.02, 0.02, 0.02])  # of way, offset and turn of a place [m, m, rad]
-OBEYED_AFTER, LEAST_OBEYED = 0.5, 0.2  # way [m] of commands of which the view must see a share
 COASTED = 0.5  # time without a trusted view after which it stands [s]
 CERTAIN = 0.01  # a third of the deviation of the offset that slows it down [m]
 SLOWEST = 0.1  # that it drives where it was taught slower [m/s]
+TURNED = 0.8  # from the heading of the path, from which a base that can turns in place [rad]
 CONFIRMED_NEAR, LEAST_CONFIRMED = 0.06, 30  # of a key view that is confirmed: away [m], inliers
 MOST_CONFIRMED = 200  # images that are kept for this
 
@@ -74,14 +72,6 @@ class Confirmation(NamedTuple):
     features: Features
 
 
-class PathMeasurement(NamedTuple):
-    """Where a view is beside the path, with the covariance, (3, 3), of way, offset and turn."""
-
-    point: PathPoint
-    covariance: FloatArray
-    inliers: int
-
-
 FAR = Confirmation(math.inf, np.empty((0, 0), np.uint8), Features())
 
 
@@ -94,9 +84,8 @@ class Follower:
     begins, if that is known.
 
     ``is_there``: so near before the target that the servo takes over. ``lost`` [s] is the time
-    without a view that was believed, ``reason`` says why. ``disobeyed`` says that the base does
-    not do what it is told. ``confirmed`` are key views that look otherwise than their photographs,
-    where ``settings`` want them renewed.
+    without a view that was believed, ``reason`` says why. ``confirmed`` are key views that look
+    otherwise than their photographs, where ``settings`` want them renewed.
     """
 
     def __init__(
@@ -113,24 +102,29 @@ class Follower:
         confirmed: dict[int, Confirmation] | None = None,
     ) -> None:
         self.route, self.settings, self._base = route, settings, base
-        self.view, self.target, self.way = view, target, way
-        self._sign, self._late_ns = -1 if settings.reverse else 1, round(latency * NANOSECONDS)
-        self.lost, self.reason, self.disobeyed = 0.0, '', ''
-        self._commanded, self._marked = 0.0, way  # since the base was last seen to obey [m]
-        # Where a view was believed at last, and what is unsure since then.
-        self._seen_way, self._way_variance = way, float(PLACE_NOISE[0] ** 2)
+        self.view, self.target = view, target
+        self._sign = -1 if settings.reverse else 1
+        self._estimate = PathEstimate(way, latency, at)
+        self.lost, self.reason = 0.0, ''
         self._trackers: dict[int, KeyViewTracker] = {}
         self.confirmed = {} if confirmed is None else confirmed
-        self._filter = at
-        self._sent: deque[tuple[int, Twist]] = deque()
         self._stamp_ns: int | None = None
-        self._curvature = 0.0
         self.twist = STANDSTILL
 
     @property
     def stamp_ns(self) -> int:
         """Stamp of the last image; 0 before the first."""
         return self._stamp_ns or 0
+
+    @property
+    def way(self) -> float:
+        """Way that it has come along the route [m]."""
+        return self._estimate.way
+
+    @property
+    def disobeyed(self) -> str:
+        """That the base does not do what it is told; or ''."""
+        return self._estimate.disobeyed
 
     @property
     def remaining(self) -> float:
@@ -149,21 +143,22 @@ class Follower:
 
     def step(self, image: Image, stamp_ns: int) -> RouteProgress:
         """Take in an image, uint8 of shape (H, W); ``twist`` is then what to drive."""
-        dt = 0.0 if self._stamp_ns is None else seconds_between(self._stamp_ns, stamp_ns)
-        self._predict(stamp_ns, dt)
+        before_ns = stamp_ns if self._stamp_ns is None else self._stamp_ns
+        dt = seconds_between(before_ns, stamp_ns)
+        self._estimate.predict(before_ns, stamp_ns)
         self._stamp_ns = stamp_ns
         switched = self._switch(image)
         found = self._look(image)
         self.lost = 0.0 if found is not None else self.lost + dt
         if found is not None:
-            self._update(found)
+            self._estimate.update(found)
             self._confirm(image, found)
-        wanted = STANDSTILL
-        if self._filter is not None and self.lost <= COASTED:
-            wanted = self._wanted(image, self._filter, found, dt)
+        wanted, lateral = STANDSTILL, self._estimate.lateral
+        if lateral is not None and self.lost <= COASTED:
+            wanted = self._wanted(image, lateral, found, dt)
         limited = self._base.within_speed(wanted)
         self.twist = self._base.within_acceleration(limited, self.twist, dt) if dt else limited
-        self._sent.append((stamp_ns, self.twist))
+        self._estimate.sent(stamp_ns, self.twist)
         return self._progress(found, switched)
 
     def prepare(self) -> None:
@@ -193,9 +188,7 @@ class Follower:
     def halt(self, stamp_ns: int, *, unsent: bool) -> None:
         """Note that the base was told to stand at ``stamp_ns``; the last twist was ``unsent``."""
         self.twist = STANDSTILL
-        if unsent and self._sent:
-            self._sent.pop()
-        self._sent.append((stamp_ns, STANDSTILL))
+        self._estimate.halted(stamp_ns, unsent=unsent)
 
     def station_pose(self) -> FloatArray:
         """Return the pose in axes of the target, (3,), at the last image."""
@@ -204,7 +197,7 @@ class Follower:
         return compose(T_target_view, self._pose_in(self.view))
 
     def _progress(self, found: PathMeasurement | None, switched: bool) -> RouteProgress:
-        it = self._filter or LateralFilter()
+        it = self._estimate.lateral or LateralFilter()
         return RouteProgress(
             self.view,
             self.way,
@@ -215,29 +208,6 @@ class Follower:
             0 if found is None else found.inliers,
             switched,
         )
-
-    def _predict(self, stamp_ns: int, dt: float) -> None:
-        """Move on by what the base was told to do since the last image."""
-        if self._filter is None or dt <= 0.0:
-            return
-        for twist, span in self._acting(stamp_ns - round(dt * NANOSECONDS), stamp_ns):
-            self._filter = self._filter.moved(twist.linear, twist.angular, self._curvature, span)
-            self.way += twist.linear * span
-            self._commanded += abs(twist.linear) * span
-            self._way_variance += SLIP_NOISE**2 * abs(twist.linear) * span
-        while len(self._sent) > 1 and self._sent[1][0] + self._late_ns <= stamp_ns:
-            self._sent.popleft()  # it acts no more
-
-    def _acting(self, start_ns: int, end_ns: int) -> Sequence[tuple[Twist, float]]:
-        """Return what acts on the base between two times, given its delay, with durations [s]."""
-        times = [(sent + self._late_ns, twist) for sent, twist in self._sent]
-        spans: list[tuple[Twist, float]] = []
-        for k, (begin, twist) in enumerate(times):
-            until = times[k + 1][0] if k + 1 < len(times) else end_ns
-            span = min(until, end_ns) - max(begin, start_ns)
-            if span > 0:
-                spans.append((twist, span / NANOSECONDS))
-        return spans
 
     def _tracker(self, view: int) -> KeyViewTracker:
         if view not in self._trackers:
@@ -259,12 +229,8 @@ class Follower:
         return True
 
     def _pose_in(self, view: int) -> FloatArray:
-        """Return the pose in axes of a key view, (3,), by progress and filter."""
-        pose = self.route.views[view].path.pose_at(self.way)
-        if self._filter is None:
-            return pose
-        offset, turn, _ = self._filter.state.tolist()
-        return compose(pose, np.array([0.0, offset, turn]))
+        """Return the pose in axes of a key view, (3,)."""
+        return self._estimate.pose_in(self.route.views[view].path)
 
     def _look(self, image: Image) -> PathMeasurement | None:
         """Return where the view is beside the path; None, and why, if that is not believed."""
@@ -274,40 +240,17 @@ class Follower:
             self.reason = tracker.reason
             return None
         measured = beside(path, found, self.way)
-        self.reason = ''
-        if self._filter is not None:  # a robot that was carried away is looked for anew
-            slip, variance = self._slip(measured), self._way_variance
-            self.reason = beyond_gate(self._filter, measured, slip, variance)
+        self.reason = self._estimate.trouble(measured)
         tracker.begun = not self.reason  # the features are elsewhere: look where they must be
         return None if self.reason else measured
-
-    def _slip(self, measured: PathMeasurement) -> float:
-        """Return how far along the way a view is from where the base can be [m]."""
-        # It may have driven less than it was told: that is for ``disobeyed``.
-        least, most = sorted((self._seen_way, self.way))
-        return measured.point.way - min(max(measured.point.way, least), most)
-
-    def _update(self, measured: PathMeasurement) -> None:
-        """Take in where the view is."""
-        point = measured.point
-        before = LateralFilter() if self._filter is None else self._filter
-        self._filter = before.seen(point.offset, point.turn, measured.covariance[1:, 1:])
-        self.way, self._curvature = point.way, point.curvature
-        self._seen_way, self._way_variance = point.way, 0.0
-        if self._commanded > OBEYED_AFTER:
-            moved = abs(self.way - self._marked)
-            if moved < LEAST_OBEYED * self._commanded:
-                self.disobeyed = (
-                    f'the base was told to drive {self._commanded:.2f} m, and the view has moved '
-                    f'by {moved:.2f} m; look at its wheels, and who else commands it'
-                )
-            self._commanded, self._marked = 0.0, self.way
 
     def _wanted(
         self, image: Image, at: LateralFilter, found: PathMeasurement | None, dt: float
     ) -> Twist:
         """Return the twist that is wanted next, whatever the base can follow of it."""
-        settings, now = self.settings, self._stamp_ns or 0
+        settings = self.settings
+        if abs(at.state[1]) > TURNED and turns_in_place(self._base):
+            return turned_back(float(at.state[1]), self._base.limits)
         taught = settings.max_speed if found is None else found.point.speed
         speed = max(min(taught, settings.max_speed), min(SLOWEST, settings.max_speed))
         speed *= confidence(at, self.lost)
@@ -317,10 +260,7 @@ class Follower:
             speed = self._base.within_acceleration(
                 replace(self.twist, linear=speed), self.twist, dt
             ).linear
-        way = self.way
-        for twist, span in self._acting(now, now + self._late_ns):
-            state = at.predicted(twist.linear, twist.angular, self._curvature, span)
-            at, way = replace(at, state=state), way + twist.linear * span
+        at, way = self._estimate.when_told(at, self.stamp_ns)
         way += 0.5 * speed * dt  # the command holds until the next: its middle counts
         curvature = self.route.views[self.view].path.curvature_at(way)
         if settings.steering == EPIPOLE:
@@ -338,34 +278,6 @@ class Follower:
         view, features = self.route.views[number], self._tracker(number).features
         off = epipole_error(features, view, self.way, self.route.camera)
         return Twist(speed, speed * curvature + EPIPOLE_GAIN * (0.0 if off is None else off))
-
-
-def beside(path: TaughtPath, found: ViewPose, near: float) -> PathMeasurement:
-    """Return where a placed view is beside a ``path``, not far from ``near`` [m] on it."""
-    point = path.beside(found.pose, near)
-    heading = path.pose_at(point.way)[2]
-    cos, sin = math.cos(heading), math.sin(heading)
-    rows = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return PathMeasurement(point, rows @ found.covariance @ rows.T, found.inliers)
-
-
-def beyond_gate(at: LateralFilter, measured: PathMeasurement, slip: float, variance: float) -> str:
-    """
-    Return that a view is farther off what was predicted than chance has it; or ''.
-
-    It is ``slip`` [m] along the way from where the base can be, which has a ``variance``.
-    """
-    offset, turn, _ = at.state.tolist()
-    off = np.array([slip, measured.point.offset - offset, measured.point.turn - turn])
-    covariance = measured.covariance + np.diag((GATE_FLOOR / GATE) ** 2)
-    covariance[0, 0] += variance
-    covariance[1:, 1:] += at.covariance[:2, :2]
-    if float(off @ np.linalg.solve(covariance, off)) <= GATE**2:
-        return ''
-    return (
-        f'the view is {off[0]:+.3f} m along the way, {off[1]:+.3f} m beside it and '
-        f'{off[2]:+.3f} rad off what was predicted, {GATE:g} deviations are believed'
-    )
 
 
 def confidence(at: LateralFilter, lost: float) -> float:

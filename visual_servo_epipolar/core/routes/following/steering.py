@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.bases.base import BaseLimits
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Prior
@@ -90,6 +91,12 @@ def steer(at: LateralFilter, curvature: float, speed: float, settings: FollowSet
     angular = speed * wanted
     excess = max(abs(angular) / settings.max_turn_rate, 1.0)
     return Twist(speed / excess, angular / excess)
+
+
+def turned_back(turn: float, limits: BaseLimits) -> Twist:
+    """Return the twist in place that takes back a ``turn`` [rad], at half of the acceleration."""
+    rate = math.sqrt(limits.max_angular_acceleration * abs(turn))
+    return Twist(0.0, -math.copysign(min(rate, limits.max_angular), turn))
 
 
 def brake(way: float, acceleration: float) -> float:

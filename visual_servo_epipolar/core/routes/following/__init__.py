@@ -1,0 +1,1 @@
+"""Following: the taught path, by one image after the other."""

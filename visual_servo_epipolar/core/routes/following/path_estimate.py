@@ -1,0 +1,164 @@
+"""Path estimate: where beside the path the robot is, by commands and by the views it believes."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.planar_poses import compose
+from visual_servo_epipolar.core.routes.following.steering import FIRST, LateralFilter
+from visual_servo_epipolar.core.routes.path import PathPoint, TaughtPath
+from visual_servo_epipolar.core.routes.places import Place
+from visual_servo_epipolar.core.routes.structure import ViewPose
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+
+GATE = 4.0  # deviations of a view from what was predicted, from which it is not believed
+GATE_FLOOR = np.array([0.02, 0.02, 0.01])  # that they are at least [m, m, rad]
+SLIP_NOISE = 0.03  # of the true way against the commanded one [m/sqrt(m)]
+PLACE_NOISE = np.array([0.02, 0.02, 0.02])  # of way, offset and turn of a place [m, m, rad]
+OBEYED_AFTER, LEAST_OBEYED = 0.5, 0.2  # way [m] of commands of which the view must see a share
+
+
+class PathMeasurement(NamedTuple):
+    """Where a view is beside the path, with the covariance, (3, 3), of way, offset and turn."""
+
+    point: PathPoint
+    covariance: FloatArray
+    inliers: int
+
+
+class PathEstimate:
+    """
+    Where on the ``way`` [m] and beside the path a robot is; ``lateral`` is None until a view says.
+
+    Commands act after ``latency`` [s]. ``disobeyed`` says that the base does not do what it is
+    told.
+    """
+
+    def __init__(self, way: float, latency: float, lateral: LateralFilter | None) -> None:
+        self.way, self.lateral, self.disobeyed = way, lateral, ''
+        self._late_ns = round(latency * NANOSECONDS)
+        self._commanded, self._marked = 0.0, way  # since the base was last seen to obey [m]
+        # Where a view was believed at last, and what is unsure since then.
+        self._seen_way, self._way_variance = way, float(PLACE_NOISE[0] ** 2)
+        self._sent: deque[tuple[int, Twist]] = deque()
+        self._curvature = 0.0
+
+    def sent(self, stamp_ns: int, twist: Twist) -> None:
+        """Note that the base was told a ``twist`` at ``stamp_ns``."""
+        self._sent.append((stamp_ns, twist))
+
+    def halted(self, stamp_ns: int, *, unsent: bool) -> None:
+        """Note that the base was told to stand at ``stamp_ns``; the last twist was ``unsent``."""
+        if unsent and self._sent:
+            self._sent.pop()
+        self.sent(stamp_ns, STANDSTILL)
+
+    def pose_in(self, path: TaughtPath) -> FloatArray:
+        """Return the pose in axes of the key view of a ``path``, (3,)."""
+        pose = path.pose_at(self.way)
+        if self.lateral is None:
+            return pose
+        offset, turn, _ = self.lateral.state.tolist()
+        return compose(pose, np.array([0.0, offset, turn]))
+
+    def predict(self, start_ns: int, end_ns: int) -> None:
+        """Move on by what the base was told to do between two images."""
+        if self.lateral is None or end_ns <= start_ns:
+            return
+        for twist, span in self._acting(start_ns, end_ns):
+            self.lateral = self.lateral.moved(twist.linear, twist.angular, self._curvature, span)
+            self.way += twist.linear * span
+            self._commanded += abs(twist.linear) * span
+            self._way_variance += SLIP_NOISE**2 * abs(twist.linear) * span
+        while len(self._sent) > 1 and self._sent[1][0] + self._late_ns <= end_ns:
+            self._sent.popleft()  # it acts no more
+
+    def when_told(self, at: LateralFilter, now_ns: int) -> tuple[LateralFilter, float]:
+        """Return offset and turn, from ``at`` on, and way, when the next command begins to act."""
+        way = self.way
+        for twist, span in self._acting(now_ns, now_ns + self._late_ns):
+            state = at.predicted(twist.linear, twist.angular, self._curvature, span)
+            at, way = replace(at, state=state), way + twist.linear * span
+        return at, way
+
+    def trouble(self, measured: PathMeasurement) -> str:
+        """Return that a view is where the robot cannot be; or ''."""
+        if self.lateral is None:  # a robot that was carried away is looked for anew
+            return ''
+        return beyond_gate(self.lateral, measured, self._slip(measured), self._way_variance)
+
+    def update(self, measured: PathMeasurement) -> None:
+        """Take in where a view that is believed is."""
+        point = measured.point
+        before = LateralFilter() if self.lateral is None else self.lateral
+        self.lateral = before.seen(point.offset, point.turn, measured.covariance[1:, 1:])
+        self.way, self._curvature = point.way, point.curvature
+        self._seen_way, self._way_variance = point.way, 0.0
+        if self._commanded > OBEYED_AFTER:
+            moved = abs(self.way - self._marked)
+            if moved < LEAST_OBEYED * self._commanded:
+                self.disobeyed = (
+                    f'the base was told to drive {self._commanded:.2f} m, and the view has moved '
+                    f'by {moved:.2f} m; look at its wheels, and who else commands it'
+                )
+            self._commanded, self._marked = 0.0, self.way
+
+    def _acting(self, start_ns: int, end_ns: int) -> Sequence[tuple[Twist, float]]:
+        """Return what acts on the base between two times, given its delay, with durations [s]."""
+        times = [(sent + self._late_ns, twist) for sent, twist in self._sent]
+        spans: list[tuple[Twist, float]] = []
+        for k, (begin, twist) in enumerate(times):
+            until = times[k + 1][0] if k + 1 < len(times) else end_ns
+            span = min(until, end_ns) - max(begin, start_ns)
+            if span > 0:
+                spans.append((twist, span / NANOSECONDS))
+        return spans
+
+    def _slip(self, measured: PathMeasurement) -> float:
+        """Return how far along the way a view is from where the base can be [m]."""
+        # It may have driven less than it was told: that is for ``disobeyed``.
+        least, most = sorted((self._seen_way, self.way))
+        return measured.point.way - min(max(measured.point.way, least), most)
+
+
+def beside(path: TaughtPath, found: ViewPose, near: float) -> PathMeasurement:
+    """Return where a placed view is beside a ``path``, not far from ``near`` [m] on it."""
+    point = path.beside(found.pose, near)
+    heading = path.pose_at(point.way)[2]
+    cos, sin = math.cos(heading), math.sin(heading)
+    rows = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return PathMeasurement(point, rows @ found.covariance @ rows.T, found.inliers)
+
+
+def beyond_gate(at: LateralFilter, measured: PathMeasurement, slip: float, variance: float) -> str:
+    """
+    Return that a view is farther off what was predicted than chance has it; or ''.
+
+    It is ``slip`` [m] along the way from where the base can be, which has a ``variance``.
+    """
+    offset, turn, _ = at.state.tolist()
+    off = np.array([slip, measured.point.offset - offset, measured.point.turn - turn])
+    covariance = measured.covariance + np.diag((GATE_FLOOR / GATE) ** 2)
+    covariance[0, 0] += variance
+    covariance[1:, 1:] += at.covariance[:2, :2]
+    if float(off @ np.linalg.solve(covariance, off)) <= GATE**2:
+        return ''
+    return (
+        f'the view is {off[0]:+.3f} m along the way, {off[1]:+.3f} m beside it and '
+        f'{off[2]:+.3f} rad off what was predicted, {GATE:g} deviations are believed'
+    )
+
+
+def place_filter(place: Place) -> LateralFilter:
+    """Return the filter that begins where a ``place`` is beside the path."""
+    covariance = FIRST.copy()
+    covariance[:2, :2] = np.diag(PLACE_NOISE[1:] ** 2)
+    covariance[0, 0] += place.deviation**2
+    covariance[1, 1] += place.pose.covariance[2, 2]
+    return LateralFilter(np.array([place.offset, place.turn, 0.0]), covariance)
