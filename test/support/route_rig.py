@@ -17,9 +17,15 @@ from visual_servo_epipolar.nodes.route_node import RouteNode
 
 
 class RouteRig:
-    """A running route node with the route in ``folder``, if that is there, and its ``camera``."""
+    """
+    A running route node with the route in ``folder``, if that is there, and its ``camera``.
 
-    def __init__(self, bench: Bench, folder: Path, camera: CameraModel, **values: Any) -> None:
+    There is no camera_info where that is None.
+    """
+
+    def __init__(
+        self, bench: Bench, folder: Path, camera: CameraModel | None, **values: Any
+    ) -> None:
         self.bench, self.stamp_ns = bench, 0
         self.commands = bench.listen(TwistMessage, 'cmd_vel')
         self.diagnoses = bench.listen(DiagnosticArray, '/diagnostics')
@@ -28,7 +34,8 @@ class RouteRig:
         self._move = bench.talk(Odometry, 'odom')
         values = {'route': str(folder), 'max_latency': 0.0, 'law': 'smooth', **values}
         self.node = bench.start(RouteNode, **values)
-        self.calibrate(camera)
+        if camera is not None:
+            self.calibrate(camera)
 
     def calibrate(self, camera: CameraModel) -> None:
         """Publish a calibration, and wait until the node goes by it."""

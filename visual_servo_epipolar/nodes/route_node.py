@@ -11,6 +11,8 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.routes.route import Route
@@ -108,7 +110,8 @@ class RouteNode(ManagedNode):
             watched=settings.watchdog,
         )
         self._inputs = CameraSubscriptions(self, settings.transport, settings.camera_reliability)
-        self._inputs.create_subscription(CameraInfo, 'camera_info', self._on_info)
+        if settings.projection == CAMERA_INFO:
+            self._inputs.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self._inputs.create_subscription(Image, 'image_raw', self._on_image)
 
     def activate(self) -> None:
@@ -175,7 +178,7 @@ class RouteNode(ManagedNode):
         """That the camera is not that of the repetition or of the recording; or ''."""
         run, recording, camera = self._repetition.run, self._recording, self._camera.model
         if camera is None:
-            return self._camera.missing if self._repetition.is_active else ''
+            return self._missing if self._repetition.is_active else ''
         if recording is not None and camera != recording.camera:
             recording.trouble = 'camera_info has changed while recording; record the way anew'
         try:
@@ -189,18 +192,31 @@ class RouteNode(ManagedNode):
         self.received += 1
         self._repetition.freshness.hear()
         self._inputs.compare_frames(message.header.frame_id)
-        if self._camera.model is None:
+        told = self._node_settings.projection == CAMERA_INFO
+        if told and self._camera.model is None:
             self._pending = message
             self._warn(self._camera.missing)
             return
         try:
             image = read.gray(message, self._reader)
+            self._camera.model = self._camera.model or self._told_by_size(image)
             validation.checked_image(image, self._camera.model)
         except ValueError as error:
             self._warn(f'image refused: {error}')
             self._repetition.lose(f'image refused: {error}')
             return
         self._take(image, read.stamp_ns(message.header), message.header.frame_id)
+
+    @property
+    def _missing(self) -> str:
+        """Why there is no camera to go by; or ''."""
+        if self._camera.model is None and self._node_settings.projection != CAMERA_INFO:
+            return 'no image has come yet whose size tells the camera; is it running?'
+        return self._camera.missing
+
+    def _told_by_size(self, image: Pixels) -> CameraModel:
+        height, width = image.shape
+        return camera_of_size(self._node_settings.projection, (width, height))
 
     def _take(self, image: Pixels, stamp_ns: int, frame_id: str) -> None:
         """Record an image, or drive by it."""
@@ -239,7 +255,7 @@ class RouteNode(ManagedNode):
         if self._recording is not None:
             raise InputError('a way is being recorded; ~/stop_recording it first')
         if self._camera.model is None:
-            raise InputError(self._camera.missing)
+            raise InputError(self._missing)
         mount = Attitude(self._servo.camera_tilt, self._servo.camera_roll)
         self._taught = None
         self._driven.begin_anew()
@@ -294,7 +310,7 @@ class RouteNode(ManagedNode):
             return PRESSED
         if self._recording is not None:
             return 'a way is being recorded; ~/stop_recording it first'
-        trouble = self._camera.missing or self._camera.mount_trouble
+        trouble = self._missing or self._camera.mount_trouble
         if trouble or not self._node_settings.watchdog:
             return trouble
         if self._repetition.freshness.quiet > QUIET_S:

@@ -54,6 +54,16 @@ def driving(rig, monkeypatch) -> RouteRig:
     return rig
 
 
+def test_a_panorama_needs_no_camera_info(bench, folder) -> None:
+    rig = RouteRig(bench, folder.parent / 'new', None, projection='equirectangular')
+    rig.see(picture(0)[:, :100])
+    success, why = rig.call('start_recording')
+    assert not success and 'whose size tells the camera' in why
+    rig.see(np.zeros((48, 96), np.uint8))
+    assert rig.node._camera.model is not None and rig.node._camera.model.wraps
+    assert rig.call('start_recording')[0]
+
+
 def test_nothing_is_said_to_the_base_before_it_is_asked_for(rig) -> None:
     for k in range(3):
         rig.see(picture(k))

@@ -22,18 +22,47 @@ class LifecycleSettings(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriverNodeSettings(LifecycleSettings):
-    """Settings of the connections of a node that drives the robot by its camera."""
+class CalibrationSettings(LifecycleSettings):
+    """Settings of a node that goes by camera_info."""
 
-    enable_stamped_cmd_vel: bool = fixed(False, 'Publish geometry_msgs/TwistStamped on cmd_vel')
-    ackermann: bool = fixed(
-        False, 'Publish ackermann_msgs/AckermannDriveStamped on ackermann_cmd too, for a car'
-    )
     rectified: bool = fixed(
         False, 'Images are rectified: P of camera_info holds, its distortion does not apply'
     )
     cropped: bool = fixed(
         False, 'Images are cut out of larger ones: the principal point may lie anywhere'
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageSettings(CalibrationSettings):
+    """Settings of a node that images come to."""
+
+    projection: str = fixed(
+        CAMERA_INFO,
+        'Images are: camera_info, what it says; or what their size tells, which the '
+        'tracker publishes as camera_info where nobody does: equirectangular, 360 deg, '
+        'equirectangular_stitched, the same of two lenses, dual_fisheye, these side by side, '
+        'dual_fisheye_insta360, the same as that driver publishes it',
+    )
+    transport: str = fixed(
+        'raw',
+        'Images come as: compressed are JPEG, PNG, TIFF, on image_raw/compressed',
+        choices=TRANSPORTS,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.projection != CAMERA_INFO:
+            camera_of_size(self.projection, (64, 32))  # ValueError for one that is unknown
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriverNodeSettings(CalibrationSettings):
+    """Settings of the connections of a node that drives the robot by its camera."""
+
+    enable_stamped_cmd_vel: bool = fixed(False, 'Publish geometry_msgs/TwistStamped on cmd_vel')
+    ackermann: bool = fixed(
+        False, 'Publish ackermann_msgs/AckermannDriveStamped on ackermann_cmd too, for a car'
     )
     watchdog: bool = fixed(
         True, 'Stop the robot when tracks or images stay away; off where time itself waits'
@@ -89,15 +118,10 @@ class ServoNodeSettings(DriverNodeSettings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RouteNodeSettings(DriverNodeSettings):
+class RouteNodeSettings(DriverNodeSettings, ImageSettings):
     """Settings of the node: the folder of the route, and where images and metres come from."""
 
     route: str = setting('', 'Folder of the route, which is repeated, or written after recording')
-    transport: str = fixed(
-        'raw',
-        'Images come as: compressed are JPEG, PNG, TIFF, on image_raw/compressed',
-        choices=TRANSPORTS,
-    )
     path_source: str = fixed(
         'odometry',
         'Metres of a way that is recorded come from: odom, or the commands on cmd_vel',
@@ -106,7 +130,7 @@ class RouteNodeSettings(DriverNodeSettings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrackerNodeSettings(LifecycleSettings):
+class TrackerNodeSettings(ImageSettings):
     """Settings of the node: source of the photograph, and QoS of images."""
 
     desired_image: str = fixed(
@@ -128,24 +152,6 @@ class TrackerNodeSettings(LifecycleSettings):
         False, 'After an arrival the view in a light that no photograph has is kept beside them'
     )
     max_photographs: int = setting(4, 'Most photographs of one pose', low=1, high=16)
-    rectified: bool = fixed(
-        False, 'Images are rectified: P of camera_info holds, its distortion does not apply'
-    )
-    cropped: bool = fixed(
-        False, 'Images are cut out of larger ones: the principal point may lie anywhere'
-    )
-    projection: str = fixed(
-        CAMERA_INFO,
-        'Images are: camera_info, what it says; or what their size tells and the tracker '
-        'publishes as camera_info where nobody does: equirectangular, 360 deg, '
-        'equirectangular_stitched, the same of two lenses, dual_fisheye, these side by side, '
-        'dual_fisheye_insta360, the same as that driver publishes it',
-    )
-    transport: str = fixed(
-        'raw',
-        'Images come as: compressed are JPEG, PNG, TIFF, on image_raw/compressed',
-        choices=TRANSPORTS,
-    )
     camera_reliability: str = fixed(
         'auto',
         'Subscribe to images as: auto finds out what the driver offers',
@@ -159,8 +165,6 @@ class TrackerNodeSettings(LifecycleSettings):
                 'desired_image and photograph exclude each other: the first is given, the second '
                 'captured; set one of them'
             )
-        if self.projection != CAMERA_INFO:
-            camera_of_size(self.projection, (64, 32))  # ValueError for one that is unknown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -280,15 +284,9 @@ class RecorderNodeSettings(LifecycleSettings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DockNodeSettings(LifecycleSettings):
+class DockNodeSettings(CalibrationSettings):
     """Settings of the connections of the node."""
 
-    rectified: bool = fixed(
-        False, 'Images are rectified: P of camera_info holds, its distortion does not apply'
-    )
-    cropped: bool = fixed(
-        False, 'Images are cut out of larger ones: the principal point may lie anywhere'
-    )
     camera_reliability: str = fixed(
         'auto',
         'Subscribe to camera_info as: auto finds out what the driver offers',
