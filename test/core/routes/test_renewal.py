@@ -59,8 +59,9 @@ def test_no_more_are_kept_than_asked_for_and_the_first_always(view: RouteView) -
 def test_places_are_looked_for_in_all_photographs_of_a_key_view(view: RouteView) -> None:
     renewed = view.renewed_by(by_lamp(view, 0), 3)
     finder = PlaceFinder(route_of(key_view(0), renewed, key_view(2)))
-    assert len(finder._descriptors) == len(finder._owners) == 12 + 13 + len(ROWS) + 14
-    assert (finder._owners == 1).sum() == 13 + len(ROWS)
+    index = finder._index
+    assert len(index._descriptors) == len(index._owners) == 12 + 13 + len(ROWS) + 14
+    assert (index._owners == 1).sum() == 13 + len(ROWS)
 
 
 def test_descriptors_are_of_today_where_today_shows_the_keypoint() -> None:

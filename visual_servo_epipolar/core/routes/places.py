@@ -1,9 +1,8 @@
 """
 Places: where on a route an image was taken, by nothing but the photographs.
 
-The descriptors of all key views are one matrix: a product with those of an image, a vote for each
-key view whose descriptor is by far the nearest of all, and a geometry that the shortlist must
-pass. Beyond some thousand photographs an index of vectors does the same (``docs/routes.md``).
+Each descriptor of an image votes for the key views that have the nearest of all descriptors, where
+it is by far the nearest; of the shortlist, a geometry must pass.
 """
 
 from dataclasses import dataclass
@@ -11,11 +10,11 @@ from functools import cached_property, lru_cache
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image, IntArray
+from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_pose
+from visual_servo_epipolar.core.routes.descriptor_index import DescriptorIndex
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.path import PathPoint
 from visual_servo_epipolar.core.routes.route import Route, RouteView
@@ -66,17 +65,13 @@ class PlaceFinder:
         self._view = lru_cache(maxsize=KEPT)(self._loaded)
 
     @cached_property
-    def _descriptors(self) -> NDArray[np.float32]:
-        return np.concatenate(
-            [each.keypoints.descriptors for view in self.route.views for each in view.appearances]
+    def _index(self) -> DescriptorIndex:
+        views = self.route.views
+        counts = [sum(len(each.keypoints) for each in view.appearances) for view in views]
+        descriptors = [each.keypoints.descriptors for view in views for each in view.appearances]
+        return DescriptorIndex(
+            np.concatenate(descriptors), np.repeat(np.arange(len(views)), counts)
         )
-
-    @cached_property
-    def _owners(self) -> IntArray:
-        counts = [
-            sum(len(each.keypoints) for each in view.appearances) for view in self.route.views
-        ]
-        return np.repeat(np.arange(len(counts)), counts)
 
     def votes(self, image: Image, among: range | None = None) -> FloatArray:
         """
@@ -90,17 +85,18 @@ class PlaceFinder:
         if not len(keypoints):
             return votes
         # Of one norm: the nearest has the largest product.
-        products = keypoints.descriptors @ self._descriptors.T
-        best = np.stack([products[:, self._owners == k].max(axis=1) for k in numbers], axis=1)
+        owners, products = self._index.nearest(keypoints.descriptors, numbers)
         norm = float(np.median((keypoints.descriptors**2).sum(axis=1)))
-        squared = np.maximum(2.0 * (norm - best), 0.0)
-        nearest = squared.argmin(axis=1)
-        apart = np.abs(np.arange(len(numbers)) - nearest[:, None]) > SAME_PLACE
-        least = squared[np.arange(len(squared)), nearest]
+        squared = np.maximum(2.0 * (norm - products), 0.0)
+        rows, nearest = np.arange(len(squared)), squared.argmin(axis=1)
+        apart = np.abs(owners - owners[rows, nearest][:, None]) > SAME_PLACE
+        least = squared[rows, nearest]
         other = np.where(apart, squared, np.inf).min(axis=1)
-        distinct = least < RATIO**2 * other if apart.any() else np.ones(len(least), bool)
-        near = squared < least[:, None] / RATIO**2
-        votes[numbers] = (near & distinct[:, None] & ~apart).sum(axis=0)
+        distinct = least < RATIO**2 * other
+        near = (squared < least[:, None] / RATIO**2) & distinct[:, None] & ~apart
+        # Each descriptor has one vote for a key view, however many of its are near.
+        pairs = np.unique(np.stack([np.nonzero(near)[0], owners[near]]), axis=1)
+        np.add.at(votes, pairs[1], 1.0)
         return votes
 
     def find(self, image: Image, among: range | None = None) -> Place | None:
