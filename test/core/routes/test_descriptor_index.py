@@ -1,4 +1,4 @@
-"""Index of descriptors: many are searched by neighbourhoods, few one by one, with much the same result."""
+"""Index of descriptors: many are searched by neighbourhoods, few one by one, much alike."""
 
 from importlib import import_module
 
