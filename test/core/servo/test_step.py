@@ -591,9 +591,18 @@ def test_a_run_that_flaps_between_phases_ends() -> None:
     assert state.reason.startswith('the run took longer than 10 s')
 
 
-@pytest.mark.parametrize('phase', [Phase.RETREATING, Phase.MATCHING_FEATURES])
-def test_a_robot_that_has_no_d_holds_and_says_why(phase: Phase) -> None:
-    state = after(measurement(0.1, difference=math.nan), state=in_phase(phase))
+def test_a_robot_that_backs_off_by_its_bearings_needs_no_d() -> None:
+    state = after(measurement(0.1, difference=math.nan), state=in_phase(Phase.RETREATING))
+    assert state.phase.drives, state.reason
+
+
+def test_a_run_begins_by_bearings_where_no_feature_is_ahead_in_both_views() -> None:
+    waiting = in_phase(Phase.WAITING)
+    assert after(measurement(0.1, difference=math.nan), state=waiting).phase.drives
+
+
+def test_a_robot_that_closes_in_by_d_and_has_none_holds_and_says_why() -> None:
+    state = after(measurement(0.1, difference=math.nan), state=in_phase(Phase.MATCHING_FEATURES))
     assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
     assert state.reason == 'no feature is ahead in both views'
     assert after(measurement(0.2, difference=math.nan), state=state).phase is Phase.HOLDING

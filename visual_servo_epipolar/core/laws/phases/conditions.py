@@ -110,9 +110,11 @@ def sees_too_little(measurement: Measurement, settings: ServoSettings) -> bool:
 
 
 def is_untrusted(measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether D is unknown, or the goal is not near and its bearing not trusted."""
-    untrusted = measurement.bearings is None and measurement.parallax > settings.near_parallax
-    return untrusted or not math.isfinite(measurement.difference)
+    """Return whether the bearings are not trusted, and the goal is not near or D unknown."""
+    if measurement.bearings is not None:  # who faces far away sees no feature that D counts
+        return False
+    is_far = measurement.parallax > settings.near_parallax
+    return is_far or not math.isfinite(measurement.difference)
 
 
 def has_turned(state: ServoState, measurement: Measurement) -> bool:

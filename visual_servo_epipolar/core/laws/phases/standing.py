@@ -27,7 +27,7 @@ RESUMING_FRAMES, TURNED_FRAMES = 3, 15
 
 def survey(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     """Return the event that begins a run, or resumes it after the tracks came back."""
-    if not math.isfinite(measurement.difference):
+    if measurement.bearings is None and not math.isfinite(measurement.difference):
         return Event.LOST
     if is_at_goal(state, measurement, settings):
         return Event.MATCHED
