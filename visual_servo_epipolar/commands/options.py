@@ -194,8 +194,12 @@ def add_route(parser: ArgumentParser) -> None:
     again = actions.add_parser('replay', help=text, description=f'{text.capitalize()}.')
     again.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap, .db3, or ROS 1 .bag')
     add_words(again, {'--route FOLDER': 'folder of the route (default that of the node)'})
-    images = {'--topics ROLE=NAME': 'name of the topic of images: image=NAME'}
-    add_words(again, images, nargs='+', action='extend', default=[])
+    several = {
+        '--set SECTION.NAME=VALUE': 'replay with other settings, such as follow.steering_length=1 '
+        'or servo.latency=0.1',
+        '--topics ROLE=NAME': 'name of the topic of images: image=NAME',
+    }
+    add_words(again, several, nargs='+', action='extend', default=[])
     most = {'--tolerance T': 'largest difference that counts as equal (default 0)'}
     add_words(again, most, type=tolerance, default=0.0)
     add_json(again)

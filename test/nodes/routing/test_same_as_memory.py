@@ -1,5 +1,6 @@
 """Node and memory are one: what is taught and repeated over messages is so to the last bit."""
 
+import json
 from pathlib import Path
 
 from bagmaker import Message, write_bag
@@ -117,6 +118,14 @@ def test_a_repetition_in_a_bag_replays_to_the_last_bit(
     said = capsys.readouterr().out
     assert 'recorded and replayed: 15 steps, the same to the last bit' in said
     assert 'localizing' in said and 'following' in said
+    changed = ['route', 'replay', str(bag), '--set', 'follow.max_speed=0.05', '--json', '-']
+    assert main(changed) == 1
+    replayed = json.loads(capsys.readouterr().out)
+    assert replayed['changes'] == {'follow': {'max_speed': 0.05}}
+    speeds = [step['linear_m_s'] for step in replayed['steps'].values()]
+    assert len(speeds) == 15 and 0.03 < max(speeds) <= 0.05
+    assert main([*changed[:4], 'max_speed=0.05']) == 2
+    assert 'did you mean follow.max_speed?' in capsys.readouterr().err
     # What happened between two images counts: without it the robot drove on.
     kept = [each for each in messages if b'"held"' not in each[2]]
     assert len(kept) == len(messages) - 1

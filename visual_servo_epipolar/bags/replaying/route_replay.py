@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, TypeAlias
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import EventQueue, usable
@@ -21,6 +22,7 @@ from visual_servo_epipolar.messages.routes.route_folder import read_route, route
 from visual_servo_epipolar.messages.routes.route_messages import telemetry
 from visual_servo_epipolar.messages.settings_text import from_text, NodeSettings
 
+Changes: TypeAlias = Mapping[str, Mapping[str, Any]]
 STRING = 'std_msgs/msg/String'
 
 
@@ -46,7 +48,7 @@ class RecordedRepetition:
         """Return the folder of the route, as the node had it."""
         return Path(str(self.settings[-1][1].values.get('route', ''))).expanduser()
 
-    def new_run(self, folder: Path, entry: Entry, stamp_ns: int) -> RouteRun:
+    def new_run(self, folder: Path, entry: Entry, stamp_ns: int, changes: Changes) -> RouteRun:
         """Return the run that ``entry`` begins; raises InputError if ``folder`` is another."""
         route = read_route(folder)
         if route_hash(folder) != entry.reason:
@@ -54,9 +56,10 @@ class RecordedRepetition:
                 f'{folder} is not the route that was repeated, or it was renewed since; give the '
                 'folder as it was then: --route FOLDER'
             )
-        follow = settings_in_time(FollowSettings(), self.settings, {}, [])
-        servo = settings_in_time(ServoSettings(), self.settings, {}, [])
-        return RouteRun(route, value_at(follow, stamp_ns), value_at(servo, stamp_ns))
+        follow, servo = changes.get('follow', {}), changes.get('servo', {})
+        follows = settings_in_time(FollowSettings(), self.settings, follow, [])
+        servos = settings_in_time(ServoSettings(), self.settings, servo, [])
+        return RouteRun(route, value_at(follows, stamp_ns), value_at(servos, stamp_ns))
 
 
 def read_repetition(bag: Bag, requested: Mapping[str, str]) -> RecordedRepetition:
@@ -94,10 +97,12 @@ def read_repetition(bag: Bag, requested: Mapping[str, str]) -> RecordedRepetitio
 
 
 def replayed_steps(
-    bag: Bag, recorded: RecordedRepetition, folder: Path
+    bag: Bag, recorded: RecordedRepetition, folder: Path, changes: Changes
 ) -> Iterator[tuple[int, dict[str, Value]]]:
     """
     Yield stamp, and phase and telemetry, of each step that the node took, taken once more.
+
+    ``changes`` are settings that are others than recorded, by ``follow`` and ``servo``.
 
     Raises InputError if the bag begins within a repetition.
     """
@@ -110,7 +115,10 @@ def replayed_steps(
             continue  # nobody drove by it
         left.remove(stamp_ns)
         for entry in events.due(stamp_ns):
-            run = _after(recorded, run, entry, folder, stamp_ns)
+            if entry.event == STARTED:
+                run = recorded.new_run(folder, entry, stamp_ns, changes)
+            else:
+                run = _after(run, entry)
         if run is None:
             raise InputError(
                 f'{bag.path} begins within a repetition; record from before ~/repeat is called'
@@ -132,12 +140,8 @@ def compare_repetition(
     return result
 
 
-def _after(
-    recorded: RecordedRepetition, run: RouteRun | None, entry: Entry, folder: Path, stamp_ns: int
-) -> RouteRun | None:
+def _after(run: RouteRun | None, entry: Entry) -> RouteRun | None:
     """Return the run after what happened to it, as the node had it."""
-    if entry.event == STARTED:
-        return recorded.new_run(folder, entry, stamp_ns)
     if run is None or entry.event == STOPPED:
         return None
     if entry.event != UNSENT:  # the node prepares after each step, but after that

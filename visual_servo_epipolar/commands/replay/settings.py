@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint, Settings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -16,32 +17,34 @@ from visual_servo_epipolar.nodes.startup import table
 
 Changes = dict[str, dict[str, Any]]
 
-KINDS: dict[str, type[Settings]] = {'servo': ServoSettings, 'tracker': TrackerSettings}
+Kinds = Mapping[str, type[Settings]]
+KINDS: Kinds = {'servo': ServoSettings, 'tracker': TrackerSettings}
+OF_ROUTES: Kinds = {'follow': FollowSettings, 'servo': ServoSettings}
 
 
-def changes_of(words: Sequence[str], params: str | None) -> Changes:
+def changes_of(words: Sequence[str], params: str | None = None, kinds: Kinds = KINDS) -> Changes:
     """
     Return settings by section; what is set by a word overrules the file.
 
-    Raises InputError if a word is not SECTION.NAME=VALUE, or the file is none of parameters.
-    The values are not checked.
+    Raises InputError if a word is not SECTION.NAME=VALUE, with a section of ``kinds``, or the file
+    is none of parameters. The values are not checked.
     """
     changes: Changes = {} if params is None else _from_file(Path(params))
     for word in words:
         name, equals, value = word.partition('=')
         section, dot, setting = name.partition('.')
-        if not (equals and dot and setting and section in KINDS):
+        if not (equals and dot and setting and section in kinds):
             raise InputError(
-                f'--set takes SECTION.NAME=VALUE with a section of {", ".join(KINDS)}, as in '
-                f'servo.k1=0.1, got {word!r}{_suggestion(setting if dot else section)}'
+                f'--set takes SECTION.NAME=VALUE with a section of {", ".join(kinds)}, as in '
+                f'servo.k1=0.1, got {word!r}{_suggestion(setting if dot else section, kinds)}'
             )
         changes.setdefault(section, {})[setting] = _value(value)
     return changes
 
 
-def _suggestion(setting: str) -> str:
+def _suggestion(setting: str, kinds: Kinds) -> str:
     """Return in words how to write a setting without its section, if there is one."""
-    for section, kind in KINDS.items():
+    for section, kind in kinds.items():
         if setting in {item.name for item in fields(kind)}:
             return f'; did you mean {section}.{setting}?'
     return ''

@@ -70,18 +70,25 @@ def replay(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.bags.reading.topics import parse
     from visual_servo_epipolar.bags.replaying import route_replay
     from visual_servo_epipolar.bags.replaying.comparison import as_document
+    from visual_servo_epipolar.commands.replay.settings import changes_of, OF_ROUTES
     from visual_servo_epipolar.commands.replay.text import compared_words
 
+    changes = changes_of(options.set, kinds=OF_ROUTES)
     with Bag(Path(options.bag)) as bag, closing(Progress()) as progress:
         recorded = route_replay.read_repetition(bag, parse(options.topics))
         folder = recorded.folder() if options.route is None else Path(options.route)
         steps: dict[int, dict[str, float | str]] = {}
-        for stamp_ns, step in route_replay.replayed_steps(bag, recorded, folder):
+        for stamp_ns, step in route_replay.replayed_steps(bag, recorded, folder, changes):
             steps[stamp_ns] = step
             progress.say(f'{len(steps)} of {len(recorded.steps)} steps')
     comparison = route_replay.compare_repetition(recorded, steps, options.tolerance)
     versions = {'recorded': dict(recorded.versions), 'replayed': installed_versions()}
-    result = {'comparison': as_document(comparison), 'versions': versions}
+    result = {
+        'comparison': as_document(comparison),
+        'versions': versions,
+        'changes': changes,
+        'steps': {str(stamp_ns): step for stamp_ns, step in steps.items()},
+    }
     phases = [f'  {phase}' for phase, _ in groupby(str(step['phase']) for step in steps.values())]
     lines = [f'{len(steps)} steps by {folder}:', *phases]
     lines += compared_words(result['comparison'], versions)

@@ -26,6 +26,7 @@ from visual_servo_epipolar.core.tracking.matching import CurrentView
 MOST_KEYPOINTS = 500  # of the image that is looked for
 SHORTLIST = 5  # key views that are looked at closely
 KEPT = 2 * SHORTLIST  # photographs that stay in memory
+STARTS = 4  # parts of the path of each, in which its place is looked for
 LEAST_VOTES = 6  # of a key view to be on it
 RATIO = 0.85  # of the nearest to the nearest of another place
 SAME_PLACE = 4  # key views before and after that show the same
@@ -173,7 +174,9 @@ def _located(
     """Return where an image was taken, by matching it with one key view; None if that fails."""
     tracker = KeyViewTracker(view, camera)
     features = tracker.match(image, current)
-    place = tracker.place(features, view.path.poses)
-    if place is None or place.inliers < max(LEAST_INLIERS, LEAST_SHARE * len(features)):
+    parts = np.array_split(view.path.poses, min(STARTS, len(view.path.poses)))
+    places = [place for part in parts if (place := tracker.place(features, part)) is not None]
+    best = max(places, key=lambda place: place.inliers, default=None)
+    if best is None or best.inliers < max(LEAST_INLIERS, LEAST_SHARE * len(features)):
         return None
-    return place if place.unaided < CERTAIN else None
+    return best if best.unaided < CERTAIN else None
