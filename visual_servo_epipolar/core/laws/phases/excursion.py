@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from visual_servo_epipolar.core.servo.state import ServoState
 
 LONGEST_WAY = 1.5  # in upper bounds of the distance
+LONGEST_NEARING = 3.0  # the same of who has come nearer, by its memory: it began beyond the bound
+NEARER = 0.5  # of what was driven, that is left
 MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]
 CORRECTION = 0.1  # backward, of who never backs off [m]
 LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of others
@@ -40,13 +42,21 @@ def excursion_limit(state: ServoState, measurement: Measurement, settings: Servo
     spirals = law.discordant_turn and law.retreat  # laws without lead away first
     if not spirals or not state.phase.closes_in:
         return ''
-    longest = LONGEST_WAY * settings.initial_distance + state.motion.reversed
+    bounds = LONGEST_NEARING if _is_nearing(state, measurement) else LONGEST_WAY
+    longest = bounds * settings.initial_distance + state.motion.reversed
     if abs(state.motion.travel) > longest:
         return f'drove {longest:.0f} m in {name} and is not there (initial_distance)'
     ratio = _excursion(state, measurement)
     if settings.max_excursion == 0.0 or ratio <= settings.max_excursion:
         return ''
     return f'{name} leads away from the goal: {ratio:.1f} times the distance (max_excursion)'
+
+
+def _is_nearing(state: ServoState, measurement: Measurement) -> bool:
+    """Return whether less is left, by the memory of views, than a part of what was driven."""
+    if measurement.offset is None:
+        return False
+    return math.hypot(*measurement.offset) < NEARER * abs(state.motion.travel)
 
 
 def _excursion(state: ServoState, measurement: Measurement) -> float:
