@@ -197,6 +197,15 @@ def test_no_attempt_makes_a_tolerance_larger(attempt: int) -> None:
     assert classify(state, SETTINGS) is as_near_as_it_can
 
 
+@pytest.mark.parametrize(('aside', 'missed'), [(4e-3, False), (8e-3, True)])
+def test_what_one_deviation_explains_is_no_miss_at_first(aside: float, missed: bool) -> None:
+    measurement = replace(near(x=aside), offset_deviation=5e-3)
+    state = ending(measurement)
+    assert (classify(state, SETTINGS) is Event.MISSED) is missed
+    again = ending(measurement, attempts=2)  # and two of them later
+    assert classify(again, SETTINGS) is Event.MATCHED
+
+
 def test_a_tolerance_finer_than_the_noise_is_held_as_measured() -> None:
     fine = replace(SETTINGS, arrival_position=1e-3)
     for x, event in ((0.9e-3, Event.MATCHED), (1.1e-3, Event.MISSED)):

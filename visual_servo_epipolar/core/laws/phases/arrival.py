@@ -78,6 +78,8 @@ def _offset_bound(state: ServoState, measurement: Measurement, settings: ServoSe
     if tolerance > 0.0:  # a promise: no attempt makes it larger, and no noise
         return max(tolerance - noise, min(noise, tolerance))
     # A worn base may never come as near as the memory can tell: each attempt asks for less.
+    if state.run.attempts == 1:
+        noise = measurement.offset_deviation
     return max(ARRIVAL_OFFSET * state.run.attempts, noise)
 
 
