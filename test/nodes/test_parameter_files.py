@@ -285,5 +285,5 @@ def test_names_that_nodes_share_are_known_to_mean_different_things_or_not() -> N
     }
     # The dock node perceives as the servo does, the route node ends at stations by it.
     alike |= {item.name for kind in (ServoSettings, DriverNodeSettings) for item in fields(kind)}
-    alike |= {'path_source', 'transport'}
+    alike |= {'path_source', 'projection', 'transport'}
     assert {name for name, nodes in texts.items() if len(nodes) > 1} == alike | table.HOMONYMS
