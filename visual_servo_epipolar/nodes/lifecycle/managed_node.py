@@ -216,6 +216,9 @@ class ManagedNode(LifecycleNode):
         while self.__created:
             entity, destroy = self.__created.popitem()
             destroy(entity)
+        # rclpy keeps a reference to each that was ever in the group, and its set grows.
+        group = self.default_callback_group
+        group.entities = {each for each in group.entities if each() is not None}
         self.__is_configured = False
 
     def __deliver(self) -> None:
