@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_s
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.routes.route import Route
-from visual_servo_epipolar.core.routes.run import ARRIVED, RouteRun
+from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -78,11 +78,7 @@ class RouteNode(ManagedNode):
 
     def configure(self) -> None:
         """Create all that recording and repeating need."""
-        if self._servo.carrier.turn_rate > 0.0:
-            raise ValueError(
-                f'routes must have a camera that is fixed to the base, got rig {self._servo.rig}; '
-                'set rig: fixed, and hold the head still'
-            )
+        refuse_heads(self._servo)
         settings = self._node_settings
         self.received = 0  # images
         self._recording: RouteRecording | None = None

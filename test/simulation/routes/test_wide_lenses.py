@@ -1,10 +1,12 @@
 """Routes of a camera that sees all around: found at any heading, and driven from there."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings
@@ -14,7 +16,7 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 from visual_servo_epipolar.simulation.routes.drives import repeat, route_scenario, Taught, teach
 from visual_servo_epipolar.simulation.routes.kidnaps import kidnap
 from visual_servo_epipolar.simulation.routes.ways import rounded
-from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.simulation.scenario import load, Scenario
 
 PANORAMA = CameraSettings(width=640, height=320, distortion_model='equirectangular')
 SCENARIO = route_scenario(Scenario(camera=PANORAMA).with_servo({'law': 'smooth'}), 1)
@@ -57,3 +59,9 @@ def test_a_way_is_repeated_from_where_it_faces_back(taught: Taught) -> None:
     log = repeat(SCENARIO.seeded(5), taught, FollowSettings(), start=TURNED)
     assert log.outcome == 'arrived', log.reason
     assert log.station[0] < 3e-3 and not log.is_wrong
+
+
+def test_a_camera_on_a_head_is_refused_in_one_line() -> None:
+    scenario = load(None, Path(__file__).parents[3] / 'config/rigs/pan.yaml')
+    with pytest.raises(InputError, match='fixed to the base, got rig pan_tilt'):
+        route_scenario(scenario, 1)

@@ -300,6 +300,15 @@ def target_of(route: Route, settings: FollowSettings) -> int:
     return target
 
 
+def refuse_heads(servo: ServoSettings) -> None:
+    """Raise ValueError for a camera that a head turns."""
+    if servo.carrier.turn_rate > 0.0:
+        raise ValueError(
+            f'routes must have a camera that is fixed to the base, got rig {servo.rig}; '
+            'set rig: fixed, and hold the head still'
+        )
+
+
 def _base(settings: FollowSettings, servo: ServoSettings) -> Base:
     """Return the base of the servo, whatever it can do else, at the speeds of the route."""
     limits = replace(

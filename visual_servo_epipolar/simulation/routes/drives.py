@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist, wrap_angle
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.routes.following.follower import RouteProgress
 from visual_servo_epipolar.core.routes.route import Route
-from visual_servo_epipolar.core.routes.run import ARRIVED, RouteRun, RouteStep
+from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -32,7 +33,15 @@ SIZE, FOCAL = (640, 480), 385.0  # of the camera of routes [px]
 
 
 def route_scenario(scenario: Scenario, seed: int) -> Scenario:
-    """Return a ``scenario`` in the storey of a seed; a pinhole has images of 640x480."""
+    """
+    Return a ``scenario`` in the storey of a seed; a pinhole has images of 640x480.
+
+    Raises InputError for a camera on a head.
+    """
+    try:
+        refuse_heads(scenario.servo)
+    except ValueError as error:
+        raise InputError(f'{error}; or leave out --rig') from None
     camera = replace(scenario.camera, scene='storey', scene_seed=seed)
     if camera.camera.planar is not None:
         camera = replace(
