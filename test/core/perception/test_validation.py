@@ -12,7 +12,7 @@ from strategies import bearings, floats
 
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, cross_matrix
-from visual_servo_epipolar.core.geometry.rays import unit_rays
+from visual_servo_epipolar.core.geometry.rays import handedness, unit_rays
 from visual_servo_epipolar.core.perception.memory import (
     fresh_memory,
     KNOWN_DEVIATION,
@@ -236,14 +236,40 @@ def test_the_noise_is_that_of_the_residuals() -> None:
 def test_a_turn_on_the_floor_is_no_roll(degrees: float, tilt: float) -> None:
     nod = cv2.Rodrigues(np.array([tilt, 0.0, 0.0]))[0]
     turn = cv2.Rodrigues(np.array([0.0, math.radians(degrees), 0.0]))[0]
-    assert rolled_over(nod @ turn @ nod.T) == ''
+    assert rolled_over(nod @ turn @ nod.T, RAYS, RAYS) == ''
 
 
 @pytest.mark.parametrize('degrees', [100.0, 180.0, -170.0])
 def test_no_robot_rolls_over(degrees: float) -> None:
     """Mirrored images look like it, and a geometry is found in them by chance."""
-    said = rolled_over(cv2.Rodrigues(np.array([0.0, 0.0, math.radians(degrees)]))[0])
-    assert (
-        said
-        == f'the image has rolled by {abs(degrees):.0f} deg, as if it were mirrored or upside down'
-    )
+    roll = cv2.Rodrigues(np.array([0.0, 0.0, math.radians(degrees)]))[0]
+    said = f'the image has rolled by {abs(degrees):.0f} deg, as if it were mirrored or upside down'
+    assert rolled_over(roll, RAYS, RAYS @ roll.T) == said
+    assert rolled_over(roll, RAYS, RAYS * [-1.0, 1.0, 1.0]) == said
+
+
+def boards(observer: np.ndarray, heading: float) -> np.ndarray:
+    """Return unit rays of two boards, one behind the other, (N, 3), from a place on the floor."""
+    rng = np.random.default_rng(1)
+    low, high = (-0.6, -0.5, 0.0), (0.6, 0.4, 0.0)
+    near = rng.uniform(low, high, (40, 3)) + [0.3, 0.1, 1.0]
+    far = rng.uniform(low, high, (40, 3)) + [-0.3, 0.0, 3.0]
+    turn = cv2.Rodrigues(np.array([0.0, heading, 0.0]))[0]
+    rays = (np.concatenate([near, far]) - observer) @ turn
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+def test_boards_that_change_sides_by_parallax_are_no_mirrored_image() -> None:
+    """From opposite sides of what stands between them, two views look mirrored as a whole."""
+    rotation = np.diag([-1.0, -1.0, 1.0])
+    current, desired = boards(np.array([2.0, 0.0, -0.5]), -0.7), boards(np.zeros(3), 0.0)
+    assert handedness(current, desired) > 0.99
+    assert rolled_over(rotation, current, desired) == ''
+    assert 'mirrored' in rolled_over(rotation, current * [-1.0, 1.0, 1.0], desired)
+    assert 'upside down' in rolled_over(rotation, current * [-1.0, -1.0, 1.0], desired)
+
+
+def test_without_triangles_nothing_speaks_against_a_mirrored_image() -> None:
+    rays = np.eye(3)
+    assert handedness(rays, rays) == 0.0
+    assert handedness(rays[:1], rays[:1]) == 0.0

@@ -200,6 +200,25 @@ def test_a_way_that_closes_is_driven_in_laps() -> None:
     first, second = log.laps()
     assert np.abs(np.concatenate([first, second])).max() < 0.015
     assert log.station[0] < 3e-3
+    # It goes on over its beginning as fast as anywhere, and turns no more than at any key view.
+    assert log.standstills == 0
+    speeds = [
+        sample.twist.linear for sample in log.samples[40:] if sample.progress.remaining > 5.0
+    ]
+    assert min(speeds) > 0.6 * SETTINGS.max_speed
+    assert log.turn_jump(SETTINGS.max_turn_rate) < 0.05
+
+
+@pytest.mark.long
+def test_where_a_way_closes_both_of_its_ends_are_one_place() -> None:
+    """It is found there, and drives the whole lap; before the end it drives to the end."""
+    taught = teach(SCENARIO, way_named('loop'))
+    start = taught.stations[0]
+    for ahead, length in ((0.3, 11.0), (-0.6, 0.5)):
+        beside = Pose(start.x + ahead, start.y + 0.1, start.theta + 0.1)
+        log = repeat(SCENARIO.seeded(4), taught, SETTINGS, start=beside)
+        assert log.outcome == 'arrived', log.reason
+        assert length < log.length < length + 3.0
 
 
 def test_a_lap_begins_in_the_half_of_the_route_where_the_way_begins(

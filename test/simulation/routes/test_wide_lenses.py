@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -41,7 +41,8 @@ def test_its_lens_is_not_learnt_as_its_width_is_360_deg(taught: Taught) -> None:
 def test_it_turns_to_the_way_where_it_stands(taught: Taught) -> None:
     simulator = CameraSimulator(SCENARIO.camera)
     run = RouteRun(taught.route, FollowSettings(), SCENARIO.servo)
-    steps = [run.step(simulator.capture(TURNED, k), round(k * 9e7)) for k in range(2)]
+    steps = [run.step(simulator.capture(TURNED, k), round(k * 9e7)) for k in range(3)]
+    assert steps[1].twist == STANDSTILL  # it begins with the ramp of the base
     assert steps[-1].progress is not None and steps[-1].progress.inliers > 20, steps[-1]
     assert math.degrees(steps[-1].progress.turn) == pytest.approx(-153.0, abs=1.0)
     assert steps[-1].twist.angular > 0.0 and not any(step.twist.linear for step in steps)

@@ -12,6 +12,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 
 SMALLEST = 1e-3  # z that is divided by
+NEIGHBOURS, NEAR = 6, 0.3  # of a feature that lie on its surface, and how near they are [rad]
 
 
 def dot(first: FloatArray, other: FloatArray) -> FloatArray:
@@ -83,3 +84,30 @@ def level(
         cos_tilt * rolled + sin_tilt * z,
         cos_tilt * z - sin_tilt * rolled,
     )
+
+
+def handedness(current: FloatArray, desired: FloatArray) -> float:
+    """
+    Return whether small triangles of matches turn alike in two views: 1 all of them, -1 none.
+
+    Three features of one surface keep their order around wherever an opaque surface is seen from;
+    in a mirrored image they turn the other way. Unit rays have shape (N, 3); 0 without triangles.
+    """
+    nearness = np.minimum(current @ current.T, desired @ desired.T)
+    np.fill_diagonal(nearness, -1.0)
+    count, least = min(NEIGHBOURS, len(current) - 1), np.cos(NEAR)
+    near = np.argsort(-nearness, axis=1)[:, :count]
+    a, b = np.triu_indices(count, 1)
+    corners = np.arange(len(current))[:, None], near[:, a], near[:, b]
+    i, j, k = (corner.ravel() for corner in np.broadcast_arrays(*corners))
+    is_small = np.minimum(np.minimum(nearness[i, j], nearness[i, k]), nearness[j, k]) > least
+    i, j, k = i[is_small], j[is_small], k[is_small]
+    turns, wide = [], []
+    for rays in (current, desired):
+        first, second = rays[j] - rays[i], rays[k] - rays[i]
+        turns.append(dot(rays[i], np.cross(first, second)))
+        wide.append(dot(first, first) + dot(second, second))
+    # A flat triangle tells little: noise turns it.
+    weights = np.min(np.abs(turns) / np.maximum(wide, 1e-12), axis=0)
+    total = float(weights.sum())
+    return float(np.sign(turns[0] * turns[1]) @ weights) / total if total else 0.0

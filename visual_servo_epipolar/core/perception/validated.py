@@ -153,7 +153,7 @@ def lesson_of(
     """Return what an estimate may add to the ``memory``, rejected if there is a ``reason``."""
     if settings.calibrated:  # through an unknown lens a turn looks another
         reason = reason or turned_otherwise(geometry.bearings, rotation.heading_error)
-    reason = reason or rolled_over(rotation.rotation)
+    reason = reason or rolled_over(rotation.rotation, observation.current, observation.desired)
     return Lesson(
         memory,
         geometry,

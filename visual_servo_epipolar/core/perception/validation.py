@@ -8,7 +8,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
-from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
+from visual_servo_epipolar.core.geometry.rays import handedness, rotation_level_camera
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
@@ -17,6 +17,7 @@ MIN_INLIER_SHARE = 0.3
 MAX_TURN_APART = 2.0  # turns that bearings, and features as a whole, may be apart [rad]
 FEW_INLIERS, FEW_SHARE = 12, 0.8  # fewer may agree by chance, if they are not most of all
 MOTION_PARAMETERS, LEAST_SPARE = 5, 3.0  # of a general one; matches beyond them, at least
+LEAST_HANDED = 0.8  # share of small triangles that turn alike, and are not mirrored
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 TINY = 1e-30
 FIRST, STEP = -4, 1.25  # power of the least noise that is compared, and ratio to the next
@@ -186,14 +187,19 @@ def turned_otherwise(bearings: Bearings, heading_error: float) -> str:
     return ''
 
 
-def rolled_over(rotation: FloatArray) -> str:
+def rolled_over(rotation: FloatArray, current: FloatArray, desired: FloatArray) -> str:
     """
     Return how a best ``rotation``, (3, 3), is none of a robot on a floor, in words, or ''.
 
     A mirrored image looks as if the camera had rolled by half a turn, one upside down does. A turn
-    about the vertical keeps y of cameras that lean by 45 deg at most within a right angle.
+    about the vertical keeps y of cameras that lean by 45 deg at most within a right angle. So does
+    what stands between two views that see it from opposite sides; there the features of each
+    surface turn alike, and what is above stays above. Unit rays have shape (N, 3).
     """
     if rotation[1, 1] >= 0.0:
+        return ''
+    is_above = float(current[:, 1] @ desired[:, 1]) > 0.0
+    if is_above and handedness(current, desired) > LEAST_HANDED:
         return ''
     roll = math.degrees(math.acos(max(float(rotation[1, 1]), -1.0)))
     return f'the image has rolled by {roll:.0f} deg, as if it were mirrored or upside down'

@@ -62,6 +62,11 @@ class TaughtPath:
         slopes = np.gradient(self.poses[:, :2], self.way, axis=0)
         return np.asarray(slopes / np.linalg.norm(slopes, axis=1, keepdims=True))
 
+    @property
+    def normals(self) -> FloatArray:
+        """Unit vectors to the left of the way, (M, 2)."""
+        return np.stack([-self._tangents[:, 1], self._tangents[:, 0]], axis=1)
+
     def beside(self, pose: FloatArray, near: float) -> PathPoint:
         """Return where a camera ``pose``, (3,), is, on the path not far from ``near`` [m]."""
         last = int(np.searchsorted(self.way, near))
@@ -85,8 +90,13 @@ class TaughtPath:
         )
 
     def pose_at(self, way: float) -> FloatArray:
-        """Return the taught pose of the camera, (3,), at a ``way`` [m]."""
-        return np.array([np.interp(way, self.way, column) for column in self.poses.T])
+        """Return the taught pose of the camera, (3,), at a ``way`` [m]; it goes on straight."""
+        pose = np.array([np.interp(way, self.way, column) for column in self.poses.T])
+        if way < self.way[0]:
+            pose[:2] += (way - self.way[0]) * self._tangents[0]
+        elif way > self.way[-1]:
+            pose[:2] += (way - self.way[-1]) * self._tangents[-1]
+        return pose
 
     def curvature_at(self, way: float) -> float:
         """Return the taught curvature at a ``way`` [m], in 1/m."""

@@ -58,10 +58,14 @@ class Place:
 
 
 class PlaceFinder:
-    """Finds images on a route; ``reason`` says why the last one was not found."""
+    """
+    Finds images on a route; ``reason`` says why the last one was not found.
+
+    Of a way that closes, places a ``lap`` [m] apart are one.
+    """
 
     def __init__(self, route: Route) -> None:
-        self.route, self.reason = route, ''
+        self.route, self.reason, self.lap = route, '', math.inf
         # A robot that stands looks at the same few photographs again and again.
         self._view = lru_cache(maxsize=KEPT)(self._loaded)
 
@@ -100,7 +104,7 @@ class PlaceFinder:
         np.add.at(votes, pairs[1], 1.0)
         return votes
 
-    def find(self, image: Image, among: range | None = None) -> Place | None:
+    def find(self, image: Image, among: range | None = None, *, near: float = 0.0) -> Place | None:
         """
         Return where ``image``, uint8 of shape (H, W), was taken; None, and why, if unsure.
 
@@ -128,7 +132,7 @@ class PlaceFinder:
         rivals = [
             place
             for place in found
-            if abs(place.way - best.way) > FARTHEST
+            if min(apart := abs(place.way - best.way), abs(self.lap - apart)) > FARTHEST
             and place.pose.inliers > RIVAL * best.pose.inliers
         ]
         if rivals:

@@ -17,11 +17,13 @@ from visual_servo_epipolar.core.bases.registry import base_of
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.routes.following.closing import closing_of
 from visual_servo_epipolar.core.routes.following.follower import (
     COASTED,
     Confirmation,
     Follower,
     LEAST_CONFIRMED,
+    PASSED,
     RouteProgress,
     TURNED,
 )
@@ -47,7 +49,6 @@ ARRIVED, FAILED = Phase.ARRIVED.value, Phase.FAILED.value
 REMEDY = '~/cancel, then ~/repeat'
 SEARCH_FRAMES = 5  # images between two looks at the route
 NEIGHBOURS = 2  # key views on either side that are looked at first, for half of lost_timeout
-PASSED = 0.05  # way by which a key view counts as passed [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +81,10 @@ class RouteRun:
         self.target = target_of(route, settings)
         self.base = _base(settings, servo)
         self._finder = PlaceFinder(route)
+        ends = self.target == (0 if settings.reverse else len(route.views) - 1)
+        closing = closing_of(route, self._finder) if way is None or settings.laps > 1 else None
+        self._finder.lap = math.inf if closing is None else closing.length
+        self._closing = closing if ends else None
         self._follower: Follower | None = None
         self._docking = Docking(route.camera, servo)
         self._confirmed: dict[int, Confirmation] = {}
@@ -174,7 +179,8 @@ class RouteRun:
     def _localize(self, image: Image, stamp_ns: int) -> RouteStep:
         """Look for the robot on the route, every few images."""
         self._lost_ns = stamp_ns if self._lost_ns < 0 else self._lost_ns
-        place = self._look(image, self._begin_of_lap)
+        begin = self.route.views[-1 if self.settings.reverse else 0].way
+        place = self._look(image, self._begin_of_lap, begin)
         if place is not None:
             return self._begin_at(place.way, place_filter(place))
         if seconds_between(self._lost_ns, stamp_ns) > self.settings.lost_timeout:
@@ -196,12 +202,15 @@ class RouteRun:
         count = len(self.route.views)
         return range(count // 2, count) if self.settings.reverse else range((count + 1) // 2)
 
-    def _look(self, image: Image, among: range | None) -> Place | None:
-        """Return where on the route the robot is, where this image is looked at."""
+    def _look(self, image: Image, among: range | None, near: float) -> Place | None:
+        """Return where this image was taken, ``near`` a way [m], if it is looked at."""
         self._searched += 1
         if self._searched % SEARCH_FRAMES != 1:
             return None
-        return self._finder.find(image, among)
+        place = self._finder.find(image, among)
+        if place is None or self._closing is None:
+            return place
+        return self._closing.on_lap(place, self.route.views, near)
 
     def _begin_at(self, way: float, at: LateralFilter | None = None) -> RouteStep:
         """Follow the route from a ``way`` [m] on, ``at`` a place beside it if that is known."""
@@ -230,6 +239,8 @@ class RouteRun:
             latency=self._servo.latency,
             at=at,
             confirmed=self._confirmed,
+            closing=self._closing,
+            laps=self.settings.laps - self.lap,
         )
         self._docking.aim(self.route.views[self.target])
         return RouteStep(STANDSTILL, LOCALIZING, f'found after {way:.2f} m')
@@ -237,6 +248,8 @@ class RouteRun:
     def _follow(self, image: Image, stamp_ns: int, follower: Follower) -> RouteStep:
         """Follow the path, or look for it where it is lost."""
         progress = follower.step(image, stamp_ns)
+        if self._closing is not None:
+            self.lap = self.settings.laps - follower.laps
         if follower.disobeyed:
             return self.fail(follower.disobeyed)
         if follower.lost > COASTED:
@@ -251,7 +264,7 @@ class RouteRun:
         near = follower.lost < 0.5 * self.settings.lost_timeout
         first, last = follower.view - NEIGHBOURS, follower.view + NEIGHBOURS
         among = range(max(first, 0), min(last + 1, len(self.route.views))) if near else None
-        place = self._look(image, among)
+        place = self._look(image, among, progress.way)
         if place is not None:
             return self._begin_at(place.way, place_filter(place))
         return RouteStep(follower.twist, HOLDING, follower.reason, progress)

@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.bases.base import Base, turns_in_place
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_pose
+from visual_servo_epipolar.core.routes.following.closing import Closing
 from visual_servo_epipolar.core.routes.following.path_estimate import (
     beside,
     PathEstimate,
@@ -31,7 +32,7 @@ from visual_servo_epipolar.core.routes.following.steering import (
     turned_back,
 )
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
-from visual_servo_epipolar.core.routes.route import Route
+from visual_servo_epipolar.core.routes.route import Route, RouteView
 from visual_servo_epipolar.core.routes.settings import EPIPOLE, FollowSettings
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
@@ -39,6 +40,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 COASTED = 0.5  # time without a trusted view after which it stands [s]
 CERTAIN = 0.01  # a third of the deviation of the offset that slows it down [m]
 SLOWEST = 0.1  # that it drives where it was taught slower [m/s]
+PASSED = 0.05  # way by which a key view counts as passed [m]
 TURNED = 0.8  # from the heading of the path, from which a base that can turns in place [rad]
 CONFIRMED_NEAR, LEAST_CONFIRMED = 0.06, 30  # of a key view that is confirmed: away [m], inliers
 MOST_CONFIRMED = 200  # images that are kept for this
@@ -81,7 +83,8 @@ class Follower:
 
     In reverse it drives backward, seeing what was seen when the way was taught. ``latency`` [s]
     is the delay from an image to the motion that it leads to. ``at`` is where beside the path it
-    begins, if that is known.
+    begins, if that is known. With ``closing`` it goes on at the other end of the way for so many
+    ``laps`` more.
 
     ``is_there``: so near before the target that the servo takes over. ``lost`` [s] is the time
     without a view that was believed, ``reason`` says why. ``confirmed`` are key views that look
@@ -100,10 +103,14 @@ class Follower:
         latency: float,
         at: LateralFilter | None = None,
         confirmed: dict[int, Confirmation] | None = None,
+        closing: Closing | None = None,
+        laps: int = 0,
     ) -> None:
         self.route, self.settings, self._base = route, settings, base
         self.view, self.target = view, target
         self._sign = -1 if settings.reverse else 1
+        self._closing, self.laps = closing, 0 if closing is None else laps
+        self._views = self._lap_views(entered=False)
         self._estimate = PathEstimate(way, latency, at)
         self.lost, self.reason = 0.0, ''
         self._trackers: dict[int, KeyViewTracker] = {}
@@ -129,17 +136,37 @@ class Follower:
     @property
     def remaining(self) -> float:
         """Way that is left to the target [m]."""
-        return self._sign * (self.route.views[self.target].way - self.way)
+        left = self._sign * (self.route.views[self.target].way - self.way)
+        return left + (self.laps * self._closing.length if self._closing is not None else 0.0)
 
     @property
     def is_there(self) -> bool:
         """Whether the servo is to take over."""
         return self._is_last and self.remaining <= self.settings.station_distance
 
+    def _lap_views(self, *, entered: bool) -> tuple[RouteView, ...]:
+        """Return the key views as this lap goes by them, ``entered`` by the closing or not."""
+        left, views = self.laps > 0, self.route.views
+        if self._closing is None:
+            return views
+        begin, end = (entered, left) if self._sign > 0 else (left, entered)
+        return self._closing.lap(views, begin=begin, end=end)
+
     @property
     def _is_last(self) -> bool:
         """Whether no key view follows: backward, what lies behind one is seen in the one ahead."""
-        return self.view == (self.target if self._sign > 0 else self.target + 1)
+        return not self.laps and self.view == (self.target if self._sign > 0 else self.target + 1)
+
+    @property
+    def _next(self) -> tuple[int, bool]:
+        """The key view that follows, and whether it is that of the next lap."""
+        if self.laps and self._closing is not None:
+            views, way = self.route.views, self._closing.way
+            if self._sign > 0 and self.view == len(views) - 1:
+                return next(k for k, it in enumerate(views) if k and it.way > way + PASSED), True
+            if self._sign < 0 and (self.view == 1 or views[self.view - 1].way < way):
+                return len(views) - 1, True
+        return self.view + self._sign, False
 
     def step(self, image: Image, stamp_ns: int) -> RouteProgress:
         """Take in an image, uint8 of shape (H, W); ``twist`` is then what to drive."""
@@ -157,14 +184,14 @@ class Follower:
         if lateral is not None and self.lost <= COASTED:
             wanted = self._wanted(image, lateral, found, dt)
         limited = self._base.within_speed(wanted)
-        self.twist = self._base.within_acceleration(limited, self.twist, dt) if dt else limited
+        self.twist = self._base.within_acceleration(limited, self.twist, dt)
         self._estimate.sent(stamp_ns, self.twist)
         return self._progress(found, switched)
 
     def prepare(self) -> None:
         """Read the key view after the one ahead, so that no image has to wait for it."""
         if not self._is_last:
-            self._tracker(self.view + self._sign)
+            self._tracker(self._next[0])
         passed = self.view - self._sign
         if passed in self.confirmed and not self._looks_new(passed):
             del self.confirmed[passed]
@@ -217,24 +244,39 @@ class Follower:
     def _switch(self, image: Image) -> bool:
         """Go on to the next key view where this one is reached and that one is seen."""
         border = self.route.views[self.view if self._sign > 0 else self.view - 1].way
+        number, closes = self._next
+        if closes and self._closing is not None and self._sign < 0:
+            border = self._closing.way
         if self._is_last or self._sign * (border - self.way) > 0.0:
             return False
-        views, number = self.route.views, self.view + self._sign
         following = self._tracker(number)
-        if not following.begun:
-            T = relative_pose(views[number].pose, views[self.view].pose)
+        if closes:
+            self._close(number)
+        elif not following.begun:
+            T = relative_pose(self._views[number].pose, self._views[self.view].pose)
             following.begin(image, compose(T, self._pose_in(self.view)))
         self._trackers.pop(self.view, None)
         self.view = number
         return True
 
+    def _close(self, number: int) -> None:
+        """Begin the next lap, by the key view of that ``number``."""
+        assert self._closing is not None
+        T = self._closing.transform(self.route.views, self.view, number)
+        path = self._views[self.view].path
+        self.laps -= 1
+        self._views = self._lap_views(entered=True)
+        self._estimate.carried(
+            T, path, self._views[number].path, -self._sign * self._closing.length
+        )
+
     def _pose_in(self, view: int) -> FloatArray:
         """Return the pose in axes of a key view, (3,)."""
-        return self._estimate.pose_in(self.route.views[view].path)
+        return self._estimate.pose_in(self._views[view].path)
 
     def _look(self, image: Image) -> PathMeasurement | None:
         """Return where the view is beside the path; None, and why, if that is not believed."""
-        tracker, path = self._tracker(self.view), self.route.views[self.view].path
+        tracker, path = self._tracker(self.view), self._views[self.view].path
         found = tracker.locate(image, self._pose_in(self.view))
         if found is None:
             self.reason = tracker.reason
@@ -262,7 +304,7 @@ class Follower:
             ).linear
         at, way = self._estimate.when_told(at, self.stamp_ns)
         way += 0.5 * speed * dt  # the command holds until the next: its middle counts
-        curvature = self.route.views[self.view].path.curvature_at(way)
+        curvature = self._views[self.view].path.curvature_at(way)
         if settings.steering == EPIPOLE:
             return self._by_epipole(image, curvature, speed)
         return steer(at, curvature, speed, settings)
@@ -275,7 +317,7 @@ class Follower:
             tracker = self._tracker(number)
             T = relative_pose(self.route.views[number].pose, self.route.views[self.view].pose)
             tracker.locate(image, compose(T, self._pose_in(self.view)))
-        view, features = self.route.views[number], self._tracker(number).features
+        view, features = self._views[number], self._tracker(number).features
         off = epipole_error(features, view, self.way, self.route.camera)
         return Twist(speed, speed * curvature + EPIPOLE_GAIN * (0.0 if off is None else off))
 

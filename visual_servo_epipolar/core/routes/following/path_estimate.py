@@ -59,6 +59,20 @@ class PathEstimate:
             self._sent.pop()
         self.sent(stamp_ns, STANDSTILL)
 
+    def carried(self, T: FloatArray, path: TaughtPath, other: TaughtPath, by: float) -> None:
+        """
+        Go on beside another path, whose ways are longer ``by`` a length [m].
+
+        ``T``, (3,), is the pose of the key view of this ``path`` in axes of that of the other one.
+        """
+        pose = compose(T, self.pose_in(path))
+        self.way += by
+        self._seen_way, self._marked = self._seen_way + by, self._marked + by
+        if self.lateral is not None:
+            point = other.beside(pose, self.way)
+            state = np.array([point.offset, point.turn, self.lateral.state[2]])
+            self.way, self.lateral = point.way, replace(self.lateral, state=state)
+
     def pose_in(self, path: TaughtPath) -> FloatArray:
         """Return the pose in axes of the key view of a ``path``, (3,)."""
         pose = path.pose_at(self.way)
