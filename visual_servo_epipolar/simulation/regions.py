@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.candidates import Candidates
@@ -28,6 +28,10 @@ HEADROOM = 0.2  # above the camera: what hangs higher is no obstacle [m]
 LEVEL = 1e-9
 Start = tuple[float, float, float]
 Condition = Callable[[Pose], bool]
+PATCH = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))  # of a feature: it, and right and below of it [px]
+LEAST_SCALE = (
+    1.0 / 3.0
+)  # of a feature against the photograph, and of its sides, at which it matches
 LEAST_FEATURES = 40  # of the goal's, in view from a start anywhere
 DIGITS = 6  # of a start: nothing is lost when it is written down
 TRIES = 5000
@@ -101,7 +105,8 @@ def start_in(
     a wall or in furniture. ``anywhere`` are all poses from which at least 40 of the goal's
     features are in view: points of the cloud that belongs to the seed of ``scenario``, or what
     the tracker would keep of the photograph, as far as nothing in the room hides it. So is
-    ``around``, within 4 m of the goal. A head may be turned to see them.
+    ``around``, within 4 m of the goal, of features large enough to be recognised in images. A head
+    may be turned to see them.
 
     Raises InputError if there is no such region, or no such start.
     """
@@ -132,7 +137,8 @@ def _conditions(region: str, scenario: Scenario, source: str) -> list[Condition]
     scenery = _scenery(camera, light, scenario.tracker.candidates)
     if not everywhere:
         return [scenery.ground.is_free]
-    return [scenery.ground.is_free, scenery.is_seen]
+    seen = scenery.is_recognised if region == 'around' else scenery.is_seen
+    return [scenery.ground.is_free, seen]
 
 
 def _is_seen(world: PointWorld, pose: Pose) -> bool:
@@ -157,26 +163,57 @@ class _Scenery:
         # What is kept has no pictures on it: they take hundreds of megabytes.
         self._renderer = Renderer(scene.bare(), rig)
         photograph = Renderer(scene, rig).render(DESIRED_POSE)
-        points = self._renderer.trace(_worth_tracking(photograph, candidates), DESIRED_POSE)
-        self._points = points[np.isfinite(points).all(axis=1)]
+        pixels = _worth_tracking(photograph, candidates)
+        points, right, below = (
+            self._renderer.trace(pixels + aside, DESIRED_POSE) for aside in PATCH
+        )
+        known = np.isfinite(points).all(axis=1)
+        self._points, self._aside = points[known], (right[known], below[known])
 
     def is_seen(self, pose: Pose) -> bool:
         """Return whether enough of the goal's features can be seen, wherever a head looks."""
+        return self._is_any(lambda: self.in_view(pose))
+
+    def is_recognised(self, pose: Pose) -> bool:
+        """Return whether enough of them are seen large enough to be recognised."""
+        return self._is_any(lambda: int((self._unhidden(pose) & self._is_large(pose)).sum()))
+
+    def in_view(self, pose: Pose) -> int:
+        """Return how many of the goal's features are in view from ``pose``."""
+        return int(self._unhidden(pose).sum())
+
+    def _is_any(self, count: Callable[[], int]) -> bool:
+        """Return whether a ``count`` of features is large enough, wherever a head looks."""
         rig = self._renderer.rig
         try:
             for self._renderer.rig in rig.views:
-                if self.in_view(pose) >= LEAST_FEATURES:
+                if count() >= LEAST_FEATURES:
                     return True
             return False
         finally:
             self._renderer.rig = rig
 
-    def in_view(self, pose: Pose) -> int:
-        """Return how many of the goal's features are in view from ``pose``."""
+    def _unhidden(self, pose: Pose) -> BoolArray:
+        """Return which of the goal's features are in view, shape (N,)."""
         pixels, visible = self._renderer.project(self._points, pose)
-        if int(visible.sum()) < LEAST_FEATURES:
-            return int(visible.sum())  # too few even if nothing hides them
-        return int(self._renderer.unhidden(self._points[visible], pixels[visible], pose).sum())
+        if int(visible.sum()) >= LEAST_FEATURES:  # else too few even if nothing hides them
+            points = self._points[visible]
+            visible[visible] = self._renderer.unhidden(points, pixels[visible], pose)
+        return visible
+
+    def _is_large(self, pose: Pose) -> BoolArray:
+        """
+        Return which features are seen large enough, shape (N,).
+
+        In no direction below a third of their size in the photograph, nor squeezed in one of them
+        by more than that: SIFT hardly matches what is seen from farther aside.
+        """
+        at, *aside = (
+            self._renderer.project(points, pose)[0] for points in (self._points, *self._aside)
+        )
+        moved = np.nan_to_num(np.stack([each - at for each in aside], axis=2))
+        most, least = np.linalg.svd(moved, compute_uv=False).T
+        return np.asarray((least > LEAST_SCALE) & (least > LEAST_SCALE * most))
 
 
 def _worth_tracking(photograph: Image, candidates: int) -> FloatArray:

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import as_gray, Image
+from visual_servo_epipolar.core.arrays import as_gray, Image, median
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.goal import Goal, goal_id
@@ -37,6 +37,7 @@ from visual_servo_epipolar.core.tracking.tracks import Tracks
 
 FIRST_ITERATIONS = 15  # of the alignment after a match: its scale is only known by SIFT
 BORDER = 4.0  # features nearer to the border of the current image are dropped [px]
+MOST_SHIFT = 0.25  # of the width, of features since a wide lens was matched
 FEW_FACTOR = 3  # the search is so many times wider below min_features
 
 
@@ -65,6 +66,7 @@ class Tracker:
         self._frame = 0
         self.goal: Goal[None] = Goal()
         self._rematching = Rematching()
+        self._shift = 0.0  # of features against the photograph when it was matched [px]
         self.reason = 'no desired image yet; nothing is tracked until one is given or captured'
 
     @property
@@ -162,6 +164,7 @@ class Tracker:
             return len(found)
         self._candidates.remember(warps.ids, self.settings.candidates)
         self._tracked = self._candidates.limited(found, found, limit)
+        self._shift = _shift(self._tracked)
         self._predictions.correct(found.warps)
         self._previous = frame
         return len(found)
@@ -236,9 +239,18 @@ class Tracker:
         """Return the tracks in ``frame``, by matching all of it where few are left."""
         tracked = self._carried_on(frame)
         is_due = self._rematching.is_due(len(self._tracked), self.settings.rematch_period)
-        if len(tracked) < self.settings.min_features and is_due:
-            return self._replenished(tracked, frame.image)
+        few = len(tracked) < self.settings.min_features
+        if is_due and (few or self._has_turned(tracked)):
+            tracked = self._replenished(tracked, frame.image)
+            self._shift = _shift(tracked)
         return tracked
+
+    def _has_turned(self, tracked: Tracks) -> bool:
+        """Return whether a wide lens shows another part of the photograph than when it matched."""
+        camera = self.canvas.camera
+        if camera is None or camera.wraps or not len(tracked):
+            return False
+        return abs(_shift(tracked) - self._shift) > MOST_SHIFT * camera.width
 
     def _carried_on(self, frame: Frame) -> Tracks:
         """Return the tracks of the last frame in this one, without matching the whole image."""
@@ -320,3 +332,10 @@ class Tracker:
         self._candidates.remember(joined.warps.ids, self.settings.candidates)
         self._predictions.correct(joined.warps)
         return self._candidates.limited(joined, tracked, limit)
+
+
+def _shift(tracks: Tracks) -> float:
+    """Return how far to the right of the photograph's features the tracked ones are [px]."""
+    if not len(tracks):
+        return 0.0
+    return median(tracks.warps.current[:, 0] - tracks.warps.desired[:, 0])
