@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import Pose, wrap_angle
+from visual_servo_epipolar.core.routes.following.closing import closing_of
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
 from visual_servo_epipolar.simulation.rooms.storey import PLAN
 from visual_servo_epipolar.simulation.routes.drives import new_simulator, Taught
@@ -35,6 +36,8 @@ def kidnap(scenario: Scenario, taught: Taught, count: int, seed: int) -> Kidnaps
     A camera that sees all around is turned anyhow.
     """
     simulator, finder = new_simulator(scenario), PlaceFinder(taught.route)
+    closing = closing_of(taught.route, finder)
+    finder.lap = math.inf if closing is None else closing.length
     rng = np.random.default_rng((seed, 11))
     turned = math.pi if scenario.camera.camera.wraps else TURNED
     right = refused = 0
@@ -42,6 +45,8 @@ def kidnap(scenario: Scenario, taught: Taught, count: int, seed: int) -> Kidnaps
         k, offset = int(rng.integers(0, len(taught.way.points) - 40)), float(rng.uniform(-1, 1))
         pose = _beside(taught, k, ASIDE * offset, turned * float(rng.uniform(-1.0, 1.0)))
         place = finder.find(simulator.capture(pose, number))
+        if place is not None and closing is not None:  # right by either end of the way
+            place = closing.on_lap(place, taught.route.views, k * SPACING)
         refused += place is None
         right += place is not None and _is_right(taught, place, pose)
     return Kidnaps(count, right, refused, count - right - refused)
