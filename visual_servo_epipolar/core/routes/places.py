@@ -66,6 +66,7 @@ class PlaceFinder:
 
     def __init__(self, route: Route) -> None:
         self.route, self.reason, self.lap = route, '', math.inf
+        self.is_ambiguous = False  # two places fit the last image
         # A robot that stands looks at the same few photographs again and again.
         self._view = lru_cache(maxsize=KEPT)(self._loaded)
 
@@ -110,6 +111,7 @@ class PlaceFinder:
 
         Only the key views ``among`` these numbers are looked at, where that is not None.
         """
+        self.is_ambiguous = False
         votes = self.votes(image, among)
         shortlist = [k for k in np.argsort(-votes)[:SHORTLIST].tolist() if votes[k] >= LEAST_VOTES]
         if not shortlist:
@@ -136,6 +138,7 @@ class PlaceFinder:
             and place.pose.inliers > RIVAL * best.pose.inliers
         ]
         if rivals:
+            self.is_ambiguous = True
             self.reason = (
                 f'two places look alike, after {best.way:.1f} m and {rivals[0].way:.1f} m; drive '
                 'on a little'

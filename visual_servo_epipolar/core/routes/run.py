@@ -28,7 +28,7 @@ from visual_servo_epipolar.core.routes.following.follower import (
     TURNED,
 )
 from visual_servo_epipolar.core.routes.following.path_estimate import place_filter
-from visual_servo_epipolar.core.routes.following.steering import LateralFilter
+from visual_servo_epipolar.core.routes.following.steering import LateralFilter, LookAround
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
@@ -89,6 +89,7 @@ class RouteRun:
         self._docking = Docking(route.camera, servo)
         self._confirmed: dict[int, Confirmation] = {}
         self._searched, self._lost_ns, self.lap = 0, -1, 1
+        self._look_around = LookAround()
         self._newest_ns: int | None = None
         self._views = FrozenImageCheck()
         self.last = RouteStep(STANDSTILL, WAITING)
@@ -181,10 +182,16 @@ class RouteRun:
         self._lost_ns = stamp_ns if self._lost_ns < 0 else self._lost_ns
         begin = self.route.views[-1 if self.settings.reverse else 0].way
         place = self._look(image, self._begin_of_lap, begin)
-        if place is not None:
+        stands = self.last.twist == STANDSTILL
+        if place is not None and stands:
             return self._begin_at(place.way, place_filter(place))
         if seconds_between(self._lost_ns, stamp_ns) > self.settings.lost_timeout:
             return self.fail(self._unclosed + self._finder.reason)
+        if place is not None:  # found in a turn: it is looked at once more, standing
+            self._look_around, self._searched = LookAround(), 1
+        elif self._finder.is_ambiguous or not stands:
+            around = self._look_around.twist(stamp_ns, self.last.twist, self.base)
+            return RouteStep(around, LOCALIZING, self._finder.reason)
         return RouteStep(STANDSTILL, LOCALIZING, self._finder.reason)
 
     @property

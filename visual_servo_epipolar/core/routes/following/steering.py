@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.bases.base import BaseLimits
+from visual_servo_epipolar.core.bases.base import Base, BaseLimits, turns_in_place
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Prior
@@ -24,6 +24,7 @@ from visual_servo_epipolar.core.geometry.planar_poses import inverse_pose
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.routes.route import RouteView
 from visual_servo_epipolar.core.routes.settings import FollowSettings
+from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 
 TURN_NOISE = 0.02  # of the true turn against the commanded one [rad/sqrt(s)]
@@ -36,6 +37,7 @@ MOST_OFFSET = 1.0  # in steering lengths, beyond which the way back is straight
 EPIPOLE_GAIN = 1.5  # turn by what the epipole is off [1/s]
 NEAREST = 0.3  # way before a key view at which its epipole counts no more [m]
 NOISE_PX = 0.2
+LOOK_TURN, LOOK_RATE = 0.5, 0.4  # to either side, where two places look alike [rad], [rad/s]
 CRAWL = 0.05  # speed at which a station is come near [m/s]
 ESTIMATOR, FEWEST = 'soft_planar', 12  # features that an epipole needs
 MOST_DEVIATION = 0.05  # of an epipole that is believed [rad]
@@ -97,6 +99,23 @@ def turned_back(turn: float, limits: BaseLimits) -> Twist:
     """Return the twist in place that takes back a ``turn`` [rad], at half of the acceleration."""
     rate = math.sqrt(limits.max_angular_acceleration * abs(turn))
     return Twist(0.0, -math.copysign(min(rate, limits.max_angular), turn))
+
+
+class LookAround:
+    """Look around: one turn in place to either side and back, where two places look alike."""
+
+    def __init__(self) -> None:
+        self._begun_ns = self._stamp_ns = -1
+
+    def twist(self, stamp_ns: int, last: Twist, base: Base) -> Twist:
+        """Return the twist after an image, ``last`` being the one before; of a car none."""
+        if self._begun_ns < 0:
+            self._begun_ns = self._stamp_ns = stamp_ns
+        quarter = seconds_between(self._begun_ns, stamp_ns) / (LOOK_TURN / LOOK_RATE)
+        dt, self._stamp_ns = seconds_between(self._stamp_ns, stamp_ns), stamp_ns
+        rate = 0.0 if quarter >= 4.0 or not turns_in_place(base) else LOOK_RATE
+        wanted = Twist(0.0, -rate if 1.0 <= quarter < 3.0 else rate)
+        return base.within_acceleration(base.within_speed(wanted), last, dt)
 
 
 def brake(way: float, acceleration: float) -> float:
