@@ -273,3 +273,4 @@ def test_without_triangles_nothing_speaks_against_a_mirrored_image() -> None:
     rays = np.eye(3)
     assert handedness(rays, rays) == 0.0
     assert handedness(rays[:1], rays[:1]) == 0.0
+    assert handedness(rays[:0], rays[:0]) == 0.0

@@ -95,7 +95,7 @@ def handedness(current: FloatArray, desired: FloatArray) -> float:
     """
     nearness = np.minimum(current @ current.T, desired @ desired.T)
     np.fill_diagonal(nearness, -1.0)
-    count, least = min(NEIGHBOURS, len(current) - 1), np.cos(NEAR)
+    count, least = max(min(NEIGHBOURS, len(current) - 1), 0), np.cos(NEAR)
     near = np.argsort(-nearness, axis=1)[:, :count]
     a, b = np.triu_indices(count, 1)
     corners = np.arange(len(current))[:, None], near[:, a], near[:, b]

@@ -34,6 +34,7 @@ LEAST_INLIERS, LEAST_SHARE = 18, 0.6  # of a geometry that is believed
 CERTAIN = 0.05  # deviation of a place that is believed, also by its witnesses alone [m]
 FARTHEST = 3.0  # from the path, that the structure can tell [m]
 MOST_TURN = 1.2  # from its heading, of a camera that does not see all around [rad]
+LAP_APART = 0.5  # by how much a lap may differ of what is one place [m]
 RIVAL = 0.7  # of the inliers of the best: another place with so many leaves it open
 
 
@@ -105,7 +106,7 @@ class PlaceFinder:
         np.add.at(votes, pairs[1], 1.0)
         return votes
 
-    def find(self, image: Image, among: range | None = None, *, near: float = 0.0) -> Place | None:
+    def find(self, image: Image, among: range | None = None) -> Place | None:
         """
         Return where ``image``, uint8 of shape (H, W), was taken; None, and why, if unsure.
 
@@ -134,7 +135,8 @@ class PlaceFinder:
         rivals = [
             place
             for place in found
-            if min(apart := abs(place.way - best.way), abs(self.lap - apart)) > FARTHEST
+            if (apart := abs(place.way - best.way)) > FARTHEST
+            and abs(apart - self.lap) > LAP_APART
             and place.pose.inliers > RIVAL * best.pose.inliers
         ]
         if rivals:
