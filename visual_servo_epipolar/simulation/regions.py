@@ -29,9 +29,7 @@ LEVEL = 1e-9
 Start = tuple[float, float, float]
 Condition = Callable[[Pose], bool]
 PATCH = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))  # of a feature: it, and right and below of it [px]
-LEAST_SCALE = (
-    1.0 / 3.0
-)  # of a feature against the photograph, and of its sides, at which it matches
+LEAST_SCALE = 1.0 / 3.0  # of a feature against the photograph, and of its sides, that matches
 LEAST_FEATURES = 40  # of the goal's, in view from a start anywhere
 DIGITS = 6  # of a start: nothing is lost when it is written down
 TRIES = 5000

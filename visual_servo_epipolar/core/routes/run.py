@@ -83,7 +83,6 @@ class RouteRun:
         self._finder = PlaceFinder(route)
         ends = self.target == (0 if settings.reverse else len(route.views) - 1)
         closing = closing_of(route, self._finder) if way is None or settings.laps > 1 else None
-        self._finder.lap = math.inf if closing is None else closing.length
         self._closing = closing if ends else None
         self._follower: Follower | None = None
         self._docking = Docking(route.camera, servo)

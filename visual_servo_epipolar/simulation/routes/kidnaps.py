@@ -37,7 +37,6 @@ def kidnap(scenario: Scenario, taught: Taught, count: int, seed: int) -> Kidnaps
     """
     simulator, finder = new_simulator(scenario), PlaceFinder(taught.route)
     closing = closing_of(taught.route, finder)
-    finder.lap = math.inf if closing is None else closing.length
     rng = np.random.default_rng((seed, 11))
     turned = math.pi if scenario.camera.camera.wraps else TURNED
     right = refused = 0

@@ -119,7 +119,11 @@ def _path_at(way: float, views: Sequence[RouteView]) -> TaughtPath:
 
 
 def closing_of(route: Route, finder: PlaceFinder) -> Closing | None:
-    """Return where the way meets its beginning; None, and ``finder`` says why, if it does not."""
+    """
+    Return where the way meets its beginning; None, and ``finder`` says why, if it does not.
+
+    The ``finder`` takes places a lap apart for one from then on.
+    """
     last = route.views[-1]
     place = finder.find(last.image, range((len(route.views) + 1) // 2))
     if place is None:
@@ -131,4 +135,5 @@ def closing_of(route: Route, finder: PlaceFinder) -> Closing | None:
         )
         return None
     pose = compose(route.views[place.view].pose, place.pose.pose)
-    return Closing(place.way, place.offset, place.turn, pose, last.way - place.way)
+    finder.lap = last.way - place.way
+    return Closing(place.way, place.offset, place.turn, pose, finder.lap)
