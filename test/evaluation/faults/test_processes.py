@@ -4,8 +4,8 @@ import signal
 
 import pytest
 
-from visual_servo_epipolar.evaluation.faults.processes import run as runs
-from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
+from visual_servo_epipolar.evaluation.faults import processes as runs
+from visual_servo_epipolar.evaluation.faults.processes import PROCESSES
 
 
 @pytest.mark.long

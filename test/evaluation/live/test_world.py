@@ -16,10 +16,14 @@ from visual_servo_epipolar.evaluation.faults.campaign import FAULTS
 from visual_servo_epipolar.evaluation.faults.catalogue import orders
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import EVERYWHERE, Fault, StruckRun
 from visual_servo_epipolar.evaluation.faults.judging.record import Record
-from visual_servo_epipolar.evaluation.faults.processes.listener import RunListener
-from visual_servo_epipolar.evaluation.live.breakable_base import BreakableUnicycleNode
+from visual_servo_epipolar.evaluation.faults.processes import RunListener
 from visual_servo_epipolar.evaluation.live.wire import Envelope
-from visual_servo_epipolar.evaluation.live.world import small_camera, World, WorldSettings
+from visual_servo_epipolar.evaluation.live.world import (
+    BreakableUnicycleNode,
+    small_camera,
+    World,
+    WorldSettings,
+)
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 from visual_servo_epipolar.nodes.servo_node import ServoNode

@@ -10,42 +10,35 @@ from typing import Any, NamedTuple
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint
+from visual_servo_epipolar.evaluation.faults import processes
+from visual_servo_epipolar.evaluation.faults import run as simulated
 from visual_servo_epipolar.evaluation.faults.catalogue import (
-    base,
     calibration,
-    clocks,
-    encoders,
     images,
-    nodes,
     orders,
-    scenes,
+    robot,
     streams,
-    tracks,
 )
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Faults
 from visual_servo_epipolar.evaluation.faults.judging.record import RunVerdict, SAFE
-from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
+from visual_servo_epipolar.evaluation.faults.processes import PROCESSES
 from visual_servo_epipolar.evaluation.tables import markdown
 from visual_servo_epipolar.sweeping.local import worker_pool
 from visual_servo_epipolar.sweeping.provenance import commit
 
-GROUPS = (
-    streams,
-    images,
-    scenes,
-    tracks,
-    calibration,
-    clocks,
-    orders,
-    base,
-    nodes,
-    encoders,
-)
-FAULTS: Faults = {'none': Fault('nothing is wrong')} | {
-    name: fault for group in GROUPS for name, fault in group.FAULTS.items()
+FAULTS: Faults = {
+    'none': Fault('nothing is wrong'),
+    **streams.IMAGE_STREAM,
+    **images.SHOWN,
+    **images.SCENES,
+    **streams.TRACK_STREAM,
+    **calibration.FAULTS,
+    **orders.CLOCKS,
+    **orders.ORDERS,
+    **robot.BASE,
+    **robot.NODE_ENDS,
+    **robot.ENCODERS,
 }
-
-
 WORDS = {name: fault.what for name, fault in FAULTS.items()}
 WORDS |= {name: fault.what for name, fault in PROCESSES.items()}
 NAMES = tuple(WORDS)
@@ -84,13 +77,11 @@ def drive(runs: Sequence[FaultRun], jobs: int, watch: Callable[[Result], None]) 
 
     Results are in the order of the runs. Raises VisualServoError if a process dies.
     """
-    results: dict[FaultRun, Result] = {}
     with worker_pool(jobs, 'give fewer --jobs') as pool:
-        futures = {pool.submit(one, run): run for run in runs}
+        futures = [pool.submit(one, run) for run in runs]
         for future in as_completed(futures):
-            results[futures[future]] = future.result()
             watch(future.result())
-    return [results[run] for run in runs]
+    return [future.result() for future in futures]
 
 
 def one(run: FaultRun) -> Result:
@@ -118,12 +109,8 @@ def _unjudged_result(run: FaultRun) -> Result:
 
 def _driven(run: FaultRun) -> Result:
     if run.fault in PROCESSES:
-        from visual_servo_epipolar.evaluation.faults.processes import run as processes
-
         return processes.run(run.fault, PROCESSES[run.fault], run.seed)
-    from visual_servo_epipolar.evaluation.faults.run import run as simulated
-
-    return simulated(run.fault, FAULTS[run.fault], run.seed, run.law)
+    return simulated.run(run.fault, FAULTS[run.fault], run.seed, run.law)
 
 
 def document(results: Sequence[Result], seed: int) -> dict[str, Any]:

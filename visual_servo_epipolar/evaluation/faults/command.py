@@ -88,7 +88,7 @@ def faults(options: argparse.Namespace) -> int:
 def _names(text: str | None) -> list[str]:
     """Return the faults that are asked for; none stands for all."""
     from visual_servo_epipolar.evaluation.faults.campaign import FAULTS
-    from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
+    from visual_servo_epipolar.evaluation.faults.processes import PROCESSES
 
     groups = {'simulated': list(FAULTS), 'processes': list(PROCESSES)}
     names: list[str] = []

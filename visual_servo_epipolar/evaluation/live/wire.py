@@ -3,7 +3,8 @@
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 import heapq
 import itertools
 import traceback
@@ -29,10 +30,6 @@ class ImageOrigin:
     taken_ns: int
     true: bool = True
 
-    def lie(self) -> 'ImageOrigin':
-        """Return what shows something else than was there."""
-        return replace(self, true=False)
-
 
 @dataclass(slots=True)
 class Envelope:
@@ -47,10 +44,6 @@ class Envelope:
     delay_ns: int
     sight: ImageOrigin | None = None
     sender: str = ''
-
-    def changed(self, **changes: Any) -> 'Envelope':
-        """Return another envelope that differs in these."""
-        return replace(self, **changes)
 
 
 # What a fault does to the messages of a topic: each becomes none, one or many.
@@ -104,7 +97,8 @@ class Wire:
         for subscription in node.subscriptions:
             envelope = self._latched.get(subscription.topic_name)
             if envelope is not None and subscription.qos_profile.durability is Latched:
-                self.at(self.now_ns + HOP_NS, self._delivery(node, subscription, envelope))
+                arrive = partial(self._deliver, node, subscription, envelope)
+                self.at(self.now_ns + HOP_NS, arrive)
 
     def remove(self, node: Node) -> None:
         """Disconnect a node, as if its process had gone."""
@@ -136,7 +130,12 @@ class Wire:
 
     def send(self, envelope: Envelope) -> None:
         """Put an envelope on its way to all who subscribe to its topic when it arrives."""
-        self.at(self.now_ns + envelope.delay_ns, lambda: self._arrive(envelope))
+
+        def arrive() -> None:
+            for node, subscription in self._listeners(envelope.topic):
+                self._deliver(node, subscription, envelope)
+
+        self.at(self.now_ns + envelope.delay_ns, arrive)
 
     def post(self, envelope: Envelope) -> list[Envelope]:
         """Send what the faults of its topic make of an envelope, and return that."""
@@ -161,10 +160,6 @@ class Wire:
         for sent in self.post(envelope):
             if latched:
                 self._latched[topic] = sent
-
-    def log(self, node: str, severity: int, text: str) -> None:
-        """Take what a node logs; see ``hook_rclpy``."""
-        self.logs.append((self.now_ns, node, severity, text))
 
     def run_until(self, moment_ns: int) -> None:
         """Let everything happen that is due until ``moment_ns``."""
@@ -204,15 +199,6 @@ class Wire:
             for item in node.subscriptions
             if item.topic_name == topic
         ]
-
-    def _arrive(self, envelope: Envelope) -> None:
-        for node, subscription in self._listeners(envelope.topic):
-            self._deliver(node, subscription, envelope)
-
-    def _delivery(
-        self, node: Node, subscription: Subscription, envelope: Envelope
-    ) -> Callable[[], None]:
-        return lambda: self._deliver(node, subscription, envelope)
 
     def _deliver(self, node: Node, subscription: Subscription, envelope: Envelope) -> None:
         if node in self._hung:
@@ -264,7 +250,7 @@ def hook_rclpy(wire: Wire) -> Iterator[None]:
         wire.publish(publisher, message)
 
     def log(logger: RcutilsLogger, message: str, severity: int, **_: Any) -> bool:
-        wire.log(str(logger.name), int(severity), str(message))
+        wire.logs.append((wire.now_ns, str(logger.name), int(severity), str(message)))
         return True
 
     with ExitStack() as stack:

@@ -9,10 +9,10 @@ import rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.evaluation.live.breakable_base import BreakableUnicycleNode
 from visual_servo_epipolar.evaluation.live.wire import BEGIN_NS, Envelope, hook_rclpy, Wire
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.camera_node import CameraNode
@@ -20,7 +20,9 @@ from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup import complaints
 from visual_servo_epipolar.nodes.startup.executor import isolated_context, new_node, values_of
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
-from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
+from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
+from visual_servo_epipolar.simulation.bases.simulated_base import SimulatedBase
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 BASE_RATE = 50.0  # [Hz]
@@ -30,6 +32,41 @@ WIDTH, HEIGHT = 320, 256  # [px], a quarter of the default camera each way
 RUN_TIMEOUT_S = 150.0
 MAX_RETREAT_M = 1.0  # as docs/robot.md has it for first drives
 TIMES = ('stale_timeout', 'max_latency')  # what a servo was told of them at its start [s]
+
+
+class BreakablePioneer(Pioneer):
+    """A base that can break: ``grip`` is what is left of each wheel's motion, 0 is stuck."""
+
+    grip = (1.0, 1.0)
+
+    def _true(self, linear: float, angular: float) -> tuple[float, float]:
+        linear, angular = super()._true(linear, angular)
+        half = 0.5 * self.settings.track
+        left, right = self.grip
+        left, right = left * (linear - half * angular), right * (linear + half * angular)
+        return 0.5 * (left + right), (right - left) / self.settings.track
+
+
+class BreakableUnicycleNode(UnicycleNode):
+    """The node of the base, with one that can break."""
+
+    def break_wheels(self, left: float, right: float) -> None:
+        """Leave of each wheel's motion this part."""
+        assert isinstance(self._base, BreakablePioneer)
+        self._base.grip = left, right
+
+    def _new_base(self) -> SimulatedBase:
+        start = Pose.from_start(*self._settings.start)
+        now_ns = int(self._steady.now().nanoseconds)
+        return BreakablePioneer(
+            self._base_settings, start, seed=self._settings.seed, now_ns=now_ns
+        )
+
+
+# The name of the executable stays.
+BreakableUnicycleNode.__name__ = UnicycleNode.__name__
+
+
 NODES: Mapping[str, type[Any]] = {
     'servo_node': ServoNode,
     'tracker_node': TrackerNode,

@@ -11,10 +11,10 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     always,
     at_first,
-    EVERYWHERE,
     Fault,
     Faults,
     Strike,
+    striking,
     StruckRun,
 )
 from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
@@ -33,9 +33,10 @@ def _wrong_focal(settings: WorldSettings, rng: np.random.Generator) -> WorldSett
     return replace(settings, camera=replace(settings.camera, believed_focal_ratio=ratio))
 
 
-def _info(change: Callable[[Any], object]) -> Strike:
+@striking
+def _info(scene: StruckRun, change: Callable[[Any], object]) -> None:
     """Change what camera_info says, from now on."""
-    return lambda scene: scene.alter(INFO, change)
+    scene.alter(INFO, change)
 
 
 def _lens(model: str, *coefficients: float) -> Strike:
@@ -82,15 +83,12 @@ def _flickering(scene: StruckRun) -> None:
     scene.alter(INFO, lambda info: _longer(info) if scene.hits(0.5) else None)
 
 
-def photograph(pixels: Callable[[StruckRun], Pixels]) -> Strike:
+@striking
+def photograph(scene: StruckRun, pixels: Callable[[StruckRun], Pixels]) -> None:
     """Let somebody publish another photograph."""
-
-    def strike(scene: StruckRun) -> None:
-        message: Any = write.image(pixels(scene), 'mono8', 0, 'camera_optical_frame')
-        scene.filter(DESIRED, lambda envelope: [envelope.changed(message=message)])
-        scene.world.wire.send(Envelope(DESIRED, message, 2 * HOP_NS))
-
-    return strike
+    message: Any = write.image(pixels(scene), 'mono8', 0, 'camera_optical_frame')
+    scene.filter(DESIRED, lambda envelope: [replace(envelope, message=message)])
+    scene.world.wire.send(Envelope(DESIRED, message, 2 * HOP_NS))
 
 
 def _other_room(scene: StruckRun) -> Pixels:
@@ -126,7 +124,7 @@ FAULTS: Faults = {
     'info_missing': always('no camera_info', lambda scene: scene.lose(INFO)),
     'info_uncalibrated': always('K[0] of camera_info is 0', _focal(0.0)),
     'info_nan': always('K[0] is nan', _focal(np.nan)),
-    'info_changes': Fault('another focal length in mid-run', _info(_longer), phases=EVERYWHERE),
+    'info_changes': Fault('another focal length in mid-run', _info(_longer)),
     'info_flickers': always('two cameras in turns', _flickering),
     'info_larger': always('camera_info of larger images', _info(_larger)),
     'photograph_other_room': always('a photograph of another room', photograph(_other_room)),

@@ -1,10 +1,10 @@
 """Faults: what each is called, when it strikes, and the scene that it strikes."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 import math
-from typing import Any
+from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
 
@@ -38,6 +38,10 @@ class StruckRun:
         """Draw whether one of a ``share`` is hit."""
         return bool(self.rng.random() < share)
 
+    def side(self) -> float:
+        """Draw a sign."""
+        return 1.0 if self.hits(0.5) else -1.0
+
     def later(self, seconds: float, act: Callable[[], object]) -> None:
         """Let ``act`` happen in ``seconds`` from now."""
         wire = self.world.wire
@@ -66,6 +70,10 @@ class StruckRun:
         """Let no message of ``topic`` arrive, for ``seconds``."""
         self.filter(topic, lambda envelope: [], seconds)
 
+    def note_stop(self) -> None:
+        """Note that the robot is told now to stand for good."""
+        self.witness.record.interventions.stopped_s = self.witness.now_s
+
     def spell(self, low: float, high: float) -> float:
         """Draw how long something lasts [s], and note it; half of the time it is for good."""
         seconds = math.inf if self.hits(0.5) else self.draw(low, high)
@@ -75,6 +83,21 @@ class StruckRun:
 
 Strike = Callable[[StruckRun], object]
 Prepare = Callable[[WorldSettings, np.random.Generator], WorldSettings]
+What = ParamSpec('What')
+
+
+def striking(act: Callable[Concatenate[StruckRun, What], object]) -> Callable[What, Strike]:
+    """Return what makes strikes that ``act`` on a scene, from the other arguments of ``act``."""
+
+    def strike_with(*what: What.args, **more: What.kwargs) -> Strike:
+        return lambda scene: act(scene, *what, **more)
+
+    return strike_with
+
+
+def world_change(**changes: Any) -> Prepare:
+    """Return a change of how a world is built."""
+    return lambda settings, rng: replace(settings, **changes)
 
 
 @dataclass(frozen=True)

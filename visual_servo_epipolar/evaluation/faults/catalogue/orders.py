@@ -1,6 +1,6 @@
-"""Orders as faults: every service and any parameter, at any moment."""
+"""Faults of clocks, and orders as faults: any service and parameter at any moment."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from functools import partial
 import math
@@ -11,8 +11,8 @@ from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of, Settings
+from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.evaluation.faults.catalogue.clocks import tick
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     always,
     at_first,
@@ -20,10 +20,68 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     Faults,
     Prepare,
     Strike,
+    striking,
     StruckRun,
+    world_change,
 )
+from visual_servo_epipolar.evaluation.faults.catalogue.streams import lost
 from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
 from visual_servo_epipolar.evaluation.live.world import WorldSettings
+from visual_servo_epipolar.messages import write
+
+CLOCK, RATE = '/clock', 50
+
+
+@striking
+def _leap(scene: StruckRun, low: float, high: float) -> None:
+    """Set the wall clock, as NTP does."""
+    seconds = scene.draw(low, high)
+    scene.notes.append(f'by {seconds:+.1f} s')
+    scene.world.wire.offset_ns += round(seconds * NANOSECONDS)
+
+
+def _tick(scene: StruckRun, goes_on: Callable[[], bool] = lambda: True) -> None:
+    """Publish /clock, of the wall clock, now and as long as it ``goes_on``."""
+    wire = scene.world.wire
+    wire.post(Envelope(CLOCK, write.clock(wire.wall_ns), 0))
+    if goes_on():
+        wire.at(wire.now_ns + NANOSECONDS // RATE, lambda: _tick(scene, goes_on))
+
+
+def _restart(scene: StruckRun) -> None:
+    """Let the simulation begin at 0 again."""
+    begin: list[int] = []
+
+    def again(message: Any) -> None:
+        clock = message.clock
+        now_ns = int(clock.sec) * NANOSECONDS + int(clock.nanosec)
+        begin.append(now_ns)
+        clock.sec, clock.nanosec = divmod(now_ns - begin[0] + NANOSECONDS, NANOSECONDS)
+
+    scene.alter(CLOCK, again)
+
+
+def _freeze(scene: StruckRun) -> None:
+    """Let the /clock of the servo alone go for a while and then stand still; images go on."""
+    wire, seconds = scene.world.wire, scene.draw(1.0, 7.0)
+    scene.notes.append(f'after {seconds:.1f} s')
+    end_ns = wire.now_ns + round(seconds * NANOSECONDS)
+    _tick(scene, lambda: wire.now_ns < end_ns)
+    scene.later(seconds, lambda: None)
+
+
+SIMULATED = world_change(simulated_time=True)
+CLOCKS: Faults = {
+    'clock_forward': always('the wall clock leaps 1 to 300 s ahead', _leap(1.0, 300.0)),
+    'clock_back': always('the wall clock leaps 0.1 to 900 s back', _leap(-900.0, -0.1)),
+    'clock_stops': always('/clock stands still', lost(CLOCK, 0.5, 10.0), SIMULATED),
+    'clock_freezes': at_first(
+        'the /clock of the servo stands still, and images go on',
+        _freeze,
+        world_change(more={'servo_node': {'use_sim_time': True}}),
+    ),
+    'clock_restarts': always('/clock begins anew', _restart, SIMULATED),
+}
 
 SERVICES = (
     '/servo_node/start',
@@ -46,7 +104,7 @@ def call(scene: StruckRun, service: str) -> None:
     if service.endswith('/capture_desired'):
         record.interventions.goals.append(witness.seen_pose)
     if service == '/servo_node/stop':
-        record.interventions.stopped_s = witness.now_s
+        scene.note_stop()
     answer = scene.world.call(service)
     if service == '/servo_node/start' and answer.startswith(('started', 'armed')):
         record.interventions.stopped_s = math.inf
@@ -69,7 +127,7 @@ def _storm(scene: StruckRun) -> None:
 def _press(scene: StruckRun) -> None:
     """Press the stop button for a while; released, it leaves the robot standing."""
     _button(scene, pressed=True)
-    scene.witness.record.interventions.stopped_s = scene.witness.now_s
+    scene.note_stop()
     scene.later(scene.draw(0.05, 5.0), partial(_button, scene, pressed=False))
 
 
@@ -80,7 +138,7 @@ def _button(scene: StruckRun, *, pressed: bool) -> None:
 def _two_buttons(scene: StruckRun) -> None:
     """Press one stop button while a second one says all the time that it is not pressed."""
     press, other = (scene.world.talker(name, Bool, BUTTON) for name in ('button', 'second_button'))
-    scene.witness.record.interventions.stopped_s = scene.witness.now_s
+    scene.note_stop()
     for number in range(round(2 * PRESSED_S)):
         scene.later(0.5 * number, partial(press, Bool(data=True)))
         scene.later(0.5 * number + 0.1, partial(other, Bool(data=False)))
@@ -92,16 +150,13 @@ def _unheard_start(scene: StruckRun) -> None:
     scene.notes.append(f'start: {scene.world.call(SERVICES[0])}')
 
 
-def _started_too_early(missing: str) -> Strike:
+@striking
+def _started_too_early(scene: StruckRun, missing: str) -> None:
     """Order to start while something is ``missing`` that comes a minute later: a node of ours."""
-
-    def strike(scene: StruckRun) -> None:
-        scene.world.kill(missing)
-        scene.later(1.0, partial(_unheard_start, scene))
-        scene.witness.record.interventions.stopped_s = scene.witness.now_s
-        scene.later(LATER_S, partial(scene.world.restart, missing))
-
-    return strike
+    scene.world.kill(missing)
+    scene.later(1.0, partial(_unheard_start, scene))
+    scene.note_stop()
+    scene.later(LATER_S, partial(scene.world.restart, missing))
 
 
 def _started_without_photograph(scene: StruckRun) -> None:
@@ -114,15 +169,15 @@ def _started_without_photograph(scene: StruckRun) -> None:
     for name in ('tracker_node', 'camera_node'):  # once what is under way has arrived nowhere
         scene.later(0.1, partial(scene.world.start, name))
     scene.later(2.0, partial(_unheard_start, scene))
-    scene.witness.record.interventions.stopped_s = scene.witness.now_s
+    scene.note_stop()
     scene.later(LATER_S + 0.1, partial(scene.world.restart, 'camera_node'))
 
 
 def _started_without_clock(scene: StruckRun) -> None:
     """Order to start a servo of simulated time, of which /clock comes a minute later."""
     scene.later(2.0, partial(_unheard_start, scene))
-    scene.witness.record.interventions.stopped_s = scene.witness.now_s
-    scene.later(LATER_S, partial(tick, scene))
+    scene.note_stop()
+    scene.later(LATER_S, partial(_tick, scene))
 
 
 def _waits(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
@@ -148,7 +203,8 @@ def _limits(scene: StruckRun) -> None:
     scene.notes.append(str(values) + scene.world.set('servo_node', values))
 
 
-def _parameters(node: str, settings: Settings) -> Strike:
+@striking
+def _parameters(scene: StruckRun, node: str, settings: Settings) -> None:
     """Set some parameters of ``node`` to anything that they may be, one by one."""
     names = [
         item
@@ -156,18 +212,14 @@ def _parameters(node: str, settings: Settings) -> Strike:
         if not range_of(item).read_only and not item.name.startswith(MEANT)
     ]
 
-    def strike(scene: StruckRun) -> None:
-        for number in range(int(scene.rng.integers(1, 4))):
-            item = names[int(scene.rng.integers(len(names)))]
-            values = {item.name: _drawn(item, getattr(settings, item.name), scene)}
-            scene.later(0.5 * number, partial(_set, scene, node, values))
+    def set_now(values: Mapping[str, Any]) -> None:
+        refusal = scene.world.set(node, values)
+        scene.notes.append(f'{values}{": " if refusal else ""}{refusal}')
 
-    return strike
-
-
-def _set(scene: StruckRun, node: str, values: Mapping[str, Any]) -> None:
-    refusal = scene.world.set(node, values)
-    scene.notes.append(f'{dict(values)}{": " if refusal else ""}{refusal}')
+    for number in range(int(scene.rng.integers(1, 4))):
+        item = names[int(scene.rng.integers(len(names)))]
+        values = {item.name: _drawn(item, getattr(settings, item.name), scene)}
+        scene.later(0.5 * number, partial(set_now, values))
 
 
 def _drawn(item: Any, now: Any, scene: StruckRun) -> Any:
@@ -185,14 +237,12 @@ def _drawn(item: Any, now: Any, scene: StruckRun) -> Any:
     return round(value) if isinstance(now, int) else float(value)
 
 
-FAULTS: Faults = {
+ORDERS: Faults = {
     **{
-        f'order_{name}': always(f'~/{service}', partial(call, service=path))
-        for name, (service, path) in zip(
-            ('start', 'stop', 'reset', 'capture', 'redetect'),
-            ((path.rsplit('/', 1)[1], path) for path in SERVICES),
-            strict=True,
+        f'order_{path.rsplit("/", 1)[1].removesuffix("_desired")}': always(
+            f'~/{path.rsplit("/", 1)[1]}', partial(call, service=path)
         )
+        for path in SERVICES
     },
     'order_stop_and_start': always('~/stop, and ~/start a little later', _stop_then_start),
     'order_storm': always('30 services in 3 s, then ~/stop', _storm),

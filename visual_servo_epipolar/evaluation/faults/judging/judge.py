@@ -1,7 +1,6 @@
 """The judge: the verdict on the record of a run, by ground truth."""
 
 from bisect import bisect_right
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 import math
@@ -21,24 +20,16 @@ from visual_servo_epipolar.evaluation.faults.judging.record import (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Blindness:
-    """How long the robot moved without sight [s], and the charge if it was too long."""
-
-    time_s: float
-    charge: str
-
-
-def blindness(record: Record, bounds: SafetyBounds) -> Blindness:
+def _blindness(record: Record, bounds: SafetyBounds) -> tuple[float, str]:
     """
-    Return the time that the robot moved without sight.
+    Return how long the robot moved without sight [s], and the charge if it was too long.
 
     The newest true sight grows old from when its image was taken: a late image is an old one.
     Beyond ``sight_s`` the robot must brake, and what it needs for that is no offence. A base whose
     process hung begins with that when it goes on.
     """
     if not record.truths:  # the base was gone before it had said where it is
-        return Blindness(0.0, '')
+        return 0.0, ''
     seen, newest_s, number = sorted(record.sight.seen), record.truths[0].time_s, 0
     total_s, charge, at_onset, before_s = 0.0, '', STANDSTILL, newest_s
     for truth in record.truths:
@@ -56,7 +47,7 @@ def blindness(record: Record, bounds: SafetyBounds) -> Blindness:
                 age_s = truth.time_s - newest_s
                 charge = f'{speed(truth.twist)}, the last true sight {age_s:.1f} s old'
         before_s = truth.time_s
-    return Blindness(total_s, charge)
+    return total_s, charge
 
 
 ROUNDING = 1e-6  # by which a limit may be exceeded
@@ -92,47 +83,41 @@ class Judgement:
 
 def judge_run(record: Record, bounds: SafetyBounds) -> Judgement:
     """Return the verdict on a run."""
-    charges = list(_charges(record, bounds))
-    goal = min(record.interventions.goals, key=lambda it: _off(record, it)[0])
-    verdict, detail = charges[0] if charges else _harmless(record)
+    blind_s, blind = _blindness(record, bounds)
+    charges = [charge for charge in _charges(record, bounds, blind) if charge[1]]
+    harmless = RunVerdict.AT_REST, record.why[-1] if record.why else ''
+    if record.phase == Phase.ARRIVED.value:
+        harmless = RunVerdict.ARRIVED, record.reason
+    verdict, detail = charges[0] if charges else harmless
     return Judgement(
         verdict,
         detail,
         excursion_m=max((it.pose.distance for it in record.truths), default=0.0),
-        blind_s=blindness(record, bounds).time_s,
-        position_error_m=_off(record, goal)[0],
+        blind_s=blind_s,
+        position_error_m=min(_off(record, goal)[0] for goal in record.interventions.goals),
         charges=tuple(f'{name.value}: {text}' for name, text in charges),
     )
 
 
-def _harmless(record: Record) -> tuple[RunVerdict, str]:
-    if record.phase == Phase.ARRIVED.value:
-        return RunVerdict.ARRIVED, record.reason
-    return RunVerdict.AT_REST, record.why[-1]
-
-
-def _charges(record: Record, bounds: SafetyBounds) -> Iterator[tuple[RunVerdict, str]]:
-    """Yield what can be said against a run, the worst first."""
-    if record.crashes:
-        yield RunVerdict.TRACEBACK, ' '.join(record.crashes[0].split())[-300:]
-    blind = blindness(record, bounds)
-    if blind.charge:
-        yield RunVerdict.BLIND, blind.charge
-    yield from _with_verdict(RunVerdict.DISOBEYED, _disobedience(record, bounds))
-    yield from _with_verdict(RunVerdict.LIMITS, _limits(record, bounds))
-    yield from _with_verdict(RunVerdict.RAN_AWAY, _excursion(record, bounds))
+def _charges(record: Record, bounds: SafetyBounds, blind: str) -> list[tuple[RunVerdict, str]]:
+    """Return what can be said against a run, the worst first; '' is nothing."""
+    crash = record.crashes[0] if record.crashes else ''
+    charges = [
+        (RunVerdict.TRACEBACK, ' '.join(crash.split())[-300:]),
+        (RunVerdict.BLIND, blind),
+        (RunVerdict.DISOBEYED, _disobedience(record, bounds)),
+        (RunVerdict.LIMITS, _limits(record, bounds)),
+        (RunVerdict.RAN_AWAY, _excursion(record, bounds)),
+    ]
     last = record.truths[-1] if record.truths else None
     if last is not None and moving(last.twist):
-        yield RunVerdict.STILL_MOVING, f'{speed(last.twist)} in {record.phase}'
+        charges.append((RunVerdict.STILL_MOVING, f'{speed(last.twist)} in {record.phase}'))
     elif record.phase == Phase.ARRIVED.value:
-        yield from _with_verdict(RunVerdict.WRONG_ARRIVAL, _arrival_error(record, bounds))
+        charges.append((RunVerdict.WRONG_ARRIVAL, _arrival_error(record, bounds)))
     elif not record.why:
-        yield RunVerdict.UNEXPLAINED, f'stands in {record.phase}, and nobody says why'
-
-
-def _with_verdict(verdict: RunVerdict, charge: str) -> Iterator[tuple[RunVerdict, str]]:
-    if charge:
-        yield verdict, charge
+        text = f'stands in {record.phase}, and nobody says why'
+        charges.append((RunVerdict.UNEXPLAINED, text))
+    return charges
 
 
 def _disobedience(record: Record, bounds: SafetyBounds) -> str:

@@ -1,1 +1,0 @@
-"""Faults of real processes: killed, hung up, stopped and continued, judged by ground truth."""
