@@ -7,18 +7,22 @@ from typing import TypeAlias
 
 import pytest
 
-PUBLISHERS = r'(?:\.create_publisher\(|\breport_publisher\(\s*\w+,)'
+PUBLISHERS = r'\.(?:create)?_publisher\('
 SUBSCRIBERS = r'(?:\.create_subscription|\bAdaptiveSubscription)\('
 Topics: TypeAlias = Callable[[Path], set[str]]
 
 
 def parts(source: Path) -> list[Path]:
-    """Return ``source`` and the modules that it imports from folders beside it."""
-    text = source.read_text(encoding='utf-8')
-    names = re.findall(
-        rf'from visual_servo_epipolar\.{source.parent.name}\.(\w+\.[\w.]+) import', text
-    )
-    return [source, *(source.parent / f'{name.replace(".", "/")}.py' for name in names)]
+    """Return ``source`` and the modules of its folder and those below that it stands on."""
+    found = [source]
+    for path in found:
+        text = path.read_text(encoding='utf-8')
+        names = re.findall(
+            rf'from visual_servo_epipolar\.{source.parent.name}\.([\w.]+) import', text
+        )
+        modules = [source.parent / f'{name.replace(".", "/")}.py' for name in names]
+        found += [it for it in dict.fromkeys(modules) if it.is_file() and it not in found]
+    return found
 
 
 def topics(source: Path, maker: str) -> set[str]:

@@ -108,7 +108,7 @@ def test_a_recorder_has_time_to_complete_its_bag(name) -> None:
 def test_remapped_topics_are_topics_of_the_nodes(name) -> None:
     for node in ours(Launch(name)):
         row = table.NODES[node.executable]
-        topics = {*row.subscribes, *row.publishes}
+        topics = {*row.subscribes.split(', '), *row.publishes.split(', ')}
         assert {topic for topic, _ in node.remappings} <= topics, node.executable
 
 

@@ -30,7 +30,6 @@ FRAMES = {'odom_frame': 'o', 'base_frame': 'b', 'frame_prefix': 'robot1/'}
 def sent(monkeypatch):
     """Return the list of what the broadcasters are given to send."""
     messages = []
-    monkeypatch.setattr(TransformBroadcaster, 'publishes', True)
     monkeypatch.setattr(TransformBroadcaster, 'send', lambda _, each: messages.append(list(each)))
     return messages
 

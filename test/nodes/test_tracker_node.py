@@ -6,6 +6,7 @@ import cv2
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 import pytest
+import rclpy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tagged_pictures import huge
 
@@ -13,8 +14,10 @@ from visual_servo_epipolar.core.cameras.registry import camera_of_size
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.tracker import Tracker, TrackerSettings
 from visual_servo_epipolar.messages import read, write
-from visual_servo_epipolar.nodes import qos, tracker_node
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.startup import process
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
+from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.tracking import reports
 
@@ -444,11 +447,18 @@ def test_the_process_of_the_tracker_takes_one_thread_of_opencv(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     threads, during = cv2.getNumThreads(), []
-    monkeypatch.setattr(tracker_node, 'spin', lambda _: during.append(cv2.getNumThreads()))
+
+    def init(**_: object) -> None:
+        during.append(cv2.getNumThreads())
+        raise ValueError('no more is needed')
+
+    monkeypatch.setattr(rclpy, 'init', init)
+    monkeypatch.setattr(process, 'tune_transport', lambda: None)
+    for name in ('on_ending', 'on_suspending', 'ignore_ending'):
+        monkeypatch.setattr(process, name, lambda *_: None)
     cv2.setNumThreads(2)
     try:
-        with pytest.raises(SystemExit):
-            tracker_node.main()
+        assert spin(TrackerNode, []) == 2
     finally:
         cv2.setNumThreads(threads)
     assert during == [1]

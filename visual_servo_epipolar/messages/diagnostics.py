@@ -58,7 +58,7 @@ def diagnosis(
         values |= telemetry(state)
     notes = [words.notice, state.identified.odometry.refuted]
     if state.measurement is not None and state.measurement.carried:
-        notes.insert(0, carried_on(state.measurement.features))
+        notes.insert(0, f'{state.measurement.features} features in view, by the memory of views')
     return write.diagnostics(
         name,
         level=_level(state, alarming=any(notes)),
@@ -71,11 +71,6 @@ def diagnosis(
 def _level(state: ServoState, *, alarming: bool) -> bytes:
     level: bytes = LEVELS.get(state.phase, DiagnosticStatus.OK)
     return max(level, DiagnosticStatus.WARN) if alarming else level
-
-
-def carried_on(features: int) -> str:
-    """Return in words that too few features are in view for two views, and what stands in."""
-    return f'{features} features in view, by the memory of views'
 
 
 def standing_diagnosis(

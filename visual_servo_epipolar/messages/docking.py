@@ -1,63 +1,29 @@
 """Docking as messages: the dock's pose, and the action DockRobot of nav2_msgs where it is."""
 
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 from builtin_interfaces.msg import Duration
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.docking.task import Outcome, Request, Task
-from visual_servo_epipolar.core.geometry.motion import quaternion_from_yaw
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.messages import write
-
-AXES = (write.X, write.Y, write.YAW)
-
-
-def pose(value: FloatArray, stamp_ns: int, frame_id: str) -> PoseStamped:
-    """Return a pose in the plane, (3,): x, y [m], turn [rad], as a geometry_msgs/PoseStamped."""
-    message = PoseStamped(header=write.header(stamp_ns, frame_id))
-    place, turn = message.pose.position, message.pose.orientation
-    x, y, yaw = value.tolist()
-    place.x, place.y = x, y
-    turn.x, turn.y, turn.z, turn.w = quaternion_from_yaw(yaw)
-    return message
 
 
 def pose_with_covariance(
     value: FloatArray, covariance: FloatArray, stamp_ns: int, frame_id: str
 ) -> PoseWithCovarianceStamped:
-    """Return the same with its ``covariance``, (3, 3); height, roll and pitch are not measured."""
+    """Return a pose in the plane, (3,): x, y [m], yaw [rad], with its ``covariance``, (3, 3)."""
     message = PoseWithCovarianceStamped(header=write.header(stamp_ns, frame_id))
-    message.pose.pose = pose(value, stamp_ns, frame_id).pose
-    whole = np.diag(np.full(6, write.UNMEASURED))
-    whole[np.ix_(AXES, AXES)] = covariance
-    message.pose.covariance = whole.ravel()
+    message.pose.pose = write.planar_pose(*value.tolist())
+    message.pose.covariance = write.covariance(covariance)
     return message
 
 
-class DockWire(Protocol):
-    """An action type, and how requests, tasks and outcomes look in its messages."""
-
-    kind: Any
-
-    def request(self, goal: Any) -> Request:
-        """Return what a goal asks for."""
-        ...
-
-    def feedback(self, task: Task, seconds: float) -> Any:
-        """Return a task, which has taken ``seconds``, as feedback."""
-        ...
-
-    def result(self, task: Task, outcome: Outcome) -> Any:
-        """Return the outcome of a task as result."""
-        ...
-
-
 class DockRobotWire:
-    """The action DockRobot of nav2_msgs, of Jazzy and later."""
+    """How requests, tasks and outcomes look in DockRobot of nav2_msgs, of Jazzy and later."""
 
     def __init__(self, kind: Any) -> None:
         self.kind = kind

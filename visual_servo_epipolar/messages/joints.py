@@ -34,7 +34,7 @@ def read_joints(message: Any, names: tuple[str, str]) -> Joints | None:
         return None
     if pan not in known:
         raise ValueError(
-            f'joint_states must have the joint {pan} (pan_joint), got {_listed(known)}; set '
+            f'joint_states must have the joint {pan} (pan_joint), got {listed(known)}; set '
             'pan_joint to its name'
         )
     if len(message.position) != len(known):
@@ -49,12 +49,8 @@ def read_joints(message: Any, names: tuple[str, str]) -> Joints | None:
     return found
 
 
-def joint_names(message: Any) -> str:
-    """Return the names of the joints of a message in words."""
-    return _listed(list(message.name))
-
-
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Return the names of joints in words."""
     more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
     return ', '.join(map(str, names[:SHOWN])) + more or 'none'
 
@@ -108,7 +104,7 @@ def read_head_command(message: Any, names: tuple[str, str]) -> HeadCommand:
     values = angles or rates
     if names[0] not in known or len(values) != len(known) or not all(map(math.isfinite, values)):
         raise ValueError(
-            f'head/command must have finite angles or rates of {names[0]}, got {_listed(known)} '
+            f'head/command must have finite angles or rates of {names[0]}, got {listed(known)} '
             f'with {values}; set pan_joint of servo and head alike'
         )
     given = dict(zip(known, map(float, values), strict=True))

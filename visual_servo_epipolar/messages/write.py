@@ -6,8 +6,9 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import PoseStamped, TwistStamped
 from geometry_msgs.msg import Twist as TwistMessage
-from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from rosgraph_msgs.msg import Clock
@@ -136,18 +137,30 @@ def odometry(
     the other axes unmeasured; None is the truth, exact in all of them.
     """
     message = Odometry(header=header(stamp_ns, frame_id), child_frame_id=child_frame_id)
-    message.pose.pose.position.x, message.pose.pose.position.y = float(pose.x), float(pose.y)
-    turn = message.pose.pose.orientation
-    turn.x, turn.y, turn.z, turn.w = quaternion_from_yaw(pose.theta)
+    message.pose.pose = planar_pose(pose.x, pose.y, pose.theta)
     message.twist.twist = twist(velocity)
     if pose_covariance is not None:
-        message.pose.covariance = _covariance(pose_covariance, (X, Y, YAW))
+        message.pose.covariance = covariance(pose_covariance)
     if twist_covariance is not None:
-        message.twist.covariance = _covariance(twist_covariance, (X, YAW))
+        message.twist.covariance = covariance(twist_covariance, (X, YAW))
     return message
 
 
-def _covariance(measured: FloatArray, axes: tuple[int, ...]) -> FloatArray:
+def planar_pose(x: float, y: float, yaw: float) -> PoseMessage:
+    """Return a geometry_msgs/Pose on the floor: x, y [m], yaw [rad]."""
+    message = PoseMessage()
+    message.position.x, message.position.y = float(x), float(y)
+    turn = message.orientation
+    turn.x, turn.y, turn.z, turn.w = quaternion_from_yaw(yaw)
+    return message
+
+
+def pose_stamped(value: FloatArray, stamp_ns: int, frame_id: str) -> PoseStamped:
+    """Return a pose in the plane, (3,): x, y [m], yaw [rad], as a geometry_msgs/PoseStamped."""
+    return PoseStamped(header=header(stamp_ns, frame_id), pose=planar_pose(*value.tolist()))
+
+
+def covariance(measured: FloatArray, axes: tuple[int, ...] = (X, Y, YAW)) -> FloatArray:
     """Return the 36 numbers, row by row, of a covariance in which only ``axes`` are measured."""
     whole = np.diag(np.full(6, UNMEASURED))
     whole[np.ix_(axes, axes)] = measured

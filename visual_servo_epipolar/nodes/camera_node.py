@@ -46,10 +46,10 @@ class CameraNode(Node):
         self._light = parameters.declare(self, LightSettings)
         self._names = parameters.declare(self, CameraFrames)
         parameters.refuse_unknown(self, options)
-        parameters.watch(self, lambda: self._settings, self._use)
-        parameters.watch(self, lambda: self._head_settings, self._use_head)
-        parameters.watch(self, lambda: self._disturbances, self._disturb)
-        parameters.watch(self, lambda: self._light, self._relight)
+        parameters.watch(self, '_settings', self._use)
+        parameters.watch(self, '_head_settings', self._use_head)
+        parameters.watch(self, '_disturbances', self._disturb)
+        parameters.watch(self, '_light', self._relight)
         self._info = self._settings.nominal_camera
         self._joint_names = self._rig.pan_joint, self._rig.tilt_joint
         self._simulator = CameraSimulator(self._on_rig(), self._disturbances, self._light)
@@ -87,16 +87,14 @@ class CameraNode(Node):
         """Return the settings of the camera on its rig."""
         return rig_settings(self._rig.rig, self._settings, self._head_settings, self._lenses)
 
-    def _use(self, settings: CameraSettings) -> None:
-        self._settings = settings
-        self._info = settings.nominal_camera
+    def _use(self) -> None:
+        self._info = self._settings.nominal_camera
         self._simulator.settings = self._on_rig()
 
-    def _use_head(self, settings: HeadSettings) -> None:
-        self._head_settings = settings
+    def _use_head(self) -> None:
         self._simulator.settings = self._on_rig()
         if self._head is not None:
-            self._head.settings = settings
+            self._head.settings = self._head_settings
 
     def _on_head_command(self, message: Any) -> None:
         try:
@@ -118,15 +116,11 @@ class CameraNode(Node):
         self._simulator.turn(self._head.joints)
         self._joints_pub.publish(joint_states(self._head.read(), self._joint_names, stamp_ns))
 
-    def _disturb(self, settings: DisturbanceSettings) -> None:
-        if settings != self._disturbances:
-            self._disturbances = settings
-            self._simulator.disturb(settings)
+    def _disturb(self) -> None:
+        self._simulator.disturb(self._disturbances)
 
-    def _relight(self, settings: LightSettings) -> None:
-        if settings != self._light:
-            self._light = settings
-            self._simulator.relight(settings)
+    def _relight(self) -> None:
+        self._simulator.relight(self._light)
 
     def _on_truth(self, message: Odometry) -> None:
         try:
@@ -178,10 +172,5 @@ class CameraNode(Node):
         return write.image(image, encoding, stamp_ns, self._names.camera)
 
 
-def main() -> None:
-    """Run the node."""
-    sys.exit(spin(CameraNode))
-
-
 if __name__ == '__main__':
-    main()
+    sys.exit(spin(CameraNode))

@@ -4,20 +4,24 @@ from collections import deque
 import sys
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.docking.dock_pose import DockPose
 from visual_servo_epipolar.core.docking.path import PathPlace
 from visual_servo_epipolar.core.docking.search import DockSearch, update_search
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings, DockTaskSettings
+from visual_servo_epipolar.core.geometry.planar_poses import compose
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
-from visual_servo_epipolar.messages import docking, read, validation
-from visual_servo_epipolar.messages.docking import DockWire
+from visual_servo_epipolar.messages import docking, read, validation, write
+from visual_servo_epipolar.messages.docking import DockRobotWire
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
-from visual_servo_epipolar.nodes.docking.reports import DockReports
 from visual_servo_epipolar.nodes.docking.reversal import Reversal
 from visual_servo_epipolar.nodes.docking.server import DEACTIVATED, DockServer
 from visual_servo_epipolar.nodes.frames import StaticMount
@@ -38,6 +42,50 @@ NO_NAV2 = (
 )
 
 
+class DockReports:
+    """Reports of the dock node ``node``; poses are in its ``base_frame``, unless in odometry's."""
+
+    def __init__(self, node: Node, base_frame: str) -> None:
+        self._name, self._base_frame = node.get_fully_qualified_name(), base_frame
+        self._pose_pub = node.create_publisher(PoseStamped, 'detected_dock_pose', qos.STREAM)
+        self._covariance_pub = node.create_publisher(
+            PoseWithCovarianceStamped, 'detected_dock_pose_with_covariance', qos.STREAM
+        )
+        self._diagnostics_pub = node.create_publisher(
+            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
+        )
+
+    def pose(self, dock: DockPose, place: PathPlace, path_frame: str | None) -> None:
+        """Publish the pose as seen from ``place``; in ``path_frame``, if any."""
+        frame, pose, covariance = self._base_frame, dock.pose, dock.covariance
+        if path_frame is not None:
+            frame, pose = path_frame, compose(place.pose, pose)
+            covariance = dock.turned(place.pose[2])
+        self._pose_pub.publish(write.pose_stamped(pose, dock.stamp_ns, frame))
+        self._covariance_pub.publish(
+            docking.pose_with_covariance(pose, covariance, dock.stamp_ns, frame)
+        )
+
+    def search(self, search: DockSearch, stamp_ns: int) -> None:
+        """Publish how far the search has come."""
+        values: dict[str, object] = {
+            'unpublished_because': search.reason,
+            'views': len(search.keys),
+        }
+        if search.estimate is not None:
+            values['deviation_m'] = round(search.estimate.deviation, 4)
+            values['heading_deviation_rad'] = round(search.estimate.heading_deviation, 5)
+        self._diagnostics_pub.publish(
+            write.diagnostics(
+                self._name,
+                level=DiagnosticStatus.WARN if search.reason else DiagnosticStatus.OK,
+                summary=search.reason or 'the dock is seen',
+                values=values,
+                stamp_ns=stamp_ns,
+            )
+        )
+
+
 class DockNode(ManagedNode):
     """
     Publishes the dock's pose wherever the photograph is seen, and serves requests to dock.
@@ -46,15 +94,15 @@ class DockNode(ManagedNode):
     a deactivation: one under way is aborted, and what moves the robot for it is stopped.
     """
 
-    def __init__(self, wire: DockWire | None = None, **options: Any) -> None:
+    def __init__(self, wire: DockRobotWire | None = None, **options: Any) -> None:
         super().__init__('dock_node', **options)
         self._warn = Complaints(self, WARN_PERIOD_S)
         self._node_settings = parameters.declare(self, DockNodeSettings)
         self._task_settings = parameters.declare(self, DockTaskSettings)
         self._settings = parameters.declare(self, DockPoseSettings)
         parameters.refuse_unknown(self, options)
-        parameters.watch(self, lambda: self._task_settings, self._use_task)
-        parameters.watch(self, lambda: self._settings, self._use)
+        parameters.watch(self, '_task_settings', self._use_task)
+        parameters.watch(self, '_settings')
         self._server = self._new_server(wire)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.autostart(self._node_settings)
@@ -66,21 +114,15 @@ class DockNode(ManagedNode):
         self._search = DockSearch()
         self._stamp_ns: int | None = None
         self._pending: deque[PointCloud2] = deque(maxlen=MOST_PENDING)
-        self._mount: StaticMount | None = None
-        if settings.mount_from_tf:
-            self._mount = StaticMount(self, settings.base_frame, self._warn)
-        self._reports = DockReports(self, settings.base_frame)
-        self._driven = DrivenPath(
-            self,
-            settings.path_source,
-            self._warn,
-            self._look_at_pending,
-            stamped=settings.enable_stamped_cmd_vel,
+        self._mount = StaticMount(
+            self, settings.base_frame, self._warn, listens=settings.mount_from_tf
         )
+        self._reports = DockReports(self, settings.base_frame)
+        self._driven = DrivenPath(self, settings, self._warn, self._look_at_pending)
         camera = CameraSubscriptions(self, 'raw', settings.camera_reliability)
         camera.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
-        self._reversal = self._reversed_commands()
+        self._reversal = Reversal(self, self._warn, settings) if settings.dock_backwards else None
         if self._server is not None:
             self._server.configure()
 
@@ -121,18 +163,7 @@ class DockNode(ManagedNode):
         if self.is_configured and self._reversal is not None:
             self._reversal.stop()
 
-    def _reversed_commands(self) -> Reversal | None:
-        settings = self._node_settings
-        if not settings.dock_backwards:
-            return None
-        return Reversal(
-            self,
-            self._warn,
-            stamped=settings.enable_stamped_cmd_vel,
-            base_frame=settings.base_frame,
-        )
-
-    def _new_server(self, wire: DockWire | None) -> DockServer | None:
+    def _new_server(self, wire: DockRobotWire | None) -> DockServer | None:
         settings = self._node_settings
         if not settings.serve_action:
             return None
@@ -147,13 +178,9 @@ class DockNode(ManagedNode):
         """Return why the robot cannot dock, or ''."""
         return '' if self._reversal is None else self._reversal.bypassed(self._node_settings.servo)
 
-    def _use(self, settings: DockPoseSettings) -> None:
-        self._settings = settings
-
-    def _use_task(self, settings: DockTaskSettings) -> None:
-        self._task_settings = settings
+    def _use_task(self) -> None:
         if self._server is not None:
-            self._server.settings = settings
+            self._server.settings = self._task_settings
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
@@ -202,7 +229,7 @@ class DockNode(ManagedNode):
         features, warning = validation.checked_tracks(message, camera)
         if warning:
             self._warn(warning)
-        if self._mount is not None and not self._search.keys:  # before anything is seen
+        if not self._search.keys:  # before anything is seen
             self._settings = self._mount.taken(message.header.frame_id, self._settings)
             if self._mount.trouble:
                 return
@@ -216,8 +243,7 @@ class DockNode(ManagedNode):
     def _look_anew(self) -> None:
         """Forget the dock, and the mount from /tf_static: the next may be another."""
         self._search = DockSearch()
-        if self._mount is not None:
-            self._settings = self._mount.dropped(self._settings)
+        self._settings = self._mount.dropped(self._settings)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._look_anew()
@@ -226,10 +252,5 @@ class DockNode(ManagedNode):
         return response
 
 
-def main() -> None:
-    """Run the node."""
-    sys.exit(spin(DockNode))
-
-
 if __name__ == '__main__':
-    main()
+    sys.exit(spin(DockNode))

@@ -30,11 +30,6 @@ class TransformBroadcaster:
         else:
             node.get_logger().info(transforms.without_tf2_msgs(f'{topic} is not published'))
 
-    @property
-    def publishes(self) -> bool:
-        """Whether what is sent is published."""
-        return self._publisher is not None
-
     def send(self, messages: Sequence[TransformStamped]) -> None:
         """Publish all ``messages`` as one; a static one replaces what was sent before."""
         if self._publisher is not None:
@@ -58,21 +53,23 @@ class StaticMount:
     """
     Keeps the static transforms of a robot, and knows from them how its camera is mounted.
 
-    Without tf2_msgs it says so, and nothing is known. What cannot be used is said by ``warn``;
-    ``trouble`` tells of a mount that is known and cannot be used, '' where there is none: who
-    drives all the same takes the camera for one that looks ahead.
+    Nothing is known unless it ``listens``, nor without tf2_msgs, which it says. What cannot be
+    used is said by ``warn``; ``trouble`` tells of a mount that is known and cannot be used, ''
+    where there is none: who drives all the same takes the camera for one that looks ahead.
     """
 
-    def __init__(self, node: Node, base_frame: str, warn: Callable[[str], None]) -> None:
+    def __init__(
+        self, node: Node, base_frame: str, warn: Callable[[str], None], *, listens: bool
+    ) -> None:
         self._base, self._log, self._warn = _bare(base_frame), node.get_logger(), warn
         self._taken, self.trouble = False, ''
         self._unknown: set[str] = set()  # frames of images that it was said of
         self._parents: dict[str, tuple[str, Transform]] = {}
-        kind = transforms.tf_message_class()
+        kind = transforms.tf_message_class() if listens else None
         self._is_heard = kind is not None
-        if kind is None:
+        if listens and kind is None:
             self._log.warning(transforms.without_tf2_msgs('mount_from_tf has no effect'))
-        else:
+        elif kind is not None:
             node.create_subscription(kind, '/tf_static', self.receive, qos.STATIC_TRANSFORMS)
 
     def receive(self, message: Any) -> None:

@@ -17,12 +17,7 @@ from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.startup.executor import (
-    hand_out,
-    isolated_context,
-    new_node,
-    values_of,
-)
+from visual_servo_epipolar.nodes.startup.executor import hand_out, isolated_context, new_node
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.bases.registry import base_name
@@ -157,7 +152,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         *,
         simulated_time: bool = True,
     ) -> Any:
-        values = {**values_of(settings), **extra, 'use_sim_time': simulated_time}
+        values = {**asdict(settings), **extra, 'use_sim_time': simulated_time}
         node = new_node(kind, self.context, values)
         self.add(node)
         return node

@@ -61,11 +61,15 @@ def declare(node: Node, kind: type[SettingsT]) -> SettingsT:
     return kind(**values)
 
 
-def watch(node: Node, current: Callable[[], SettingsT], use: Callable[[SettingsT], None]) -> None:
-    """Let parameters change while the node runs: validated first, swapped in as a whole after."""
+def watch(node: Node, attribute: str, then: Callable[[], None] = lambda: None) -> None:
+    """
+    Let the settings in an ``attribute`` of ``node`` change while it runs, and call ``then``.
 
-    def changed(parameters: Sequence[Parameter]) -> SettingsT:
-        settings = current()
+    They are validated first, and swapped in as a whole after.
+    """
+
+    def changed(parameters: Sequence[Parameter]) -> Settings:
+        settings: Settings = getattr(node, attribute)
         names = {item.name for item in fields(settings)}
         return replace(settings, **{p.name: _value(p) for p in parameters if p.name in names})
 
@@ -79,12 +83,14 @@ def watch(node: Node, current: Callable[[], SettingsT], use: Callable[[SettingsT
     node.add_on_set_parameters_callback(validate)
 
     def take(parameters: Sequence[Parameter]) -> None:
-        before, after = current(), changed(parameters)
+        before, after = getattr(node, attribute), changed(parameters)
         for item in fields(before):
             old, new = getattr(before, item.name), getattr(after, item.name)
             if old != new:
                 node.get_logger().info(f'{item.name}: {old} -> {new}')
-        use(after)
+        if after != before:
+            setattr(node, attribute, after)
+            then()
 
     node.add_post_set_parameters_callback(take)
 
@@ -112,7 +118,7 @@ def refuse_unknown(node: Node, options: Mapping[str, Any] = MappingProxyType({})
     node was made with. Warns of a file that sets nothing of the node.
     """
     name, words = node.get_name(), _ros_arguments(options)
-    files = {path: read_sections(path) for path in command_line.parameter_files(words)}
+    files = {path: read_sections(path) for path in command_line.values(words, '--params-file')}
     direct = command_line.parameter_names(words, name)
     direct |= {item.name for item in options.get('parameter_overrides') or ()}
     shared = {item for sections in files.values() for item in _names_for(node, sections)} - direct
@@ -139,8 +145,9 @@ def _hint(node: Node, parameter: str, owner: str) -> str:
     if owner:
         return f', but {owner} has; give it there, or in a file that both read'
     declared = sorted(node.list_parameters([], 0).names)
-    names = {*declared, *table.parameters()}  # a file may be shared
-    close = alike(parameter, sorted(names))
+    kinds = [kind for name in table.NODES for kind in table.settings_of(name)]
+    known = {item.name for kind in kinds for item in fields(kind)}  # a file may be shared
+    close = alike(parameter, sorted({*declared, *known}))
     return f'; did you mean {close[0]}?' if close else f'; it has {", ".join(declared)}'
 
 

@@ -245,10 +245,5 @@ def _counts(counts: Mapping[str, int]) -> str:
     return ', '.join(f'{count} of {name}' for name, count in sorted(counts.items()))
 
 
-def main() -> None:
-    """Run the node."""
-    sys.exit(spin(RecorderNode))
-
-
 if __name__ == '__main__':
-    main()
+    sys.exit(spin(RecorderNode))

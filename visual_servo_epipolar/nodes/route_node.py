@@ -1,17 +1,14 @@
 """The route node: a way is recorded by photographs, and repeated; the core decides how."""
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 import sys
 from typing import Any
 
-import cv2
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
-from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.core.estimators.base import Attitude
@@ -53,6 +50,8 @@ class RouteNode(ManagedNode):
     Outside of a repetition it is silent: somebody drives by hand while a way is recorded.
     """
 
+    one_core = True  # of OpenCV: more threads would wait for cores that others have
+
     def __init__(self, **options: Any) -> None:
         super().__init__('route_node', **options)
         self._warn = Complaints(self, WARN_PERIOD_S)
@@ -62,7 +61,8 @@ class RouteNode(ManagedNode):
         self._teach = parameters.declare(self, TeachSettings)
         parameters.refuse_unknown(self, options)
         refuse_ackermann(self._node_settings, self._servo)
-        self._watch_parameters()
+        for name in ('_node_settings', '_servo', '_follow', '_teach'):
+            parameters.watch(self, name)  # those of a repetition hold from the next on
         self._stop_button = StopButton(self, self._stop)
         self._begins = self._servo.autostart
         actions: dict[str, Callable[[], str]] = {
@@ -87,16 +87,12 @@ class RouteNode(ManagedNode):
         self._pending: Image | CompressedImage | None = None
         self._reader = GrayReader()
         self._camera = ServoCamera(self, settings, self._warn)
-        self._driven = DrivenPath(
-            self,
-            settings.path_source,
-            self._warn,
-            self._on_odometry,
-            stamped=settings.enable_stamped_cmd_vel,
-        )
+        self._driven = DrivenPath(self, settings, self._warn, self._on_odometry)
         self._reports = RouteReports(self)
         self._rivals = CommandConflicts(self)
-        self._enable = Enable(self, settings.enable_timeout, self._on_withdrawn)
+        self._enable = Enable(
+            self, settings.enable_timeout, lambda reason: self._repetition.lose(reason)
+        )
         self._repetition = RouteRepetition(
             self,
             Commands(self, settings, None, wheelbase=self._servo.wheelbase),
@@ -115,7 +111,7 @@ class RouteNode(ManagedNode):
         self._driven.begin_anew()
         folder = self._node_settings.route
         if folder and (Path(folder).expanduser() / 'route.yaml').exists():
-            self._reports.route(self._load())
+            self._reports.route(read_route(self._folder()))
         self._reports.standing(self._repetition.last)
 
     def deactivate(self) -> None:
@@ -146,14 +142,6 @@ class RouteNode(ManagedNode):
         self._begins = False
         if self.is_configured:
             self._repetition.stop(reason)
-
-    def _watch_parameters(self) -> None:
-        """Let settings change while the node runs: those of a repetition hold from the next on."""
-        for name in ('_node_settings', '_servo', '_follow', '_teach'):
-            parameters.watch(self, partial(getattr, self, name), partial(setattr, self, name))
-
-    def _on_withdrawn(self, reason: str) -> None:
-        self._repetition.lose(reason)
 
     def _on_odometry(self) -> None:
         if self._recording is not None:
@@ -195,7 +183,9 @@ class RouteNode(ManagedNode):
             return
         try:
             image = read.gray(message, self._reader)
-            self._camera.model = self._camera.model or self._told_by_size(image)
+            if self._camera.model is None:
+                size = image.shape[1], image.shape[0]
+                self._camera.model = camera_of_size(self._node_settings.projection, size)
             validation.checked_image(image, self._camera.model)
         except ValueError as error:
             self._warn(f'image refused: {error}')
@@ -209,10 +199,6 @@ class RouteNode(ManagedNode):
         if self._camera.model is None and self._node_settings.projection != CAMERA_INFO:
             return 'no image has come yet whose size tells the camera; is it running?'
         return self._camera.missing
-
-    def _told_by_size(self, image: Pixels) -> CameraModel:
-        height, width = image.shape
-        return camera_of_size(self._node_settings.projection, (width, height))
 
     def _take(self, image: Pixels, stamp_ns: int, frame_id: str) -> None:
         """Record an image, or drive by it."""
@@ -238,10 +224,6 @@ class RouteNode(ManagedNode):
         if not self._node_settings.route:
             raise InputError(NAMELESS.format(name=self.get_fully_qualified_name()))
         return Path(self._node_settings.route).expanduser()
-
-    def _load(self) -> Route:
-        """Return the route of the folder; InputError with what is wrong with it."""
-        return read_route(self._folder())
 
     def _start_recording(self) -> str:
         """Begin to record; raises InputError where nothing could come of it."""
@@ -289,7 +271,8 @@ class RouteNode(ManagedNode):
         if refusal:
             raise InputError(refusal)
         self._renewal.wait()
-        route, folder = self._load(), self._folder()
+        folder = self._folder()
+        route = read_route(folder)
         assert self._camera.model is not None
         route.check_camera(self._camera.model)
         run = RouteRun(route, self._follow, self._servo)
@@ -306,7 +289,7 @@ class RouteNode(ManagedNode):
             return PRESSED
         if self._recording is not None:
             return 'a way is being recorded; ~/stop_recording it first'
-        trouble = self._missing or self._camera.mount_trouble
+        trouble = self._missing or self._camera.static_mount.trouble
         if trouble or not self._node_settings.watchdog:
             return trouble
         if self._repetition.freshness.quiet > QUIET_S:
@@ -344,11 +327,5 @@ class RouteNode(ManagedNode):
         return response
 
 
-def main() -> None:
-    """Run the node, on one thread of OpenCV: more would wait for cores that others have."""
-    cv2.setNumThreads(1)
-    sys.exit(spin(RouteNode))
-
-
 if __name__ == '__main__':
-    main()
+    sys.exit(spin(RouteNode))

@@ -30,6 +30,7 @@ from visual_servo_epipolar.nodes.servoing.wheels import Wheels
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 
 WARN_PERIOD_S = 5.0
 BEGINS = 'drives as soon as the next image comes'
@@ -52,8 +53,8 @@ class ServoNode(ManagedNode):
         self._settings = parameters.declare(self, ServoSettings)
         parameters.refuse_unknown(self, options)
         refuse_ackermann(self._node_settings, self._settings)
-        parameters.watch(self, lambda: self._settings, self._use)
-        parameters.watch(self, lambda: self._node_settings, self._use_connections)
+        parameters.watch(self, '_settings', self._announce)
+        parameters.watch(self, '_node_settings', self._announce)
         self._begins = self._settings.autostart  # a run, when it is activated
         self._stop_button = StopButton(self, self._stop)
         self.create_service(Trigger, '~/start', self._on_start)
@@ -82,7 +83,8 @@ class ServoNode(ManagedNode):
         self._watch = Watch(
             self, self._run, self._warn, lambda: self._settings, self._admission, sleeps=sleeps
         )
-        self._camera.subscribe(self, self._node_settings, self._on_info)
+        camera = CameraSubscriptions(self, 'raw', self._node_settings.camera_reliability)
+        camera.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
 
     def activate(self) -> None:
@@ -109,7 +111,7 @@ class ServoNode(ManagedNode):
     def cleanup(self) -> None:
         """Forget the mount that /tf_static told: the next may be another."""
         if self.is_configured:
-            self._settings = self._camera.unmounted(self._settings)
+            self._settings = self._camera.static_mount.dropped(self._settings)
 
     @property
     def _state(self) -> ServoState:
@@ -141,19 +143,10 @@ class ServoNode(ManagedNode):
             self._pending_tracks = None
             self._run.stop(reason)
 
-    def _use(self, settings: ServoSettings) -> None:
-        self._settings = settings
-        if self.is_configured:
-            self._announce()
-
-    def _use_connections(self, settings: ServoNodeSettings) -> None:
-        self._node_settings = settings
-        if self.is_configured:
-            self._announce()
-
     def _announce(self) -> None:
         """Publish the settings in force, so that a bag can be replayed with them."""
-        self._reports.settings((self._node_settings, self._settings), self._run.stamp_ns)
+        if self.is_configured:
+            self._reports.settings((self._node_settings, self._settings), self._run.stamp_ns)
 
     def _on_info(self, message: CameraInfo) -> None:
         run = self._run
@@ -184,7 +177,8 @@ class ServoNode(ManagedNode):
         if run.active:
             mounted = self._camera.mounted(message.header.frame_id, self._state, self._settings)
             if mounted is not self._settings:
-                self._use(mounted)  # and so announced from this stamp on
+                self._settings = mounted
+                self._announce()  # from this stamp on
         run.session = replace(run.session, stamp_ns=stamp_ns)
         self._drive_by(message)
 
@@ -199,7 +193,8 @@ class ServoNode(ManagedNode):
             run.refuse(self._camera.missing)
             return
         waits = self._state.phase is Phase.WAITING
-        trouble = self._admission.contested() or self._camera.mount_trouble if waits else ''
+        mount = self._camera.static_mount
+        trouble = self._admission.contested() or mount.trouble if waits else ''
         trouble = trouble or self._camera.distrusted(stamp_ns, run.session)
         trouble = trouble or self._head.trouble(stamp_ns)
         if trouble:
@@ -312,10 +307,5 @@ class ServoNode(ManagedNode):
         return response
 
 
-def main() -> None:
-    """Run the node."""
-    sys.exit(spin(ServoNode))
-
-
 if __name__ == '__main__':
-    main()
+    sys.exit(spin(ServoNode))

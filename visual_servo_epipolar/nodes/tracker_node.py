@@ -4,7 +4,6 @@ from dataclasses import replace
 import sys
 from typing import Any
 
-import cv2
 from rclpy.duration import Duration
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import String
@@ -41,14 +40,16 @@ class TrackerNode(ManagedNode):
     An empty cloud is what stops the servo: silence would have to wait for its watchdog.
     """
 
+    one_core = True  # of OpenCV: more threads would wait for cores that others have
+
     def __init__(self, **options: Any) -> None:
         super().__init__('tracker_node', **options)
         self._warn = Complaints(self, WARN_PERIOD_S)
         self._node_settings = parameters.declare(self, TrackerNodeSettings)
         self._settings = parameters.declare(self, TrackerSettings)
         parameters.refuse_unknown(self, options)
-        parameters.watch(self, lambda: self._settings, self._use)
-        parameters.watch(self, lambda: self._node_settings, self._use_node)
+        parameters.watch(self, '_settings', self._use)
+        parameters.watch(self, '_node_settings', self._announce)
         self._tracker = Tracker(self._settings)
         self.create_service(Trigger, '~/capture_desired', self._on_capture)
         self.create_service(Trigger, '~/redetect', self._on_redetect)
@@ -114,19 +115,14 @@ class TrackerNode(ManagedNode):
                 Image, 'desired/image_raw', self._on_desired, qos.LATCHED
             )
 
-    def _use(self, settings: TrackerSettings) -> None:
-        self._settings = self._tracker.settings = settings
-        if self.is_configured:
-            self._announce()
-
-    def _use_node(self, settings: TrackerNodeSettings) -> None:
-        is_new, self._node_settings = settings != self._node_settings, settings
-        if is_new and self.is_configured:
-            self._announce()
+    def _use(self) -> None:
+        self._tracker.settings = self._settings
+        self._announce()
 
     def _announce(self) -> None:
         """Publish the settings in force, so that a bag can be replayed with them."""
-        self._reports.settings((self._node_settings, self._settings), self._stamp_ns)
+        if self.is_configured:
+            self._reports.settings((self._node_settings, self._settings), self._stamp_ns)
 
     def _set_desired(self, image: Pixels) -> None:
         """Set the photograph and publish it; raises if it is unusable."""
@@ -327,11 +323,5 @@ class TrackerNode(ManagedNode):
         return response
 
 
-def main() -> None:
-    """Run the node, on one thread of OpenCV: more would wait for cores that others have."""
-    cv2.setNumThreads(1)
-    sys.exit(spin(TrackerNode))
-
-
 if __name__ == '__main__':
-    main()
+    sys.exit(spin(TrackerNode))

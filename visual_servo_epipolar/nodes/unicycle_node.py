@@ -39,8 +39,8 @@ class UnicycleNode(Node):
         self._settings = parameters.declare(self, UnicycleSettings)
         self._base_settings = parameters.declare(self, AckermannSettings)
         parameters.refuse_unknown(self, options)
-        parameters.watch(self, lambda: self._settings, self._use_start)
-        parameters.watch(self, lambda: self._base_settings, self._use)
+        parameters.watch(self, '_settings')  # the start counts from the next reset
+        parameters.watch(self, '_base_settings', self._use)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._base, self.steps = self._new_base(), 0
         self._reckoning = self._new_reckoning()
@@ -69,12 +69,8 @@ class UnicycleNode(Node):
             self._waiting.cancel()
             self.begin()
 
-    def _use_start(self, settings: UnicycleSettings) -> None:
-        self._settings = settings  # the start counts from the next reset
-
-    def _use(self, settings: AckermannSettings) -> None:
-        self._base_settings = settings
-        self._base.settings = model_settings(self._settings.model, settings)
+    def _use(self) -> None:
+        self._base.settings = model_settings(self._settings.model, self._base_settings)
 
     def _new_base(self) -> SimulatedBase:
         start = Pose.from_start(*self._settings.start)
@@ -130,8 +126,7 @@ class UnicycleNode(Node):
         )
         self._applied_pub.publish(write.twist_stamped(base.twist, stamp_ns, frame))
         self._odom_pub.publish(self._odometry(stamp_ns))
-        if self._tf.publishes:
-            self._send_transforms(stamp_ns)
+        self._send_transforms(stamp_ns)
         self._truth_pub.publish(write.odometry(base.pose, base.twist, stamp_ns, world, frame))
 
     def _send_transforms(self, stamp_ns: int) -> None:
@@ -168,10 +163,5 @@ class UnicycleNode(Node):
         return response
 
 
-def main() -> None:
-    """Run the node."""
-    sys.exit(spin(UnicycleNode))
-
-
 if __name__ == '__main__':
-    main()
+    sys.exit(spin(UnicycleNode))

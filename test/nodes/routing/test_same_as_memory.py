@@ -1,5 +1,6 @@
 """Node and memory are one: what is taught and repeated over messages is so to the last bit."""
 
+from dataclasses import asdict
 import json
 from pathlib import Path
 
@@ -21,7 +22,6 @@ from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.startup.executor import values_of
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
@@ -88,7 +88,7 @@ def test_a_repetition_in_a_bag_replays_to_the_last_bit(
     """Also where the robot was stopped on the way: by an image of another size."""
     write_route(taught.route, tmp_path / 'hall')
     scenario, start = SCENARIO.seeded(5), taught.stations[0]
-    values = {**values_of(scenario.servo), 'watchdog': False}
+    values = {**asdict(scenario.servo), 'watchdog': False}
     messages: list[Message] = []
     for name, (kind, profile) in TOLD.items():
         bench.probe.create_subscription(
@@ -159,7 +159,7 @@ def compare(bench, folder: Path, taught: Taught, images: int) -> None:
         repeat(scenario, taught, FollowSettings(), start=start, watch=watch)
     except StopIteration:
         pass
-    values = {**values_of(scenario.servo), 'watchdog': False}
+    values = {**asdict(scenario.servo), 'watchdog': False}
     rig = RouteRig(bench, folder / 'hall', scenario.camera.nominal_camera, **values)
     base, simulator = new_base(scenario.base, start, seed=6), CameraSimulator(scenario.camera)
     assert rig.call('repeat')[0]

@@ -16,9 +16,9 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing import camera as servo_camera
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+from visual_servo_epipolar.nodes.tracking import camera_subscriptions
 
 OTHER = replace(CAMERA, fx=1000.0, fy=1000.0)
 CHANGED = 'camera_info has changed in mid-run, to a pinhole lens of 1000.0 px'
@@ -73,7 +73,7 @@ def test_a_focal_deviation_is_of_a_pinhole_alone(bench, camera, deviation, wrong
 
 @pytest.fixture
 def attentive(monkeypatch) -> None:
-    monkeypatch.setattr(servo_camera, 'LOOK_PERIOD_S', 0.02)
+    monkeypatch.setattr(camera_subscriptions, 'LOOK_PERIOD_S', 0.02)
 
 
 @pytest.mark.parametrize('word', ['auto', 'reliable'])

@@ -120,7 +120,7 @@ def test_angles_are_those_at_the_image(bench) -> None:
 def test_a_mount_that_becomes_known_is_that_of_the_head_as_well(bench) -> None:
     rig = Headed(bench).drive()
     tilted = replace(rig.node._settings, camera_tilt=0.3)
-    rig.node._use(tilted)
+    rig.node._settings = tilted
     seen = []
     inner = rig.node._head.told
     rig.node._head.told = lambda *given: seen.append(given[1]) or inner(*given)

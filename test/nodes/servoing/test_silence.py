@@ -96,7 +96,7 @@ def test_an_order_to_stop_is_repeated_for_a_second(bench) -> None:
 def test_an_order_to_begin_anew_that_stops_the_robot_is_repeated_as_well(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0).drive()
     clock = rig.node._commands._steady = HandSetClock()
-    rig.node._use(replace(rig.node._settings, autostart=False))
+    rig.node._settings = replace(rig.node._settings, autostart=False)
     count = len(rig.commands)
     rig.bench.call('servo_node/reset')
     bench.until(lambda: len(rig.commands) >= count + 4, 'zero twists without any image')

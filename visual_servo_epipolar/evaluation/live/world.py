@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import rclpy
@@ -18,7 +18,7 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup import complaints
-from visual_servo_epipolar.nodes.startup.executor import isolated_context, new_node, values_of
+from visual_servo_epipolar.nodes.startup.executor import isolated_context, new_node
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
@@ -224,15 +224,15 @@ class World(AbstractContextManager['World']):
         it = self.settings
         if name == 'unicycle_node':
             return {
-                **values_of(it.base),
+                **asdict(it.base),
                 'start': it.start,
                 'seed': it.seed,
                 'rate': BASE_RATE,
                 'frame_rate': it.camera.frame_rate,
             }
         if name == 'camera_node':
-            return values_of(it.camera)
-        return values_of(it.servo if name == 'servo_node' else it.tracker)
+            return asdict(it.camera)
+        return asdict(it.servo if name == 'servo_node' else it.tracker)
 
     def _destroy(self) -> None:
         for name in list(self.nodes):

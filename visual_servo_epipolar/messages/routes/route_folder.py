@@ -65,15 +65,12 @@ def write_route(route: Route, folder: Path) -> None:
 
 
 def _refuse_other(folder: Path) -> None:
-    if folder.exists() and not (folder / ROUTE).is_file() and _has_content(folder):
+    is_free = not folder.exists() or folder.is_dir() and not any(folder.iterdir())
+    if not is_free and not (folder / ROUTE).is_file():
         raise InputError(
             f'{folder} must be a new folder or one of a route, but holds something else; name '
             'another one'
         )
-
-
-def _has_content(folder: Path) -> bool:
-    return not folder.is_dir() or any(folder.iterdir())
 
 
 def _replace(folder: Path, new: Path) -> None:
@@ -298,20 +295,17 @@ class StoredPhotograph:
 
     def __call__(self) -> Image:
         """Return the image; InputError with what is wrong with it."""
-        return _load(self.path, self.shape)
-
-
-def _load(path: Path, shape: tuple[int, int]) -> Image:
-    try:
-        image = pictures.decode(path.read_bytes(), str(path))
-    except (OSError, ValueError) as error:
-        raise InputError(f'{path}: the photograph cannot be read: {error}; {AGAIN}') from None
-    if image.shape != shape or image.dtype != np.uint8:
-        raise InputError(
-            f'{path} must have {shape[1]}x{shape[0]} grey pixels of 8 bits as the camera of the '
-            f'route, got {image.shape[1]}x{image.shape[0]} of {image.dtype}; {AGAIN}'
-        )
-    return np.asarray(image, np.uint8)
+        path, (height, width) = self.path, self.shape
+        try:
+            image = pictures.decode(path.read_bytes(), str(path))
+        except (OSError, ValueError) as error:
+            raise InputError(f'{path}: the photograph cannot be read: {error}; {AGAIN}') from None
+        if image.shape != self.shape or image.dtype != np.uint8:
+            raise InputError(
+                f'{path} must have {width}x{height} grey pixels of 8 bits as the camera of the '
+                f'route, got {image.shape[1]}x{image.shape[0]} of {image.dtype}; {AGAIN}'
+            )
+        return np.asarray(image, np.uint8)
 
 
 def _key_view(

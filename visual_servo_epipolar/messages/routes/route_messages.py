@@ -1,12 +1,10 @@
 """Messages of a route: the taught path, its key views, and how far a repetition has come."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Point, PoseStamped
+from geometry_msgs.msg import Point
 from nav_msgs.msg import Path
 from visualization_msgs.msg import Marker, MarkerArray
 
-from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.motion import quaternion_from_yaw
 from visual_servo_epipolar.core.routes.chain import path_poses
 from visual_servo_epipolar.core.routes.following.follower import RouteProgress
 from visual_servo_epipolar.core.routes.route import Route
@@ -21,7 +19,7 @@ LEVELS = {HOLDING: DiagnosticStatus.WARN, FAILED: DiagnosticStatus.ERROR}
 def path(route: Route, stamp_ns: int) -> Path:
     """Return the taught path of a ``route``, in axes of its first key view."""
     message = Path(header=write.header(stamp_ns, FRAME))
-    message.poses = [_stamped(pose, stamp_ns) for pose in path_poses(route)]
+    message.poses = [write.pose_stamped(pose, stamp_ns, FRAME) for pose in path_poses(route)]
     return message
 
 
@@ -63,15 +61,6 @@ def diagnosis(step: RouteStep, stamp_ns: int, *, name: str) -> DiagnosticArray:
         values=values,
         stamp_ns=stamp_ns,
     )
-
-
-def _stamped(pose: FloatArray, stamp_ns: int) -> PoseStamped:
-    message = PoseStamped(header=write.header(stamp_ns, FRAME))
-    x, y, theta = pose.tolist()
-    message.pose.position.x, message.pose.position.y = x, y
-    _, _, z, w = quaternion_from_yaw(theta)
-    message.pose.orientation.z, message.pose.orientation.w = z, w
-    return message
 
 
 def _dots(

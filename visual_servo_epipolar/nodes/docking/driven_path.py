@@ -11,28 +11,27 @@ from rclpy.node import Node
 from visual_servo_epipolar.core.docking.path import Path, PathPlace
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings, RouteNodeSettings
 
 
 class DrivenPath:
     """
-    Path of the base of ``node``, by its ``source``: odometry, or commands.
+    Path of the base of ``node``, by odometry or commands as its ``settings`` say.
 
-    Commands may be ``stamped``; ``on_odometry`` is called when it grows by odometry.
+    ``on_odometry`` is called when it grows by odometry.
     """
 
     def __init__(
         self,
         node: Node,
-        source: str,
+        settings: DockNodeSettings | RouteNodeSettings,
         warn: Callable[[str], None],
         on_odometry: Callable[[], None],
-        *,
-        stamped: bool,
     ) -> None:
         self.path, self.frame = Path(), ''
         self._node, self._warn, self._on_odometry = node, warn, on_odometry
-        self._stamped = stamped
-        self._predicts = source == 'commands'  # until the next command
+        self._stamped = settings.enable_stamped_cmd_vel
+        self._predicts = settings.path_source == 'commands'  # until the next command
         if self._predicts:
             kind = TwistStamped if self._stamped else TwistMessage
             node.create_subscription(kind, 'cmd_vel', self._take_command, qos.COMMAND)

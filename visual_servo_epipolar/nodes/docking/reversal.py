@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servoing.rivals import commanders, TOPIC
+from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings
 
 REVERSED, STOP_TIMEOUT_S = 'cmd_vel_reversed', 0.2
 
@@ -26,11 +27,11 @@ class Reversal:
     """
 
     def __init__(
-        self, node: Node, warn: Callable[[str], None], *, stamped: bool, base_frame: str
+        self, node: Node, warn: Callable[[str], None], settings: DockNodeSettings
     ) -> None:
-        kind = TwistStamped if stamped else TwistMessage
-        self._node, self._warn = node, warn
-        self._stamped, self._base_frame = stamped, base_frame
+        self._node, self._warn, self._base_frame = node, warn, settings.base_frame
+        self._stamped = settings.enable_stamped_cmd_vel
+        kind = TwistStamped if self._stamped else TwistMessage
         self._pub = node.create_publisher(kind, TOPIC, qos.COMMAND)
         node.create_subscription(kind, REVERSED, self._turn_round, qos.COMMAND)
 

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.docking.task import Outcome, ServoOrder, Task
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.messages import docking
-from visual_servo_epipolar.messages.docking import DockWire
+from visual_servo_epipolar.messages.docking import DockRobotWire
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.docking.servo_client import ServoClient
 from visual_servo_epipolar.nodes.lifecycle.gates import remedy
@@ -39,7 +39,7 @@ class DockServer:
     def __init__(
         self,
         node: ManagedNode,
-        wire: DockWire,
+        wire: DockRobotWire,
         servo: str,
         settings: DockTaskSettings,
         refusal: Callable[[], str],
@@ -97,7 +97,7 @@ class DockServer:
         if refusal:
             task = replace(tasks.abandon(task, refusal), orders=())
         self._follow(task)
-        if self._servo.phase is not None and self._task is not None:
+        if self._servo.phase is not None:
             self._on_phase(self._servo.phase, '')
         task, outcome = await over  # one thread is enough: nothing blocks while it waits
         if outcome.canceled and goal.is_cancel_requested:
@@ -108,21 +108,22 @@ class DockServer:
             goal.abort()
         return self._wire.result(task, outcome)
 
-    def _on_phase(self, phase: Phase, reason: str) -> None:
+    def _advance(self, event: Callable[..., Task], *what: Any) -> None:
+        """Follow what an event makes of the task, where there is one."""
         if self._task is not None:
-            self._follow(tasks.on_phase(self._task, phase, reason, self._now(), self.settings))
+            self._follow(event(self._task, *what))
+
+    def _on_phase(self, phase: Phase, reason: str) -> None:
+        self._advance(tasks.on_phase, phase, reason, self._now(), self.settings)
 
     def _on_armed(self) -> None:
-        if self._task is not None:
-            self._follow(tasks.on_armed(self._task, self._now()))
+        self._advance(tasks.on_armed, self._now())
 
     def _on_answer(self, order: ServoOrder, refusal: str) -> None:
-        if self._task is not None:
-            self._follow(tasks.on_answer(self._task, order, refusal, self._now()))
+        self._advance(tasks.on_answer, order, refusal, self._now())
 
     def _on_battery(self, message: BatteryState) -> None:
-        if self._task is not None:
-            self._follow(tasks.on_battery(self._task, docking.current(message), self.settings))
+        self._advance(tasks.on_battery, docking.current(message), self.settings)
 
     def _on_tick(self) -> None:
         task = self._task

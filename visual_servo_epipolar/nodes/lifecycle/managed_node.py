@@ -41,9 +41,7 @@ class ManagedNode(LifecycleNode):
     or later is destroyed after ``cleanup``, unless it is ``keep``-ed.
     """
 
-    __is_made = (
-        False  # until then rclpy creates what is its own; no kind of node knows these names
-    )
+    __is_made = False  # until then rclpy creates what is its own; no kind of node knows the names
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)

@@ -11,14 +11,7 @@ from visual_servo_epipolar.core.routes.run import HOLDING, RouteRun, RouteStep, 
 from visual_servo_epipolar.core.servo.admission import Arrival
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.messages.event_log import (
-    Entry,
-    FAILED,
-    HELD,
-    STARTED,
-    STOPPED,
-    UNSENT,
-)
+from visual_servo_epipolar.messages.event_log import FAILED, HELD, STARTED, STOPPED, UNSENT
 from visual_servo_epipolar.nodes.routing.reports import RouteReports
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.freshness import Freshness
@@ -153,7 +146,7 @@ class RouteRepetition:
 
     def _note(self, event: str, reason: str, at_ns: int | None = None) -> None:
         """Tell what happened between two images, for bags."""
-        self._reports.event(Entry(event, self._stepped_ns, reason, at_ns))
+        self._reports.event(event, self._stepped_ns, reason, at_ns)
 
     def _end(self, step: RouteStep) -> None:
         self._follow(step)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 
@@ -15,11 +14,9 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import read, validation
-from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings
 
-LOOK_PERIOD_S = 0.5  # at how camera_info is published
 NO_CAMERA = 'no usable camera_info yet; tracks wait for it, the robot stands'
 DISTRUST_S = 2.0  # after a word of another camera: where two speak in turns, nobody drives
 
@@ -37,24 +34,12 @@ class ServoCamera:
     ) -> None:
         self.model: CameraModel | None = None
         self._unusable = ''  # why the last camera_info is not
-        self.static_mount: StaticMount | None = None
-        if settings.mount_from_tf:
-            self.static_mount = StaticMount(node, settings.base_frame, warn)
+        self.static_mount = StaticMount(
+            node, settings.base_frame, warn, listens=settings.mount_from_tf
+        )
         self._settings, self._warn = settings, warn
         self._other: tuple[CameraModel, int] | None = None  # heard in a run, and its stamp
         self._lens_check = LensCheck()
-
-    def subscribe(
-        self, node: Node, settings: DriverNodeSettings, callback: Callable[[CameraInfo], None]
-    ) -> None:
-        """Subscribe to camera_info as it is published: also to one that was latched before."""
-        reliability = settings.camera_reliability
-        if reliability == 'auto' and not settings.watchdog:
-            reliability = 'best_effort'  # nobody looks what is offered: this connects to all
-        info = qos.AdaptiveSubscription(node, CameraInfo, 'camera_info', callback, reliability)
-        if settings.watchdog:  # where time itself waits for the servo, nobody comes late
-            steady = Clock(clock_type=ClockType.STEADY_TIME)
-            node.create_timer(LOOK_PERIOD_S, info.adapt, clock=steady)
 
     def hear(
         self, message: CameraInfo, session: Session, settings: ServoSettings
@@ -92,18 +77,7 @@ class ServoCamera:
 
     def mounted(self, frame_id: str, state: ServoState, settings: ServoSettings) -> ServoSettings:
         """Return ``settings`` with the mount of /tf_static, before a run that was told none."""
-        if self.static_mount is None or state.view.memory:
-            return settings
-        return self.static_mount.taken(frame_id, settings)
-
-    @property
-    def mount_trouble(self) -> str:
-        """That /tf_static has a mount that cannot be used, so that no run may begin; or ''."""
-        return '' if self.static_mount is None else self.static_mount.trouble
-
-    def unmounted(self, settings: ServoSettings) -> ServoSettings:
-        """Return ``settings`` without the mount of /tf_static."""
-        return settings if self.static_mount is None else self.static_mount.dropped(settings)
+        return settings if state.view.memory else self.static_mount.taken(frame_id, settings)
 
     def check(self, observation: Observation, state: ServoState, settings: ServoSettings) -> None:
         """Say if the lens cannot place tracks, or they contradict the focal length as told."""

@@ -11,12 +11,7 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.rigs.joint_history import JointHistory
 from visual_servo_epipolar.core.rigs.rig import Rig
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.joints import (
-    COMMAND_TYPES,
-    head_command,
-    joint_names,
-    read_joints,
-)
+from visual_servo_epipolar.messages.joints import COMMAND_TYPES, head_command, listed, read_joints
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
@@ -82,7 +77,7 @@ class Head:
             self._warn(f'{error}; the robot stands without')
             return
         if joints is None:
-            self._others = joint_names(message)
+            self._others = listed(message.name)
             return
         odd = self._history.add(read.stamp_ns(message.header), joints)
         if odd:

@@ -52,7 +52,7 @@ class Watch:
             self._run.insist()
             if freshness.held > settings.holding_timeout:
                 self._run.time_out(settings.holding_timeout, self._admission.withheld())
-        elif self._run.was_stopped:
+        elif self._run.commands.repeats:
             self._run.insist()
 
     def look_around(self) -> None:
@@ -68,5 +68,5 @@ class Watch:
             self._warn(contested)
             if self._rivals.has_twin:  # others begin no run beside this one
                 self._run.stop(contested)
-        if self._run.silence >= 0.5 * IDLE_PERIOD_S:
+        if self._run.reports.silence >= 0.5 * IDLE_PERIOD_S:
             self._run.report()

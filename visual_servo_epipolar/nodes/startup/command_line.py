@@ -42,18 +42,18 @@ def _print(text: str) -> int:
 def usage(node: str) -> str:
     """Return what a node does, what it is connected to, and how it takes parameters."""
     row = NODES[node]
-    connections = (
-        ('subscribes', row.subscribes),
-        ('publishes', row.publishes),
-        ('services', row.services),
-    )
+    connections = {title: getattr(row, title) for title in ('subscribes', 'publishes', 'services')}
     return '\n'.join(
         [
             f'usage: {node} [{ROS_ARGUMENTS} -r OLD:=NEW]',
             '',
             row.does,
             '',
-            *(_row(title, names) for title, names in connections if names),
+            *(
+                textwrap.fill(f'{title + ":":12}{names}', WIDTH, subsequent_indent=' ' * 12)
+                for title, names in connections.items()
+                if names
+            ),
             '',
             '-p name:=value sets a parameter, --params-file FILE those of a YAML file; a double',
             'has a point (1.0). -r image_raw:=/cam/image_raw connects to another topic,',
@@ -63,16 +63,9 @@ def usage(node: str) -> str:
     )
 
 
-def _row(title: str, names: Sequence[str]) -> str:
-    text = ', '.join(names)
-    return textwrap.fill(f'{title + ":":12}{text}', WIDTH, subsequent_indent=' ' * 12)
-
-
 def split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return ROS arguments, which stand between --ros-args and --, and the rest."""
-    ros: list[str] = []
-    rest: list[str] = []
-    within = False
+    ros, rest, within = list[str](), list[str](), False
     for word in arguments:
         if word == '--ros-args':
             within = True
@@ -83,22 +76,18 @@ def split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     return ros, rest
 
 
-def parameter_files(ros_arguments: Sequence[str]) -> list[str]:
-    """Return the files of parameters, in their order."""
-    return list(_values(ros_arguments, '--params-file'))
-
-
 def parameter_names(ros_arguments: Sequence[str], name: str) -> set[str]:
     """Return the parameters that ``-p`` gives to the node called ``name``, or to any node."""
     names = set()
-    for rule in _values(ros_arguments, '-p', '--param'):
+    for rule in values(ros_arguments, '-p', '--param'):
         node, _, parameter = rule.partition(':=')[0].rpartition(':')
         if not node or node.rpartition('/')[2] in (name, '*', '**'):
             names.add(parameter)
     return names
 
 
-def _values(ros_arguments: Sequence[str], *options: str) -> Iterator[str]:
+def values(ros_arguments: Sequence[str], *options: str) -> Iterator[str]:
+    """Yield the values of ``options``, in their order."""
     for option, value in zip(ros_arguments, ros_arguments[1:], strict=False):
         if option in options:
             yield value

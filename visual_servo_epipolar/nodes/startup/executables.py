@@ -17,14 +17,15 @@ INTERRUPTED = 130
 
 
 def run(node: str) -> int:
-    """Run the main function of a node, which ends the process; return the code if it cannot."""
+    """Run a node until it ends, and return the exit code."""
     code = answer(node, sys.argv[1:])
     if code is not None:
         return code
     on_ending(lambda number: _leave(node, number))
     one_thread()
     try:
-        main = import_module(f'{PACKAGE}.nodes.{node}').main
+        module = import_module(f'{PACKAGE}.nodes.{node}')
+        spin = import_module(f'{PACKAGE}.nodes.startup.run').spin
     except ImportError as error:
         if (error.name or '').startswith(PACKAGE):
             raise  # a mistake of our own
@@ -32,8 +33,7 @@ def run(node: str) -> int:
         return USAGE_ERROR
     except KeyboardInterrupt:  # Ctrl-C before anything runs
         return INTERRUPTED
-    main()
-    return 0
+    return int(spin(getattr(module, ''.join(map(str.capitalize, node.split('_'))))))
 
 
 def _leave(node: str, number: signal.Signals) -> None:

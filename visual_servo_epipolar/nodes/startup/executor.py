@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, ExitStack
-from dataclasses import fields
 import time
 from typing import Any
 
@@ -162,8 +161,3 @@ def new_node(kind: Any, context: Context, values: Mapping[str, Any], *, name: st
         use_global_arguments=False,
         **({'cli_args': ['--ros-args', '-r', f'__node:={name}']} if name else {}),
     )
-
-
-def values_of(settings: Any) -> dict[str, Any]:
-    """Return the parameters that ``settings``, a dataclass, stand for."""
-    return {item.name: getattr(settings, item.name) for item in fields(settings)}

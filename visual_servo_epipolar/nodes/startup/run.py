@@ -6,6 +6,7 @@ import sys
 import threading
 from typing import Any
 
+import cv2
 import numpy.ma  # noqa: F401  np.unique and np.median load it: 60 ms in mid-drive
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -16,7 +17,6 @@ from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.startup import command_line, complaints, process
 from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
-from visual_servo_epipolar.nodes.startup.process import tune_transport
 
 FAREWELL_S = 0.5  # after `shutdown`, until who asked for it has the answer
 
@@ -34,7 +34,9 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
     code = command_line.answer(name, sys.argv[1:] if args is None else args)
     if code is not None:
         return code
-    tune_transport()
+    process.tune_transport()
+    if getattr(kind, 'one_core', False):
+        cv2.setNumThreads(1)
     ending, suspending = threading.Event(), threading.Event()
     process.on_ending(lambda _: ending.set())
     process.on_suspending(suspending.set)
@@ -43,7 +45,8 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = kind()
         complaints.watch(node)
-        _spare_from_collection()
+        gc.collect()
+        gc.freeze()  # what was imported: a full collection took 40 ms, over a frame
         executor = MessageExecutor()
         executor.add_node(node)
         while not (ending.is_set() or _is_finalized(node)):
@@ -52,8 +55,7 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
                 suspending.clear()
                 _call(node, 'suspend')
                 process.suspend()
-        if not ending.is_set():
-            ending.wait(FAREWELL_S)
+        ending.wait(FAREWELL_S)
     except (ParameterException, VisualServoError, ValueError, RuntimeError, OSError) as error:
         if node is not None:
             raise
@@ -79,12 +81,6 @@ def _call(node: Node, name: str) -> None:
 def _is_finalized(node: Node) -> bool:
     """Return whether the life of a managed node has ended by `shutdown`; others have none."""
     return isinstance(node, ManagedNode) and node.state == 'finalized'
-
-
-def _spare_from_collection() -> None:
-    """Keep what was imported out of garbage collections: a full one took 40 ms, over a frame."""
-    gc.collect()
-    gc.freeze()
 
 
 def _executable(kind: type[Any]) -> str:

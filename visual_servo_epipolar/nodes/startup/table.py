@@ -14,9 +14,9 @@ class NodeRow:
     """A node in words; ``settings`` are classes by module and name, imported when asked for."""
 
     does: str
-    subscribes: tuple[str, ...]
-    publishes: tuple[str, ...]
-    services: tuple[str, ...]
+    subscribes: str
+    publishes: str
+    services: str
     settings: tuple[str, ...]
 
 
@@ -24,34 +24,21 @@ class NodeRow:
 NODES: Mapping[str, NodeRow] = {
     'servo_node': NodeRow(
         does='Drives the robot to the pose of the photograph: features in, velocities out.',
-        subscribes=('tracks', 'camera_info', 'stop_button', 'odom', 'joint_states'),
+        subscribes='tracks, camera_info, stop_button, odom, joint_states',
         publishes=(
-            'cmd_vel',
-            'head/command',
-            'epipoles',
-            'phase',
-            '/diagnostics',
-            '~/progress',
-            '~/result',
-            '~/markers',
-            '~/settings',
-            '~/events',
+            'cmd_vel, head/command, epipoles, phase, /diagnostics, ~/progress, ~/result, '
+            '~/markers, ~/settings, ~/events'
         ),
-        services=('~/start', '~/stop', '~/reset'),
+        services='~/start, ~/stop, ~/reset',
         settings=('nodes.startup.settings:ServoNodeSettings', 'core.servo.settings:ServoSettings'),
     ),
     'tracker_node': NodeRow(
         does='Finds the features of the photograph in each image.',
-        subscribes=('image_raw', 'camera_info', 'desired/image_raw'),
+        subscribes='image_raw, camera_info, desired/image_raw',
         publishes=(
-            'tracks',
-            'overlay/image_raw',
-            '/diagnostics',
-            '~/desired/image_raw',
-            '~/settings',
-            '~/events',
+            'tracks, overlay/image_raw, /diagnostics, ~/desired/image_raw, ~/settings, ~/events'
         ),
-        services=('~/capture_desired', '~/redetect'),
+        services='~/capture_desired, ~/redetect',
         settings=(
             'nodes.startup.settings:TrackerNodeSettings',
             'core.tracking.settings:TrackerSettings',
@@ -59,9 +46,9 @@ NODES: Mapping[str, NodeRow] = {
     ),
     'dock_node': NodeRow(
         does='Says where the photograph was taken, in metres, and docks there on request.',
-        subscribes=('tracks', 'camera_info', 'odom'),
-        publishes=('detected_dock_pose', 'detected_dock_pose_with_covariance', '/diagnostics'),
-        services=('~/reset',),
+        subscribes='tracks, camera_info, odom',
+        publishes='detected_dock_pose, detected_dock_pose_with_covariance, /diagnostics',
+        services='~/reset',
         settings=(
             'nodes.startup.settings:DockNodeSettings',
             'core.docking.settings:DockTaskSettings',
@@ -70,18 +57,11 @@ NODES: Mapping[str, NodeRow] = {
     ),
     'route_node': NodeRow(
         does='Records a way by photographs, and repeats it: images in, velocities out.',
-        subscribes=('image_raw', 'camera_info', 'odom', 'stop_button'),
+        subscribes='image_raw, camera_info, odom, stop_button',
         publishes=(
-            'cmd_vel',
-            'phase',
-            '/diagnostics',
-            '~/progress',
-            '~/path',
-            '~/markers',
-            '~/settings',
-            '~/events',
+            'cmd_vel, phase, /diagnostics, ~/progress, ~/path, ~/markers, ~/settings, ~/events'
         ),
-        services=('~/start_recording', '~/station', '~/stop_recording', '~/repeat', '~/cancel'),
+        services='~/start_recording, ~/station, ~/stop_recording, ~/repeat, ~/cancel',
         settings=(
             'nodes.startup.settings:RouteNodeSettings',
             'core.servo.settings:ServoSettings',
@@ -91,9 +71,9 @@ NODES: Mapping[str, NodeRow] = {
     ),
     'unicycle_node': NodeRow(
         does='Simulates the base: a Pioneer 3-DX, or a car.',
-        subscribes=('cmd_vel',),
-        publishes=('odom', 'ground_truth', 'cmd_vel_applied'),
-        services=('~/reset',),
+        subscribes='cmd_vel',
+        publishes='odom, ground_truth, cmd_vel_applied',
+        services='~/reset',
         settings=(
             'nodes.startup.settings:UnicycleSettings',
             'simulation.bases.ackermann:AckermannSettings',
@@ -101,9 +81,9 @@ NODES: Mapping[str, NodeRow] = {
     ),
     'camera_node': NodeRow(
         does='Simulates the camera of the robot in a textured room.',
-        subscribes=('head/command', 'ground_truth', 'odom'),
-        publishes=('image_raw', 'camera_info', 'desired/image_raw', 'joint_states', '~/frames'),
-        services=(),
+        subscribes='head/command, ground_truth, odom',
+        publishes='image_raw, camera_info, desired/image_raw, joint_states, ~/frames',
+        services='',
         settings=(
             'simulation.mounts.camera_settings:CameraSettings',
             'simulation.mounts.simulated_head:HeadSettings',
@@ -116,9 +96,9 @@ NODES: Mapping[str, NodeRow] = {
     ),
     'recorder_node': NodeRow(
         does='Records topics into a rosbag2 folder.',
-        subscribes=('every topic that is published',),
-        publishes=('/diagnostics',),
-        services=('~/start', '~/stop'),
+        subscribes='every topic that is published',
+        publishes='/diagnostics',
+        services='~/start, ~/stop',
         settings=(
             'nodes.startup.settings:RecorderNodeSettings',
             'bags.recording.settings:RecordSettings',
@@ -142,18 +122,7 @@ def settings_of(node: str) -> Iterator[type[Settings]]:
 
 def owner_of(parameter: str) -> str:
     """Return the first node that has a parameter, of today or of an earlier version; or ''."""
-    for node in NODES:
-        for kind in settings_of(node):
-            if parameter in kind.RENAMED or parameter in {item.name for item in fields(kind)}:
-                return node
-    return ''
-
-
-def parameters() -> Iterator[str]:
-    """Yield the parameters of all nodes."""
-    for node in NODES:
-        for kind in settings_of(node):
-            yield from (item.name for item in fields(kind))
+    return next((node for node in NODES if parameter in accepted_names(node)), '')
 
 
 def accepted_names(*nodes: str) -> set[str]:

@@ -5,11 +5,11 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from visual_servo_epipolar.core.cameras.registry import lens_name
-from visual_servo_epipolar.nodes.qos import AdaptiveSubscription
+from visual_servo_epipolar.nodes import qos
 
 LOOK_PERIOD_S = 0.5
 RECTIFIED = 'image_rect'  # in the names that image_proc gives
@@ -17,6 +17,58 @@ TRANSPORTS: dict[str, tuple[Any, str]] = {
     'raw': (Image, ''),
     'compressed': (CompressedImage, '/compressed'),
 }
+
+
+class AdaptiveSubscription:
+    """
+    Subscription of ``node`` to ``topic`` as its publishers offer it, made anew where they change.
+
+    A reliable one never connects to a publisher that is best effort, a best-effort one loses large
+    images; what was published once and latched reaches late joiners only if they ask for it. A
+    ``reliability`` other than auto holds; ``adapt`` is to be called now and then.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        kind: Any,
+        topic: str,
+        callback: Callable[[Any], None],
+        reliability: str,
+    ) -> None:
+        self._node, self._kind, self._topic, self._callback = node, kind, topic, callback
+        self._configured = reliability
+        self._profiles = {**qos.IMAGES, 'latched': qos.LATCHED}
+        self._subscribe('reliable' if reliability == 'auto' else reliability)
+
+    def adapt(self) -> None:
+        """Subscribe anew if the publishers that are there offer something else."""
+        fitting = self._fitting()
+        if fitting != self._offer:
+            self._node.destroy_subscription(self._subscription)
+            self._subscribe(fitting)
+            name = self._subscription.topic_name
+            self._node.get_logger().info(f'{name} is published as {fitting}, and so subscribed')
+
+    def _fitting(self) -> str:
+        """Return what suits all who publish messages of this type; as it is without any."""
+        expected = f'{self._kind.__module__.partition(".")[0]}/msg/{self._kind.__name__}'
+        publishers = self._node.get_publishers_info_by_topic(self._subscription.topic_name)
+        offered = [item.qos_profile for item in publishers if item.topic_type == expected]
+        if not offered:
+            return self._offer
+        if self._configured == 'best_effort':  # which DDS hands nothing on that was said before
+            return self._configured
+        reliable = all(item.reliability == ReliabilityPolicy.RELIABLE for item in offered)
+        if reliable and all(item.durability == qos.LATCHED.durability for item in offered):
+            return 'latched'
+        return 'reliable' if reliable or self._configured == 'reliable' else 'best_effort'
+
+    def _subscribe(self, offer: str) -> None:
+        self._offer = offer
+        self._subscription = self._node.create_subscription(
+            self._kind, self._topic, self._callback, self._profiles[offer]
+        )
 
 
 class CameraSubscriptions:
@@ -27,8 +79,8 @@ class CameraSubscriptions:
         self._reliability = reliability
         self._subscriptions: list[AdaptiveSubscription] = []
         self.info_frame = self._doubt = ''
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(LOOK_PERIOD_S, self._look, clock=clock)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(LOOK_PERIOD_S, self._look, clock=steady)
 
     def create_subscription(
         self,

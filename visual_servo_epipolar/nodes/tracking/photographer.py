@@ -48,7 +48,6 @@ class Photographer:
         self._recent: deque[Image] = deque(maxlen=frames)
         self._path = Path(path).expanduser() if path else None
         self._seen_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
-        self._taken_with: CameraModel | None = None
         self._photograph: Photograph | None = None
 
     def load(self) -> tuple[Image, ...]:
@@ -56,7 +55,7 @@ class Photographer:
         kept = None if self._path is None else photograph.load(self._path)
         if kept is None:
             return ()
-        self._photograph, self._taken_with = kept, kept.camera
+        self._photograph = kept
         return kept.image, *kept.more
 
     def see(self, image: Image | None) -> None:
@@ -84,7 +83,6 @@ class Photographer:
 
     def keep(self, image: Image, count: int, camera: CameraModel, stamp_ns: int) -> str:
         """Keep what was captured, if it is to be kept; return in words what became of it."""
-        self._taken_with = camera
         self._photograph = Photograph(image, camera, stamp_ns, count)
         return self._keep(self._photograph)
 
@@ -108,12 +106,14 @@ class Photographer:
 
     def forget_camera(self) -> None:
         """Forget which camera the photograph was taken with: it came from elsewhere."""
-        self._taken_with = self._photograph = None
+        self._photograph = None
 
     def complaint(self, camera: CameraModel | None) -> str:
         """Return that the photograph was taken with another camera than this, or ''."""
-        taken_with = self._taken_with
-        if taken_with is None or camera is None or are_alike(taken_with, camera):
+        if self._photograph is None or camera is None:
+            return ''
+        taken_with = self._photograph.camera
+        if are_alike(taken_with, camera):
             return ''
         return (
             f'the photograph was taken with another camera, a {taken_with.lens} lens of '

@@ -1,21 +1,15 @@
 """Reports of the tracker: photograph, overlay, diagnostics; settings and events for bags."""
 
-from collections.abc import Sequence
-
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import Image
-from std_msgs.msg import String
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
-from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.messages import diagnostics, event_log, settings_text, write
+from visual_servo_epipolar.messages import diagnostics, write
 from visual_servo_epipolar.messages.validation import TrackingResult
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.qos import report_publisher
+from visual_servo_epipolar.nodes.lifecycle.reports import NodeReports
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 LOOK_PERIOD_S = 1.0
@@ -23,22 +17,16 @@ LOOK_PERIOD_S = 1.0
 SILENT_S, SIMULATED_SILENT_S = 1.0, 5.0
 
 
-class TrackerReports:
+class TrackerReports(NodeReports):
     """Reports of the tracker ``node``: all that it publishes but tracks."""
 
     def __init__(self, node: Node) -> None:
-        self._node, self._name = node, node.get_fully_qualified_name()
+        super().__init__(node)
         self._complained, self._photograph = False, ''  # of the last tracks
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.expect_images()
         node.create_timer(LOOK_PERIOD_S, self._look, clock=self._steady)
-        self._overlay_pub = report_publisher(node, Image, 'overlay/image_raw', qos.STREAM)
-        self._desired_pub = report_publisher(node, Image, '~/desired/image_raw', qos.LATCHED)
-        self._settings_pub = report_publisher(node, String, '~/settings', qos.LATCHED)
-        self._events_pub = report_publisher(node, String, '~/events', qos.DIAGNOSTICS)
-        self._diagnostics_pub = report_publisher(
-            node, DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
-        )
+        self._overlay_pub = self._publisher(Image, 'overlay/image_raw', qos.STREAM)
+        self._desired_pub = self._publisher(Image, '~/desired/image_raw', qos.LATCHED)
 
     def desired(self, photograph: Pixels, stamp_ns: int | None) -> None:
         """Publish the photograph."""
@@ -68,8 +56,8 @@ class TrackerReports:
         if age_s < (SIMULATED_SILENT_S if simulated else SILENT_S):
             return
         reason = f'{self._missing}, for {age_s:.1f} s; nothing is tracked'
-        stamp_ns = int(self._node.get_clock().now().nanoseconds)
-        self._diagnostics_pub.publish(
+        stamp_ns = int(self._clock.now().nanoseconds)
+        self._diagnose(
             diagnostics.tracking_diagnosis(reason, 0, stamp_ns, name=self._name, age_s=age_s)
         )
         self._complained = True
@@ -95,7 +83,7 @@ class TrackerReports:
             self._photograph = photograph
             self._node.get_logger().info(f'{photograph} fits the light best, and is tracked')
         if complains or self._complained or is_another:
-            self._diagnostics_pub.publish(
+            self._diagnose(
                 diagnostics.tracking_diagnosis(
                     reason,
                     features,
@@ -107,13 +95,3 @@ class TrackerReports:
                 )
             )
         self._complained = complains
-
-    def settings(self, groups: Sequence[Settings], after_stamp_ns: int | None) -> None:
-        """Publish the settings in force, so that a bag can be replayed with them."""
-        text = settings_text.to_text(self._name, groups, after_stamp_ns)
-        self._settings_pub.publish(write.text(text))
-
-    def event(self, name: str, after_stamp_ns: int | None) -> None:
-        """Publish what happened between two images, likewise."""
-        entry = event_log.Entry(name, after_stamp_ns)
-        self._events_pub.publish(write.text(event_log.to_text(entry)))
