@@ -4,6 +4,12 @@ from itertools import pairwise
 import math
 from pathlib import Path
 
+from iterated import (
+    AttemptError,
+    bound,
+    errors,
+    PLANTS,
+)
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -12,12 +18,6 @@ import numpy as np
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, saturate
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.true_pose import POSE_LAWS
-from visual_servo_epipolar.evaluation.reproduction.iterated import (
-    AttemptError,
-    bound,
-    errors,
-    PLANTS,
-)
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS
 
 ATTEMPTS = 5

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from visual_servo_epipolar.evaluation.benchmarks.arrivals import mounts
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.mount_cells import (
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.mounts import (
     AHEADS,
     ASIDES,
     ROLLS,

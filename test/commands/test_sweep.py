@@ -17,8 +17,7 @@ import pytest
 from sweeps import plan_of
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.sweeping.chunk import work
-from visual_servo_epipolar.sweeping.plan import Chunk
+from visual_servo_epipolar.sweeping.plan import Chunk, work
 from visual_servo_epipolar.sweeping.store import FILE
 
 ROOT = Path(__file__).parents[2]

@@ -1,5 +1,6 @@
 """The map of mounts: a cell for each camera, and a frame where a run was unsafe."""
 
+from dataclasses import asdict
 import importlib.util
 import json
 from pathlib import Path
@@ -10,7 +11,7 @@ from matplotlib.figure import Figure
 import pytest
 from sweeps import result
 
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.mount_cells import on_features
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.mounts import on_features
 from visual_servo_epipolar.sweeping.summary import summary_of
 
 DOCS = Path(__file__).parents[2] / 'docs' / 'measurements'
@@ -30,7 +31,7 @@ def figure() -> ModuleType:
 def document(**changes: Any) -> dict[str, Any]:
     """Return a document in which half of the runs of each cell arrived, 2 mm off."""
     summary = summary_of([result(), result(**FAILED, **changes)])
-    rows = [cell.document() | summary for cell in on_features()]
+    rows = [asdict(cell) | summary for cell in on_features()]
     head = {'source': 'features', 'region': 'front', 'starts': 2, 'seed': 0}
     return head | {'longest_s': 180.0, 'commit': 'abc', 'rows': rows}
 

@@ -14,7 +14,7 @@ from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import from_document
-from visual_servo_epipolar.sweeping.chunk import run_chunk
+from visual_servo_epipolar.sweeping.plan import run_chunk
 
 RUNS = 3
 WIDE = {'principal_u': 639.5, 'principal_v': 511.5, 'distortion_model': 'equidistant'}

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.sweeping.chunk import run_chunk
+from visual_servo_epipolar.sweeping.plan import run_chunk
 
 # In `front`; the last one takes long where the mount is not told.
 STARTS = [(1.0, -3.0, 0.0), (-1.2, -4.0, -10.0), (-0.8, -3.5, 8.0), (0.3, -2.2, 0.0)]

@@ -8,8 +8,7 @@ from visual_servo_epipolar.simulation.closed_loop import Loop, run
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.run_monitor import verdict
 from visual_servo_epipolar.simulation.views import view_of
-from visual_servo_epipolar.sweeping.chunk import run_chunk, work
-from visual_servo_epipolar.sweeping.plan import Chunk
+from visual_servo_epipolar.sweeping.plan import Chunk, run_chunk, work
 
 STARTS = [(0.5, -3.0, 5.0), (-1.0, -4.0, 0.0)]
 

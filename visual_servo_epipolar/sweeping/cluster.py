@@ -9,8 +9,7 @@ import pickle
 from typing import Any
 
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
-from visual_servo_epipolar.sweeping.chunk import Result, work
-from visual_servo_epipolar.sweeping.plan import Chunk, SweepPlan
+from visual_servo_epipolar.sweeping.plan import Chunk, Result, SweepPlan, work
 from visual_servo_epipolar.sweeping.provenance import digest
 
 CONNECT_S = 10.0

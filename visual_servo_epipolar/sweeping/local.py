@@ -12,8 +12,7 @@ import threading
 
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.processes import ignore_interrupts, without_interrupts
-from visual_servo_epipolar.sweeping.chunk import Result, work
-from visual_servo_epipolar.sweeping.plan import Chunk, SweepPlan
+from visual_servo_epipolar.sweeping.plan import Chunk, Result, SweepPlan, work
 
 # Read when a process starts, or loads numpy and OpenCV: workers are started afresh for that.
 THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')

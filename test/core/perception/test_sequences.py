@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-
-from visual_servo_epipolar.core.perception.settings import PerceptionSettings
-from visual_servo_epipolar.evaluation.benchmarks.estimation.sequences import (
+from sequences import (
     driven,
     DRIVES,
     error_deg,
 )
+
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
 SETTINGS = PerceptionSettings()
 

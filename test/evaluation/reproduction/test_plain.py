@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.evaluation.reproduction.simulations.camera import PointCamera
+from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import PointCamera
 from visual_servo_epipolar.evaluation.reproduction.simulations.runs import Simulation1, transient
 
 AGREEMENT = 1e-6  # m, rad, s, m/s, and of the focal length for epipoles
@@ -39,16 +39,18 @@ def test_the_way_to_the_axis_is_the_same(plain, stages, runs_1: Simulation1) -> 
     course, one = runs_1.course, stages[0]
     rows = transient(course, 'time') <= one.t[-1]
     state = one.sol(transient(course, 'time')[rows])
-    for name, expected in zip(('x', 'y', 'theta', 'distance_estimate'), state, strict=True):
+    names = ('pose.x', 'pose.y', 'pose.theta', 'distance_estimate')
+    for name, expected in zip(names, state, strict=True):
         np.testing.assert_allclose(transient(course, name)[rows], expected, atol=AGREEMENT)
     e_current, e_desired = plain.epipoles(*state[:3])
-    for name, expected in (('e_current', e_current), ('e_desired', e_desired)):
+    found = (('reading.e_current', e_current), ('reading.e_desired', e_desired))
+    for name, expected in found:
         values = transient(course, name)[rows]
         np.testing.assert_allclose(values, expected, atol=AGREEMENT * plain.F)
     u = np.array([plain.first_step(0, q, 1) for q in state.T])
     forward = u[:, 0] * np.cos(state[2]) + u[:, 1] * np.sin(state[2])
-    np.testing.assert_allclose(transient(course, 'linear')[rows], forward, atol=AGREEMENT)
-    np.testing.assert_allclose(transient(course, 'angular')[rows], u[:, 2], atol=AGREEMENT)
+    np.testing.assert_allclose(transient(course, 'twist.linear')[rows], forward, atol=AGREEMENT)
+    np.testing.assert_allclose(transient(course, 'twist.angular')[rows], u[:, 2], atol=AGREEMENT)
 
 
 def test_the_turn_at_its_end_is_the_same(stages, runs_1: Simulation1) -> None:
@@ -56,11 +58,11 @@ def test_the_turn_at_its_end_is_the_same(stages, runs_1: Simulation1) -> None:
     time = course.column('time', 1)
     rows = (time >= two.t[0]) & (time <= two.t[-1])
     assert rows.sum() > 500
-    theta = course.column('theta', 1)[rows]
+    theta = course.column('pose.theta', 1)[rows]
     np.testing.assert_allclose(theta, two.sol(time[rows])[2], atol=AGREEMENT)
 
 
 def test_the_second_step_is_the_same(stages, runs_1: Simulation1) -> None:
     time = runs_1.course.column('time', 2)
-    values = runs_1.course.column('distance', 2)
+    values = runs_1.course.column('pose.distance', 2)
     np.testing.assert_allclose(values, stages[2].sol(time - time[0])[0], atol=AGREEMENT)

@@ -7,10 +7,12 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.evaluation.reproduction.fits import decay
-from visual_servo_epipolar.evaluation.reproduction.simulations.camera import PointCamera
 from visual_servo_epipolar.evaluation.reproduction.simulations.claims import claims_1, claims_2
-from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import Course, run
+from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
+    Course,
+    PointCamera,
+    run,
+)
 from visual_servo_epipolar.evaluation.reproduction.simulations.runs import (
     growth_ratio,
     longest_transient,
@@ -22,6 +24,7 @@ from visual_servo_epipolar.evaluation.reproduction.simulations.runs import (
     transient,
     translation_decay,
 )
+from visual_servo_epipolar.evaluation.reproduction.statements import decay
 
 
 @pytest.fixture(params=['one', 'two'])
@@ -55,10 +58,10 @@ def test_desired_epipole_is_zero_in_finite_time_and_the_speed_with_it(course: Co
     first = course.instants[0].reading
     after = course.column('time', 1) > course.zeroed_at
     assert 0.0 < course.zeroed_at < 1.2 * longest_transient(course.case, first.e_desired)
-    assert (course.column('linear', 1)[after] == 0.0).all()
-    speeds = np.abs(transient(course, 'linear'))
+    assert (course.column('twist.linear', 1)[after] == 0.0).all()
+    speeds = np.abs(transient(course, 'twist.linear'))
     assert speeds[-1] < 1e-3 * speeds.max()
-    assert (np.abs(course.column('e_desired', 1)[after]) <= course.case.tolerance).all()
+    assert (np.abs(course.column('reading.e_desired', 1)[after]) <= course.case.tolerance).all()
 
 
 def test_current_epipole_decays_exponentially_once_the_other_is_zero(runs_1, runs_2) -> None:
@@ -68,14 +71,14 @@ def test_current_epipole_decays_exponentially_once_the_other_is_zero(runs_1, run
 
 
 def test_distance_and_features_decay_exponentially_in_the_second_step(course: Course) -> None:
-    for name in ('distance', 'difference', 'linear'):
+    for name in ('pose.distance', 'difference', 'twist.linear'):
         fit = translation_decay(course, name)
         assert fit.rate == pytest.approx(rate_at_goal(course.case), rel=0.01)
         assert fit.misfit < 0.01
 
 
 def test_estimate_keeps_its_distance_from_the_truth(runs_1: Simulation1) -> None:
-    gap = transient(runs_1.course, 'distance_estimate') - transient(runs_1.course, 'distance')
+    gap = transient(runs_1.course, 'distance_estimate') - transient(runs_1.course, 'pose.distance')
     np.testing.assert_allclose(gap, 2.0 - np.sqrt(2.0), atol=1e-8)
 
 
@@ -85,7 +88,7 @@ def test_guessed_focal_length_bounds_the_growth(runs_2: Simulation2) -> None:
 
 
 def test_printed_sign_is_the_true_one_from_the_start_of_the_paper(runs_1: Simulation1) -> None:
-    for name in ('x', 'y', 'theta'):
+    for name in ('pose.x', 'pose.y', 'pose.theta'):
         np.testing.assert_array_equal(runs_1.course.column(name), runs_1.corrected.column(name))
 
 
@@ -98,7 +101,9 @@ def test_printed_sign_fails_behind_the_goal_where_the_true_one_arrives(runs_1) -
     assert runs_1.behind_printed.outcome == 'e_au passed through infinity'
     assert runs_1.behind_corrected.outcome == 'arrived'
     np.testing.assert_allclose(
-        runs_1.behind_corrected.column('y', 1), -runs_1.corrected.column('y', 1), atol=1e-6
+        runs_1.behind_corrected.column('pose.y', 1),
+        -runs_1.corrected.column('pose.y', 1),
+        atol=1e-6,
     )
 
 

@@ -2,7 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.evaluation.tables import markdown
 
 
@@ -41,3 +45,39 @@ def plain(title: str, statements: Sequence[Statement]) -> str:
     marks = {True: 'agrees   ', False: 'DISAGREES', None: 'no number'}
     lines = [f'  {marks[s.agrees]}  {s.place}: {s.ours}' for s in statements]
     return '\n'.join([title, *lines])
+
+
+@dataclass(frozen=True, slots=True)
+class Decay:
+    """
+    value(t) ~ initial exp(-rate t) until ``end`` [s]; rate in 1/s.
+
+    ``misfit`` is the standard deviation of the logarithm about the line.
+    """
+
+    rate: float
+    initial: float
+    misfit: float
+    end: float
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Return the fitted values at ``time`` [s], shape (N,)."""
+        return np.asarray(self.initial * np.exp(-self.rate * time))
+
+
+def decay(time: FloatArray, value: FloatArray) -> Decay:
+    """
+    Fit an exponential to |value|, shape (N,), at ``time`` [s] by least squares in the logarithm.
+
+    Raises ValueError with fewer than three values that differ from zero.
+    """
+    good = np.isfinite(value) & (value != 0.0)
+    if int(good.sum()) < 3:
+        raise ValueError(
+            f'a decay needs three values that are not zero, got {int(good.sum())}; '
+            'fit a longer stretch'
+        )
+    time, logarithm = time[good], np.log(np.abs(value[good]))
+    slope, offset = np.polyfit(time, logarithm, 1)
+    misfit = float(np.std(logarithm - (slope * time + offset)))
+    return Decay(-float(slope), math.exp(offset), misfit, float(time[-1]))

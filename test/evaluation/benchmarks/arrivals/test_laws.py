@@ -21,19 +21,20 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.evaluation.benchmarks.arrivals import laws
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_laws import (
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.peers import (
     ALIGN,
     CLOSE,
     DEPTH,
     nearby_pose,
     never_resting,
+    PEERS,
+    PeerState,
     POINT_GAIN,
     points,
     polar,
     relative_distance,
     RelativePose,
 )
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_steps import PEERS, PeerState
 
 NEARLY = st.builds(Pose.from_start, floats(-0.02, 0.02), floats(-0.02, 0.02), floats(-0.5, 0.5))
 

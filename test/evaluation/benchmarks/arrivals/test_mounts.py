@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.evaluation.benchmarks.arrivals import mount_cells as cells
 from visual_servo_epipolar.evaluation.benchmarks.arrivals import mounts
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.mount_cells import (
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.mounts import (
     camera_of_size,
     CameraPlace,
     LENSES,
@@ -33,33 +32,33 @@ def quiet(text: str) -> None:
 @pytest.fixture(scope='module')
 def document() -> dict[str, Any]:
     """Return the document of two cells, a start each."""
-    few = [cells.of_mount('attitude', LEVEL), cells.of_mount('yaw', CameraPlace(yaw=1.5))]
+    few = [mounts.of_mount('attitude', LEVEL), mounts.of_mount('yaw', CameraPlace(yaw=1.5))]
     return mounts.measure_cells(few, 'features', 1, seed=0, say=quiet)
 
 
 def test_every_tilt_and_roll_and_every_yaw_and_place_is_driven_once() -> None:
-    driven = [(it.group, it.mount) for it in cells.on_features()]
+    driven = [(it.group, it.mount) for it in mounts.on_features()]
     attitudes = {(m.tilt, m.roll) for group, m in driven if group == 'attitude'}
-    assert attitudes == {(tilt, roll) for tilt in cells.TILTS for roll in cells.ROLLS}
+    assert attitudes == {(tilt, roll) for tilt in mounts.TILTS for roll in mounts.ROLLS}
     places = [(m.yaw, m.ahead, m.aside) for group, m in driven if group == 'yaw']
-    wanted = len(cells.YAWS) * len(cells.AHEADS) * len(cells.ASIDES)
+    wanted = len(mounts.YAWS) * len(mounts.AHEADS) * len(mounts.ASIDES)
     assert len(places) == len(set(places)) == wanted
 
 
 def test_every_size_and_every_lens_is_driven_level_and_leaning() -> None:
-    driven = list(cells.on_features())
+    driven = list(mounts.on_features())
     for group, kinds in (('size', len(SIZES)), ('lens', len(LENSES))):
-        mounts = [it.mount for it in driven if it.group == group]
-        assert mounts == [LEVEL, cells.LEANING] * kinds
+        places = [it.mount for it in driven if it.group == group]
+        assert places == [LEVEL, mounts.LEANING] * kinds
 
 
 def test_names_of_a_group_are_unique() -> None:
-    for listed in (cells.on_features(), cells.on_images()):
+    for listed in (mounts.on_features(), mounts.on_images()):
         names = [(it.group, it.name) for it in listed]
         assert len(set(names)) == len(names)
 
 
-@pytest.mark.parametrize('drives', [cells.on_features, cells.on_images])
+@pytest.mark.parametrize('drives', [mounts.on_features, mounts.on_images])
 def test_every_cell_is_a_scenario_that_tells_the_servo_nothing(
     drives: Callable[..., Any],
 ) -> None:
@@ -117,9 +116,9 @@ def test_the_bench_on_images_drives_images(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(mounts, 'measure_cells', measured)
     mounts.ON_IMAGES.run(seed=3, quick=False, say=quiet)
     ((listed, source, starts, seed),) = asked
-    sizes = len(cells.SIZES_ON_IMAGES) * len(cells.SCENES)
+    sizes = len(mounts.SIZES_ON_IMAGES) * len(mounts.SCENES)
     assert (source, starts, seed) == ('images', mounts.STARTS['images'], 3)
-    assert len(list(listed)) == len(cells.ON_IMAGES) + sizes
+    assert len(list(listed)) == len(mounts.MOUNTS_ON_IMAGES) + sizes
 
 
 def test_the_table_has_a_line_for_each_row(document: dict[str, Any]) -> None:

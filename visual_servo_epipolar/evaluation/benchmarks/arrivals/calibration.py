@@ -1,7 +1,8 @@
 """Calibration errors in closed loop (section VI): arrivals and position errors by f_hat / f."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
 from operator import itemgetter
 from typing import Any
 
@@ -20,10 +21,23 @@ from visual_servo_epipolar.sweeping.summary import (
 
 RATIOS = (0.17, 0.25, 0.5, 0.75, 1.0)  # f_hat / f
 SHIFT_PX = 10.0  # of the principal point, to the right and down
-REGIONS = ('front', 'beside')
 MOUNTS = {'above the axle': 0.0, '0.13 m ahead': 0.13}
-STARTS, FEW_STARTS, AHEAD_STARTS = 64, 16, 32
-QUICK_CELL = ('above the axle', 'front', 0.25)
+# What the servo does about the camera matrix.
+METHODS: Mapping[str, Mapping[str, Any]] = {
+    'found out': {'focal_deviation': 1.0},
+    'believed': {},
+    'planar_3dof': {'estimator': 'planar_3dof'},
+}
+CELLS = (  # method, mount, region and number of starts, each with every ratio
+    ('found out', 'above the axle', 'front', 64),
+    ('found out', 'above the axle', 'beside', 64),
+    ('found out', '0.13 m ahead', 'front', 32),
+    ('found out', '0.13 m ahead', 'beside', 32),
+    ('believed', 'above the axle', 'front', 16),
+    ('planar_3dof', 'above the axle', 'front', 16),
+)
+QUICK_CELLS = tuple((method, 'above the axle', 'front', 2) for method in METHODS)
+QUICK_RATIOS = (0.25,)
 POSITIONS = ('position_median_m', 'position_p95_m', 'position_max_m')
 HEADINGS = ('heading_median_deg', 'heading_p95_deg')
 COLUMNS: Columns = {
@@ -41,28 +55,11 @@ COLUMNS: Columns = {
 Result = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Method:
-    """What the servo does about the camera matrix, and how many starts a mount and region has."""
-
-    settings: Mapping[str, Any]
-    starts: Mapping[str, int]
-    regions: tuple[str, ...] = REGIONS
-
-
-EVERYWHERE = dict(zip(MOUNTS, (STARTS, AHEAD_STARTS), strict=True))
-FEW = dict.fromkeys(tuple(MOUNTS)[:1], FEW_STARTS)
-METHODS: Mapping[str, Method] = {
-    'found out': Method({'focal_deviation': 1.0}, EVERYWHERE),
-    'believed': Method({}, FEW, REGIONS[:1]),
-    'planar_3dof': Method({'estimator': 'planar_3dof'}, FEW, REGIONS[:1]),
-}
-
-
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Drive with each camera matrix, all from one set of starts, and return rows and runs."""
     rows = []
-    for name, mount, region, ratio, starts in _cells(quick):
+    places, ratios = (QUICK_CELLS, QUICK_RATIOS) if quick else (CELLS, RATIOS)
+    for (name, mount, region, starts), ratio in product(places, ratios):
         say(f'calibration: {name}, camera {mount}, {region}, f_hat/f = {ratio:g} ...')
         runs = runs_on_points(_scenario(name, mount, ratio), region, starts, seed)
         results = [summarise(log) for log in run_many(runs)]
@@ -71,19 +68,8 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
     return {'seed': seed, 'shift_px': SHIFT_PX, 'rows': rows}
 
 
-def _cells(quick: bool) -> Iterator[tuple[str, str, str, float, int]]:
-    for name, method in METHODS.items():
-        for mount, starts in method.starts.items():
-            for region in method.regions:
-                for ratio in RATIOS:
-                    if not quick:
-                        yield name, mount, region, ratio, starts
-                    elif (mount, region, ratio) == QUICK_CELL:
-                        yield name, mount, region, ratio, 2
-
-
 def _scenario(name: str, mount: str, ratio: float) -> Scenario:
-    plain = Scenario().with_servo(METHODS[name].settings)
+    plain = Scenario().with_servo(METHODS[name])
     camera = replace(
         plain.camera,
         mount_forward=MOUNTS[mount],

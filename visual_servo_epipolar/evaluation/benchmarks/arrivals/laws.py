@@ -8,7 +8,7 @@ from typing import Any
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_steps import PEERS
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.peers import PEERS
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.true_pose import (
     drive_by_pose,
     least_time,

@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.laws.smooth.arcs import GoalOffset, moved
 from visual_servo_epipolar.core.laws.smooth.steering import aim, curvature, Gains, polar_pose
 from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_steps import as_step
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.peers import as_step
 from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.view import View

@@ -23,6 +23,7 @@ from visual_servo_epipolar.evaluation.benchmarks.estimation.methods import (
     peers,
     PRIOR_DEVIATION,
     Solver,
+    times,
 )
 from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (
     Cell,
@@ -33,7 +34,6 @@ from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (
     FOCAL,
     Pair,
 )
-from visual_servo_epipolar.evaluation.benchmarks.estimation.timing import times
 
 __all__ = ['run', 'table']
 

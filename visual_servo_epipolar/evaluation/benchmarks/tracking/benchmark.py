@@ -13,11 +13,12 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.evaluation.benchmarks.tracking.scores import (
     ended_tracks,
+    figures,
     recovery_time,
     scores,
+    table,
 )
 from visual_servo_epipolar.evaluation.benchmarks.tracking.timing import over_floor, times
-from visual_servo_epipolar.evaluation.benchmarks.tracking.track_tables import figures, table
 from visual_servo_epipolar.evaluation.benchmarks.tracking.world import (
     approach,
     FrameErrors,

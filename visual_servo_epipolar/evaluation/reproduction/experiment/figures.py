@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, seconds
 from visual_servo_epipolar.evaluation.reproduction.canvas import label, numbered
 from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import Experiment
-from visual_servo_epipolar.evaluation.reproduction.fits import Decay, decay
+from visual_servo_epipolar.evaluation.reproduction.statements import Decay, decay
 from visual_servo_epipolar.report.canvas import draw_robot
 from visual_servo_epipolar.report.style import (
     CURRENT_COLOUR,

@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.evaluation.reproduction.simulations.camera import PointCamera
-from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import Course
+from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
+    Course,
+    PointCamera,
+)
 from visual_servo_epipolar.evaluation.reproduction.simulations.runs import (
     growth_ratio,
     largest_gap,
@@ -83,7 +85,7 @@ def claims_2(runs: Simulation2) -> list[Statement]:
 def _first_step(place: str, course: Course) -> list[Statement]:
     first = course.instants[0].reading
     end = [instant for instant in course.instants if instant.step == 1][-1]
-    least = float(np.abs(transient(course, 'e_current')).min())
+    least = float(np.abs(transient(course, 'reading.e_current')).min())
     bound = longest_transient(course.case, first.e_desired)
     residual = max(abs(end.reading.e_current), abs(end.reading.e_desired))
     return [
@@ -105,23 +107,23 @@ def _first_step(place: str, course: Course) -> list[Statement]:
             'IV-B',
             'e_au does not cross zero before that',
             f'|e_au| stays above {1e3 * least:.2f} mm',
-            bool((transient(course, 'e_current') * first.e_current > 0.0).all()),
+            bool((transient(course, 'reading.e_current') * first.e_current > 0.0).all()),
         ),
     ]
 
 
 def _slowest_rate(course: Course) -> float:
     """Return the rate of e_au when e_du has just become zero [1/s], by (26)."""
-    case, e_current = course.case, float(transient(course, 'e_current')[-1])
+    case, e_current = course.case, float(transient(course, 'reading.e_current')[-1])
     squares = (e_current**2 + case.focal**2) / (e_current**2 + case.focal_guess**2)
     return case.focal_guess / case.focal * squares * case.k1
 
 
 def _speed_with_epipole(course: Course) -> Statement:
-    speeds = course.column('linear', 1)
+    speeds = course.column('twist.linear', 1)
     after = np.abs(speeds[course.column('time', 1) > course.zeroed_at])
-    last = abs(float(transient(course, 'linear')[-1]))
-    turn = np.abs(course.column('angular', 1)).max()
+    last = abs(float(transient(course, 'twist.linear')[-1]))
+    turn = np.abs(course.column('twist.angular', 1)).max()
     return Statement(
         'Fig. 8',
         f'the linear velocity goes to zero with e_du; {NO_NUMBER}',
@@ -143,8 +145,8 @@ def _to_the_axis(place: str, course: Course) -> Statement:
 
 
 def _distance_grows(course: Course) -> Statement:
-    distances = course.column('distance', 1)
-    least = np.abs(transient(course, 'e_current')).min()
+    distances = course.column('pose.distance', 1)
+    least = np.abs(transient(course, 'reading.e_current')).min()
     epipole = abs(course.instants[0].reading.e_desired)
     bound = math.exp(epipole / least / (1.0 - course.case.exponent))
     growth = course.column('distance_estimate', 1).max() / course.case.initial_distance
@@ -159,7 +161,7 @@ def _distance_grows(course: Course) -> Statement:
 
 
 def _constant_difference(course: Course) -> Statement:
-    gap = transient(course, 'distance_estimate') - transient(course, 'distance')
+    gap = transient(course, 'distance_estimate') - transient(course, 'pose.distance')
     return Statement(
         'eq. (19)',
         'd_hat - d stays what it was',
@@ -169,9 +171,9 @@ def _constant_difference(course: Course) -> Statement:
 
 
 def _second_step(course: Course) -> list[Statement]:
-    fit, difference_fit = (translation_decay(course, n) for n in ('distance', 'difference'))
-    limit, distances = rate_at_goal(course.case), course.column('distance', 2)
-    speeds = course.column('linear', 2)
+    fit, difference_fit = (translation_decay(course, n) for n in ('pose.distance', 'difference'))
+    limit, distances = rate_at_goal(course.case), course.column('pose.distance', 2)
+    speeds = course.column('twist.linear', 2)
     return [
         Statement(
             'Fig. 10',
@@ -190,9 +192,11 @@ def _second_step(course: Course) -> list[Statement]:
         Statement(
             'Fig. 12',
             'the second step is a translation to the desired configuration',
-            f'off the y axis by {np.abs(course.column("x", 2)).max():.0e} m at most, ends '
+            f'off the y axis by {np.abs(course.column("pose.x", 2)).max():.0e} m at most, ends '
             f'{1e6 * distances[-1]:.0f} um from the goal',
-            bool(np.abs(course.column('x', 2)).max() < STRAIGHT and course.outcome == 'arrived'),
+            bool(
+                np.abs(course.column('pose.x', 2)).max() < STRAIGHT and course.outcome == 'arrived'
+            ),
         ),
     ]
 

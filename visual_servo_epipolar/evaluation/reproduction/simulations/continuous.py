@@ -1,24 +1,84 @@
 """
 The paper's two-step law in continuous time, as in its simulations (section VII).
 
-Every stage of the integration projects the points anew, estimates F, takes the epipoles and asks
-``core.laws``, the functions that the robot runs, for the velocities.
+The camera sees eight points. Every stage of the integration projects them anew, estimates F, takes
+the epipoles and asks ``core.laws``, the functions that the robot runs, for the velocities.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 import math
+from operator import attrgetter
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.estimators.machinery.eight_point import fundamental_from_matches
+from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, Twist
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose, Twist
+from visual_servo_epipolar.core.geometry.rays import unit_rays
 from visual_servo_epipolar.core.laws.two_steps import equations
-from visual_servo_epipolar.evaluation.reproduction.simulations.camera import (
-    EpipoleReading,
-    PointCamera,
+
+# (X, Y, Z) in the axes of the desired camera: right, down, forward [m]. The paper does not say
+# where its points are. These lie ahead of every pose of both simulations and span the view.
+POINTS = (
+    *((-4.2, -3.1, 8.4), (-2.6, 2.4, 6.3), (-3.3, -0.9, 7.1), (-0.8, 3.6, 9.2)),
+    *((-1.1, -3.8, 6.7), (0.9, 1.7, 7.6), (1.6, -3.2, 7.4), (2.3, 2.9, 8.9)),
 )
+RAY_NOISE = 1e-6  # only scales the cheirality vote: the points are exact
+
+
+@dataclass(frozen=True, slots=True)
+class EpipoleReading:
+    """Epipole abscissae e_au and e_du [m], and the sign of cos(psi - theta) by cheirality."""
+
+    e_current: float
+    e_desired: float
+    sigma: float
+
+
+class PointCamera:
+    """
+    A pinhole camera before POINTS: images in metres, as in the paper (k_u = k_v = 1, eq. 2).
+
+    ``focal`` is the true focal length f [m], ``focal_guess`` f_hat [m], by which image points are
+    divided to make rays: only sigma depends on it.
+    """
+
+    def __init__(self, focal: float, focal_guess: float) -> None:
+        self.focal, self.focal_guess = focal, focal_guess
+        self.points = np.array(POINTS)
+        self.desired = self.image(DESIRED_POSE)
+
+    def image(self, pose: Pose) -> FloatArray:
+        """Return the image points from ``pose``, shape (N, 2) [m]; behind the camera nan."""
+        alpha = pose.heading_error
+        cosine, sine = math.cos(alpha), math.sin(alpha)
+        x, z = self.points[:, 0] - pose.x, self.points[:, 2] - pose.y
+        right, forward = cosine * x + sine * z, -sine * x + cosine * z
+        forward = np.where(forward > 0.0, forward, math.nan)
+        return np.asarray(
+            np.stack([right, self.points[:, 1]], axis=1) * (self.focal / forward)[:, None]
+        )
+
+    def read(self, pose: Pose) -> EpipoleReading:
+        """
+        Return the epipoles at ``pose``, by the 8-point algorithm (eq. 3).
+
+        DegenerateGeometryError at the goal itself, ValueError where a point is out of view.
+        """
+        current = self.image(pose) / self.focal_guess
+        desired = self.desired / self.focal_guess
+        fundamental = fundamental_from_matches(current, desired)
+        rays = unit_rays(current), unit_rays(desired)
+        bearings = oriented_bearings(fundamental, *rays, noise=RAY_NOISE).bearings
+        return EpipoleReading(
+            self.focal_guess * bearings.epipole_current,
+            self.focal_guess * bearings.epipole_desired,
+            bearings.sigma,
+        )
+
 
 GRADING = 0.02  # of the remaining time until e_du = 0: there the law is not Lipschitz
 LONGEST_STEP_S = 0.01  # before e_du is zero
@@ -76,24 +136,9 @@ class Course:
     outcome: str
 
     def column(self, name: str, step: int | None = None) -> FloatArray:
-        """Return one quantity of all instants, or of those of one step, shape (N,)."""
-        take = _COLUMNS[name]
+        """Return an attribute, as 'pose.x', of all instants or those of one step, shape (N,)."""
+        take = attrgetter(name)
         return np.array([take(i) for i in self.instants if step in (None, i.step)])
-
-
-_COLUMNS: dict[str, Callable[[Instant], float]] = {
-    'time': lambda i: i.time,
-    'x': lambda i: i.pose.x,
-    'y': lambda i: i.pose.y,
-    'theta': lambda i: i.pose.theta,
-    'distance': lambda i: i.pose.distance,
-    'distance_estimate': lambda i: i.distance_estimate,
-    'e_current': lambda i: i.reading.e_current,
-    'e_desired': lambda i: i.reading.e_desired,
-    'linear': lambda i: i.twist.linear,
-    'angular': lambda i: i.twist.angular,
-    'difference': lambda i: i.difference,
-}
 
 
 class Simulation:

@@ -10,10 +10,13 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.evaluation.reproduction.canvas import label, numbered, page
-from visual_servo_epipolar.evaluation.reproduction.fits import decay
-from visual_servo_epipolar.evaluation.reproduction.simulations.camera import PointCamera
-from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import Course, Instant
+from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
+    Course,
+    Instant,
+    PointCamera,
+)
 from visual_servo_epipolar.evaluation.reproduction.simulations.runs import PERIOD_S, Simulation1
+from visual_servo_epipolar.evaluation.reproduction.statements import decay
 from visual_servo_epipolar.report.canvas import draw_robot
 from visual_servo_epipolar.report.style import (
     CURRENT_COLOUR,
@@ -36,8 +39,8 @@ def epipoles(course: Course, number: int) -> Figure:
     whole, close, logarithmic = figure.subplots(1, 3)
     time = course.column('time', 1)
     lines = (
-        (course.column('e_current', 1), CURRENT_COLOUR, 'actual $e_{au}$'),
-        (course.column('e_desired', 1), DESIRED_COLOUR, 'desired $e_{du}$'),
+        (course.column('reading.e_current', 1), CURRENT_COLOUR, 'actual $e_{au}$'),
+        (course.column('reading.e_desired', 1), DESIRED_COLOUR, 'desired $e_{du}$'),
     )
     for values, colour, name in lines:
         whole.plot(time, MILLI * values, color=colour, label=name)
@@ -65,7 +68,7 @@ def velocities(course: Course, number: int) -> Figure:
     for row, end in zip(grid, (TRANSIENT * course.zeroed_at, SHOWN_S), strict=True):
         for axes, values, name in zip(
             row,
-            (course.column('linear', 1), course.column('angular', 1)),
+            (course.column('twist.linear', 1), course.column('twist.angular', 1)),
             ('linear $u_1$ [m/s]', 'angular $u_2$ [rad/s]'),
             strict=True,
         ):
@@ -86,7 +89,7 @@ def path(course: Course, number: int, step: int) -> Figure:
     axes = figure.subplots()
     colour = FIRST if step == 1 else SECOND
     instants = [instant for instant in course.instants if instant.step == step]
-    x, y = course.column('x', step), course.column('y', step)
+    x, y = course.column('pose.x', step), course.column('pose.y', step)
     axes.plot(x, y, color=colour, lw=2.0, label=f'{word} step')
     axes.plot(0.0, 0.0, '+', color=INK, markersize=10.0)
     draw_robot(axes, DESIRED_POSE, dashed=True)
@@ -104,7 +107,7 @@ def path(course: Course, number: int, step: int) -> Figure:
 def distance(course: Course, number: int) -> Figure:
     """Draw figure 10: the distance to the goal in the second step."""
     figure = numbered(number, f'{course.case.name}, second step: distance d to the goal', 3.0)
-    time, values = second_step(course, 'distance')
+    time, values = second_step(course, 'pose.distance')
     linear, logarithmic = figure.subplots(1, 2)
     fit = decay(time[len(time) // 2 :], values[len(time) // 2 :])
     for axes in (linear, logarithmic):
@@ -121,7 +124,7 @@ def distance(course: Course, number: int) -> Figure:
 def linear_velocity(course: Course, number: int) -> Figure:
     """Draw figure 11: the linear velocity in the second step."""
     figure = numbered(number, f'{course.case.name}, second step: linear velocity', 3.0)
-    time, values = second_step(course, 'linear')
+    time, values = second_step(course, 'twist.linear')
     linear, logarithmic = figure.subplots(1, 2)
     linear.plot(time, values, color=SECOND, label='$u_1$')
     label(linear, 'time in the second step [s]', 'linear $u_1$ [m/s]')

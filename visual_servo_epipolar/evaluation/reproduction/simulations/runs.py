@@ -9,15 +9,15 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, integrate, Pose
-from visual_servo_epipolar.evaluation.reproduction.fits import Decay, decay
-from visual_servo_epipolar.evaluation.reproduction.simulations.camera import PointCamera
 from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
     Case,
     Course,
     Instant,
+    PointCamera,
     run,
     Simulation,
 )
+from visual_servo_epipolar.evaluation.reproduction.statements import Decay, decay
 
 SIMULATION_1 = Case(name='Simulation 1')
 SIMULATION_2 = Case(name='Simulation 2', focal_guess=0.005)
@@ -76,7 +76,7 @@ def longest_transient(case: Case, e_desired: float) -> float:
 
 def rotation_decay(course: Course) -> Decay:
     """Return the decay of e_au once e_du is zero, fitted to its last quarter."""
-    time, values = course.column('time', 1), course.column('e_current', 1)
+    time, values = course.column('time', 1), course.column('reading.e_current', 1)
     rows = time > time[-1] - 0.25 * (time[-1] - course.zeroed_at)
     return decay(time[rows], values[rows])
 
@@ -97,7 +97,7 @@ def rate_at_goal(case: Case) -> float:
 
 def growth_ratio(course: Course) -> FloatArray:
     """Return mu = d' / d_hat' of (29) along the transient, shape (N,), by (25) and (28)."""
-    case, e_current = course.case, course.column('e_current', 1)
+    case, e_current = course.case, course.column('reading.e_current', 1)
     rows = course.column('time', 1) < course.zeroed_at
     squares = np.hypot(e_current[rows], case.focal_guess) / np.hypot(e_current[rows], case.focal)
     return np.asarray(case.focal / case.focal_guess * squares)
@@ -106,8 +106,10 @@ def growth_ratio(course: Course) -> FloatArray:
 def largest_gap(one: Course, other: Course) -> float:
     """Return the largest distance between two courses at equal times [m]."""
     time = one.column('time')
-    x, y = (np.interp(time, other.column('time'), other.column(name)) for name in 'xy')
-    return float(np.hypot(one.column('x') - x, one.column('y') - y).max())
+    x, y = (
+        np.interp(time, other.column('time'), other.column(name)) for name in ('pose.x', 'pose.y')
+    )
+    return float(np.hypot(one.column('pose.x') - x, one.column('pose.y') - y).max())
 
 
 def metrics(course: Course) -> Mapping[str, Any]:
@@ -119,14 +121,14 @@ def metrics(course: Course) -> Mapping[str, Any]:
         'e_desired_zero_s': course.zeroed_at,
         'first_step_s': last.time,
         'intermediate_pose': [last.pose.x, last.pose.y, math.degrees(last.pose.heading_error)],
-        'e_current_min_m': float(np.abs(transient(course, 'e_current')).min()),
-        'linear_max_m_s': float(np.abs(course.column('linear', 1)).max()),
-        'angular_max_rad_s': float(np.abs(course.column('angular', 1)).max()),
+        'e_current_min_m': float(np.abs(transient(course, 'reading.e_current')).min()),
+        'linear_max_m_s': float(np.abs(course.column('twist.linear', 1)).max()),
+        'angular_max_rad_s': float(np.abs(course.column('twist.angular', 1)).max()),
     }
     if course.outcome == 'arrived':
         values |= {
             'e_current_rate_per_s': rotation_decay(course).rate,
-            'distance_rate_per_s': translation_decay(course, 'distance').rate,
+            'distance_rate_per_s': translation_decay(course, 'pose.distance').rate,
             'difference_rate_per_s': translation_decay(course, 'difference').rate,
             'final_distance_m': course.instants[-1].pose.distance,
             'duration_s': course.instants[-1].time,
@@ -136,7 +138,7 @@ def metrics(course: Course) -> Mapping[str, Any]:
 
 def transient(course: Course, name: str) -> FloatArray:
     """Return one quantity, shape (N,), until e_du counts as zero, or all of the first step."""
-    zero = np.abs(course.column('e_desired', 1)) <= course.case.tolerance
+    zero = np.abs(course.column('reading.e_desired', 1)) <= course.case.tolerance
     count = int(np.argmax(zero)) + 1 if zero.any() else len(zero)
     return np.asarray(course.column(name, 1)[:count])
 

@@ -2,9 +2,7 @@
 
 import math
 
-import pytest
-
-from visual_servo_epipolar.evaluation.reproduction.iterated import (
+from iterated import (
     AttemptError,
     bound,
     errors,
@@ -13,6 +11,7 @@ from visual_servo_epipolar.evaluation.reproduction.iterated import (
     Plant,
     PLANTS,
 )
+import pytest
 
 DISCRETE = 0.01  # size of an error that steps in time leave [m]
 FIRST = AttemptError(0.1, -0.1)

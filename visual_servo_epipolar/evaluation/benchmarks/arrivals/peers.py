@@ -1,5 +1,5 @@
 """
-Peer laws: position-based, homography-based and image-based visual servoing of a unicycle.
+Peers: position-based, homography-based and image-based visual servoing of a unicycle.
 
 Position-based: the polar law of Aicardi, Casalino, Bicchi, Balestrino (1995) on the relative pose.
 With e the distance, a the direction of the goal against the heading and b against the goal's
@@ -22,8 +22,12 @@ Image-based: the classical law on points (Espiau, Chaumette, Rives 1992). The in
 keeps the columns of v and w alone, at the depth of the scene from the goal:
 x' = x v / Z + (1 + x^2) w and y' = y v / Z + x y w for a ray (x, y). The robot cannot do what the
 image asks sideways: where the error has no part along the two columns it stands still.
+
+Each is a step of the closed loop, ``step(state, observation, settings) -> state``, as ours is.
 """
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 import math
 from typing import NamedTuple
 
@@ -31,11 +35,19 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
-from visual_servo_epipolar.core.geometry.motion import HALF_PI, Twist, wrap_angle
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, saturate, Twist, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.core.laws.command import Command, HALT
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.measures import turned
 from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import perceive
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.simulation.closed_loop import Control
 
 DEPTH = 5.0  # of the scene from the goal, Z, as the laws take it [m]
 CLOSE = 0.05  # distance at which directions are noise [m]
@@ -153,3 +165,127 @@ def points(current: FloatArray, desired: FloatArray) -> Twist:
     error = (current - desired).T.reshape(-1)
     linear, angular = -POINT_GAIN * np.linalg.lstsq(matrix, error, rcond=None)[0]
     return Twist(float(linear), float(angular))
+
+
+MATCHED_PX, MATCHED_FRAMES = 0.7, 5  # median feature error at which a peer has arrived
+STILL_M_S, STILL_RAD_S, STILL_FRAMES = 1e-3, 1e-3, 55  # at which it stands, for five seconds
+NEAR_PX = 2.0  # feature error at which a peer that stands has arrived too
+
+
+@dataclass(frozen=True)
+class PeerState(ServoState):
+    """The servo's state, and whether a peer drives backwards, and for how long it stands."""
+
+    backwards: bool = False
+    still: int = 0
+
+
+Law = Callable[[PeerState, Measurement, Observation], Twist]
+
+
+def as_step(law: Law) -> Control:
+    """
+    Return ``law`` as a step of the closed loop.
+
+    It has our perception, our limits and our stop where nothing can be trusted. It has arrived
+    when the features match to their noise, or nearly and it stands; it has failed when it stands
+    where they do not.
+    """
+
+    def drive(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
+        perception = perceive(observation, settings, state.view.frame, state.view.memory)
+        measurement = perception.measurement
+        peer = _take_in(_as_peer(state), measurement, observation)
+        peer = peer.changed(memory=perception.memory)
+        decided = _decide(peer, measurement, observation, law, settings)
+        return decided.changed(frame=state.view.frame + 1)
+
+    return drive
+
+
+def _as_peer(state: ServoState) -> PeerState:
+    if isinstance(state, PeerState):
+        return state
+    return PeerState(**{item.name: getattr(state, item.name) for item in fields(state)})
+
+
+def _take_in(state: PeerState, measurement: Measurement, observation: Observation) -> PeerState:
+    """Take in a measurement; the first trusted one decides which end goes first."""
+    state = state.changed(measurement=measurement)
+    if state.phase is not Phase.WAITING or measurement.bearings is None:
+        return state
+    return state.changed(
+        phase=Phase.MATCHING_FEATURES,
+        run_start_ns=measurement.stamp_ns,
+        backwards=relative_pose(measurement, observation).ahead < 0.0,
+    )
+
+
+def _decide(
+    state: PeerState,
+    measurement: Measurement,
+    observation: Observation,
+    law: Law,
+    settings: ServoSettings,
+) -> PeerState:
+    if state.phase in (Phase.WAITING, Phase.ARRIVED, Phase.FAILED):
+        return state.changed(command=HALT)
+    if _is_lost(measurement, settings):
+        return _held(state, measurement, settings)
+    if state.phase is Phase.HOLDING:
+        state = state.changed(phase=Phase.MATCHING_FEATURES, reason='')
+    error = measurement.feature_error * measurement.focal
+    twist = saturate(
+        law(state, measurement, observation),
+        max_linear=settings.max_linear,
+        max_angular=settings.max_angular,
+    )
+    stands = abs(twist.linear) < STILL_M_S and abs(twist.angular) < STILL_RAD_S
+    state = state.changed(
+        command=Command(twist),
+        settled=state.settling.settled + 1 if error <= MATCHED_PX else 0,
+        still=state.still + 1 if stands else 0,
+    )
+    rests = state.still >= STILL_FRAMES
+    if state.settling.settled >= MATCHED_FRAMES or (rests and error <= NEAR_PX):
+        return state.changed(phase=Phase.ARRIVED, command=HALT, reason='matched')
+    if rests:
+        return _fail(state, f'stands still with the features {error:.1f} px off')
+    return state
+
+
+def _is_lost(measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether there are too few features, or a baseline that cannot be trusted."""
+    few = measurement.features < settings.min_features
+    return few or (measurement.bearings is None and measurement.parallax > settings.near_parallax)
+
+
+def _held(state: PeerState, measurement: Measurement, settings: ServoSettings) -> PeerState:
+    if state.phase is not Phase.HOLDING:
+        return state.changed(
+            phase=Phase.HOLDING, phase_start_ns=measurement.stamp_ns, command=HALT
+        )
+    waited = seconds_between(state.run.phase_start_ns, measurement.stamp_ns)
+    if waited > settings.holding_timeout:
+        return _fail(state, f'lost the features: {measurement.reason}')
+    return state
+
+
+def _fail(state: PeerState, reason: str) -> PeerState:
+    return state.changed(phase=Phase.FAILED, command=HALT, reason=reason)
+
+
+PEERS: Mapping[str, Control] = {
+    'ours': step,
+    'position-based': as_step(
+        lambda peer, seen, view: polar(relative_pose(seen, view), backwards=peer.backwards)
+    ),
+    'homography-based': as_step(
+        lambda peer, seen, view: never_resting(
+            relative_pose(seen, view), seconds_between(peer.run.run_start_ns, seen.stamp_ns)
+        )
+    ),
+    'image-based': as_step(
+        lambda peer, seen, view: points(image_points(view.current), image_points(view.desired))
+    ),
+}
