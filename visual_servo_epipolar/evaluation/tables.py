@@ -1,6 +1,6 @@
 """Tables of documents: aligned for a terminal, or Markdown for the pages of docs."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 import math
 from typing import Any
 
@@ -38,13 +38,12 @@ def percentiles(values: Sequence[float] | FloatArray, *which: int) -> str:
 def aligned(head: str, rows: Rows, *, left: int = 1) -> list[str]:
     """Return a head such as ``law | time s`` and a line a row, the first columns ``left``."""
     lines = [head.split(' | '), *rows]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return ['  '.join(_padded(line, widths, left)).rstrip() for line in lines]
-
-
-def _padded(line: Sequence[str], widths: Sequence[int], left: int) -> Iterator[str]:
-    for place, (cell, width) in enumerate(zip(line, widths, strict=True)):
-        yield cell.ljust(width) if place < left else cell.rjust(width)
+    sides = '<' * left + '>' * (len(lines[0]) - left)
+    forms = [
+        f'{side}{max(map(len, column))}'
+        for side, column in zip(sides, zip(*lines, strict=True), strict=True)
+    ]
+    return ['  '.join(map(format, line, forms)).rstrip() for line in lines]
 
 
 def markdown(head: str, rows: Rows) -> list[str]:

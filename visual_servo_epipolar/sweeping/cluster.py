@@ -9,12 +9,12 @@ import pickle
 from typing import Any
 
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
+from visual_servo_epipolar.sweeping.local import KEPT
 from visual_servo_epipolar.sweeping.plan import Chunk, Result, SweepPlan, work
 from visual_servo_epipolar.sweeping.provenance import digest
 
 CONNECT_S = 10.0
 NO_DASK = 'Dask cannot be imported ({}); pip install "visual_servo_epipolar[dask]"'
-KEPT = 'finished runs are kept, and the same command goes on from there'
 
 
 class ClusterWorkers:

@@ -17,11 +17,13 @@ from typing import Any
 import cv2
 import numpy as np
 
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.simulation.closed_loop import run, run_many
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.regions import start_in
-from visual_servo_epipolar.simulation.run_monitor import verdict
+from visual_servo_epipolar.simulation.run_monitor import LoopSettings, verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.simulation.view import View
 from visual_servo_epipolar.simulation.views import view_of
 
 RUN_STREAM = 6  # keeps the seeds of the runs apart from other draws of one seed
@@ -143,6 +145,7 @@ def _cut_into_chunks(law: str, missing: list[Key], size: int) -> Iterator[Chunk]
 
 
 Start = tuple[float, float, float]
+Run = tuple[LoopSettings, View, CameraModel]
 Result = dict[str, Any]
 # Quantities that a run that raised does not have.
 MISSING = (
@@ -191,24 +194,25 @@ def run_chunk(
     ]
 
 
+def run_of(scenario: Scenario, start: Start, seed: int, source: str) -> Run:
+    """Return what the closed loop needs to drive from ``start`` with a seed."""
+    seeded = scenario.seeded(seed)
+    return seeded.loop(start, seed), view_of(seeded, source, seed), seeded.camera.nominal_camera
+
+
 def _side_by_side(
     scenario: Scenario, starts: Sequence[Start], seeds: Sequence[int]
 ) -> list[Result]:
-    runs, rigs = [], []
-    for start, seed in zip(starts, seeds, strict=True):
-        seeded = scenario.seeded(seed)
-        view = view_of(seeded, 'features', seed)
-        runs.append((seeded.loop(start, seed), view, seeded.camera.nominal_camera))
-        rigs.append(new_rig(seeded.camera))
-    return [verdict(log, rig) for log, rig in zip(run_many(runs), rigs, strict=True)]
+    both = zip(starts, seeds, strict=True)
+    logs = run_many([run_of(scenario, start, seed, 'features') for start, seed in both])
+    rigs = [new_rig(scenario.seeded(seed).camera) for seed in seeds]
+    return [verdict(log, rig) for log, rig in zip(logs, rigs, strict=True)]
 
 
 def _alone(scenario: Scenario, start: Start, seed: int, source: str) -> Result:
-    seeded = scenario.seeded(seed)
     try:
-        view = view_of(seeded, source, seed)
-        log = run(seeded.loop(start, seed), view, seeded.camera.nominal_camera)
-        return verdict(log, new_rig(seeded.camera))
+        log = run(*run_of(scenario, start, seed, source))
+        return verdict(log, new_rig(scenario.seeded(seed).camera))
     except Exception as error:  # a defect: one start must not take the other thousands along
         return {
             'outcome': 'failed',

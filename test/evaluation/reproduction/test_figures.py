@@ -9,10 +9,10 @@ import pytest
 
 from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thin
 from visual_servo_epipolar.evaluation.reproduction.chapters import (
-    calibrated_chapter,
     Chapter,
+    chapter_1,
+    chapter_2,
     data,
-    partially_calibrated_chapter,
 )
 
 # Of the largest value of each line: what another BLAS and another compiler may change.
@@ -22,7 +22,7 @@ REFERENCE = json.loads(Path(__file__).with_name('figures.json').read_text(encodi
 
 @pytest.fixture(scope='module')
 def chapters(runs_1, runs_2) -> dict[str, Chapter]:
-    return {'sim1': calibrated_chapter(runs_1), 'sim2': partially_calibrated_chapter(runs_2)}
+    return {'sim1': chapter_1(print, runs_1), 'sim2': chapter_2(print, runs_2)}
 
 
 @pytest.fixture(scope='module')

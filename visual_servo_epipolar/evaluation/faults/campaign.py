@@ -89,22 +89,18 @@ def one(run: FaultRun) -> Result:
     try:
         return _driven(run)
     except Exception as error:  # the other runs of a night shall not be lost
-        text = f'{type(error).__name__}: {error}'
-        return {**_unjudged_result(run), 'verdict': RunVerdict.UNJUDGED.value, 'detail': text}
-
-
-def _unjudged_result(run: FaultRun) -> Result:
-    numbers = ('excursion_m', 'blind_s', 'wrong_geometry_s', 'position_error_m', 'duration_s')
-    texts = ('struck_in', 'phase', 'reason')
-    return {
-        'fault': run.fault,
-        'seed': run.seed,
-        'safe': False,
-        'notes': [],
-        'charges': [],
-        **dict.fromkeys(numbers, math.nan),
-        **dict.fromkeys(texts, ''),
-    }
+        numbers = ('excursion_m', 'blind_s', 'wrong_geometry_s', 'position_error_m', 'duration_s')
+        return {
+            'fault': run.fault,
+            'seed': run.seed,
+            'safe': False,
+            'notes': [],
+            'charges': [],
+            **dict.fromkeys(numbers, math.nan),
+            **dict.fromkeys(('struck_in', 'phase', 'reason'), ''),
+            'verdict': RunVerdict.UNJUDGED.value,
+            'detail': f'{type(error).__name__}: {error}',
+        }
 
 
 def _driven(run: FaultRun) -> Result:

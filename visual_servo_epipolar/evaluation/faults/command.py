@@ -58,16 +58,15 @@ def faults(options: argparse.Namespace) -> int:
     runs = campaign.plan(names, number, options.seed, options.law or '')
     with closing(Progress()) as progress:
         progress.say('starting workers ...')
-        ended: list[Mapping[str, Any]] = []
+        ended: list[bool] = []  # whether each was safe
 
         def watch(result: Mapping[str, Any]) -> None:
-            ended.append(result)
+            ended.append(result['safe'])
             if not result['safe']:
                 progress.close()
                 print(campaign.offence(result), file=sys.stderr)
-            unsafe = sum(not it['safe'] for it in ended)
             progress.say(
-                f'faults: {len(ended)} of {len(runs)}, {unsafe} unsafe; '
+                f'faults: {len(ended)} of {len(runs)}, {ended.count(False)} unsafe; '
                 f'{result["fault"]}: {result["verdict"]}'
             )
 

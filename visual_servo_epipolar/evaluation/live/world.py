@@ -88,7 +88,6 @@ class WorldSettings:
             autostart=True, run_timeout=RUN_TIMEOUT_S, max_retreat=MAX_RETREAT_M
         )
     )
-    tracker: TrackerSettings = field(default_factory=TrackerSettings)
     more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     simulated_time: bool = False
     depth: float = 1.0  # over that of the scene that is seen
@@ -230,9 +229,8 @@ class World(AbstractContextManager['World']):
                 'rate': BASE_RATE,
                 'frame_rate': it.camera.frame_rate,
             }
-        if name == 'camera_node':
-            return asdict(it.camera)
-        return asdict(it.servo if name == 'servo_node' else it.tracker)
+        own = {'servo_node': it.servo, 'camera_node': it.camera, 'tracker_node': TrackerSettings()}
+        return asdict(own[name])
 
     def _destroy(self) -> None:
         for name in list(self.nodes):

@@ -49,14 +49,10 @@ class Chapter:
     more: str = ''
 
 
-def chapter_1(say: Say) -> Chapter:
-    """Run simulation 1 and draw figures 7 to 13."""
+def chapter_1(say: Say, runs: Simulation1 | None = None) -> Chapter:
+    """Run simulation 1, unless these are its ``runs``, and draw figures 7 to 13."""
     say('simulation 1 ...')
-    return calibrated_chapter(simulation_1())
-
-
-def calibrated_chapter(runs: Simulation1) -> Chapter:
-    """Return the chapter on simulation 1."""
+    runs = runs or simulation_1()
     course = runs.course
     drawn = {
         'figure_07': figures.epipoles(course, 7),
@@ -78,27 +74,18 @@ def calibrated_chapter(runs: Simulation1) -> Chapter:
     return Chapter('Simulation 1: calibrated camera', drawn, claims_1(runs), results, succeeded)
 
 
-def chapter_2(say: Say) -> Chapter:
-    """Run simulation 2 and draw figures 14 and 15."""
+def chapter_2(say: Say, runs: Simulation2 | None = None) -> Chapter:
+    """Run simulation 2, unless these are its ``runs``, and draw figures 14 and 15."""
     say('simulation 2 ...')
-    return partially_calibrated_chapter(simulation_2())
-
-
-def partially_calibrated_chapter(runs: Simulation2) -> Chapter:
-    """Return the chapter on simulation 2."""
+    runs = runs or simulation_2()
     drawn = {
         'figure_14': figures.epipoles(runs.course, 14),
         'figure_15': figures.path(runs.course, 15, 1),
     }
     results = {name: metrics(getattr(runs, name)) for name in ('course', 'held', 'voted')}
     succeeded = runs.course.outcome == 'arrived'
-    return Chapter(
-        'Simulation 2: partially calibrated camera',
-        drawn,
-        claims_2(runs),
-        results,
-        succeeded,
-    )
+    title = 'Simulation 2: partially calibrated camera'
+    return Chapter(title, drawn, claims_2(runs), results, succeeded)
 
 
 def chapter_3(say: Say) -> Chapter:
@@ -139,8 +126,6 @@ CHAPTERS: Mapping[str, Callable[[Say], Chapter]] = {
     'sim2': chapter_2,
     'experiment': chapter_3,
 }
-
-
 POINTS = 60  # of each line that are written beside the figures
 
 

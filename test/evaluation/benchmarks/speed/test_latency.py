@@ -12,7 +12,7 @@ pytestmark = [pytest.mark.alone, pytest.mark.long]
 MOST = 0.5  # of the twists; where load drops an image, those after it are others for a while
 
 
-@pytest.fixture(scope='module', params=[latency.TWO, latency.FOUR])
+@pytest.fixture(scope='module', params=['tracker,servo', latency.FOUR])
 def document(request: pytest.FixtureRequest) -> dict:
     said: list[str] = []
     return latency.run(seed=0, quick=True, say=said.append, nodes=request.param, seconds=2.0)

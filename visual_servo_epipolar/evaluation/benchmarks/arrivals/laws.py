@@ -1,6 +1,6 @@
 """Control laws beside ours: shared starts, features, base and measure of success."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 import math
 from operator import itemgetter
@@ -66,7 +66,8 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
         'longest_s': LONGEST_S,
         'reached': {'position_m': REACHED_M, 'heading_deg': REACHED_DEG},
         'rows': [
-            {'law': law, 'region': region} | scores(_of(runs, law, region))
+            {'law': law, 'region': region}
+            | scores([it for it in runs if (it['law'], it['region']) == (law, region)])
             for region in REGIONS
             for law in LAWS
         ],
@@ -102,10 +103,6 @@ def _true_outcome(summary: Mapping[str, Any]) -> Run:
         return {'fate': 'reached'}
     lost = 'features' in summary['reason'] and 'lost' in summary['reason']
     return {'fate': 'lost' if lost else 'missed'}
-
-
-def _of(runs: Iterable[Run], law: str, region: str) -> list[Run]:
-    return [it for it in runs if it['law'] == law and it['region'] == region]
 
 
 def scores(runs: list[Run]) -> dict[str, float]:

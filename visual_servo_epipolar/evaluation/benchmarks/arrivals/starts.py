@@ -3,20 +3,13 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.evaluation.tables import Columns, number, numbers
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.regions import start_in
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.view import View
-from visual_servo_epipolar.simulation.views import points_of
 from visual_servo_epipolar.sweeping.local import local_workers
-from visual_servo_epipolar.sweeping.plan import SweepPlan
+from visual_servo_epipolar.sweeping.plan import Run, run_of, SweepPlan
 from visual_servo_epipolar.sweeping.summary import summary_of
-
-PointRun = tuple[LoopSettings, View, CameraModel]
-
 
 # Columns of a table of summaries, which go well with others.
 ARRIVALS: Columns = {
@@ -48,11 +41,10 @@ def summaries_of(plans: Sequence[SweepPlan], say: Callable[[str], None]) -> list
     return [{key: it[key] for key in it if key != 'runs'} for it in summaries]
 
 
-def runs_on_points(scenario: Scenario, region: str, count: int, seed: int) -> list[PointRun]:
+def runs_on_points(scenario: Scenario, region: str, count: int, seed: int) -> list[Run]:
     """Return what ``run_many`` needs for the first starts in ``region``."""
-    runs: list[PointRun] = []
-    for index in range(count):
-        seeded = scenario.seeded(seed + index)
-        loop = seeded.loop(start_in(region, seed, index, seeded), seed + index)
-        runs.append((loop, points_of(seeded, seed + index), seeded.camera.nominal_camera))
+    runs = []
+    for index, own in enumerate(range(seed, seed + count)):
+        start = start_in(region, seed, index, scenario.seeded(own))
+        runs.append(run_of(scenario, start, own, 'features'))
     return runs

@@ -1,7 +1,8 @@
 """Estimation benchmark: accuracy, consistency and speed beside OpenCV and poselib."""
 
 from collections.abc import Callable, Mapping
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
+from importlib.util import find_spec
 from itertools import product
 import math
 from typing import Any
@@ -10,7 +11,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimators.base import Estimate, Estimator
+from visual_servo_epipolar.core.estimators.base import Estimator
 from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
@@ -55,7 +56,11 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
         return {
             'seed': seed,
             'trials': trials,
-            'versions': {name: _version(name) for name in ('numpy', 'cv2', 'poselib')},
+            'versions': {
+                'numpy': np.__version__,
+                'cv2': cv2.__version__,
+                'poselib': version('poselib') if find_spec('poselib') else None,
+            },
             'accuracy': [_accuracy(*cell, trials, seed, say) for cell in _cells()],
             'bound': [_bound(baseline, trials, seed) for baseline in BASELINES[1:]],
             'honesty': _consistency(trials, seed, say),
@@ -69,15 +74,6 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
         }
     finally:
         cv2.setNumThreads(threads)
-
-
-def _version(name: str) -> str | None:
-    if name == 'cv2':
-        return str(cv2.__version__)
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
 
 
 def _cells() -> list[tuple[str, str, Cell]]:
@@ -190,13 +186,10 @@ def _alternative_cells() -> Mapping[str, Cell]:
 
 def _alternatives(name: str, cell: Cell, trials: int, seed: int) -> dict[str, Any]:
     """Return how often a second geometry is reported, and how often one is missed that wins."""
-    answers: dict[str, list[Estimate | None]] = {}
-    pairs = draw_pairs(cell, trials, seed)
+    rows, pairs = {}, draw_pairs(cell, trials, seed)
     for method, estimator in (('planar_2dof', planar_2dof), ('soft cold', soft_planar)):
-        answers[method] = [estimate(estimator, Knowledge(), pair, cell) for pair in pairs]
-    rows = {}
-    for method, estimates in answers.items():
-        answered = [(e, p) for e, p in zip(estimates, pairs, strict=True) if e is not None]
+        estimates = ((estimate(estimator, Knowledge(), pair, cell), pair) for pair in pairs)
+        answered = [(e, p) for e, p in estimates if e is not None]
         gross = [e for e, p in answered if error(e.bearings, p.bearings) > GROSS]
         rows[method] = {
             'reported': sum(e.alternative is not None for e, _ in answered) / len(pairs),

@@ -36,7 +36,7 @@ from visual_servo_epipolar.evaluation.tables import aligned
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 OPTIONS = ('nodes', 'seconds')  # of the command line that this benchmark takes
-FOUR, TWO = 'unicycle,camera,tracker,servo', 'tracker,servo'
+FOUR = 'unicycle,camera,tracker,servo'
 FULL = CameraSettings(frame_rate=30.0)
 CELLS = (
     replace(

@@ -13,13 +13,11 @@ from typing import Any
 
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.settings import updated
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import (
-    PointRun,
-    runs_on_points,
-)
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import runs_on_points
 from visual_servo_epipolar.evaluation.tables import aligned
 from visual_servo_epipolar.simulation.closed_loop import PARTS, run_many
 from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.sweeping.plan import Run
 
 BATCHES = (1, 16, 64)
 FEWEST = {1: 12}  # runs in a batch of one: it takes long enough
@@ -103,7 +101,7 @@ def figures(document: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
-def _measure_batch(runs: Sequence[PointRun], batch: int) -> tuple[dict[str, Any], list[str]]:
+def _measure_batch(runs: Sequence[Run], batch: int) -> tuple[dict[str, Any], list[str]]:
     """Return what ``runs`` cost, ``batch`` at a time, and a digest of each record."""
     watch, logs, began = Stopwatch(), [], thread_time()
     for first in range(0, len(runs), batch):
