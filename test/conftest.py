@@ -20,7 +20,7 @@ LOG_DIR = Path(tempfile.mkdtemp(prefix='visual_servo_test_log_'))
 
 # The same examples every time, and no failure because another process had the core. New ones are
 # drawn by: pytest --hypothesis-profile=search
-settings.register_profile('repeatable', deadline=None, max_examples=60, derandomize=True)
+settings.register_profile('repeatable', deadline=None, max_examples=40, derandomize=True)
 settings.register_profile('search', deadline=None, max_examples=1000)
 settings.load_profile('repeatable')
 # Hypothesis prints what a dataclass holds, class variables as well: each phase knows all others.

@@ -125,6 +125,7 @@ def test_a_run_of_a_sweep_is_that_of_simulate(tmp_path: Path, capsys: Any, brief
         assert json.loads(capsys.readouterr().out) == single
 
 
+@pytest.mark.long
 def test_results_do_not_depend_on_the_number_of_processes(
     tmp_path: Path, capsys: Any, brief: str
 ) -> None:

@@ -134,7 +134,7 @@ def run_badly(name: str, *more: str) -> subprocess.CompletedProcess[str]:
             ('{law: other}', 'law must be one of paper, corrected, full'),
             ('{latch_engage: 0.1}', 'latch_engage must not exceed latch_release'),
         ],
-        keep=(1, 3),
+        keep=(3,),
     ),
 )
 def test_a_bad_setting_ends_a_node_with_one_line(tmp_path, text, reason) -> None:

@@ -29,7 +29,7 @@ def driven(
             ('nominal', 0.01, RATE),
             ('realistic', 0.02, 30.0),
         ],
-        keep=(0, 1),
+        keep=(1,),
     ),
 )
 def test_a_dead_band_that_nobody_told_is_found(name, zone, rate) -> None:
@@ -52,7 +52,7 @@ def test_a_dead_band_that_nobody_told_is_found(name, zone, rate) -> None:
             ('flat', {}),
             ('nominal', {'slip': 0.15, 'wheel_ratio': 1.05}),
         ],
-        keep=(0, 1),
+        keep=(1,),
     ),
 )
 def test_a_base_that_follows_teaches_none(name, base) -> None:

@@ -16,7 +16,7 @@ from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import from_document
 from visual_servo_epipolar.sweeping.plan import run_chunk
 
-RUNS = 3
+RUNS = 2
 WIDE = {'principal_u': 639.5, 'principal_v': 511.5, 'distortion_model': 'equidistant'}
 LENSES: dict[str, dict[str, Any]] = {
     'pinhole': {},

@@ -25,9 +25,9 @@ TOLD = {
 @pytest.mark.parametrize(
     ('mount', 'servo', 'count'),
     [
-        ({'tilt': math.radians(15.0), 'roll': math.radians(8.0)}, {}, 2),
+        ({'tilt': math.radians(15.0), 'roll': math.radians(8.0)}, {}, 1),
         pytest.param({'tilt': math.radians(-25.0)}, {}, 4, marks=pytest.mark.long),
-        (ASIDE, {}, 2),
+        (ASIDE, {}, 1),
         pytest.param(ASIDE, TOLD, 4, marks=pytest.mark.long),
     ],
     ids=['down and rolled', 'up', 'aside and not told', 'aside and told'],

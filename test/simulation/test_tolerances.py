@@ -43,7 +43,7 @@ def time_in(log: RunLog, phase: str) -> float:
             ('corrected', FAR, 0.5),
             ('paper+discordant_turn+final_turn', FAR, 3.0),
         ],
-        keep=(0, 1, 6),
+        keep=(0, 6),
     ),
 )
 def test_who_asks_for_5_mm_and_half_a_degree_has_them_sooner(

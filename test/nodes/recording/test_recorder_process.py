@@ -129,6 +129,7 @@ def test_an_interrupted_recorder_completes_its_bag(stand, tmp_path) -> None:
     assert f'{len(sequence)} messages in {bag}' in stand.output(bag)
 
 
+@pytest.mark.long
 def test_a_recorder_that_was_suspended_goes_on(stand, tmp_path) -> None:
     bag = tmp_path / 'bag'
     process = stand.record(bag)

@@ -42,7 +42,7 @@ TOLD = {
 IMAGES = 20  # of the short comparison, in which it finds itself and follows
 
 
-WAY = rounded(((3.0, -3.9), (3.0, -2.2)))
+WAY = rounded(((3.0, -3.9), (3.0, -2.7)))
 shown: list[tuple[Image, int, Pose]] = []  # images of the drive, stamps, odometry
 
 

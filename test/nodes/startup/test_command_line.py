@@ -57,7 +57,7 @@ def test_help_ends_well_and_starts_nothing(start, words) -> None:
     assert ended.stdout.startswith('usage: servo_node')
 
 
-@pytest.mark.parametrize('unbuffered', ['', '1'])
+@pytest.mark.parametrize('unbuffered', few_of(['', '1']))
 def test_help_that_nobody_reads_ends_quietly(unbuffered) -> None:
     reader, writer = os.pipe()
     os.close(reader)

@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 
+from durations import few_of
 import numpy as np
 import pytest
 
@@ -93,7 +94,7 @@ def test_an_image_is_drawn_alone_where_the_assistant_has_died(drawn) -> None:
     assert not process.is_alive()
 
 
-@pytest.mark.parametrize('drawn_there', [False, True])
+@pytest.mark.parametrize('drawn_there', few_of([True, False]))
 def test_an_image_is_finished_alone_where_the_assistant_dies_on_the_way(
     drawn_there: bool, drawn, monkeypatch
 ) -> None:
