@@ -12,9 +12,9 @@ from typing import TypeAlias
 
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
-from visual_servo_epipolar.sweeping.local import local_workers
 from visual_servo_epipolar.sweeping.plan import Chunk, SweepPlan
 from visual_servo_epipolar.sweeping.summary import Result, summary_of
+from visual_servo_epipolar.sweeping.workers import local_workers
 
 STARTS, SEED, LAW, FULL_WIDTH, FULL_FOCAL = 8, 31, 'full', 1280, 769.2307692307693
 SIZES, FEATURES, RATES = ((320, 240), (640, 480)), (30, 60), (5.0, 11.0, 20.0)

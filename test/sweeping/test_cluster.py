@@ -15,11 +15,10 @@ from sweeps import BRIEF, plan_of
 
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
-from visual_servo_epipolar.sweeping import cluster
 from visual_servo_epipolar.sweeping import store as store_module
-from visual_servo_epipolar.sweeping.cluster import cluster_workers
-from visual_servo_epipolar.sweeping.local import local_workers
+from visual_servo_epipolar.sweeping import workers as cluster
 from visual_servo_epipolar.sweeping.store import drive, Store
+from visual_servo_epipolar.sweeping.workers import cluster_workers, local_workers
 
 distributed = pytest.importorskip('distributed')
 

@@ -19,12 +19,11 @@ from visual_servo_epipolar.core.cameras.model import field_of_view
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.processes import cores
-from visual_servo_epipolar.sweeping.cluster import cluster_workers
-from visual_servo_epipolar.sweeping.local import local_workers
 from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.provenance import digest
-from visual_servo_epipolar.sweeping.store import drive, FILE, Store, Workers
+from visual_servo_epipolar.sweeping.store import drive, FILE, Store
 from visual_servo_epipolar.sweeping.summary import arrived, defective, summaries, wrong
+from visual_servo_epipolar.sweeping.workers import cluster_workers, local_workers, Workers
 
 SHOWN = 3  # runs to look into that are named
 BAR = 20  # width [characters]

@@ -9,12 +9,13 @@ import os
 from pathlib import Path
 from queue import Empty, SimpleQueue
 import time
-from typing import Any, Protocol
+from typing import Any
 
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.sweeping.plan import Chunk, Key, SweepPlan
 from visual_servo_epipolar.sweeping.provenance import commit, digest
+from visual_servo_epipolar.sweeping.workers import Workers
 
 FILE = 'runs.jsonl'
 PATIENCE_S = 10.0  # without a result, after which the workers are checked
@@ -139,20 +140,6 @@ def header_of(plan: SweepPlan) -> Header:
         'commit': commit(),
         'begun': date.today().isoformat(),
     }
-
-
-class Workers(Protocol):
-    """Workers: processes of this machine, or of a cluster; ``count`` chunks at a time."""
-
-    count: int
-
-    def submit(self, plan: SweepPlan, chunk: Chunk) -> 'Future[Results]':
-        """Have ``chunk`` done by the function ``work`` on some worker."""
-        ...
-
-    def check(self) -> None:
-        """Raise VisualServoError if the workers can no longer answer."""
-        ...
 
 
 def drive(plan: SweepPlan, store: Store, workers: Workers, watch: Watch) -> None:

@@ -23,8 +23,8 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Fault
 from visual_servo_epipolar.evaluation.faults.judging.record import RunVerdict, SAFE
 from visual_servo_epipolar.evaluation.faults.processes import PROCESSES
 from visual_servo_epipolar.evaluation.tables import markdown
-from visual_servo_epipolar.sweeping.local import worker_pool
 from visual_servo_epipolar.sweeping.provenance import commit
+from visual_servo_epipolar.sweeping.workers import worker_pool
 
 FAULTS: Faults = {
     'none': Fault('nothing is wrong'),

@@ -7,9 +7,9 @@ from visual_servo_epipolar.evaluation.tables import Columns, number, numbers
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.sweeping.local import local_workers
 from visual_servo_epipolar.sweeping.plan import Run, run_of, SweepPlan
 from visual_servo_epipolar.sweeping.summary import summary_of
+from visual_servo_epipolar.sweeping.workers import local_workers
 
 # Columns of a table of summaries, which go well with others.
 ARRIVALS: Columns = {

@@ -19,7 +19,7 @@ from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import points_of
-from visual_servo_epipolar.sweeping.local import worker_pool
+from visual_servo_epipolar.sweeping.workers import worker_pool
 
 SEEDS = 3
 LONGEST_RUN_S = 150.0  # most come to rest within 70 s

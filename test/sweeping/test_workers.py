@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 
-from visual_servo_epipolar.sweeping.local import MEMORY, THREADS, worker_pool
+from visual_servo_epipolar.sweeping.workers import MEMORY, THREADS, worker_pool
 
 ROOT = Path(__file__).parents[2]
 
@@ -27,7 +27,7 @@ if '--multiprocessing-fork' in sys.orig_argv:
 """
 POOL = """
 import signal
-from visual_servo_epipolar.sweeping.local import worker_pool
+from visual_servo_epipolar.sweeping.workers import worker_pool
 
 if __name__ == '__main__':
     with worker_pool(1, 'try again') as pool:
