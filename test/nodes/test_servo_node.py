@@ -10,7 +10,6 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from servo_rig import AWAY, CAMERA, GOAL, HandSetClock, PERIOD_NS, Rig, STAMP_NS, tracks, WORLD
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
@@ -150,8 +149,8 @@ def test_a_camera_that_repeats_one_image_stops_the_robot(bench) -> None:
 
 def test_a_robot_that_was_stopped_waits_for_a_start_after_a_reset(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0)
-    rig.node._on_stop(Trigger.Request(), Trigger.Response())
-    rig.node._on_reset(Trigger.Request(), Trigger.Response())
+    rig.node._on_stop()
+    rig.node._on_reset()
     before = len(rig.commands)
     rig.send(tracks())
     bench.settle()

@@ -14,8 +14,8 @@ from visualization_msgs.msg import MarkerArray
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.messages import read, transforms, write
-from visual_servo_epipolar.messages.frames import FrameAxes, frames, upright
 from visual_servo_epipolar.messages.joints import COMMAND_TYPES, joint_states, read_head_command
+from visual_servo_epipolar.messages.transforms import FrameAxes, frames, upright
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.startup.run import spin
@@ -45,7 +45,7 @@ class CameraNode(Node):
         self._disturbances = parameters.declare(self, DisturbanceSettings)
         self._light = parameters.declare(self, LightSettings)
         self._names = parameters.declare(self, CameraFrames)
-        parameters.refuse_unknown(self, options)
+        parameters.finish(self, options)
         parameters.watch(self, '_settings', self._use)
         parameters.watch(self, '_head_settings', self._use_head)
         parameters.watch(self, '_disturbances', self._disturb)

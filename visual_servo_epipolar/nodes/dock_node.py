@@ -8,7 +8,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.docking.dock_pose import DockPose
@@ -25,6 +24,7 @@ from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.docking.reversal import Reversal
 from visual_servo_epipolar.nodes.docking.server import DEACTIVATED, DockServer
 from visual_servo_epipolar.nodes.frames import StaticMount
+from visual_servo_epipolar.nodes.lifecycle.gates import serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
@@ -100,11 +100,11 @@ class DockNode(ManagedNode):
         self._node_settings = parameters.declare(self, DockNodeSettings)
         self._task_settings = parameters.declare(self, DockTaskSettings)
         self._settings = parameters.declare(self, DockPoseSettings)
-        parameters.refuse_unknown(self, options)
+        parameters.finish(self, options)
         parameters.watch(self, '_task_settings', self._use_task)
         parameters.watch(self, '_settings')
         self._server = self._new_server(wire)
-        self.create_service(Trigger, '~/reset', self._on_reset)
+        serve(self, '~/reset', self._on_reset)
         self.autostart(self._node_settings)
 
     def configure(self) -> None:
@@ -245,11 +245,10 @@ class DockNode(ManagedNode):
         self._search = DockSearch()
         self._settings = self._mount.dropped(self._settings)
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_reset(self) -> str:
         self._look_anew()
         self._pending.clear()
-        response.success, response.message = True, 'the dock is looked for anew'
-        return response
+        return 'the dock is looked for anew'
 
 
 if __name__ == '__main__':

@@ -1,14 +1,13 @@
 """Lockstep: all nodes in one process, deterministic, and as fast as the machine allows."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, ExitStack
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import asdict
 from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
 
-import cv2
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -22,7 +21,7 @@ from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.bases.registry import base_name
 from visual_servo_epipolar.simulation.mounts.registry import rig_name
-from visual_servo_epipolar.simulation.rendering.assistant import Assistant
+from visual_servo_epipolar.simulation.rendering.assistant import Assistant, one_thread_of_opencv
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
 
@@ -108,21 +107,11 @@ class Lockstep(AbstractContextManager['Lockstep']):
         self._spin_until(self._is_connected, 'every node to find its peers and the photograph')
         self.unicycle.begin()
         self._spin_until(lambda: self.unicycle.steps > 0 or done(), 'the first step')
-        with self._cores_shared():
+        # An assistant has the other cores, once images were matched as a whole.
+        with one_thread_of_opencv() if self._assistant else nullcontext():
             self._spin_until(done, 'the run to end')
         if self.recorder is not None:
             self._finish(self.recorder)
-
-    @contextmanager
-    def _cores_shared(self) -> Iterator[None]:
-        """Leave the other cores to the assistant, after images that were matched as a whole."""
-        threads = cv2.getNumThreads()
-        if self._assistant is not None:
-            cv2.setNumThreads(1)
-        try:
-            yield
-        finally:
-            cv2.setNumThreads(threads)
 
     def _finish(self, recorder: 'RecorderNode') -> None:
         """Let the last step run out, and complete the bag."""

@@ -48,8 +48,6 @@ def declare(node: Node, kind: type[SettingsT]) -> SettingsT:
     version; rclpy raises for a wrong range.
     """
     _refuse_renamed(node, kind)
-    explain_refusals(node)
-    guard(node)
     values: dict[str, Any] = {}
     for item in fields(kind):
         default = list(item.default) if isinstance(item.default, tuple) else item.default
@@ -109,14 +107,16 @@ def _refuse_renamed(node: Node, kind: type[Settings]) -> None:
             )
 
 
-def refuse_unknown(node: Node, options: Mapping[str, Any] = MappingProxyType({})) -> None:
+def finish(node: Node, options: Mapping[str, Any] = MappingProxyType({})) -> None:
     """
-    Raise ValueError for a parameter that was given but that the node does not have.
+    End the declarations: guard the parameters, and raise ValueError for one that nobody declared.
 
     ROS ignores it silently, and a misspelt gain then drives the robot with its default. A name of
     another node of this package may stand in a file that both read. ``options`` are those that the
     node was made with. Warns of a file that sets nothing of the node.
     """
+    explain_refusals(node)
+    guard(node)
     name, words = node.get_name(), _ros_arguments(options)
     files = {path: read_sections(path) for path in command_line.values(words, '--params-file')}
     direct = command_line.parameter_names(words, name)

@@ -17,6 +17,7 @@ from visual_servo_epipolar.bags.storage import Topic
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos
+from visual_servo_epipolar.nodes.lifecycle.gates import serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.recording.discovery import TopicSelection
 from visual_servo_epipolar.nodes.recording.raw_subscriptions import RawSubscriptions
@@ -36,7 +37,7 @@ class RecorderNode(ManagedNode):
         super().__init__('recorder_node', **options)
         self._node_settings = parameters.declare(self, RecorderNodeSettings)
         self._settings = parameters.declare(self, RecordSettings)
-        parameters.refuse_unknown(self, options)
+        parameters.finish(self, options)
         settings = self._node_settings
         selection = TopicSelection(settings.topics, settings.exclude).resolved(self)
         self._raw_subscriptions = RawSubscriptions(
@@ -45,8 +46,8 @@ class RecorderNode(ManagedNode):
         self._recorder: Recorder | None = None
         self._error, self._bags, self._discoveries = '', 0, 0
         self.received = 0  # messages
-        self.create_service(Trigger, '~/start', self._on_start)
-        self.create_service(Trigger, '~/stop', self._on_stop)
+        serve(self, '~/start', self._on_start)
+        serve(self, '~/stop', self._on_stop)
         self._servo_stop = self.create_client(Trigger, f'{settings.servo}/stop')
         self.autostart(settings)
 
@@ -82,7 +83,7 @@ class RecorderNode(ManagedNode):
     @property
     def ready(self) -> bool:
         """Whether all topics that are selected by name are being recorded."""
-        return self._raw_subscriptions.is_complete
+        return not self._raw_subscriptions.missing
 
     def status(self) -> RecordingStatus:
         """Return the status of the recording."""
@@ -219,26 +220,19 @@ class RecorderNode(ManagedNode):
         level = DiagnosticStatus.WARN if troubles else DiagnosticStatus.OK
         return level, '; '.join([f'recording to {self._recorder.folder}', *troubles])
 
-    def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_start(self) -> str:
         if self._recorder is not None:
-            response.success = False
-            response.message = f'recording to {self._recorder.folder} already; call ~/stop first'
-            return response
-        try:
-            response.message = f'recording to {self._begin()}'
-            response.success = True
-        except InputError as error:
-            response.success, response.message = False, str(error)
-        return response
+            folder = self._recorder.folder
+            raise InputError(f'recording to {folder} already; call ~/stop first')
+        return f'recording to {self._begin()}'
 
-    def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_stop(self) -> str:
         if self._recorder is None:
-            response.success, response.message = False, 'nothing is being recorded'
-            return response
+            raise InputError('nothing is being recorded')
         folder, status = self._recorder.folder, self.stop()
-        response.success = not status.error
-        response.message = status.error or f'{sum(status.written.values())} messages in {folder}'
-        return response
+        if status.error:
+            raise InputError(status.error)
+        return f'{sum(status.written.values())} messages in {folder}'
 
 
 def _counts(counts: Mapping[str, int]) -> str:

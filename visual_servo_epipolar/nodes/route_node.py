@@ -6,7 +6,6 @@ import sys
 from typing import Any
 
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
-from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
@@ -23,11 +22,10 @@ from visual_servo_epipolar.messages.images.encodings import GrayReader
 from visual_servo_epipolar.messages.routes.route_folder import read_route, route_hash, write_route
 from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
-from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
+from visual_servo_epipolar.nodes.lifecycle.gates import carry_out, in_every_state, serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.routing.recording import RouteRecording, RouteRenewal
-from visual_servo_epipolar.nodes.routing.repetition import RouteRepetition
-from visual_servo_epipolar.nodes.routing.reports import RouteReports
+from visual_servo_epipolar.nodes.routing.repetition import RouteRepetition, RouteReports
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.servoing.commands import Commands, refuse_ackermann
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
@@ -59,7 +57,7 @@ class RouteNode(ManagedNode):
         self._servo = parameters.declare(self, ServoSettings)
         self._follow = parameters.declare(self, FollowSettings)
         self._teach = parameters.declare(self, TeachSettings)
-        parameters.refuse_unknown(self, options)
+        parameters.finish(self, options)
         refuse_ackermann(self._node_settings, self._servo)
         for name in ('_node_settings', '_servo', '_follow', '_teach'):
             parameters.watch(self, name)  # those of a repetition hold from the next on
@@ -70,10 +68,10 @@ class RouteNode(ManagedNode):
             'station': self._station,
             'stop_recording': self._stop_recording,
             'repeat': self._repeat,
+            'cancel': self._cancel,
         }
         for name, action in actions.items():
-            self.create_service(Trigger, f'~/{name}', self._answer(name, action))
-        self.create_service(Trigger, '~/cancel', self._on_cancel)
+            serve(self, f'~/{name}', action, done=name + ': {}', refused=name + ' refused: {}')
         self.autostart(self._node_settings)
 
     def configure(self) -> None:
@@ -208,7 +206,7 @@ class RouteNode(ManagedNode):
                 self._warn(f'no route comes of this recording: {self._recording.trouble}')
         if self._begins:
             self._begins = False
-            self._say('repeat', self._outcome(self._repeat))
+            carry_out(self, self._repeat, 'repeat: {}', 'repeat refused: {}')
         if self._repetition.run is None:
             self._servo = self._camera.mounted(frame_id, ServoState(), self._servo)
         try:
@@ -296,35 +294,10 @@ class RouteNode(ManagedNode):
             return 'no images have come for a second; is the camera running?'
         return self._rivals.refusal() or self._enable.withheld()
 
-    def _outcome(self, action: Callable[[], str]) -> tuple[bool, str]:
-        try:
-            return True, action()
-        except (VisualServoError, ValueError) as error:
-            return False, str(error)
-
-    def _say(self, name: str, outcome: tuple[bool, str]) -> None:
-        success, text = outcome
-        if success:
-            self.get_logger().info(f'{name}: {text}')
-        else:
-            self.get_logger().warning(f'{name} refused: {text}')
-
-    def _answer(self, name: str, action: Callable[[], str]) -> Callable[..., Trigger.Response]:
-        """Return the callback of a service that does something, and says what came of it."""
-
-        def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            response.success, response.message = outcome = self._outcome(action)
-            self._say(name, outcome)
-            return response
-
-        return answer
-
     @in_every_state  # who cancels wants the robot to stand also when the node is active again
-    def _on_cancel(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _cancel(self) -> str:
         self._stop('cancelled')
-        response.success, response.message = True, 'the robot stands'
-        self._say('cancel', (True, response.message))
-        return response
+        return 'the robot stands'
 
 
 if __name__ == '__main__':

@@ -6,8 +6,8 @@ import sys
 from typing import Any
 
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from std_srvs.srv import Trigger
 
+from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.messages import event_log, read, validation
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
+from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state, serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.servoing.admission import Admission
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
@@ -25,7 +25,6 @@ from visual_servo_epipolar.nodes.servoing.reports import Reports
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
 from visual_servo_epipolar.nodes.servoing.run import Run, WAITS_FOR_END
 from visual_servo_epipolar.nodes.servoing.switches import Enable, PRESSED, StopButton
-from visual_servo_epipolar.nodes.servoing.watch import Watch
 from visual_servo_epipolar.nodes.servoing.wheels import Wheels
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
@@ -33,6 +32,7 @@ from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 
 WARN_PERIOD_S = 5.0
+WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0
 BEGINS = 'drives as soon as the next image comes'
 
 
@@ -51,15 +51,15 @@ class ServoNode(ManagedNode):
         self._warn = Complaints(self, WARN_PERIOD_S)
         self._node_settings = parameters.declare(self, ServoNodeSettings)
         self._settings = parameters.declare(self, ServoSettings)
-        parameters.refuse_unknown(self, options)
+        parameters.finish(self, options)
         refuse_ackermann(self._node_settings, self._settings)
         parameters.watch(self, '_settings', self._announce)
         parameters.watch(self, '_node_settings', self._announce)
         self._begins = self._settings.autostart  # a run, when it is activated
         self._stop_button = StopButton(self, self._stop)
-        self.create_service(Trigger, '~/start', self._on_start)
-        self.create_service(Trigger, '~/stop', self._on_stop)
-        self.create_service(Trigger, '~/reset', self._on_reset)
+        serve(self, '~/start', self._on_start, done='{}', refused='not started: {}')
+        serve(self, '~/stop', self._on_stop, done='stopped, {}')
+        serve(self, '~/reset', self._on_reset, done='reset, {}')
         self.autostart(self._node_settings)
 
     def configure(self) -> None:
@@ -79,10 +79,10 @@ class ServoNode(ManagedNode):
         self._admission = Admission(
             self, lambda: self._node_settings, self._run, CommandConflicts(self), enable
         )
-        sleeps = not self._node_settings.watchdog
-        self._watch = Watch(
-            self, self._run, self._warn, lambda: self._settings, self._admission, sleeps=sleeps
-        )
+        if self._node_settings.watchdog:
+            clock = self._run.freshness.clock
+            self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=clock)
+            self.create_timer(IDLE_PERIOD_S, self._on_idle, clock=clock)
         camera = CameraSubscriptions(self, 'raw', self._node_settings.camera_reliability)
         camera.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
@@ -154,7 +154,7 @@ class ServoNode(ManagedNode):
         if trouble and self._state.phase.drives:
             self._run.lose(trouble)
         pending, self._pending_tracks = self._pending_tracks, None
-        if pending is not None and self._camera.model is not None and not self._watch.is_stale:
+        if pending is not None and self._camera.model is not None and not self._is_stale:
             self._drive_by(pending)
 
     def _on_tracks(self, message: PointCloud2) -> None:
@@ -220,6 +220,48 @@ class ServoNode(ManagedNode):
         run.advance(session, stamp_ns, message.header.frame_id)
         self._camera.check(observation, self._state, self._settings)
 
+    @property
+    def _is_stale(self) -> bool:
+        """Whether tracks have stayed away for too long."""
+        is_late = self._run.freshness.age > self._settings.stale_timeout
+        return self._node_settings.watchdog and is_late
+
+    def _on_watch(self) -> None:
+        """Stop the robot, keep it standing, and end its run, where images do not."""
+        run, settings = self._run, self._settings
+        freshness = run.freshness
+        freshness.clock_stands_still()  # or it would be looked at by images alone
+        if run.is_armed and run.arming.has_expired:
+            run.expire()
+        if self._state.phase.drives:
+            silent = f'no new tracks for {freshness.age:.2f} s{run.clock_note}'
+            trouble = silent if self._is_stale else self._admission.withheld()
+            if trouble:
+                run.lose(trouble)
+        elif self._state.phase is Phase.HOLDING and freshness.idle > settings.stale_timeout:
+            run.insist()
+            if freshness.held > settings.holding_timeout:
+                run.time_out(settings.holding_timeout, self._admission.withheld())
+        elif self._commands.repeats:
+            run.insist()
+
+    def _on_idle(self) -> None:
+        """Say who else commands the base, and why the robot stands, where no step does."""
+        rivals = self._admission.rivals
+        contested = rivals.complaint()
+        self._look_around()
+        if contested and self._run.active:
+            self._warn(contested)
+            if rivals.has_twin:  # others begin no run beside this one
+                self._run.stop(contested)
+        if self._reports.silence >= 0.5 * IDLE_PERIOD_S:
+            self._run.report()
+
+    def _look_around(self) -> None:
+        """Let be told who else may command the base."""
+        if self._node_settings.watchdog:
+            self._run.notice = self._admission.rivals.notice()
+
     def _standstill(self) -> tuple[str, bool]:
         """Return why the robot stands, '' if its state says it, and whether that is alarming."""
         if self._stop_button.pressed:
@@ -256,20 +298,13 @@ class ServoNode(ManagedNode):
         )
         return '; '.join(filter(None, missing))
 
-    def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._state.phase.runs and not self._admission.waits_for_start:
-            response.success, response.message = True, 'a run is under way'
-            return response
-        refusal = self._refusal()
-        response.success, response.message = not refusal, refusal or self._begun()
-        if refusal:
-            self.get_logger().warning(f'not started: {refusal}')
-        else:
-            self.get_logger().info(response.message)
-        return response
-
-    def _begun(self) -> str:
+    def _on_start(self) -> str:
         """Let a run begin, and return in words when the robot drives."""
+        if self._state.phase.runs and not self._admission.waits_for_start:
+            return 'a run is under way'
+        refusal = self._refusal()
+        if refusal:
+            raise InputError(refusal)
         timeout = self._node_settings.arming_timeout
         if self._run.is_armed_for_good or not self._node_settings.watchdog:
             timeout = math.inf
@@ -277,7 +312,7 @@ class ServoNode(ManagedNode):
             self._run.reset()
         self._run.arm(timeout, self._admission.goal)
         self._reports.event(event_log.STARTED, self._run.stamp_ns)
-        self._watch.look_around()
+        self._look_around()
         self._run.report()
         text = f'armed, {self._standstill()[0]}' if self._lacking else 'started'
         if self._lacking and timeout < math.inf:
@@ -285,26 +320,19 @@ class ServoNode(ManagedNode):
         return '; '.join(filter(None, [text, self._run.notice]))
 
     @in_every_state  # who stops the robot wants it to stand also when the node is active again
-    def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_stop(self) -> str:
         self.stop()
-        response.success, response.message = True, 'the robot stands'
-        self.get_logger().info('stopped, the robot stands')
-        return response
+        return 'the robot stands'
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_reset(self) -> str:
         self._pending_tracks = None
-        if self.is_configured:
-            self._head.begin_anew()
+        self._head.begin_anew()
         self._run.reset()
         self._run.active = self._run.active and self._settings.autostart
         if self._run.active:
             self._run.arm()
         self._run.report()
-        response.success, response.message = True, 'ready for a new run'
-        if not self._run.active:
-            response.message += '; call ~/start'
-        self.get_logger().info(f'reset, {response.message}')
-        return response
+        return 'ready for a new run' + ('' if self._run.active else '; call ~/start')
 
 
 if __name__ == '__main__':

@@ -7,7 +7,6 @@ from typing import Any
 from rclpy.duration import Duration
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.cameras.model import CameraModel
@@ -19,6 +18,7 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import event_log, read, validation, write
 from visual_servo_epipolar.messages.images.encodings import GrayReader
 from visual_servo_epipolar.nodes import parameters, qos
+from visual_servo_epipolar.nodes.lifecycle.gates import serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
@@ -47,12 +47,12 @@ class TrackerNode(ManagedNode):
         self._warn = Complaints(self, WARN_PERIOD_S)
         self._node_settings = parameters.declare(self, TrackerNodeSettings)
         self._settings = parameters.declare(self, TrackerSettings)
-        parameters.refuse_unknown(self, options)
+        parameters.finish(self, options)
         parameters.watch(self, '_settings', self._use)
         parameters.watch(self, '_node_settings', self._announce)
         self._tracker = Tracker(self._settings)
-        self.create_service(Trigger, '~/capture_desired', self._on_capture)
-        self.create_service(Trigger, '~/redetect', self._on_redetect)
+        serve(self, '~/capture_desired', self._on_capture, 'captured: {}', 'not captured: {}')
+        serve(self, '~/redetect', self._on_redetect, '{}', 'not redetected: {}')
         self.autostart(self._node_settings)
 
     def configure(self) -> None:
@@ -264,6 +264,11 @@ class TrackerNode(ManagedNode):
         height, width = image.shape
         self.get_logger().info(f'desired image of {width}x{height} px taken')
 
+    def _on_capture(self) -> str:
+        text = self._capture()
+        self._reports.event(event_log.CAPTURED, self._stamp_ns)
+        return text
+
     def _capture(self) -> str:
         """Capture the photograph, and return what to say; raises ValueError if it is none."""
         image, count = self._photographer.capture()
@@ -296,31 +301,12 @@ class TrackerNode(ManagedNode):
         except (ValueError, TrackingError) as error:
             self.get_logger().warning(f'the view in the light of today is not kept: {error}')
 
-    def _on_capture(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
-        try:
-            response.success, response.message = True, self._capture()
-            self._reports.event(event_log.CAPTURED, self._stamp_ns)
-            self.get_logger().info(f'captured: {response.message}')
-        except (ValueError, TrackingError) as error:
-            response.success, response.message = False, str(error)
-            self.get_logger().warning(f'not captured: {error}')
-        return response
-
-    def _on_redetect(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
+    def _on_redetect(self) -> str:
         if not self._tracker.has_desired:
-            response.success = False
-            response.message = 'no desired image yet; take one by ~/capture_desired'
-            self.get_logger().warning(f'not redetected: {response.message}')
-            return response
+            raise TrackingError('no desired image yet; take one by ~/capture_desired')
         self._tracker.redetect()
         self._reports.event(event_log.REDETECTED, self._stamp_ns)
-        response.success, response.message = True, 'the next image is matched anew'
-        self.get_logger().info(response.message)
-        return response
+        return 'the next image is matched anew'
 
 
 if __name__ == '__main__':

@@ -9,13 +9,13 @@ from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
-from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
+from visual_servo_epipolar.nodes.lifecycle.gates import serve
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import UnicycleSettings
 from visual_servo_epipolar.simulation.bases.ackermann import AckermannSettings
@@ -38,19 +38,19 @@ class UnicycleNode(Node):
         super().__init__('unicycle_node', **options)
         self._settings = parameters.declare(self, UnicycleSettings)
         self._base_settings = parameters.declare(self, AckermannSettings)
-        parameters.refuse_unknown(self, options)
+        parameters.finish(self, options)
         parameters.watch(self, '_settings')  # the start counts from the next reset
         parameters.watch(self, '_base_settings', self._use)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._base, self.steps = self._new_base(), 0
-        self._reckoning = self._new_reckoning()
+        self.steps = 0
+        self._stand_at_the_start()
         self._truth_pub = self.create_publisher(Odometry, 'ground_truth', qos.STREAM)
         self._odom_pub = self.create_publisher(Odometry, 'odom', qos.STREAM)
         self._applied_pub = self.create_publisher(TwistStamped, 'cmd_vel_applied', qos.STREAM)
         self._tf = TransformBroadcaster(self)
         kind = TwistStamped if self._settings.enable_stamped_cmd_vel else TwistMessage
         self.create_subscription(kind, 'cmd_vel', self._on_command, qos.COMMAND)
-        self.create_service(Trigger, '~/reset', self._on_reset)
+        serve(self, '~/reset', self._on_reset, done='reset, {}')
         if self._settings.lockstep:
             self._clock_pub = self.create_publisher(ClockMessage, '/clock', qos.CLOCK)
             if self._settings.begin:
@@ -72,14 +72,15 @@ class UnicycleNode(Node):
     def _use(self) -> None:
         self._base.settings = model_settings(self._settings.model, self._base_settings)
 
+    def _stand_at_the_start(self) -> None:
+        self._base = self._new_base()
+        self._reckoning = DeadReckoning(self._base.odometry, self._base.now_ns)
+
     def _new_base(self) -> SimulatedBase:
         start = Pose.from_start(*self._settings.start)
         now_ns = 0 if self._settings.lockstep else self._steady.now().nanoseconds
         settings = model_settings(self._settings.model, self._base_settings)
         return new_base(settings, start, seed=self._settings.seed, now_ns=now_ns)
-
-    def _new_reckoning(self) -> DeadReckoning:
-        return DeadReckoning(self._base.odometry, self._base.now_ns)
 
     def _on_command(self, message: Any) -> None:
         try:
@@ -153,14 +154,10 @@ class UnicycleNode(Node):
             twist_covariance=reckoning.twist_covariance,
         )
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._base = self._new_base()
-        self._reckoning = self._new_reckoning()
+    def _on_reset(self) -> str:
+        self._stand_at_the_start()
         self._publish()
-        response.success = True
-        response.message = f'at the start {list(self._settings.start)}'
-        self.get_logger().info(f'reset, {response.message}')
-        return response
+        return f'at the start {list(self._settings.start)}'
 
 
 if __name__ == '__main__':

@@ -28,7 +28,6 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.servoing.run import Arming
-from visual_servo_epipolar.nodes.servoing.watch import Watch
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
 
 SEED = 3  # starts in front, without a retreat
@@ -104,7 +103,7 @@ def test_eight_features_for_four_seconds_are_no_harm() -> None:
 def test_a_servo_whose_stop_was_removed_moves_without_sight(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(Watch, '_on_watch', lambda self: None)
+    monkeypatch.setattr(ServoNode, '_on_watch', lambda self: None)
     monkeypatch.setattr(runs, 'LONGEST_S', 5.0)
     fault = Fault(what='', strike=images_end, prepare=without_a_base_that_stops_by_itself)
     result = driven('end', fault)

@@ -67,7 +67,7 @@ class Armed(Rig):
             clock = self.node._run.arming._clock = HandSetClock()
             clock.now_ns = now_ns
         clock.now_ns += round(seconds * SECOND)
-        self.node._watch._on_watch()
+        self.node._on_watch()
 
 
 def test_without_a_camera_it_is_not_started_by_one_that_comes_later(bench) -> None:

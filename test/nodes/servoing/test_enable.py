@@ -49,7 +49,7 @@ def test_without_a_heartbeat_no_run_begins_and_that_is_said(bench) -> None:
 def test_a_heartbeat_that_ends_stops_the_robot_and_it_goes_on_with_the_next(bench) -> None:
     rig = Enabled(bench).drive()
     rig.clock.now_ns += round((TIMEOUT_S - 0.1) * SECOND)
-    rig.node._watch._on_watch()
+    rig.node._on_watch()
     assert rig.node._state.phase.drives
     rig.clock.now_ns += round(0.2 * SECOND)
     bench.until(lambda: rig.phase == 'holding', 'the robot to hold, without any image')

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 from sensor_msgs.msg import JointState
 from servo_rig import AWAY, PERIOD_NS, Rig, tracks
-from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
@@ -135,5 +134,5 @@ def test_an_encoder_that_slips_stops_the_robot_until_it_is_reset(bench) -> None:
         bench.settle()
         rig.see()
     assert rig.twists()[-1] == STANDSTILL and 'leap by 0.40 rad' in rig.trouble
-    rig.node._on_reset(None, Trigger.Response())
+    rig.node._on_reset()
     assert not rig.node._head._history.last_ns

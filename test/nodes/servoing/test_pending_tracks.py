@@ -19,7 +19,7 @@ def calibrated(rig: Rig) -> Rig:
 def test_tracks_that_have_waited_for_too_long_are_not_driven_by(bench) -> None:
     rig = Rig(bench, calibrated=False, stale_timeout=0.1)
     rig.see()
-    bench.until(lambda: rig.node._watch.is_stale, 'the tracks to be old')
+    bench.until(lambda: rig.node._is_stale, 'the tracks to be old')
     assert calibrated(rig).commands == []
 
 

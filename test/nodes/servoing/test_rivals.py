@@ -30,7 +30,7 @@ def test_another_publisher_is_named_by_the_answer_and_by_the_log(bench, joystick
 def test_the_diagnostics_name_it_in_each_step_and_while_it_stands(bench, joystick) -> None:
     heard = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, stale_timeout=60.0)
-    rig.node._watch.look_around()
+    rig.node._look_around()
     rig.drive()
     rig.node._run.stop()
     bench.settle()

@@ -22,7 +22,7 @@ def blind(rig: Rig) -> None:
 def assert_watch_is_silent(rig: Rig) -> None:
     rig.bench.settle()
     count = len(rig.commands)
-    rig.node._watch._on_watch()
+    rig.node._on_watch()
     rig.bench.settle()
     assert len(rig.commands) == count
 

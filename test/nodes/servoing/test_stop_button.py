@@ -129,7 +129,7 @@ def test_where_time_waits_for_the_servo_nobody_looks_for_another(bench) -> None:
 def test_what_is_left_of_a_servo_that_was_killed_keeps_none_from_starting(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0)
     other(bench, 'servo_node')
-    rig.node._watch._on_idle()
+    rig.node._on_idle()
     rig.drive()
     text = '/servo_node commands /cmd_vel as well, two servos would fight'
     bench.until(lambda: bool(bench.logged(text)), 'the warning')
@@ -138,19 +138,19 @@ def test_what_is_left_of_a_servo_that_was_killed_keeps_none_from_starting(bench)
 def aged_twin(bench, **parameters) -> Rig:
     """Return a rig beside a servo of the same name, which is there for longer than a lease."""
     rig = Rig(bench, stale_timeout=60.0, **parameters)
-    clock = rig.node._watch._rivals._steady = HandSetClock()
+    clock = rig.node._admission.rivals._steady = HandSetClock()
     other(bench, 'servo_node')
-    rig.node._watch._on_idle()
+    rig.node._on_idle()
     clock.now_ns += LEFTOVER_NS - 1
     return rig
 
 
 def test_a_second_servo_of_the_same_name_that_stays_ends_the_run(bench) -> None:
     rig = aged_twin(bench)
-    rig.node._watch._on_idle()
+    rig.node._on_idle()
     rig.drive()
-    rig.node._watch._rivals._steady.now_ns += 1
-    rig.node._watch._on_idle()
+    rig.node._admission.rivals._steady.now_ns += 1
+    rig.node._on_idle()
     bench.until(lambda: rig.twists()[-1] == STANDSTILL, 'the zero twist')
     count = len(rig.commands)
     rig.see()
@@ -160,9 +160,9 @@ def test_a_second_servo_of_the_same_name_that_stays_ends_the_run(bench) -> None:
 
 def test_beside_it_no_run_begins(bench) -> None:
     rig = aged_twin(bench, autostart=False)
-    rig.node._watch._rivals._steady.now_ns += 1
+    rig.node._admission.rivals._steady.now_ns += 1
     assert rig.node._admission.contested().startswith('/servo_node commands /cmd_vel as well')
-    rig.node._watch._rivals._steady.now_ns -= 1
+    rig.node._admission.rivals._steady.now_ns -= 1
     assert rig.node._admission.contested() == ''
 
 

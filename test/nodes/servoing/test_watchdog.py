@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
 from visual_servo_epipolar.messages import event_log, read
-from visual_servo_epipolar.nodes.servoing import watch
+from visual_servo_epipolar.nodes import servo_node
 
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
 
@@ -132,7 +132,7 @@ def test_a_robot_that_waits_does_not_fail_in_silence(bench) -> None:
 
 
 def test_diagnostics_tell_of_each_interruption(bench, monkeypatch) -> None:
-    monkeypatch.setattr(watch, 'IDLE_PERIOD_S', 1000.0)  # at once, not when it looks next
+    monkeypatch.setattr(servo_node, 'IDLE_PERIOD_S', 1000.0)  # at once, not when it looks next
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, stale_timeout=60.0).drive()
 
@@ -150,13 +150,13 @@ def test_diagnostics_tell_of_each_interruption(bench, monkeypatch) -> None:
     rig.calibrate(CameraInfo())
     bench.until(lambda: rig.node._camera.model is None, 'camera_info to arrive')
     rig.see()
-    rig.node._watch._on_idle()
+    rig.node._on_idle()
     rig.node._run.report()
     told(WARN, 'armed, drives as soon as this is over: camera_info cannot be used')
 
 
 def test_an_idle_servo_says_once_a_second_why_it_stands(bench, monkeypatch) -> None:
-    monkeypatch.setattr(watch, 'IDLE_PERIOD_S', 0.05)
+    monkeypatch.setattr(servo_node, 'IDLE_PERIOD_S', 0.05)
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, stale_timeout=0.1)
     text = 'armed, drives as soon as this is over: no tracks have come yet'
@@ -172,7 +172,7 @@ def test_a_servo_that_drives_says_nothing_beside_its_steps(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0).drive()
     bench.until(lambda: bool(diagnostics), 'diagnostics')
     diagnostics.clear()
-    rig.node._watch._on_idle()
+    rig.node._on_idle()
     bench.settle()
     assert diagnostics == []
 

@@ -9,7 +9,11 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecyclePublisher
 from rclpy.lifecycle.managed_entity import TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleState
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import Trigger
+
+from visual_servo_epipolar.core.errors import VisualServoError
 
 Callback = Callable[..., Any]
 CallbackT = TypeVar('CallbackT', bound=Callback)
@@ -104,3 +108,36 @@ def answer_the_impossible(node: Any) -> None:
             return response
 
     service.callback = answer
+
+
+def serve(
+    node: Node, name: str, action: Callable[[], str], done: str = '', refused: str = ''
+) -> None:
+    """Serve ``name`` by an ``action`` that is marked ``in_every_state`` or not; see carry_out."""
+
+    def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = carry_out(node, action, done, refused)
+        return response
+
+    always = getattr(action, 'in_every_state', False)
+    node.create_service(Trigger, name, in_every_state(answer) if always else answer)
+
+
+def carry_out(
+    node: Node, action: Callable[[], str], done: str = '', refused: str = ''
+) -> tuple[bool, str]:
+    """
+    Return whether an ``action`` was done, and the text that it returns, or raises as a refusal.
+
+    The text is logged within ``done`` or ``refused``, where there is one.
+    """
+    success = True
+    try:
+        text = action()
+    except (VisualServoError, ValueError) as error:
+        success, text = False, str(error)
+    if success and done:
+        node.get_logger().info(done.format(text))
+    elif not success and refused:
+        node.get_logger().warning(refused.format(text))
+    return success, text

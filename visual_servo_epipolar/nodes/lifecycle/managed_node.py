@@ -167,7 +167,7 @@ class ManagedNode(LifecycleNode):
         if not self.__is_made or topic == CLOCK:
             return create(msg_type, topic, callback, qos_profile, **more)
         mailbox = Mailbox(callback, qos_profile)
-        callback = gate(callback, self.__is_open, mailbox.keep)
+        callback = gate(callback, lambda: self.is_active, mailbox.keep)
         subscription = create(msg_type, topic, callback, qos_profile, **more)
         self.__mailboxes[subscription] = mailbox
         return self.__remember(self.destroy_subscription, subscription)
@@ -183,14 +183,14 @@ class ManagedNode(LifecycleNode):
     ) -> Any:
         """Create a timer; what falls due while the node is not active is left out."""
         if self.__is_made:
-            callback = gate(callback, self.__is_open, lambda: None)
+            callback = gate(callback, lambda: self.is_active, lambda: None)
         timer = super().create_timer(timer_period_sec, callback, *rest, **more)
         return self.__remember(self.destroy_timer, timer)
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Callback, **more: Any) -> Any:
         """Create a service; while the node is not active it answers what to do."""
         if self.__is_made:
-            callback = gate(callback, self.__is_open, self.__refuse)
+            callback = gate(callback, lambda: self.is_active, self.__refuse)
         service = super().create_service(srv_type, srv_name, callback, **more)
         return self.__remember(self.destroy_service, service)
 
@@ -222,9 +222,6 @@ class ManagedNode(LifecycleNode):
     def __deliver(self) -> None:
         for mailbox in list(self.__mailboxes.values()):  # a callback may subscribe
             mailbox.deliver()
-
-    def __is_open(self) -> bool:
-        return self.is_active
 
     def __refuse(self, request: Any, response: Any) -> Any:
         response.success, response.message = False, remedy(self)

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -42,16 +43,13 @@ class TopicSelection:
 
     def resolved(self, node: Node) -> 'TopicSelection':
         """Return the selection in full names, remapped as ``node`` is."""
-        return TopicSelection(
-            *(tuple(_full(node, item) for item in group if item) for group in self._groups())
-        )
+        groups = self.names, self.exclude
+        return TopicSelection(*(tuple(_full(node, it) for it in each if it) for each in groups))
 
     def selects(self, topic: str) -> bool:
         """Return whether a topic, by its full name, is selected."""
-        included, excluded = (
-            any(fnmatchcase(topic, item) for item in group) for group in self._groups()
-        )
-        return included and not excluded
+        matches = partial(fnmatchcase, topic)
+        return any(map(matches, self.names)) and not any(map(matches, self.exclude))
 
     @property
     def named(self) -> frozenset[str]:
@@ -61,9 +59,6 @@ class TopicSelection:
             for name in self.names
             if name != CLOCK and not _is_pattern(name) and self.selects(name)
         )
-
-    def _groups(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        return self.names, self.exclude
 
 
 def published_topics(

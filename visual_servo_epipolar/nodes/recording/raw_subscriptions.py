@@ -61,11 +61,6 @@ class RawSubscriptions:
         return frozenset(self._subscriptions)
 
     @property
-    def is_complete(self) -> bool:
-        """Whether all topics that are selected by name are subscribed."""
-        return not self.missing
-
-    @property
     def missing(self) -> frozenset[str]:
         """The topics that are selected by name, but that nobody publishes."""
         return self._selection.named - self._subscriptions.keys()

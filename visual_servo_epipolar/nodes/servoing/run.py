@@ -82,7 +82,7 @@ class Run:
         standstill: Standstill,
     ) -> None:
         self._clock, self._logger, self._warn = node.get_clock(), node.get_logger(), warn
-        self.commands, self.reports, self._standstill = commands, reports, standstill
+        self._commands, self._reports, self._standstill = commands, reports, standstill
         self.session = Session()
         self.freshness = Freshness(self._clock)
         self.arming, self.lapsed = Arming(self.freshness.clock), ''
@@ -138,16 +138,16 @@ class Run:
         before = self.state
         self.freshness.step()
         self.follow(session)
-        self.commands.answer(before, self.state, stamp_ns)  # nobody drives by what follows
+        self._commands.answer(before, self.state, stamp_ns)  # nobody drives by what follows
         words = Words(self._standstill()[0] if self.is_armed else '', self.is_armed, self.notice)
-        self.reports.step(self.state, (stamp_ns, frame_id), words)
+        self._reports.step(self.state, (stamp_ns, frame_id), words)
         self.session = self.session.update_map()
 
     def follow(self, session: Session, reason: str = '') -> None:
         """Take over a session, and log what is new of its state; ``reason`` is of an order."""
         before, self.session, state = self.state, session, session.state
         self.freshness.follow(state.phase)
-        self.reports.change(before, state, reason or state.reason)
+        self._reports.change(before, state, reason or state.reason)
         if state.phase is not before.phase and state.reason:
             self._logger.info(f'{before.phase.value} -> {state.phase.value} ({state.reason})')
         if state.run.warning and state.run.warning != before.run.warning:
@@ -202,7 +202,7 @@ class Run:
         """End the run, and stand until the next order to start."""
         self.active, self.lapsed = False, ''
         self.insist()
-        self.commands.stopped()
+        self._commands.stopped()
         self._interrupt(Interruption.STOPPED, reason)
         self.report()
 
@@ -210,19 +210,19 @@ class Run:
         """Stand, and be ready for a new run."""
         self.trouble = ''
         if self.state.command != HALT:
-            self.commands.stopped()
+            self._commands.stopped()
         self._halt()
         self._interrupt(Interruption.RESET)
 
     def insist(self) -> None:
         """Tell the base to stand; it may not have heard it before."""
-        self.commands.send(HALT, self._clock.now().nanoseconds)
+        self._commands.send(HALT, self._clock.now().nanoseconds)
 
     def report(self) -> None:
         """Publish the phase and why the robot stands, where no image led to it."""
         reason, alarming = self._standstill()
         words = Words(reason, self.is_armed, self.notice)
-        self.reports.standing(self.state, words, alarming=alarming)
+        self._reports.standing(self.state, words, alarming=alarming)
 
     def _halt(self) -> None:
         """Stop a robot that may be moving; the state remembers that it stands."""
@@ -232,5 +232,5 @@ class Run:
 
     def _interrupt(self, kind: Interruption, reason: str = '') -> None:
         """Follow an interruption, and publish it as an event for replays."""
-        self.reports.event(kind.value, self.stamp_ns, reason)
+        self._reports.event(kind.value, self.stamp_ns, reason)
         self.follow(self.session.interrupted(kind, reason), reason or kind.value)

@@ -77,10 +77,10 @@ class Input:
 
 
 class Inputs:
-    """Subscriptions of ``node`` that are missed when silent, on the steady clock."""
+    """Subscriptions of ``node`` that are missed when silent, on the ``steady`` clock."""
 
-    def __init__(self, node: Node) -> None:
-        self._node, self._steady = node, Clock(clock_type=ClockType.STEADY_TIME)
+    def __init__(self, node: Node, steady: Clock) -> None:
+        self._node, self._steady = node, steady
         self._begin_ns, self._timeless_said = self._now_ns(), False
         self._kinds = {_full_name(node, topic): kind for topic, kind in KINDS.items()}
         self._inputs: dict[str, Input] = {}
@@ -133,12 +133,9 @@ class Inputs:
 
     def _hint(self, source: Input, publishers: list[Any]) -> str:
         """Return what keeps messages from coming, as far as it can be seen from here."""
-        if not publishers and source.kind.what == 'images':
-            beside = self._beside(source.topic)
-            if beside:
-                return beside
         if not publishers:
-            return '; start what publishes them, or remap the topic'
+            beside = self._beside(source.topic) if source.kind.what == 'images' else ''
+            return beside or '; start what publishes them, or remap the topic'
         message: Any = source.subscription.msg_type
         expected = f'{message.__module__.partition(".")[0]}/msg/{message.__name__}'
         kinds = sorted({item.topic_type for item in publishers})
@@ -177,7 +174,7 @@ def _full_name(node: Node, topic: str) -> str:
 
 def watch(node: Node) -> None:
     """Let ``node`` say what it waits for: messages, and /clock where time is simulated."""
-    clock = Clock(clock_type=ClockType.STEADY_TIME)
-    timer = node.create_timer(LOOK_PERIOD_S, Inputs(node).look, clock=clock)
+    steady = Clock(clock_type=ClockType.STEADY_TIME)
+    timer = node.create_timer(LOOK_PERIOD_S, Inputs(node, steady).look, clock=steady)
     if isinstance(node, ManagedNode):
         node.keep(timer)

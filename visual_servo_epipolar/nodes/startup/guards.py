@@ -31,8 +31,6 @@ TYPES = {
 def guard(node: Node) -> None:
     """Let ``node`` refuse parameters of no type, and a /clock below zero, and live on."""
     source = node._time_source
-    if getattr(source.clock_callback, 'guards', False):
-        return
     for service in node.services:
         if service.srv_type in (SetParameters, SetParametersAtomically):
             service.callback = _refusing_unknown_types(service.callback)
@@ -72,15 +70,12 @@ def _refusing_negative_times(
             return
         plain(message)
 
-    tell.guards = True  # type: ignore[attr-defined]
     return tell
 
 
 def explain_refusals(node: Node) -> None:
     """Let the reason for a refused change say which type is expected; rclpy names none."""
     plain = node.set_parameters_atomically
-    if getattr(plain, 'explains', False):
-        return
 
     def explained(changes: list[Parameter]) -> SetParametersResult:
         foreign = [item.name for item in changes if not node.has_parameter(item.name)]
@@ -95,7 +90,6 @@ def explain_refusals(node: Node) -> None:
             result.reason = next(reasons, result.reason)
         return result
 
-    explained.explains = True  # type: ignore[attr-defined]
     node.set_parameters_atomically = explained  # type: ignore[assignment, method-assign]
 
 

@@ -14,7 +14,6 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.startup import command_line, complaints, process
 from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
 
@@ -28,9 +27,9 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
     rclpy's own signal handlers end the context before Python runs again, so that no last twist
     could be published: ours set an event only. Without one SIGHUP, of a terminal that is closed,
     would leave the robot moving, and SIGTSTP, of Ctrl-Z: after that the node goes on, but its run
-    has ended.
+    has ended. ``stop`` and ``suspend`` are called of nodes that have them.
     """
-    name = _executable(kind)
+    name = re.sub(r'(?<=[a-z])(?=[A-Z])', '_', kind.__name__).lower()  # servo_node of a ServoNode
     code = command_line.answer(name, sys.argv[1:] if args is None else args)
     if code is not None:
         return code
@@ -49,11 +48,11 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
         gc.freeze()  # what was imported: a full collection took 40 ms, over a frame
         executor = MessageExecutor()
         executor.add_node(node)
-        while not (ending.is_set() or _is_finalized(node)):
+        while not ending.is_set() and getattr(node, 'state', '') != 'finalized':
             executor.spin_once(timeout_sec=0.1)
             if suspending.is_set():
                 suspending.clear()
-                _call(node, 'suspend')
+                getattr(node, 'suspend', lambda: None)()
                 process.suspend()
         ending.wait(FAREWELL_S)
     except (ParameterException, VisualServoError, ValueError, RuntimeError, OSError) as error:
@@ -63,29 +62,12 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
         return command_line.USAGE_ERROR
     finally:
         if node is not None:
-            _call(node, 'stop')
+            getattr(node, 'stop', lambda: None)()
             node.destroy_node()
         rclpy.try_shutdown()
         gc.unfreeze()
         process.ignore_ending()
     return 0
-
-
-def _call(node: Node, name: str) -> None:
-    """Call what a node does at its end or before it is suspended, if it has any such method."""
-    method = getattr(node, name, None)
-    if method is not None:
-        method()
-
-
-def _is_finalized(node: Node) -> bool:
-    """Return whether the life of a managed node has ended by `shutdown`; others have none."""
-    return isinstance(node, ManagedNode) and node.state == 'finalized'
-
-
-def _executable(kind: type[Any]) -> str:
-    """Return the name of the executable: servo_node of a ServoNode."""
-    return re.sub(r'(?<=[a-z])(?=[A-Z])', '_', kind.__name__).lower()
 
 
 def _reason(error: Exception, name: str) -> str:

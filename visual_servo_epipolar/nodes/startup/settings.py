@@ -1,6 +1,7 @@
 """Settings of the connections of the nodes, free of ROS: topics, frames, time."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.settings import fixed, setting, Settings
@@ -10,6 +11,22 @@ RESUMES = ('automatic', 'manual')
 TRANSPORTS = ('raw', 'compressed')
 HEAD_COMMANDS = ('position', 'velocity', 'trajectory')
 PATH_SOURCES = ('odometry', 'commands')
+
+
+def _reliability(what: str) -> Any:
+    text = f'Subscribe to {what} as: auto finds out what the driver offers'
+    return fixed('auto', text, choices=RELIABILITIES)
+
+
+def _path_source(metres: str) -> Any:
+    text = f'{metres} come from: odom, or the commands on cmd_vel'
+    return fixed('odometry', text, choices=PATH_SOURCES)
+
+
+def _mount_from_tf() -> Any:
+    return fixed(
+        False, 'Take how the camera is mounted from /tf_static, where no camera_ setting tells it'
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,14 +97,8 @@ class DriverNodeSettings(CalibrationSettings):
         high=10.0,
     )
     base_frame: str = fixed('base_link', 'Frame of the commands')
-    mount_from_tf: bool = fixed(
-        False, 'Take how the camera is mounted from /tf_static, where no camera_ setting tells it'
-    )
-    camera_reliability: str = fixed(
-        'auto',
-        'Subscribe to the camera as: auto finds out what the driver offers',
-        choices=RELIABILITIES,
-    )
+    mount_from_tf: bool = _mount_from_tf()
+    camera_reliability: str = _reliability('the camera')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,11 +133,7 @@ class RouteNodeSettings(DriverNodeSettings, ImageSettings):
     """Settings of the node: the folder of the route, and where images and metres come from."""
 
     route: str = setting('', 'Folder of the route, which is repeated, or written after recording')
-    path_source: str = fixed(
-        'odometry',
-        'Metres of a way that is recorded come from: odom, or the commands on cmd_vel',
-        choices=PATH_SOURCES,
-    )
+    path_source: str = _path_source('Metres of a way that is recorded')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,11 +159,7 @@ class TrackerNodeSettings(ImageSettings):
         False, 'After an arrival the view in a light that no photograph has is kept beside them'
     )
     max_photographs: int = setting(4, 'Most photographs of one pose', low=1, high=16)
-    camera_reliability: str = fixed(
-        'auto',
-        'Subscribe to images as: auto finds out what the driver offers',
-        choices=RELIABILITIES,
-    )
+    camera_reliability: str = _reliability('images')
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -287,20 +290,10 @@ class RecorderNodeSettings(LifecycleSettings):
 class DockNodeSettings(CalibrationSettings):
     """Settings of the connections of the node."""
 
-    camera_reliability: str = fixed(
-        'auto',
-        'Subscribe to camera_info as: auto finds out what the driver offers',
-        choices=RELIABILITIES,
-    )
+    camera_reliability: str = _reliability('camera_info')
     base_frame: str = fixed('base_link', 'Frame of the base')
-    mount_from_tf: bool = fixed(
-        False, 'Take how the camera is mounted from /tf_static, where no camera_ setting tells it'
-    )
-    path_source: str = fixed(
-        'odometry',
-        'Metres come from: odom, or the commands on cmd_vel',
-        choices=PATH_SOURCES,
-    )
+    mount_from_tf: bool = _mount_from_tf()
+    path_source: str = _path_source('Metres')
     pose_frame: str = fixed(
         'base',
         "The pose is published in: base_frame at the image's stamp, or the frame of odom",

@@ -81,7 +81,7 @@ class Assistant(AbstractContextManager['Assistant']):
     """
 
     def __init__(self, build: Callable[[], Scene], pixels: int) -> None:
-        with _one_thread():
+        with one_thread_of_opencv():
             beside = context()
             if is_forked(beside):  # with a scene that is made once for both
                 build = partial(_same, build())
@@ -180,7 +180,7 @@ def _assist(
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread_of_opencv() -> Iterator[None]:
     """End the threads of OpenCV, which a fork would miss; where they are needed it starts them."""
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
