@@ -5,6 +5,7 @@ from contextlib import contextmanager, suppress
 import json
 import os
 from pathlib import Path
+import shutil
 import signal
 import subprocess
 import sys
@@ -25,6 +26,16 @@ TIMEOUT_SEC = 60.0
 MANY = '96'  # runs, which go on while something happens to them
 BRIEF = 'run: {max_duration: 2.0}\n'  # too short to arrive
 SWEEP = ('sweep', '--region', 'front')
+
+
+@pytest.fixture(scope='module')
+def two_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a sweep of two runs, to be copied."""
+    folder = tmp_path_factory.mktemp('two_runs')
+    (folder / 'brief.yaml').write_text(BRIEF)
+    common = ('--jobs', '1', '--scenario', str(folder / 'brief.yaml'), '--out', str(folder))
+    assert main([*SWEEP, '--runs', '2', *common, '--json', str(folder / 'result.json')]) == 0
+    return folder
 
 
 @pytest.fixture
@@ -227,32 +238,29 @@ def test_a_worker_that_was_killed_is_said_and_what_ended_is_kept(
 
 
 def test_another_sweep_in_the_same_folder_is_refused(
-    tmp_path: Path, capsys: Any, brief: str
+    capsys: Any, brief: str, two_runs: Path
 ) -> None:
-    arguments = (*SWEEP, '--runs', '1', '--jobs', '1', '--scenario', brief, '--out', str(tmp_path))
-    assert main(arguments) == 0
-    capsys.readouterr()
+    arguments = (*SWEEP, '--runs', '1', '--jobs', '1', '--scenario', brief, '--out', str(two_runs))
     output = refused(capsys, *arguments, '--seed', '1')
     assert 'holds another sweep: seed 0 there, 1 here; give another --out' in output
 
 
-def test_a_sweep_grows(tmp_path: Path, capsys: Any, brief: str) -> None:
+def test_a_sweep_grows(tmp_path: Path, capsys: Any, brief: str, two_runs: Path) -> None:
+    shutil.copy(two_runs / FILE, tmp_path)
     common = ('--jobs', '1', '--scenario', brief, '--out', str(tmp_path))
-    few = swept(capsys, *common, '--runs', '1')
     assert main([*SWEEP, *common, '--runs', '3', '--json', '-']) == 0
     shown = capsys.readouterr()
-    assert json.loads(shown.out)['runs'][:1] == few['runs']
-    assert f'1 of 3 runs are in {tmp_path / FILE} already' in shown.err
+    few = json.loads((two_runs / 'result.json').read_text())
+    assert json.loads(shown.out)['runs'][:2] == few['runs']
+    assert f'2 of 3 runs are in {tmp_path / FILE} already' in shown.err
 
 
 def test_a_run_that_raised_is_named_and_the_sweep_ends_with_1(
-    tmp_path: Path, capsys: Any, brief: str
+    tmp_path: Path, capsys: Any, brief: str, two_runs: Path
 ) -> None:
     arguments = (*SWEEP, '--runs', '2', '--jobs', '1', '--scenario', brief)
-    assert main([*arguments, '--out', str(tmp_path)]) == 0
-    capsys.readouterr()
     # A defect is what the store says it is: no other code can be put into the workers.
-    header, first, second = (tmp_path / FILE).read_text().splitlines()
+    header, first, second = (two_runs / FILE).read_text().splitlines()
     line = json.loads(second)
     broken = line['result']
     broken.update(reason='defect: ZeroDivisionError: x', traceback='...', position_error_m=None)
