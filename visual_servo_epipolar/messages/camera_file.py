@@ -6,7 +6,7 @@ from typing import Any
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.calibrations import colmap, kalibr, matrices, nerfstudio
+from visual_servo_epipolar.messages.calibrations import matrices, programs
 from visual_servo_epipolar.messages.calibrations.calibration import Calibration, Cameras
 from visual_servo_epipolar.messages.calibrations.documents import documents
 
@@ -15,6 +15,7 @@ KINDS = (
     "FileStorage (YAML, XML, JSON), Kalibr's camchain, COLMAP's cameras.txt, nerfstudio's "
     'transforms.json'
 )
+READERS = (programs.nerfstudio_cameras, programs.kalibr_cameras, matrices.cameras)
 NAMED = 5  # of the cameras of a file, in a message
 
 
@@ -37,7 +38,7 @@ def from_text(
     """
     text = text.removeprefix('\ufeff')  # as editors of Windows begin a file
     calibration = _with_size(
-        _chosen(colmap.cameras(text) or _cameras(documents(text)), name), size
+        _chosen(programs.colmap_cameras(text) or _cameras(documents(text)), name), size
     )
     if rectified and not calibration.p:
         raise ValueError(
@@ -78,8 +79,8 @@ def _cameras(parsed: list[Any]) -> Cameras:
         if content in known:
             continue
         known.append(content)
-        for reader in (nerfstudio, kalibr, matrices):
-            cameras = reader.cameras(content)
+        for read_cameras in READERS:
+            cameras = read_cameras(content)
             if cameras:
                 found |= {name or str(index + 1): camera for name, camera in cameras.items()}
                 break

@@ -97,6 +97,18 @@ def twist_stamped(value: Twist, stamp_ns: int, frame_id: str) -> TwistStamped:
     return TwistStamped(header=header(stamp_ns, frame_id), twist=twist(value))
 
 
+def twist_type(*, stamped: bool) -> Any:
+    """Return the type of commands to a base, geometry_msgs/TwistStamped or Twist."""
+    return TwistStamped if stamped else TwistMessage
+
+
+def command(
+    value: Twist, stamp_ns: int, frame_id: str, *, stamped: bool
+) -> TwistStamped | TwistMessage:
+    """Return a command to a base, of that type."""
+    return twist_stamped(value, stamp_ns, frame_id) if stamped else twist(value)
+
+
 def ackermann_type() -> Any:
     """Return the type of commands to a car; ValueError where its package is not installed."""
     try:

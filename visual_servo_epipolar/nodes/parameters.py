@@ -47,11 +47,20 @@ def declare(node: Node, kind: type[SettingsT]) -> SettingsT:
     Raises ValueError for a value that cannot be used, of another type, or a name of an earlier
     version; rclpy raises for a wrong range.
     """
-    _refuse_renamed(node, kind)
+    given = getattr(node, '_parameter_overrides', {})
+    for name in given:
+        if name in kind.RENAMED:
+            raise ValueError(
+                f'{node.get_name()} calls the parameter {name} {kind.RENAMED[name]} now; '
+                'rename it in your file'
+            )
     values: dict[str, Any] = {}
     for item in fields(kind):
         default = list(item.default) if isinstance(item.default, tuple) else item.default
-        _refuse_wrong_type(node, Parameter(item.name, value=default))
+        expected = Parameter(item.name, value=default).type_
+        reason = wrong_type(given[item.name], expected) if item.name in given else ''
+        if reason:
+            raise ValueError(reason)
         value = node.declare_parameter(item.name, default, _descriptor(item)).value
         if isinstance(item.default, tuple):
             value = tuple(value or ())  # an empty list in YAML leaves the parameter unset
@@ -96,15 +105,6 @@ def watch(node: Node, attribute: str, then: Callable[[], None] = lambda: None) -
 def override(name: str, value: Any) -> Parameter:
     """Return a parameter of ``value``; an empty list stays unset, for ROS cannot tell its type."""
     return Parameter(name, value=(list(value) or None) if isinstance(value, tuple) else value)
-
-
-def _refuse_renamed(node: Node, kind: type[Settings]) -> None:
-    for name in getattr(node, '_parameter_overrides', {}):
-        if name in kind.RENAMED:
-            raise ValueError(
-                f'{node.get_name()} calls the parameter {name} {kind.RENAMED[name]} now; '
-                'rename it in your file'
-            )
 
 
 def finish(node: Node, options: Mapping[str, Any] = MappingProxyType({})) -> None:
@@ -187,13 +187,6 @@ def _warn_of_no_effect(node: Node, path: str, sections: Sequence[ParameterSectio
     )
     full_name = node.get_fully_qualified_name()
     node.get_logger().warning(f'{path} sets no parameter of {full_name}: {reason}')
-
-
-def _refuse_wrong_type(node: Node, default: Parameter) -> None:
-    given = getattr(node, '_parameter_overrides', {}).get(default.name)
-    reason = '' if given is None else wrong_type(given, default.type_)
-    if reason:
-        raise ValueError(reason)
 
 
 def _value(parameter: Parameter) -> Any:

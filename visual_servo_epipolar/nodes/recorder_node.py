@@ -76,11 +76,6 @@ class RecorderNode(ManagedNode):
         self._report(status)
 
     @property
-    def recorded(self) -> frozenset[str]:
-        """The topics that are being recorded, by their full names."""
-        return self._raw_subscriptions.topics
-
-    @property
     def ready(self) -> bool:
         """Whether all topics that are selected by name are being recorded."""
         return not self._raw_subscriptions.missing

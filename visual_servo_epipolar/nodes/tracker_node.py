@@ -265,11 +265,6 @@ class TrackerNode(ManagedNode):
         self.get_logger().info(f'desired image of {width}x{height} px taken')
 
     def _on_capture(self) -> str:
-        text = self._capture()
-        self._reports.event(event_log.CAPTURED, self._stamp_ns)
-        return text
-
-    def _capture(self) -> str:
         """Capture the photograph, and return what to say; raises ValueError if it is none."""
         image, count = self._photographer.capture()
         assert self._camera is not None  # or there were no images
@@ -279,11 +274,13 @@ class TrackerNode(ManagedNode):
             if foreign:
                 raise ValueError(foreign)
             self._add_desired(image, 'what the camera sees')
-            kept, number = self._keep_more(), len(self._tracker.photographs)
-            return f'this is photograph {number} of the pose to come back to, {images}{kept}'
-        self._set_desired(image)
-        kept = self._photographer.keep(image, count, self._camera, self._stamp_ns or 0)
-        return f'this is the pose to come back to, {images}{kept}'
+            kept, number = self._keep_more(), f'photograph {len(self._tracker.photographs)} of '
+        else:
+            self._set_desired(image)
+            kept = self._photographer.keep(image, count, self._camera, self._stamp_ns or 0)
+            number = ''
+        self._reports.event(event_log.CAPTURED, self._stamp_ns)
+        return f'this is {number}the pose to come back to, {images}{kept}'
 
     def _keep_more(self) -> str:
         """Keep all photographs but the first beside it; return what became of it."""

@@ -3,7 +3,6 @@
 import sys
 from typing import Any
 
-from geometry_msgs.msg import Twist as TwistMessage
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
@@ -48,7 +47,7 @@ class UnicycleNode(Node):
         self._odom_pub = self.create_publisher(Odometry, 'odom', qos.STREAM)
         self._applied_pub = self.create_publisher(TwistStamped, 'cmd_vel_applied', qos.STREAM)
         self._tf = TransformBroadcaster(self)
-        kind = TwistStamped if self._settings.enable_stamped_cmd_vel else TwistMessage
+        kind = write.twist_type(stamped=self._settings.enable_stamped_cmd_vel)
         self.create_subscription(kind, 'cmd_vel', self._on_command, qos.COMMAND)
         serve(self, '~/reset', self._on_reset, done='reset, {}')
         if self._settings.lockstep:

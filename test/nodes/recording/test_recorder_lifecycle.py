@@ -75,7 +75,7 @@ def test_an_inactive_recorder_records_nothing_and_says_what_to_do(bench, tmp_pat
         False,
         '/recorder_node is inactive; call ros2 lifecycle set /recorder_node activate',
     )
-    assert (reporter.bags(), reporter.node.recorded) == ([], frozenset())
+    assert (reporter.bags(), reporter.node._raw_subscriptions.topics) == ([], frozenset())
 
 
 def test_each_activation_begins_a_bag(bench, tmp_path) -> None:

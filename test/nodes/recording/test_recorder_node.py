@@ -29,10 +29,14 @@ class Recording:
         self.node = bench.start(RecorderNode, bag=str(self.bag), **values)
 
     def until_recorded(self, *topics: str) -> None:
-        self.bench.until(lambda: set(topics) <= self.node.recorded, f'{topics} to be recorded')
+        self.bench.until(
+            lambda: set(topics) <= self.node._raw_subscriptions.topics, f'{topics} to be recorded'
+        )
 
     def until_not_recorded(self, topic: str) -> None:
-        self.bench.until(lambda: topic not in self.node.recorded, f'{topic} to be left')
+        self.bench.until(
+            lambda: topic not in self.node._raw_subscriptions.topics, f'{topic} to be left'
+        )
 
     def until_written(self, topic: str, count: int = 1) -> None:
         self.bench.until(
@@ -109,7 +113,7 @@ def test_only_what_is_wanted_is_recorded(bench, tmp_path) -> None:
         bench.talk(String, name)
     recording = Recording(bench, tmp_path, topics=('/left*', 'words'), exclude=('*overlay*',))
     recording.until_recorded('/words', '/left/image_raw')
-    assert recording.node.recorded == {'/words', '/left/image_raw'}
+    assert recording.node._raw_subscriptions.topics == {'/words', '/left/image_raw'}
     assert recording.node.ready
 
 
@@ -267,7 +271,7 @@ def test_a_clock_that_nobody_publishes_is_not_missed(bench, tmp_path, monkeypatc
     bench.until(lambda: bench.logged('waits for /robot1/words (0 publishers)'), 'the other one')
     assert not [text for text in bench.logged('waits for') if '/clock' in text]
     bench.talk(Clock, '/clock', qos.CLOCK)
-    bench.until(lambda: node.recorded == {'/clock'}, 'the clock to be recorded')
+    bench.until(lambda: node._raw_subscriptions.topics == {'/clock'}, 'the clock to be recorded')
 
 
 def test_the_diagnostics_are_sentences(bench, tmp_path) -> None:

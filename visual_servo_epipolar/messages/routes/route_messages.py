@@ -13,6 +13,7 @@ from visual_servo_epipolar.messages import write
 
 FRAME = 'route'  # axes of the first key view: x forward, y left
 DOT, STATION_DOT = 0.06, 0.16  # diameters [m]
+PROGRESS = ('view', 'remaining', 'lateral', 'lateral_deviation', 'way', 'turn', 'inliers')
 LEVELS = {HOLDING: DiagnosticStatus.WARN, FAILED: DiagnosticStatus.ERROR}
 
 
@@ -38,15 +39,7 @@ def telemetry(step: RouteStep) -> dict[str, float]:
 
 
 def _progress(values: RouteProgress) -> dict[str, float]:
-    return {
-        'view': float(values.view),
-        'remaining': values.remaining,
-        'lateral': values.lateral,
-        'lateral_deviation': values.lateral_deviation,
-        'way': values.way,
-        'turn': values.turn,
-        'inliers': float(values.inliers),
-    }
+    return {name: float(getattr(values, name)) for name in PROGRESS}
 
 
 def diagnosis(step: RouteStep, stamp_ns: int, *, name: str) -> DiagnosticArray:

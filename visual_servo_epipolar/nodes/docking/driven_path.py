@@ -3,13 +3,11 @@
 from collections.abc import Callable
 from typing import Any
 
-from geometry_msgs.msg import Twist as TwistMessage
-from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.docking.path import Path, PathPlace
-from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings, RouteNodeSettings
 
@@ -33,7 +31,7 @@ class DrivenPath:
         self._stamped = settings.enable_stamped_cmd_vel
         self._predicts = settings.path_source == 'commands'  # until the next command
         if self._predicts:
-            kind = TwistStamped if self._stamped else TwistMessage
+            kind = write.twist_type(stamped=self._stamped)
             node.create_subscription(kind, 'cmd_vel', self._take_command, qos.COMMAND)
         else:
             node.create_subscription(Odometry, 'odom', self._take_odometry, qos.ODOMETRY)

@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from typing import Any
 
-from geometry_msgs.msg import Twist as TwistMessage
-from geometry_msgs.msg import TwistStamped
 from rclpy.duration import Duration
 from rclpy.node import Node
 
@@ -31,7 +29,7 @@ class Reversal:
     ) -> None:
         self._node, self._warn, self._base_frame = node, warn, settings.base_frame
         self._stamped = settings.enable_stamped_cmd_vel
-        kind = TwistStamped if self._stamped else TwistMessage
+        kind = write.twist_type(stamped=self._stamped)
         self._pub = node.create_publisher(kind, TOPIC, qos.COMMAND)
         node.create_subscription(kind, REVERSED, self._turn_round, qos.COMMAND)
 
@@ -62,7 +60,4 @@ class Reversal:
         self._publish(Twist(-ahead.linear, ahead.angular), stamp_ns)
 
     def _publish(self, twist: Twist, stamp_ns: int) -> None:
-        if self._stamped:
-            self._pub.publish(write.twist_stamped(twist, stamp_ns, self._base_frame))
-        else:
-            self._pub.publish(write.twist(twist))
+        self._pub.publish(write.command(twist, stamp_ns, self._base_frame, stamped=self._stamped))

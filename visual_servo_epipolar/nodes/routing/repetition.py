@@ -45,11 +45,6 @@ class RouteReports(NodeReports):
         self._path_pub.publish(route_messages.path(route, now_ns))
         self._markers_pub.publish(route_messages.markers(route, now_ns))
 
-    def step(self, step: RouteStep, stamp_ns: int, frame_id: str) -> None:
-        """Publish what an image led to."""
-        self.progress(step, stamp_ns, frame_id)
-        self.standing(step, stamp_ns)
-
     def progress(self, step: RouteStep, stamp_ns: int, frame_id: str) -> None:
         """Publish what a step tells the base, and how far it is: a replay compares with it."""
         values = route_messages.telemetry(step)
@@ -129,7 +124,8 @@ class RouteRepetition:
         else:
             self._commands.send(Command(step.twist), stamp_ns)  # nobody waits for what follows
             self._follow(step)
-            self._reports.step(step, stamp_ns, frame_id)
+            self._reports.progress(step, stamp_ns, frame_id)
+            self._reports.standing(step, stamp_ns)
         run.prepare()
         self.freshness.renew()  # the watch waits for images, not for us
 

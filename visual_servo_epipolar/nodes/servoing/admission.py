@@ -111,6 +111,4 @@ class Admission:
 
     def contested(self) -> str:
         """Return that another servo commands the same base, so that no run may begin; or ''."""
-        if not self._settings().watchdog:
-            return ''
-        return self.rivals.refusal()
+        return self.rivals.refusal() if self._settings().watchdog else ''

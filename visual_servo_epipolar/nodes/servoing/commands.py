@@ -2,8 +2,6 @@
 
 import math
 
-from geometry_msgs.msg import Twist as TwistMessage
-from geometry_msgs.msg import TwistStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -38,7 +36,7 @@ class Commands:
         self._ended_ns: int | None = None  # when the run ended
         self._stopped_ns: int | None = None  # when somebody ended it
         self._sent_ns: int | None = None  # when the last command went out
-        kind = TwistStamped if self._stamped else TwistMessage
+        kind = write.twist_type(stamped=self._stamped)
         self._command_pub = node.create_publisher(kind, 'cmd_vel', qos.COMMAND)
         if settings.ackermann:
             self._drive = write.ackermann_type()
@@ -88,10 +86,9 @@ class Commands:
                     self._drive, command.twist, self._wheelbase, stamp_ns, self._frame
                 )
             )
-        if self._stamped:
-            self._command_pub.publish(write.twist_stamped(command.twist, stamp_ns, self._frame))
-        else:
-            self._command_pub.publish(write.twist(command.twist))
+        self._command_pub.publish(
+            write.command(command.twist, stamp_ns, self._frame, stamped=self._stamped)
+        )
 
     def wait(self) -> None:
         """Wait until the last command is acknowledged."""
