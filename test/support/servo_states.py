@@ -13,8 +13,7 @@ from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.identification.camera_path import PSI, RHO, YAW
-from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics
+from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, PSI, RHO, YAW
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance

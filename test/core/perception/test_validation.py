@@ -16,7 +16,6 @@ from visual_servo_epipolar.core.geometry.rays import handedness, unit_rays
 from visual_servo_epipolar.core.perception.memory import (
     fresh_memory,
     KNOWN_DEVIATION,
-    Lesson,
     PerceptionMemory,
     updated_memory,
 )
@@ -45,12 +44,6 @@ GOOD = Estimate(
     covariance=1e-6 * np.eye(2),
     attitude=Attitude(0.02, 0.01, 1e-3, 2e-3, 0.0),
 )
-
-
-def memory_after(
-    memory: PerceptionMemory, estimate: Estimate, reason: str, *, noise: float, parallax: float
-) -> PerceptionMemory:
-    return updated_memory(Lesson(memory, estimate, reason, noise, parallax))
 
 
 def quality_of(estimate: Estimate = GOOD, rays: np.ndarray = RAYS) -> FitQuality:
@@ -182,10 +175,10 @@ def test_a_leap_is_doubted_until_it_is_seen_three_times() -> None:
     for _ in range(MAX_REJECTIONS - 1):
         said = reason(memory)
         assert 'the bearings leapt by 28.6 deg in one frame' in said
-        memory = memory_after(memory, GOOD, said, noise=0.3, parallax=50.0)
+        memory = updated_memory(memory, GOOD, said, noise=0.3, parallax=50.0)
         assert memory.bearings == Bearings(-1.0, 3.0)
     assert reason(memory) == ''
-    memory = memory_after(memory, GOOD, '', noise=0.3, parallax=50.0)
+    memory = updated_memory(memory, GOOD, '', noise=0.3, parallax=50.0)
     assert (memory.bearings, memory.consecutive_rejections) == (BEARINGS, 0)
 
 
@@ -198,7 +191,7 @@ def test_a_leap_is_the_larger_change_and_knows_of_full_turns(
 
 
 def test_the_attitude_is_learnt_where_the_parallax_is_informative() -> None:
-    memory = memory_after(FRESH, GOOD, '', noise=0.3, parallax=50.0)
+    memory = updated_memory(FRESH, GOOD, '', noise=0.3, parallax=50.0)
     assert (memory.attitude.tilt, memory.attitude.roll) == (0.02, 0.01)
     assert memory.attitude.tilt_deviation == KNOWN_DEVIATION  # however sure the estimate is
     assert memory.attitude.roll_deviation == 2e-3
@@ -206,29 +199,29 @@ def test_the_attitude_is_learnt_where_the_parallax_is_informative() -> None:
 
 
 def test_the_attitude_is_kept_where_the_parallax_says_little() -> None:
-    memory = memory_after(FRESH, GOOD, '', noise=0.3, parallax=3.0)
+    memory = updated_memory(FRESH, GOOD, '', noise=0.3, parallax=3.0)
     assert memory.attitude == FRESH.attitude
 
 
 def test_the_attitude_is_kept_by_an_estimator_that_has_none() -> None:
     found = replace(GOOD, attitude=None)
-    assert memory_after(FRESH, found, '', noise=0.3, parallax=50.0).attitude == FRESH.attitude
+    assert updated_memory(FRESH, found, '', noise=0.3, parallax=50.0).attitude == FRESH.attitude
 
 
 def test_the_attitude_is_never_known_too_well() -> None:
     sure = replace(GOOD, attitude=Attitude(0.02, 0.01, 1e-9, 1e-9, 0.0))
-    attitude = memory_after(FRESH, sure, '', noise=0.3, parallax=50.0).attitude
+    attitude = updated_memory(FRESH, sure, '', noise=0.3, parallax=50.0).attitude
     assert attitude.tilt_deviation == attitude.roll_deviation == KNOWN_DEVIATION
 
 
 def test_a_doubted_estimate_teaches_nothing_but_a_rejection() -> None:
     memory = replace(FRESH, bearings=BEARINGS)
-    after = memory_after(memory, GOOD, 'some reason', noise=0.7, parallax=50.0)
+    after = updated_memory(memory, GOOD, 'some reason', noise=0.7, parallax=50.0)
     assert after == replace(memory, consecutive_rejections=1)
 
 
 def test_the_noise_is_that_of_the_residuals() -> None:
-    assert memory_after(FRESH, GOOD, '', noise=0.7, parallax=50.0).noise == 0.7
+    assert updated_memory(FRESH, GOOD, '', noise=0.7, parallax=50.0).noise == 0.7
 
 
 @pytest.mark.parametrize('degrees', [0.0, 60.0, -110.0, 180.0])

@@ -12,9 +12,8 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.arrival import has_parallax
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.servo.dead_reckoning import measured_range
-from visual_servo_epipolar.core.servo.identification.camera_path import PSI
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
-from visual_servo_epipolar.core.servo.identification.extrinsics import CORRELATION, moved
+from visual_servo_epipolar.core.servo.identification.extrinsics import CORRELATION, moved, PSI
 from visual_servo_epipolar.core.servo.identification.extrinsics_update import update_extrinsics
 from visual_servo_epipolar.core.servo.step import _beyond_dead_band, _limited
 

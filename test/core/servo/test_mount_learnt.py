@@ -30,8 +30,7 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle
-from visual_servo_epipolar.core.servo.identification.camera_path import YAW
-from visual_servo_epipolar.core.servo.identification.extrinsics import MAX_CONTRADICTIONS
+from visual_servo_epipolar.core.servo.identification.extrinsics import MAX_CONTRADICTIONS, YAW
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance, step
 

@@ -7,11 +7,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.planar_poses import compose, inverse_pose
-from visual_servo_epipolar.core.mapping.adjustment.factors import (
-    camera_poses,
-    DIFFERENCE,
-    ON_BASE,
-)
+from visual_servo_epipolar.core.mapping.adjustment.factors import camera_poses, DIFFERENCE, ON_BASE
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.adjustment.window import HEADING, VIEW
 

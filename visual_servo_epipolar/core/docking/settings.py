@@ -7,7 +7,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.rigs.fixed_mount import Mount
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.settings import fixed, setting, Settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,31 +18,22 @@ class DockPoseSettings(PerceptionSettings):
     Angles in rad, lengths in m.
     """
 
-    camera_yaw: float = setting(
+    camera_yaw: float = fixed(
         0.0,
         'Yaw of the camera on the base, to the left, 3.14 looks back, as told [rad]',
         low=-3.15,
         high=3.15,
-        read_only=True,
     )
-    camera_forward: float = setting(
-        0.0, 'Camera ahead of the axle, as told [m]', low=-2.0, high=2.0, read_only=True
+    camera_forward: float = fixed(0.0, 'Camera ahead of the axle, as told [m]', low=-2.0, high=2.0)
+    camera_left: float = fixed(
+        0.0, 'Camera to the left of the middle of the axle, as told [m]', low=-2.0, high=2.0
     )
-    camera_left: float = setting(
-        0.0,
-        'Camera to the left of the middle of the axle, as told [m]',
-        low=-2.0,
-        high=2.0,
-        read_only=True,
+    camera_yaw_deviation: float = fixed(0.02, 'Deviation of that yaw [rad]', low=0.0, high=0.5)
+    camera_forward_deviation: float = fixed(
+        0.02, 'Deviation of that offset ahead [m]', low=0.0, high=1.0
     )
-    camera_yaw_deviation: float = setting(
-        0.02, 'Deviation of that yaw [rad]', low=0.0, high=0.5, read_only=True
-    )
-    camera_forward_deviation: float = setting(
-        0.02, 'Deviation of that offset ahead [m]', low=0.0, high=1.0, read_only=True
-    )
-    camera_left_deviation: float = setting(
-        0.02, 'Deviation of that offset aside [m]', low=0.0, high=1.0, read_only=True
+    camera_left_deviation: float = fixed(
+        0.02, 'Deviation of that offset aside [m]', low=0.0, high=1.0
     )
     path_deviation: float = setting(
         0.01,
@@ -59,9 +50,7 @@ class DockPoseSettings(PerceptionSettings):
     publish_heading: float = setting(
         0.02, 'Deviation of the heading below which it is published [rad]', low=1e-4, high=3.0
     )
-    key_views: int = setting(
-        10, 'Views along the path that are kept', low=3, high=40, read_only=True
-    )
+    key_views: int = fixed(10, 'Views along the path that are kept', low=3, high=40)
     key_travel: float = setting(0.05, 'Way after which a view is kept [m]', low=0.005, high=5.0)
     key_turn: float = setting(0.1, 'Turn after which a view is kept [rad]', low=0.01, high=3.0)
 
@@ -96,12 +85,8 @@ class DockPoseSettings(PerceptionSettings):
 class DockTaskSettings(Settings):
     """Settings of the action dock_robot: names as docking_server has them."""
 
-    dock_id: str = setting(
-        '', 'Name of the dock of the photograph; empty: that of every request', read_only=True
-    )
-    dock_type: str = setting(
-        '', 'Type of the dock of the photograph; empty: that of every request', read_only=True
-    )
+    dock_id: str = fixed('', 'Name of the dock of the photograph; empty: that of every request')
+    dock_type: str = fixed('', 'Type of the dock of the photograph; empty: that of every request')
     max_retries: int = setting(3, 'Further attempts after one that failed', low=0, high=100)
     initial_perception_timeout: float = setting(
         5.0, 'Longest wait for the photograph to be seen [s]', low=0.1, high=600.0
@@ -112,8 +97,8 @@ class DockTaskSettings(Settings):
     servo_timeout: float = setting(
         5.0, 'Longest silence of the servo while it should drive [s]', low=0.2, high=600.0
     )
-    wait_for_charge: bool = setting(
-        False, 'Docked is what charges, by battery_state; false: what has arrived', read_only=True
+    wait_for_charge: bool = fixed(
+        False, 'Docked is what charges, by battery_state; false: what has arrived'
     )
     charging_threshold: float = setting(
         0.5, 'Current of battery_state above which it charges [A]', low=0.0, high=1000.0

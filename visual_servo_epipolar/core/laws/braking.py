@@ -5,21 +5,15 @@ A gain g drives what is left to zero at the rate g for ever: a turn of 0.2 rad t
 at 0.8 1/s. Whose accelerations are limited brakes by them instead, and only the last of it decays.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
+from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.prediction import is_late
 from visual_servo_epipolar.core.laws.timing import usual_step
 from visual_servo_epipolar.core.laws.two_steps.equations import LINE_DAMPING
 from visual_servo_epipolar.core.laws.two_steps.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.mapping.adjustment.window import X
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 BRAKING = 1.6  # of an acceleration, at which it closes in: the ramps slow down by 2
 TURN_BRAKING = 1.3  # the same of turns in place: what is left of it is for the feedback
@@ -127,9 +121,7 @@ def _landing_turn(angle: float, state: ServoState, settings: ServoSettings) -> f
     left = angle - math.fsum(span * twist.angular for span, twist in acting)
     frame_s = LANDING * usual_step(state)
     rate = rate_within(
-        left,
-        deceleration=TURN_BRAKING * settings.max_angular_acceleration,
-        delay=0.5 * frame_s,
+        left, deceleration=TURN_BRAKING * settings.max_angular_acceleration, delay=0.5 * frame_s
     )
     return math.copysign(min(abs(rate), abs(left) / frame_s), left)
 

@@ -5,13 +5,10 @@ A measurement becomes an event, the event a phase, the phase a nominal twist, be
 and the dead band.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.machine import PhaseRow
+from visual_servo_epipolar.core.laws.machine import PhaseRow, ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.bounds import FACING
 from visual_servo_epipolar.core.laws.phases.conditions import sees_too_little
@@ -20,10 +17,6 @@ from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.timing import has_timed_out, phase_timeout, usual_step
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.stamps import seconds_between
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 
 def row_of(state: ServoState, settings: ServoSettings) -> PhaseRow:

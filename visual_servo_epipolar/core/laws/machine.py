@@ -15,48 +15,19 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
+    from visual_servo_epipolar.core.servo import settings as servo_settings
+    from visual_servo_epipolar.core.servo import state as servo_state
 
-Classifier: TypeAlias = Callable[['ServoState', Measurement, 'ServoSettings'], Event]
-Command: TypeAlias = Callable[['ServoState', Measurement, 'ServoSettings'], Twist]
-Predicate: TypeAlias = Callable[['ServoState', Measurement, 'ServoSettings'], bool]
-Update: TypeAlias = Callable[['ServoState', Measurement, 'ServoSettings'], 'ServoState']
+# By name alone: the servo imports its laws.
+ServoSettings: TypeAlias = 'servo_settings.ServoSettings'
+ServoState: TypeAlias = 'servo_state.ServoState'
+Classifier: TypeAlias = Callable[[ServoState, Measurement, ServoSettings], Event]
+Command: TypeAlias = Callable[[ServoState, Measurement, ServoSettings], Twist]
+Predicate: TypeAlias = Callable[[ServoState, Measurement, ServoSettings], bool]
+Update: TypeAlias = Callable[[ServoState, Measurement, ServoSettings], ServoState]
 
-FAILURES = (
-    Event.TIMED_OUT,
-    Event.DIVERGED,
-    Event.EXHAUSTED,
-    Event.DISOBEYED,
-    Event.EXCURSION,
-)
+FAILURES = (Event.TIMED_OUT, Event.DIVERGED, Event.EXHAUSTED, Event.DISOBEYED, Event.EXCURSION)
 REQUIRED = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)  # of any law
-
-
-def no_event(state: 'ServoState', measurement: Measurement, settings: 'ServoSettings') -> Event:
-    """Return the event of a phase that only an interruption ends."""
-    return Event.NOTHING
-
-
-def _lost(state: 'ServoState', measurement: Measurement, settings: 'ServoSettings') -> Event:
-    return Event.LOST
-
-
-def stand(state: 'ServoState', measurement: Measurement, settings: 'ServoSettings') -> Twist:
-    """Return the command of a phase in which the robot stands."""
-    return STANDSTILL
-
-
-def never(state: 'ServoState', measurement: Measurement, settings: 'ServoSettings') -> bool:
-    """Return that a phase has no aim that it could fulfil."""
-    return False
-
-
-def unchanged(
-    state: 'ServoState', measurement: Measurement, settings: 'ServoSettings'
-) -> 'ServoState':
-    """Return ``state`` as it is."""
-    return state
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,12 +46,12 @@ class PhaseRow:
     phase: Phase
     words: str
     colour: str
-    classify: Classifier = no_event
-    command: Command = stand
-    is_settled: Predicate = never
-    is_close: Predicate = never
-    begin: Update = unchanged
-    observe: Update = unchanged
+    classify: Classifier = lambda *_: Event.NOTHING  # that only an interruption ends
+    command: Command = lambda *_: STANDSTILL
+    is_settled: Predicate = lambda *_: False
+    is_close: Predicate = lambda *_: False
+    begin: Update = lambda state, *_: state
+    observe: Update = lambda state, *_: state
 
 
 class StateMachine:
@@ -109,7 +80,8 @@ class StateMachine:
 
     def row(self, phase: Phase) -> PhaseRow:
         """Return the row of ``phase``; for one of another law, one that loses it: it will hold."""
-        return self.rows.get(phase) or PhaseRow(phase=phase, words='', colour='', classify=_lost)
+        unknown = PhaseRow(phase=phase, words='', colour='', classify=lambda *_: Event.LOST)
+        return self.rows.get(phase) or unknown
 
     @property
     def first_phases(self) -> set[Phase]:

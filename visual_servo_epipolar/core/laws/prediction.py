@@ -6,19 +6,13 @@ Artstein 1982): the loop is then as without the delay, but for what the base doe
 go by what is seen, and who has settled must be there when all has acted, too.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
-from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 BORNE = 0.25  # up to which laws bear a delay as it is [s]
 

@@ -13,9 +13,7 @@ from visual_servo_epipolar.core.laws.two_steps.laws import CORRECTED, FULL, PAPE
 from visual_servo_epipolar.core.registry import Registry
 
 LAWS: Registry[Law] = Registry(
-    LAW_GROUP,
-    dict(zip(OWN_LAWS, (PAPER, CORRECTED, FULL, SMOOTH), strict=True)),
-    Law,
+    LAW_GROUP, dict(zip(OWN_LAWS, (PAPER, CORRECTED, FULL, SMOOTH), strict=True)), Law
 )
 
 

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.bases.registry import base_of, DEFAULT_BASE
 from visual_servo_epipolar.core.laws.law import DEFAULT_LAW, DEPARTURES, Law
 from visual_servo_epipolar.core.laws.law import TEXT as LAW_TEXT
 from visual_servo_epipolar.core.laws.machine import StateMachine
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.settings import fixed, setting, Settings
 
 
 def departure_setting(name: str) -> Any:
@@ -136,10 +136,7 @@ class ControlSettings(Settings):
         0.2, 'Step 1: deceleration to end it with [m/s^2]', low=0.01, high=20.0
     )
     spiral_ratio: float = setting(
-        0.4,
-        'Step 1: part of the distance that its spiral leaves for step 2',
-        low=0.05,
-        high=0.95,
+        0.4, 'Step 1: part of the distance that its spiral leaves for step 2', low=0.05, high=0.95
     )
     least_spiral_ratio: float = setting(
         0.15,
@@ -162,28 +159,20 @@ class ControlSettings(Settings):
         low=0,
         high=0.5,
     )
-    base: str = setting(
+    base: str = fixed(
         DEFAULT_BASE,
         'Base: differential_drive, car (steers, and never turns in place), or one of another '
         'package',
-        read_only=True,
     )
-    max_curvature: float = setting(
+    max_curvature: float = fixed(
         0.0,
         'Largest curvature of the path of the base; 0 = it turns in place [1/m]',
         low=0.0,
         high=20.0,
-        read_only=True,
     )
-    wheelbase: float = setting(
-        0.33, 'Distance between both axles of a car [m]', low=0.02, high=10.0, read_only=True
-    )
-    steering_rate: float = setting(
-        1.0,
-        'How fast the wheels of a car are steered [rad/s]',
-        low=0.01,
-        high=50.0,
-        read_only=True,
+    wheelbase: float = fixed(0.33, 'Distance between both axles of a car [m]', low=0.02, high=10.0)
+    steering_rate: float = fixed(
+        1.0, 'How fast the wheels of a car are steered [rad/s]', low=0.01, high=50.0
     )
     max_linear: float = setting(0.4, 'Largest linear speed [m/s]', low=0.01, high=5.0)
     max_angular: float = setting(0.5, 'Largest angular speed [rad/s]', low=0.01, high=10.0)

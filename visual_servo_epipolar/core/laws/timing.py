@@ -6,27 +6,23 @@ stamps at which phase and run began are moved along, so that limits count the ti
 one usual period, and go on by the new clock.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
+from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING, seconds_between
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 HALF_TURNS = 3.0  # at full speed, that no turn in place takes
 USUAL_STEP_S = 0.1  # between two images, where no others came before
 
 
-def interval(earlier_ns: int, later_ns: int) -> float:
-    """Return the time between two stamps [ns] to integrate over [s], from 0 to MAX_STEP_S."""
-    return min(max(seconds_between(earlier_ns, later_ns), 0.0), MAX_STEP_S)
+def time_step(state: ServoState, stamp_ns: int) -> float:
+    """Return the time from the last image to ``stamp_ns`` to integrate over [s]."""
+    if state.measurement is None:
+        return 0.0
+    return min(max(seconds_between(state.measurement.stamp_ns, stamp_ns), 0.0), MAX_STEP_S)
 
 
 def clock_jump(state: ServoState, stamp_ns: int, settings: ServoSettings) -> str:

@@ -50,10 +50,8 @@ class CommandsSent:
         """Acceleration that led to the last command [m/s^2, rad/s^2]; 0 where it is long ago."""
         if len(self.stamps) < 2 or self.withdrawn:
             return STANDSTILL
-        (before, last), seconds = (
-            self.twists[-2:],
-            (self.stamps[-1] - self.stamps[-2]) / NANOSECONDS,
-        )
+        before, last = self.twists[-2:]
+        seconds = (self.stamps[-1] - self.stamps[-2]) / NANOSECONDS
         return Twist(
             (last.linear - before.linear) / seconds, (last.angular - before.angular) / seconds
         )

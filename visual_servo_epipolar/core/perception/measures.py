@@ -11,12 +11,7 @@ counts by what it tells, one behind the camera as well.
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import (
-    BoolArray,
-    FloatArray,
-    medians,
-    packed,
-)
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians, packed
 from visual_servo_epipolar.core.geometry.rays import dot
 
 APART, NEGLIGIBLE = 6.0, 5e-4  # times the median distance of features, plus rad
@@ -34,10 +29,7 @@ def feature_difference(current: FloatArray, desired: FloatArray, wide: bool = Fa
 
 
 def usual_difference(
-    current: FloatArray,
-    desired: FloatArray,
-    wide: bool = False,
-    among: BoolArray | bool = True,
+    current: FloatArray, desired: FloatArray, wide: bool = False, among: BoolArray | bool = True
 ) -> FloatArray:
     """
     Return D of the rays, (..., N, 3), that are about as far off as most, shape (...).
@@ -51,10 +43,7 @@ def usual_difference(
 
 
 def difference_deviation(
-    current: FloatArray,
-    desired: FloatArray,
-    noise: float,
-    wide: bool = False,
+    current: FloatArray, desired: FloatArray, noise: float, wide: bool = False
 ) -> FloatArray:
     """
     Return the deviation of D, shape (...), of rays of shape (..., N, 3).

@@ -52,42 +52,27 @@ class PerceptionMemory:
 def fresh_memory(settings: PerceptionSettings) -> PerceptionMemory:
     """Return the memory before the first observation."""
     return PerceptionMemory(
-        settings.mount,
-        settings.pixel_noise,
-        lens=unknown_lens(settings.focal_deviation),
+        settings.mount, settings.pixel_noise, lens=unknown_lens(settings.focal_deviation)
     )
 
 
-class Lesson(NamedTuple):
+def updated_memory(
+    memory: PerceptionMemory, estimate: Estimate, reason: str, *, noise: float, parallax: float
+) -> PerceptionMemory:
     """
-    What one view may add to a ``memory``: its ``estimate``, rejected if there is a ``reason``.
+    Return the memory after an ``estimate``, which was rejected if there is a ``reason``.
 
-    ``noise`` is the deviation [px] that its residuals show, ``parallax`` in pixels.
+    ``noise`` is the deviation [px] that its residuals show; what is shown with too small a
+    ``parallax`` [px] says nothing of the camera.
     """
-
-    memory: PerceptionMemory
-    estimate: Estimate
-    reason: str
-    noise: float
-    parallax: float
-
-    @property
-    def informative(self) -> bool:
-        """Whether it says something of the camera."""
-        return not self.reason and self.parallax > INFORMATIVE_PARALLAX * self.noise
-
-
-def updated_memory(lesson: Lesson) -> PerceptionMemory:
-    """Return the memory after a ``lesson``."""
-    memory, estimate = lesson.memory, lesson.estimate
-    if lesson.reason:
+    if reason:
         return replace(memory, consecutive_rejections=memory.consecutive_rejections + 1)
     attitude, lens = memory.attitude, memory.lens
-    if lesson.informative:
+    if parallax > INFORMATIVE_PARALLAX * noise:
         lens = learnt(lens, estimate.lens)
         if estimate.attitude is not None:
             attitude = learnt_attitude(attitude, estimate.attitude)
-    return PerceptionMemory(attitude, lesson.noise, estimate.bearings, lens=lens)
+    return PerceptionMemory(attitude, noise, estimate.bearings, lens=lens)
 
 
 def learnt_attitude(before: Attitude, after: Attitude) -> Attitude:

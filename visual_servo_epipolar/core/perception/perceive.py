@@ -2,16 +2,11 @@
 
 from dataclasses import dataclass, replace
 import math
+from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import (
-    are_among,
-    BoolArray,
-    FloatArray,
-    median,
-)
-from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
+from visual_servo_epipolar.core.arrays import are_among, BoolArray, FloatArray, median
 from visual_servo_epipolar.core.geometry.epipolar import rotations_desired_current
 from visual_servo_epipolar.core.geometry.lens import change, for_wrong_rays, spurious_parallax
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, RotationFit
@@ -76,8 +71,11 @@ def perceive(
     if not better.corrects_nothing:
         observation = observation.corrected(better)
         rotation = fit_rotation(observation.current, observation.desired)
-    measured = _measures(observation, rotation, estimate, settings)
-    return perception(observation, measured, estimate, memory)
+    measurement = _measurement(observation, rotation, estimate, settings)
+    geometry, fundamental = estimate.estimate, None
+    if geometry is not None:
+        fundamental = for_wrong_rays(geometry.fundamental, memory.lens)
+    return Perception(measurement, estimate.memory, fundamental, observation)
 
 
 def blank(
@@ -111,46 +109,48 @@ def of_few(
         return replace(blank.measurement, view_margins=margins, present_margins=present)
     nothing = ValidatedEstimate(memory, blank.measurement.reason)
     rotation = fit_rotation(observation.current, observation.desired)
-    measured = _measures(observation, rotation, nothing, settings)
-    return perception(observation, measured, nothing, memory).measurement
+    return _measurement(observation, rotation, nothing, settings)
 
 
-@dataclass(frozen=True, slots=True)
-class Measures:
-    """What is measured under a heading: the fields of a Measurement that are not estimated."""
-
-    parallax: float
-    heading_error: float
-    rotation_heading: float
-    difference: float
-    difference_deviation: float
-    feature_error: float
-    view_margins: tuple[float, float]
-    present_margins: tuple[float, float]
-
-
-def _measures(
+def _measurement(
     observation: Observation,
     rotation: RotationFit,
     estimate: ValidatedEstimate,
     settings: PerceptionSettings,
-) -> Measures:
-    current, desired = observation.current, observation.desired
-    bearings = estimate.bearings
+) -> Measurement:
+    """Return the measurement of one observation, by its best ``rotation`` and its ``estimate``."""
+    geometry, quality, bearings = estimate.estimate, estimate.quality, estimate.bearings
     heading_error = rotation.heading_error if bearings is None else bearings.heading_error
     counted = usual_matches(observation, estimate)
-    difference, deviation = math.nan, math.nan
+    keep = settings.keep_features
+    margins, present = _margins(observation.current, counted, observation, keep)
+    measured: dict[str, Any] = {}
+    if geometry is not None and quality is not None:
+        measured = {
+            'deviation': quality.deviation,
+            'covariance': geometry.whole_covariance * quality.growth**2,
+            'jump': geometry.jump,
+            'confidence': geometry.confidence,
+            'inliers': quality.inliers,
+        }
     if not estimate.memory.two_view_skip:
-        difference = _difference(observation, rotation, heading_error, counted, settings)
-        deviation = _deviation(observation, estimate.memory)
-    return Measures(
-        _parallax(observation, rotation, heading_error, estimate.memory, settings),
-        heading_error,
-        rotation.heading_error,
-        difference,
-        deviation,
-        median(measures.distances(current, desired)),
-        *_margins(current, counted, observation, settings.keep_features),
+        measured |= _differences(
+            observation, rotation, heading_error, counted, estimate.memory, settings
+        )
+    return Measurement(
+        observation.stamp_ns,
+        len(observation),
+        observation.focal,
+        estimate.memory.noise,
+        bearings=bearings,
+        parallax=_parallax(observation, rotation, heading_error, estimate.memory, settings),
+        heading_error=heading_error,
+        rotation_heading=rotation.heading_error,
+        feature_error=median(measures.distances(observation.current, observation.desired)),
+        view_margins=margins,
+        present_margins=present,
+        reason=estimate.reason,
+        **measured,
     )
 
 
@@ -180,12 +180,10 @@ def with_difference(perception: Perception, settings: PerceptionSettings) -> Mea
         return measurement
     rotation = fit_rotation(observation.current, observation.desired)
     counted = usual_matches(observation, ValidatedEstimate(perception.memory, SPARED))
-    heading_error = measurement.heading_error
-    return changed(
-        measurement,
-        difference=_difference(observation, rotation, heading_error, counted, settings),
-        difference_deviation=_deviation(observation, perception.memory),
+    differences = _differences(
+        observation, rotation, measurement.heading_error, counted, perception.memory, settings
     )
+    return changed(measurement, **differences)
 
 
 def usual_matches(observation: Observation, estimate: ValidatedEstimate) -> BoolArray:
@@ -212,61 +210,23 @@ def _parallax(
     return math.sqrt(max(rotation.parallax * rotation.parallax - spurious * spurious, 0.0))
 
 
-def _deviation(observation: Observation, memory: PerceptionMemory) -> float:
-    """Return the deviation of D."""
-    current, desired = observation.current, observation.desired
-    noise = memory.noise / observation.focal
-    return float(measures.difference_deviation(current, desired, noise, observation.wide))
-
-
-def _difference(
+def _differences(
     observation: Observation,
     rotation: RotationFit,
     heading_error: float,
     counted: BoolArray,
+    memory: PerceptionMemory,
     settings: PerceptionSettings,
-) -> float:
-    """Return D, of features turned as the goal is where settings say so: of those ``counted``."""
-    current, desired = observation.current, observation.desired
-    if not settings.compensates:
-        return float(measures.feature_difference(current, desired, observation.wide))
-    # Pitch and roll of an uneven floor are those of the best rotation, the heading is better.
-    better = rotations_desired_current(np.asarray(heading_error - rotation.heading_error))
-    level = measures.turned(current, better @ rotation.rotation)
-    return float(measures.usual_difference(level, desired, observation.wide, counted))
-
-
-def perception(
-    observation: Observation,
-    measured: Measures,
-    estimate: ValidatedEstimate,
-    before: PerceptionMemory,
-) -> Perception:
-    """Return the measurement of one observation; its rays were corrected as ``before`` knew."""
-    geometry, quality = estimate.estimate, estimate.quality
-    covariance = UNKNOWN_COVARIANCE
-    if geometry is not None and quality is not None:
-        covariance = geometry.whole_covariance * quality.growth**2
-    measurement = Measurement(
-        observation.stamp_ns,
-        len(observation),
-        observation.focal,
-        estimate.memory.noise,
-        bearings=estimate.bearings,
-        deviation=math.nan if quality is None else quality.deviation,
-        covariance=covariance,
-        jump=0.0 if geometry is None else geometry.jump,
-        confidence=0.0 if geometry is None else geometry.confidence,
-        inliers=0 if quality is None else quality.inliers,
-        parallax=measured.parallax,
-        heading_error=measured.heading_error,
-        rotation_heading=measured.rotation_heading,
-        difference=measured.difference,
-        difference_deviation=measured.difference_deviation,
-        feature_error=measured.feature_error,
-        view_margins=measured.view_margins,
-        present_margins=measured.present_margins,
-        reason=estimate.reason,
-    )
-    fundamental = None if geometry is None else for_wrong_rays(geometry.fundamental, before.lens)
-    return Perception(measurement, estimate.memory, fundamental, observation)
+) -> dict[str, float]:
+    """Return D, of features turned as the goal is where settings say so, and its deviation."""
+    current, desired, wide = observation.current, observation.desired, observation.wide
+    if settings.compensates:
+        # Pitch and roll of an uneven floor are those of the best rotation, the heading is better.
+        better = rotations_desired_current(np.asarray(heading_error - rotation.heading_error))
+        level = measures.turned(current, better @ rotation.rotation)
+        difference = measures.usual_difference(level, desired, wide, counted)
+    else:
+        difference = measures.feature_difference(current, desired, wide)
+    noise = memory.noise / observation.focal
+    deviation = measures.difference_deviation(current, desired, noise, wide)
+    return {'difference': float(difference), 'difference_deviation': float(deviation)}

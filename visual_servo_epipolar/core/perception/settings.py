@@ -10,28 +10,26 @@ from visual_servo_epipolar.core.estimators.registry import (
     may_learn_focal,
     UNCALIBRATED,
 )
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.settings import fixed, setting, Settings
 
 
 @dataclass(frozen=True, kw_only=True)
 class PerceptionSettings(Settings):
     """What perception may be told. Angles in rad, parallax and noise in px."""
 
-    estimator: str = setting(
+    estimator: str = fixed(
         DEFAULT_ESTIMATOR,
         'Estimator: lmeds_8pt (the paper), planar_3dof (focal length unknown), planar_2dof '
         '(upright camera), soft_planar (tilt, roll and floor jitter found out), or one of another '
         'package',
-        read_only=True,
     )
-    seed: int = setting(0, 'Seed of the random subsets', low=0, high=2**31 - 1, read_only=True)
-    focal_deviation: float = setting(
+    seed: int = fixed(0, 'Seed of the random subsets', low=0, high=2**31 - 1)
+    focal_deviation: float = fixed(
         0.0,
         'Estimator soft_planar: deviation of the logarithm of the focal length in camera_info; 0 '
         'for a calibrated camera, 1 where it may be anything',
         low=0.0,
         high=3.0,
-        read_only=True,
     )
     compensate_rotation: bool = setting(
         True, 'False: no law may take D from features turned to the desired heading'
@@ -61,33 +59,17 @@ class PerceptionSettings(Settings):
     pixel_noise: float = setting(
         0.3, 'Deviation of a tracked coordinate before residuals show it [px]', low=0.01, high=10
     )
-    camera_tilt: float = setting(
-        0.0,
-        'Tilt of the camera, down positive, as far as it is known [rad]',
-        low=-0.8,
-        high=0.8,
-        read_only=True,
+    camera_tilt: float = fixed(
+        0.0, 'Tilt of the camera, down positive, as far as it is known [rad]', low=-0.8, high=0.8
     )
-    camera_roll: float = setting(
-        0.0,
-        'Roll of the camera, clockwise, as far as it is known [rad]',
-        low=-0.8,
-        high=0.8,
-        read_only=True,
+    camera_roll: float = fixed(
+        0.0, 'Roll of the camera, clockwise, as far as it is known [rad]', low=-0.8, high=0.8
     )
-    camera_tilt_deviation: float = setting(
-        0.26,
-        'Deviation of that tilt, which is learnt while driving [rad]',
-        low=0.0017,
-        high=0.5,
-        read_only=True,
+    camera_tilt_deviation: float = fixed(
+        0.26, 'Deviation of that tilt, which is learnt while driving [rad]', low=0.0017, high=0.5
     )
-    camera_roll_deviation: float = setting(
-        0.09,
-        'Deviation of that roll, which is learnt while driving [rad]',
-        low=0.0017,
-        high=0.5,
-        read_only=True,
+    camera_roll_deviation: float = fixed(
+        0.09, 'Deviation of that roll, which is learnt while driving [rad]', low=0.0017, high=0.5
     )
     floor_jitter: float = setting(
         0.0017, 'Deviation of tilt and of roll by the floor, view by view [rad]', low=0, high=0.1

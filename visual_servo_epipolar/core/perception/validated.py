@@ -11,7 +11,6 @@ from visual_servo_epipolar.core.geometry.rotation import RotationFit
 from visual_servo_epipolar.core.geometry.small_baseline import fundamental_of_small_baseline
 from visual_servo_epipolar.core.perception.leaning_head import with_jitter
 from visual_servo_epipolar.core.perception.memory import (
-    Lesson,
     PerceptionMemory,
     Still,
     updated_memory,
@@ -57,7 +56,8 @@ def validated_estimate(
     frame: int,
 ) -> ValidatedEstimate:
     """Estimate the geometry of one pair of views with their best rotation, and validate."""
-    reason = no_baseline(rotation.parallax * observation.focal, memory.noise, settings)
+    parallax_px = rotation.parallax * observation.focal
+    reason = no_baseline(parallax_px, memory.noise, settings)
     if reason:
         return without_baseline(observation, rotation.rotation, memory, settings, reason)
     if memory.two_view_skip:
@@ -75,15 +75,15 @@ def validated_estimate(
     except DegenerateGeometryError as error:
         return ValidatedEstimate(memory, str(error))
     quality = fit_quality(
-        geometry,
-        observation.current,
-        observation.desired,
-        observation.resolution,
-        memory.noise,
+        geometry, observation.current, observation.desired, observation.resolution, memory.noise
     )
     reason = rejection_reason(geometry, quality, memory, settings, prior.attitude.jitter)
-    lesson = lesson_of(observation, rotation, memory, settings, geometry, quality, reason)
-    return ValidatedEstimate(updated_memory(lesson), lesson.reason, geometry, quality)
+    if settings.calibrated:  # through an unknown lens a turn looks another
+        reason = reason or turned_otherwise(geometry.bearings, rotation.heading_error)
+    reason = reason or rolled_over(rotation.rotation, observation.current, observation.desired)
+    noise = _noise(quality.noise, memory.noise, settings.pixel_noise)
+    memory = updated_memory(memory, geometry, reason, noise=noise, parallax=parallax_px)
+    return ValidatedEstimate(memory, reason, geometry, quality)
 
 
 def no_baseline(parallax_px: float, noise: float, settings: PerceptionSettings) -> str:
@@ -139,28 +139,6 @@ def prior_of(
     """Return what an estimator may know beforehand of an ``observation``."""
     attitude = with_jitter(memory.attitude, observation)
     return Prior(attitude, memory.bearings, settings.max_leap, memory.lens, settings.mount)
-
-
-def lesson_of(
-    observation: Observation,
-    rotation: RotationFit,
-    memory: PerceptionMemory,
-    settings: PerceptionSettings,
-    geometry: Estimate,
-    quality: FitQuality,
-    reason: str,
-) -> Lesson:
-    """Return what an estimate may add to the ``memory``, rejected if there is a ``reason``."""
-    if settings.calibrated:  # through an unknown lens a turn looks another
-        reason = reason or turned_otherwise(geometry.bearings, rotation.heading_error)
-    reason = reason or rolled_over(rotation.rotation, observation.current, observation.desired)
-    return Lesson(
-        memory,
-        geometry,
-        reason,
-        noise=_noise(quality.noise, memory.noise, settings.pixel_noise),
-        parallax=rotation.parallax * observation.focal,
-    )
 
 
 def _noise(now: float, before: float, first: float) -> float:

@@ -43,7 +43,7 @@ def check_motion(
         return _undone(state.changed(check=motion), measurement)
     if motion.reference is state.check.reference:
         return state.changed(check=motion)
-    now = known(state)
+    now = Known(state.view.map, state.identified)
     before = now if state.known is None else state.known[-1]
     return state.changed(check=motion, known=(before, now))
 
@@ -64,18 +64,6 @@ def check_lens(
     return state.changed(measurement=measurement, reason=trouble, settled=0), Event.LOST
 
 
-def known(state: ServoState) -> Known:
-    """Return what was learnt by now."""
-    return Known(
-        state.view.map,
-        state.identified.extrinsics,
-        state.identified.curvature,
-        state.identified.dead_band,
-        state.identified.delay,
-        state.identified.odometry,
-    )
-
-
 def _undone(state: ServoState, measurement: Measurement) -> ServoState:
     """Return ``state`` as known before a motion that contradicts commands, and the reason."""
     trouble = state.check.trouble
@@ -85,19 +73,17 @@ def _undone(state: ServoState, measurement: Measurement) -> ServoState:
         state = state.changed(settled=0, reason=trouble or state.reason)
     if state.known is None:
         return state
-    before = state.known[0]
-    lost_map = replace(before.map, views=None, place=None)  # nobody knows the way since
-    extrinsics = before.extrinsics and changed(before.extrinsics, placed=False)
-    return state.changed(
-        goal=changed(state.view.goal, map=lost_map),
-        extrinsics=extrinsics,
-        curvature=before.curvature,
-        dead_band=before.dead_band,
-        delay=before.delay,
-        odometry=replace(before.odometry, check=None, pose=state.identified.odometry.pose),
+    before, identified = state.known[0]
+    lost_map = replace(before, views=None, place=None)  # nobody knows the way since
+    extrinsics, pose = identified.extrinsics, state.identified.odometry.pose
+    identified = changed(
+        identified,
+        extrinsics=extrinsics and changed(extrinsics, placed=False),
+        odometry=replace(identified.odometry, check=None, pose=pose),
         straight=None,
-        leg=None,
     )
+    goal = changed(state.view.goal, map=lost_map)
+    return state.changed(goal=goal, identified=identified, leg=None)
 
 
 def parallax_of_way(
@@ -113,10 +99,8 @@ def parallax_of_way(
     noise, parallax = NOISE_OF_PARALLAX * measurement.noise, measurement.parallax
     if not parallax > KNOWN_PARALLAX * noise or not len(observation):
         return 0.0
-    distance, most = (
-        goal_distance(state, measurement),
-        settings.initial_distance + state.motion.reversed,
-    )
+    distance = goal_distance(state, measurement)
+    most = settings.initial_distance + state.motion.reversed
     distance = min(distance, most) if distance > 0.0 else math.inf
     shown = math.sqrt(parallax * parallax - noise * noise) / max(distance, settings.min_distance)
     shown *= _shrinkage(observation)

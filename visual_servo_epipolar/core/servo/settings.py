@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.rigs.fixed_mount import Mount
 from visual_servo_epipolar.core.rigs.registry import DEFAULT_RIG, rig_of
 from visual_servo_epipolar.core.rigs.rig import HeadLimits, Joints, Rig
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, told_extrinsics
-from visual_servo_epipolar.core.settings import setting
+from visual_servo_epipolar.core.settings import fixed, setting
 
 LEAST_EXCURSION = 1.05  # start distances: below it noise alone would fail the run
 MOUNT = tuple(f'camera_{item.name}' for item in fields(Mount))
@@ -26,83 +26,46 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     Angles in rad, lengths in m, times in s; epipoles in units of the focal length.
     """
 
-    rig: str = setting(
+    rig: str = fixed(
         DEFAULT_RIG,
         'What carries the camera: fixed (a mount), pan_tilt (a head), or one of another package',
-        read_only=True,
     )
-    pan_min: float = setting(
-        -1.745, 'Head: least pan angle [rad]', low=-6.2, high=0.0, read_only=True
+    pan_min: float = fixed(-1.745, 'Head: least pan angle [rad]', low=-6.2, high=0.0)
+    pan_max: float = fixed(1.745, 'Head: largest pan angle, to the left [rad]', low=0.0, high=6.2)
+    pan_speed: float = fixed(1.5, 'Head: speed of its pan joint [rad/s]', low=0.01, high=20.0)
+    head_latency: float = fixed(
+        0.1, 'Head: time from its command to its motion [s]', low=0.0, high=1.0
     )
-    pan_max: float = setting(
-        1.745, 'Head: largest pan angle, to the left [rad]', low=0.0, high=6.2, read_only=True
+    photograph_pan: float = fixed(
+        0.0, 'Head: pan angle at which the photograph was taken [rad]', low=-6.2, high=6.2
     )
-    pan_speed: float = setting(
-        1.5, 'Head: speed of its pan joint [rad/s]', low=0.01, high=20.0, read_only=True
-    )
-    head_latency: float = setting(
-        0.1, 'Head: time from its command to its motion [s]', low=0.0, high=1.0, read_only=True
-    )
-    photograph_pan: float = setting(
-        0.0,
-        'Head: pan angle at which the photograph was taken [rad]',
-        low=-6.2,
-        high=6.2,
-        read_only=True,
-    )
-    photograph_tilt: float = setting(
+    photograph_tilt: float = fixed(
         0.0,
         'Head: tilt angle at which the photograph was taken, and which it keeps [rad]',
         low=-1.5,
         high=1.5,
-        read_only=True,
     )
-    camera_yaw: float = setting(
-        0.0,
-        'Yaw of the camera on the base, to the left, as told [rad]',
-        low=-1.6,
-        high=1.6,
-        read_only=True,
+    camera_yaw: float = fixed(
+        0.0, 'Yaw of the camera on the base, to the left, as told [rad]', low=-1.6, high=1.6
     )
-    camera_forward: float = setting(
-        0.0, 'Camera ahead of the axle, as told [m]', low=-2.0, high=2.0, read_only=True
+    camera_forward: float = fixed(0.0, 'Camera ahead of the axle, as told [m]', low=-2.0, high=2.0)
+    camera_left: float = fixed(
+        0.0, 'Camera to the left of the middle of the axle, as told [m]', low=-2.0, high=2.0
     )
-    camera_left: float = setting(
-        0.0,
-        'Camera to the left of the middle of the axle, as told [m]',
-        low=-2.0,
-        high=2.0,
-        read_only=True,
+    camera_yaw_deviation: float = fixed(
+        0.09, 'Deviation of that yaw, which is learnt while driving [rad]', low=0.0, high=0.5
     )
-    camera_yaw_deviation: float = setting(
-        0.09,
-        'Deviation of that yaw, which is learnt while driving [rad]',
-        low=0.0,
-        high=0.5,
-        read_only=True,
+    camera_forward_deviation: float = fixed(
+        0.15, 'Deviation of that offset ahead, which is learnt [m]', low=0.0, high=1.0
     )
-    camera_forward_deviation: float = setting(
-        0.15,
-        'Deviation of that offset ahead, which is learnt [m]',
-        low=0.0,
-        high=1.0,
-        read_only=True,
+    camera_left_deviation: float = fixed(
+        0.07, 'Deviation of that offset aside, which is learnt [m]', low=0.0, high=1.0
     )
-    camera_left_deviation: float = setting(
-        0.07,
-        'Deviation of that offset aside, which is learnt [m]',
-        low=0.0,
-        high=1.0,
-        read_only=True,
-    )
-    odometry: bool = setting(
+    odometry: bool = fixed(
         False,
         'Take the way between images from odom, not from commands, while nothing contradicts it',
-        read_only=True,
     )
-    autostart: bool = setting(
-        False, 'Start by itself once there are tracks; false: on ~/start', read_only=True
-    )
+    autostart: bool = fixed(False, 'Start by itself once there are tracks; false: on ~/start')
     latch_engage: float = setting(
         0.002, 'Step 1: bearing of e_du that counts as zero [rad]', low=0.0, high=0.2
     )

@@ -35,14 +35,10 @@ NO_MAP = MapState()
 
 
 class Known(NamedTuple):
-    """What was learnt of base, camera and scene by a view."""
+    """What was learnt of the scene, and of base and camera, by a view."""
 
     map: MapState
-    extrinsics: Extrinsics | None
-    curvature: Curvature
-    dead_band: DeadBand
-    delay: Delay
-    odometry: Odometry
+    identified: 'Identification'
 
 
 # Parts have no slots: ``values.changed``.

@@ -27,7 +27,7 @@ from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.timing import (
     after_clock_jump,
     clock_jump,
-    interval,
+    time_step,
     usual_step,
     USUAL_STEP_S,
 )
@@ -157,7 +157,7 @@ def advance(
     """Return the state after a ``perception``: the part of ``decide`` that needs no features."""
     last_twist, measurement, usual_s = state.twist, perception.measurement, usual_step(state)
     leapt = clock_jump(state, measurement.stamp_ns, settings)
-    dt = _time_step(state, measurement, leapt)
+    dt = 0.0 if leapt else time_step(state, measurement.stamp_ns)
     if leapt:
         state = after_clock_jump(state, measurement.stamp_ns)
     settings = state.identified.effective(settings)
@@ -199,13 +199,6 @@ def _head_command(
         view.unseen(observation.stamp_ns),
     )
     return settings.carrier.head_command(gaze)
-
-
-def _time_step(state: ServoState, measurement: Measurement, leapt: str) -> float:
-    """Return the time since the last image [s] to integrate over: none where stamps leap."""
-    if leapt or state.measurement is None:
-        return 0.0
-    return interval(state.measurement.stamp_ns, measurement.stamp_ns)
 
 
 def _ramp_step(last: Twist, dt: float, usual_s: float, since_command: float) -> float:

@@ -62,12 +62,8 @@ def progress(state: ServoState) -> dict[str, float]:
     ranged in step 1, without one), the heading left, the attempt, the time since the run began,
     and the phase by its place among all of them, from 0.
     """
-    remaining, deviation, heading, measurement = (
-        state.motion.range,
-        math.nan,
-        math.nan,
-        state.measurement,
-    )
+    remaining, deviation, heading = state.motion.range, math.nan, math.nan
+    measurement = state.measurement
     if measurement is not None:
         heading = measurement.heading_error
         if measurement.offset is not None:

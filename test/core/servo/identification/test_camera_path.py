@@ -13,10 +13,11 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle
-from visual_servo_epipolar.core.servo.identification.camera_path import FORWARD, PSI
 from visual_servo_epipolar.core.servo.identification.extrinsics import (
     Extrinsics,
+    FORWARD,
     moved,
+    PSI,
     seen,
     told_extrinsics,
 )

@@ -11,12 +11,13 @@ import pytest
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
-from visual_servo_epipolar.core.servo.identification.camera_path import RHO, YAW
 from visual_servo_epipolar.core.servo.identification.extrinsics import (
     Extrinsics,
     MAX_CONTRADICTIONS,
     placed,
     ranged,
+    RHO,
+    YAW,
 )
 from visual_servo_epipolar.core.servo.identification.extrinsics_update import (
     FAULT,

@@ -6,11 +6,9 @@ memory of views knows the offset in metres; two views know D alone, which the sl
 shown while driving turns into metres along the axis: what is aside only parallax tells.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
+from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phases.bounds import (
     FACING,
     facing_bound,
@@ -19,10 +17,6 @@ from visual_servo_epipolar.core.laws.phases.bounds import (
     trial_of,
 )
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: see ``fit_rotation``
 ARRIVAL_OFFSET = 2e-3  # of who has arrived, by a memory of views [m]

@@ -7,17 +7,12 @@ tolerance that is enough, after 4 s where each pulse of a dead band has to be se
 tolerances of the owner make them coarser, less what the measurement may be wrong by.
 """
 
-from __future__ import annotations
-
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
+from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.timing import usual_step, USUAL_STEP_S
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
 LEAST_OFFSET, LEAST_HEADING = 4e-5, 2e-5  # that a memory of views bothers about [m], [rad]

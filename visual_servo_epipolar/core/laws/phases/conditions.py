@@ -1,20 +1,14 @@
 """Conditions on a measurement that phases share: where the goal lies, what can be trusted."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 TURNED = 1.0  # more than a robot turns between two images, or while it stands [rad]
 ROOM = 0.18  # behind a goal whose place is known, to begin step 1 [m]

@@ -5,14 +5,11 @@ The paper turns it away from zero alone (section IV-B, remarks); a discordant tu
 side of e_au where the distance shrinks in step 1.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.braking import braked_turn
-from visual_servo_epipolar.core.laws.machine import PhaseRow
+from visual_servo_epipolar.core.laws.machine import PhaseRow, ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import stopping
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
@@ -20,10 +17,6 @@ from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.laws.two_steps.derived_gains import legal_target
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 MOST_RESTARTS = 12  # of step 1 in an attempt: it goes to and fro
 

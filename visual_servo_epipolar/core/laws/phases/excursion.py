@@ -1,15 +1,9 @@
 """Excursion: how far a run may lead away from the goal, and backward."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
+from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 LONGEST_WAY = 1.5  # in upper bounds of the distance
 LONGEST_NEARING = 3.0  # the same of who has come nearer, by its memory: it began beyond the bound

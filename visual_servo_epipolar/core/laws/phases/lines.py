@@ -1,10 +1,8 @@
 """Lines to the goal: where step 2 alone leads home, as a memory of views has the offset."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
+from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_LOOK_AHEAD,
@@ -14,10 +12,6 @@ from visual_servo_epipolar.core.odometry.ranging import (
     UNKNOWN_RANGE,
 )
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 RESIDUAL_OFFSET = 5e-4  # that line following may leave [m]
 LAST_SHARE, LAST_LOOK_AHEAD = 0.5, 0.03  # of the way that is left, and at least [m]

@@ -4,10 +4,7 @@ Matching features: step 2, which drives straight until the features match, eqs. 
 The law says which departures are taken (``law.Law``).
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.braking import (
@@ -24,7 +21,7 @@ from visual_servo_epipolar.core.laws.braking import (
     unfelt_latency,
 )
 from visual_servo_epipolar.core.laws.law import matching_control
-from visual_servo_epipolar.core.laws.machine import PhaseRow
+from visual_servo_epipolar.core.laws.machine import PhaseRow, ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import (
     faces_goal,
@@ -41,10 +38,6 @@ from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.laws.two_steps.derived_gains import gains_in_use, with_gains_of_now
 from visual_servo_epipolar.core.laws.two_steps.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 DOUBTFUL_LOOKS = 3  # times the frames of one that is sure: the noise has to be known
 YAW_FOR_NEW_ATTEMPT = math.radians(0.5)  # that the camera is learnt to differ by in this phase

@@ -1,21 +1,13 @@
 """Orienting: the turn in place to the heading of the photograph."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.braking import settled_turn
-from visual_servo_epipolar.core.laws.machine import PhaseRow
+from visual_servo_epipolar.core.laws.machine import PhaseRow, ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_at_goal
 from visual_servo_epipolar.core.laws.phases.bounds import pulse_turn_bound, trial_of
 from visual_servo_epipolar.core.laws.phases.conditions import begun_step_1, is_sideways
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 
 def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:

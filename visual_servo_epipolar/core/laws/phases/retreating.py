@@ -1,12 +1,8 @@
 """Retreating: the robot backs off at the heading of the goal, to come in from behind."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.braking import settled_turn
-from visual_servo_epipolar.core.laws.machine import PhaseRow
+from visual_servo_epipolar.core.laws.machine import PhaseRow, ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.conditions import (
     is_far_enough,
@@ -15,10 +11,6 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
 )
 from visual_servo_epipolar.core.laws.phases.lines import leads_home
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 
 def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:

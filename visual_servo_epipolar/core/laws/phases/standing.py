@@ -4,21 +4,14 @@ Phases in which the robot stands: before a run, after it, and while it cannot go
 WAITING and HOLDING survey the situation, and lead to where a run begins or goes on.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
-from visual_servo_epipolar.core.laws.machine import PhaseRow
+from visual_servo_epipolar.core.laws.machine import PhaseRow, ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import is_at_goal
 from visual_servo_epipolar.core.laws.phases.bounds import align_bound, engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import has_turned, is_sideways, is_untrusted
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 # In a row that must be trusted before the robot moves again; where it is said to have turned
 # meanwhile, somebody must have turned it.

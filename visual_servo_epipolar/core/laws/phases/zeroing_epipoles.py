@@ -4,16 +4,13 @@ Zeroing epipoles: step 1, which drives the robot onto the axis of the photograph
 The law says which departures are taken (``law.Law``).
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.braking import braked_turn
 from visual_servo_epipolar.core.laws.law import epipole_controls
-from visual_servo_epipolar.core.laws.machine import PhaseRow
+from visual_servo_epipolar.core.laws.machine import PhaseRow, ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.bounds import (
     align_bound,
@@ -31,10 +28,6 @@ from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.laws.two_steps.derived_gains import gains_in_use, with_gains_of_now
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 CREEP = 0.02  # least speed under contact braking, lest noise in the rate stop the robot [m/s]
 YAW_FOR_NEW_START = math.radians(1.5)  # that the camera may be learnt to differ by in this phase

@@ -1,9 +1,7 @@
 """Approach: the velocity of one motion from what is measured, by the equations of ``steering``."""
 
-from __future__ import annotations
-
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist, wrap_angle
@@ -18,6 +16,7 @@ from visual_servo_epipolar.core.laws.braking import (
     TAIL_S,
     unfelt_latency,
 )
+from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.smooth.all_round import (
     driving_share,
     goes_around,
@@ -42,10 +41,6 @@ from visual_servo_epipolar.core.laws.smooth.wide_view import (
 )
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 TURN_S = 0.5  # time constant of turns to where features stay in view
 UNCERTAIN = 0.06  # deviation of the bearings at which the robot drives at half speed [rad]

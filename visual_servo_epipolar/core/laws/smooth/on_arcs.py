@@ -7,17 +7,14 @@ at the goal cannot be turned away in place, so that it backs off for it as well.
 ends elsewhere is an attempt, and those are bounded in number.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.braking import BRAKING, rate_within
-from visual_servo_epipolar.core.laws.machine import StateMachine
+from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState, StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import is_near_enough
 from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted
@@ -34,10 +31,6 @@ from visual_servo_epipolar.core.laws.smooth.phases import (
 from visual_servo_epipolar.core.laws.smooth.wide_view import GAINS, RESERVE
 from visual_servo_epipolar.core.laws.two_steps.laws import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 SPARED = 0.85  # of the largest curvature, by which ways are chosen: the rest undoes errors
 MISSED = 4.0  # times what a way may miss the goal by, at which it is given up

@@ -5,22 +5,21 @@ A robot beside the goal backs off first, on an arc. What two views alone know en
 the paper's second step: a memory of views is what carries one motion through to its end.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 import math
-from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.braking import TAIL_S
-from visual_servo_epipolar.core.laws.machine import Classifier, PhaseRow, StateMachine
-from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import (
-    faces_goal,
-    has_parallax,
-    is_near_enough,
+from visual_servo_epipolar.core.laws.machine import (
+    Classifier,
+    PhaseRow,
+    ServoSettings,
+    ServoState,
+    StateMachine,
 )
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, has_parallax, is_near_enough
 from visual_servo_epipolar.core.laws.phases.bounds import (
     ends_by_pulses,
     FACING,
@@ -40,11 +39,7 @@ from visual_servo_epipolar.core.laws.phases.orienting import ORIENTING
 from visual_servo_epipolar.core.laws.phases.retreating import has_run_up, RETREATING
 from visual_servo_epipolar.core.laws.phases.standing import ARRIVED, FAILED, HOLDING, WAITING
 from visual_servo_epipolar.core.laws.smooth.all_round import goes_around, sees_all_round
-from visual_servo_epipolar.core.laws.smooth.approach import (
-    approach,
-    back_off,
-    way_left,
-)
+from visual_servo_epipolar.core.laws.smooth.approach import approach, back_off, way_left
 from visual_servo_epipolar.core.laws.smooth.steering import polar_pose
 from visual_servo_epipolar.core.laws.smooth.wide_view import (
     goes_around_in_view,
@@ -52,11 +47,8 @@ from visual_servo_epipolar.core.laws.smooth.wide_view import (
     leads_around,
     LEAST_SHARE,
 )
+from visual_servo_epipolar.core.laws.two_steps.laws import transitions_by
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 NEAR_GOAL = 0.25  # from where a bearing tells of the goal, not of the way to it [m]
 PASSED = 0.05  # beyond which the goal was passed by [m]
@@ -246,13 +238,6 @@ APPROACHING = PhaseRow(
     is_close=is_close,
     begin=begin,
 )
-_SURVEY = {
-    Event.NO_BASELINE: Phase.ORIENTING,
-    Event.SIDEWAYS: Phase.RETREATING,
-    Event.APART: APPROACHING.phase,
-    Event.ALIGNED: Phase.MATCHING_FEATURES,
-    Event.MATCHED: Phase.ARRIVED,
-}
 ONE_MOTION = StateMachine(
     (
         *(surveyed(WAITING), surveyed(HOLDING), ARRIVED, FAILED, ORIENTING, MATCHING_FEATURES),
@@ -260,21 +245,11 @@ ONE_MOTION = StateMachine(
         APPROACHING,
     ),
     {
-        **{(Phase.WAITING, event): phase for event, phase in _SURVEY.items()},
-        **{(Phase.HOLDING, event): phase for event, phase in _SURVEY.items()},
-        (Phase.ORIENTING, Event.APART): APPROACHING.phase,
-        (Phase.ORIENTING, Event.SIDEWAYS): Phase.RETREATING,
-        (Phase.ORIENTING, Event.ALIGNED): Phase.MATCHING_FEATURES,
-        (Phase.ORIENTING, Event.MATCHED): Phase.ARRIVED,
-        (Phase.RETREATING, Event.APART): APPROACHING.phase,
+        **transitions_by(APPROACHING.phase),
         (APPROACHING.phase, Event.SIDEWAYS): Phase.RETREATING,
         (APPROACHING.phase, Event.ALIGNED): Phase.MATCHING_FEATURES,
         (APPROACHING.phase, Event.MATCHED): Phase.ARRIVED,
         (APPROACHING.phase, Event.MISSED): Phase.RETREATING,
         (APPROACHING.phase, Event.TURNED): Phase.ORIENTING,
-        (Phase.MATCHING_FEATURES, Event.NO_GAIN): Phase.FAILED,
-        (Phase.MATCHING_FEATURES, Event.MATCHED): Phase.ARRIVED,
-        (Phase.MATCHING_FEATURES, Event.TURNED): Phase.ORIENTING,
-        (Phase.MATCHING_FEATURES, Event.MISSED): Phase.RETREATING,
     },
 )

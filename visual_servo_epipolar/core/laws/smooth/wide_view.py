@@ -9,17 +9,12 @@ left of the distance is the ratio of their sines. Where that is too little, or n
 off, by the same law driven backward, for which the goal's other side is ahead.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
+from visual_servo_epipolar.core.laws.machine import ServoSettings
 from visual_servo_epipolar.core.laws.smooth.steering import aim, Gains, PolarPose
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 GAINS = Gains()
 RESERVE = 0.05  # of the margins of the view [rad]

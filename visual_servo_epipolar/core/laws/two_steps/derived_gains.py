@@ -6,11 +6,9 @@ singularity); where no turn can help, the run fails with the reason. Gains that 
 a phase may last are a warning.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
+from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, displacement
@@ -21,10 +19,6 @@ from visual_servo_epipolar.core.laws.two_steps.settling_times import (
     longest_matching,
 )
 from visual_servo_epipolar.core.perception.measurement import Measurement
-
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo.settings import ServoSettings
-    from visual_servo_epipolar.core.servo.state import ServoState
 
 NEARLY_ZERO = 2.0  # bearing of an e_du that counts as zero, in landings
 USUAL_RATE = 11.0  # before two images have come [Hz]

@@ -14,25 +14,32 @@ from visual_servo_epipolar.core.laws.phases.retreating import RETREATING
 from visual_servo_epipolar.core.laws.phases.standing import STANDING
 from visual_servo_epipolar.core.laws.phases.zeroing_epipoles import ZEROING_EPIPOLES
 
-# From a survey of the situation: at the start, and after tracks came back.
-SURVEY = {
-    Event.NO_BASELINE: Phase.ORIENTING,
-    Event.SIDEWAYS: Phase.RETREATING,
-    Event.APART: Phase.DISPLACING,
-    Event.ALIGNED: Phase.MATCHING_FEATURES,
-    Event.MATCHED: Phase.ARRIVED,
-}
+
+def transitions_by(drive: Phase) -> dict[tuple[Phase, Event], Phase]:
+    """Return the transitions that laws share, whose way to the goal begins with ``drive``."""
+    survey = {  # of the situation: at the start, and after tracks came back
+        Event.SIDEWAYS: Phase.RETREATING,
+        Event.APART: drive,
+        Event.ALIGNED: Phase.MATCHING_FEATURES,
+        Event.MATCHED: Phase.ARRIVED,
+    }
+    standing = {Event.NO_BASELINE: Phase.ORIENTING, **survey}
+    return {
+        **{(Phase.WAITING, event): phase for event, phase in standing.items()},
+        **{(Phase.HOLDING, event): phase for event, phase in standing.items()},
+        **{(Phase.ORIENTING, event): phase for event, phase in survey.items()},
+        (Phase.RETREATING, Event.APART): drive,
+        (Phase.MATCHING_FEATURES, Event.NO_GAIN): Phase.FAILED,
+        (Phase.MATCHING_FEATURES, Event.MATCHED): Phase.ARRIVED,
+        (Phase.MATCHING_FEATURES, Event.TURNED): Phase.ORIENTING,
+        (Phase.MATCHING_FEATURES, Event.MISSED): Phase.RETREATING,
+    }
+
 
 TWO_STEPS = StateMachine(
     (*STANDING, ORIENTING, RETREATING, DISPLACING, ZEROING_EPIPOLES, MATCHING_FEATURES),
     {
-        **{(Phase.WAITING, event): phase for event, phase in SURVEY.items()},
-        **{(Phase.HOLDING, event): phase for event, phase in SURVEY.items()},
-        (Phase.ORIENTING, Event.APART): Phase.DISPLACING,
-        (Phase.ORIENTING, Event.SIDEWAYS): Phase.RETREATING,
-        (Phase.ORIENTING, Event.ALIGNED): Phase.MATCHING_FEATURES,
-        (Phase.ORIENTING, Event.MATCHED): Phase.ARRIVED,
-        (Phase.RETREATING, Event.APART): Phase.DISPLACING,
+        **transitions_by(Phase.DISPLACING),
         (Phase.RETREATING, Event.ALIGNED): Phase.MATCHING_FEATURES,
         (Phase.DISPLACING, Event.DISPLACED): Phase.ZEROING_EPIPOLES,
         (Phase.DISPLACING, Event.NO_GAIN): Phase.FAILED,
@@ -41,10 +48,6 @@ TWO_STEPS = StateMachine(
         (Phase.ZEROING_EPIPOLES, Event.ESCAPED): Phase.DISPLACING,
         (Phase.ZEROING_EPIPOLES, Event.NO_BASELINE): Phase.ORIENTING,
         (Phase.ZEROING_EPIPOLES, Event.NO_GAIN): Phase.DISPLACING,
-        (Phase.MATCHING_FEATURES, Event.NO_GAIN): Phase.FAILED,
-        (Phase.MATCHING_FEATURES, Event.MATCHED): Phase.ARRIVED,
-        (Phase.MATCHING_FEATURES, Event.TURNED): Phase.ORIENTING,
-        (Phase.MATCHING_FEATURES, Event.MISSED): Phase.RETREATING,
     },
 )
 

@@ -9,7 +9,6 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.camera_path import YAW
 from visual_servo_epipolar.core.servo.identification.extrinsics import (
     corrected,
     Extrinsics,
@@ -23,6 +22,7 @@ from visual_servo_epipolar.core.servo.identification.extrinsics import (
     seen,
     seen_anew,
     unplaced,
+    YAW,
 )
 from visual_servo_epipolar.core.values import changed
 

@@ -93,11 +93,7 @@ class MotionCheck:
         if observation.joints is None:
             return after
         head = self.head.updated(
-            here,
-            observation.joints.pan,
-            sent,
-            ray_noise=evidence.noise,
-            latency=settings.latency,
+            here, observation.joints.pan, sent, ray_noise=evidence.noise, latency=settings.latency
         )
         if after.trouble and self.reference is not None:
             head = head.since(self.reference, here, evidence.noise, sent)

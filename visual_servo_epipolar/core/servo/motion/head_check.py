@@ -54,13 +54,7 @@ class HeadCheck:
     slip: str = ''
 
     def updated(
-        self,
-        here: Reference,
-        pan: float,
-        sent: CommandsSent,
-        *,
-        ray_noise: float,
-        latency: float,
+        self, here: Reference, pan: float, sent: CommandsSent, *, ray_noise: float, latency: float
     ) -> 'HeadCheck':
         """Return the check after one more view, of a base that obeys with a ``latency`` [s]."""
         anew = replace(self, previous=here, pan=pan, rate=0.0, suspected=0.0)
@@ -108,9 +102,7 @@ def _unexplained(
     slack = TURN_DEVIATIONS * seen.noise if slack is None else slack
     low, high = float(turns.min()), float(turns.max())
     left = beyond(
-        seen.turn,
-        TURN_RATIOS[low < 0.0] * low - slack,
-        TURN_RATIOS[high > 0.0] * high + slack,
+        seen.turn, TURN_RATIOS[low < 0.0] * low - slack, TURN_RATIOS[high > 0.0] * high + slack
     )
     return left, max(high, -low)
 
