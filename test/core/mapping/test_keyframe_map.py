@@ -83,7 +83,7 @@ def test_a_focal_length_that_is_wrong_is_found_out_on_the_way(drive, ratio) -> N
 def test_the_same_drive_gives_the_same_bits(drive, memory) -> None:
     again = map_after_drive(drive)
     one, other = (m.after(drive.observations(14), drive.motion(14))[1] for m in (memory, again))
-    for name in ('pose', 'covariance', 'own', 'inverse_depth', 'inverse_depth_variance', 'rays'):
+    for name in ('pose', 'covariance', 'own', 'inverse_depth', 'rays'):
         assert np.array_equal(getattr(one, name), getattr(other, name))
 
 
@@ -239,7 +239,7 @@ def test_predicted_rays_are_where_features_are_seen(drive, memory) -> None:
     at = [rows[number] for number in observations.ids[said.inliers].tolist()]
     angle = np.linalg.norm(said.rays[at] - observations.current[said.inliers], axis=1)
     assert np.median(angle) < 2.0 * np.median(observations.noise)
-    pixels = said.pixels(drive.settings.camera)
+    pixels = drive.settings.camera.pixels(said.rays)
     assert pixels[at] == pytest.approx(drive.pixels[15, observations.ids[said.inliers]], abs=2.0)
 
 
@@ -282,10 +282,10 @@ def test_features_unseen_before_join_and_become_known(drive) -> None:
                 np.array([j for j, i in enumerate(observations.ids) if i not in late]),
             )
         told = two_views(drive, k).bearings if memory.geometry is None else ()
+        geometry = memory.update_map().geometry
         memory, said = memory.after(observations, drive.motion(k), bearings=told)
-        variance[k] = dict(
-            zip(said.ids.tolist(), said.inverse_depth_variance.tolist(), strict=False)
-        )
+        variances = [] if said.reason else geometry.feature_covariance[2, 2].tolist()
+        variance[k] = dict(zip(said.ids.tolist(), variances, strict=False))
     assert not late & set(variance[5])
     new = sorted(late & set(variance[14]) - set(said.dropped.tolist()))
     assert len(new) > 12
@@ -370,7 +370,7 @@ def test_of_two_geometries_that_two_views_allow_the_views_choose(wall: bool) -> 
         memory, _ = memory.after(drive.observations(k), drive.motion(k), bearings=both)
     _, said = memory.after(drive.observations(14))
     assert near_truth(said, drive.views[14])
-    assert said.noise_ratio == pytest.approx(1.0, abs=0.1)
+    assert memory.geometry.noise_ratio == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize('wall', [True, False])

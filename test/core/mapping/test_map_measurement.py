@@ -85,8 +85,6 @@ def test_a_reading_tells_offsets_in_depths_whatever_the_scale() -> None:
         map_measurement_of(each, difference_slope(ray, np.array([1.0 / each.depth])))
         for each in (said, larger)
     )
-    assert one.depth_ratio == other.depth_ratio == pytest.approx(-0.004)
-    assert one.depth_ratio_deviation == pytest.approx(other.depth_ratio_deviation)
     assert one.difference == pytest.approx(other.difference)
     assert one.difference < 0.0  # behind the goal
     assert one.parallax == pytest.approx(other.parallax)

@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import float_image
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates, FULL_PERIOD, TRIES
-from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame
+from visual_servo_epipolar.core.tracking.flow import flow, Frame
 from visual_servo_epipolar.core.tracking.geometry.pixels import agree_on_one_geometry
 from visual_servo_epipolar.core.tracking.matching import desired_view
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -102,8 +102,8 @@ def test_more_templates_than_there_was_room_for_are_kept() -> None:
 def test_the_coarse_flow_is_near_enough_to_be_aligned() -> None:
     frames, settings = (Frame(scene()), Frame(scene(SHIFT))), TrackerSettings()
     points = grid().astype(np.float32)
-    fine, _ = checked_flow(*frames, points, settings=settings)
-    coarse, valid = coarse_flow(*frames, points, settings=settings)
+    fine, _ = flow(*frames, points, settings=settings)
+    coarse, valid = flow(*frames, points, settings=settings, coarse=True)
     assert valid.all()
     assert 0.0 < np.abs(coarse - fine).max() < 0.5
     assert frames[1].half is frames[1].half
@@ -117,15 +117,16 @@ def test_without_levels_and_in_a_small_image_the_flow_is_that_of_the_whole_image
     frames = Frame(scene(size=size)), Frame(scene(SHIFT, size))
     settings = TrackerSettings(levels=levels)
     points = grid().astype(np.float32)
-    fine, _ = checked_flow(*frames, points, settings=settings)
-    coarse, _ = coarse_flow(*frames, points, settings=settings)
+    fine, _ = flow(*frames, points, settings=settings)
+    coarse, _ = flow(*frames, points, settings=settings, coarse=True)
     np.testing.assert_array_equal(coarse, fine)
 
 
 def test_dimmed_light_is_no_motion_to_the_coarse_flow() -> None:
     dimmed = (scene() * 0.7).astype(np.uint8)
     points = grid().astype(np.float32)
-    moved, valid = coarse_flow(Frame(scene()), Frame(dimmed), points, settings=TrackerSettings())
+    frames, settings = (Frame(scene()), Frame(dimmed)), TrackerSettings()
+    moved, valid = flow(*frames, points, settings=settings, coarse=True)
     assert valid.all()
     assert np.abs(moved - points).max() < 0.3
 

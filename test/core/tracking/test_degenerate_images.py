@@ -14,11 +14,10 @@ from visual_servo_epipolar.core.tracking import tracker as module
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, patch_radius
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
-from visual_servo_epipolar.core.tracking.flow import flow, OpenCVError
+from visual_servo_epipolar.core.tracking.flow import flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.geometry.pixels import epipolar_geometry
 from visual_servo_epipolar.core.tracking.matching import desired_view, match
-from visual_servo_epipolar.core.tracking.predicted_features import PredictedFeatures
-from visual_servo_epipolar.core.tracking.reacquisition import reacquire
+from visual_servo_epipolar.core.tracking.reacquisition import PredictedFeatures, reacquire
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 
@@ -148,7 +147,8 @@ def test_contrast_without_a_slope_stays_where_it_is(kind: str) -> None:
 
 
 def test_the_flow_of_no_point_is_none() -> None:
-    moved, valid = flow(scene(), scene(), np.empty((0, 2), np.float32), settings=TrackerSettings())
+    frame, nothing = Frame(scene()), np.empty((0, 2), np.float32)
+    moved, valid = flow(frame, frame, nothing, settings=TrackerSettings())
     assert (len(moved), len(valid)) == (0, 0)
 
 
@@ -163,7 +163,7 @@ def test_what_opencv_cannot_cope_with_is_a_reason_and_the_next_image_is_tracked(
         raise OpenCVError('(-215:Assertion failed) !model.empty()')
 
     with monkeypatch.context() as patched:
-        patched.setattr(module, 'coarse_flow', fails)
+        patched.setattr(module, 'flow', fails)
         assert len(tracking.track(scene())) == 0
     assert tracking.reason.startswith('the image could not be tracked in: (-215')
     assert len(tracking.track(scene())) == usual

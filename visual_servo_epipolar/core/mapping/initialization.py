@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from visual_servo_epipolar.core.mapping.adjustment.projection import (
 )
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
 from visual_servo_epipolar.core.mapping.adjustment.window import (
+    HEADING,
     KeyframeWindow,
     MOUNT,
     PHOTOGRAPH,
@@ -33,7 +35,6 @@ from visual_servo_epipolar.core.mapping.fitting import (
     MatchedFeatures,
     USUAL_MEDIAN,
 )
-from visual_servo_epipolar.core.mapping.planar_ambiguity import ambiguous_bearings
 
 STEPS, MORE_STEPS, ROUNDS = 2, 6, 6
 ALMOST = 1.5  # times the usual squares: as good as there
@@ -48,6 +49,7 @@ MOST_DOUBT = 0.1  # deviation of a place over its distance, to begin with
 LEAST_TRUSTED = 0.35  # of the features
 FIRST_UNCERTAINTY = 0.3  # of depths from two views
 FARTHEST = 10.0  # ways to the first view that another may be off
+LEAST_ON_PLANE = 3  # features that a plane is fitted to, at least
 LEAST_DEPTH = 0.2  # of the way between the views
 
 
@@ -87,6 +89,45 @@ def initial_geometry(
     # Who needs views left out does not fit as well.
     others = [other for other in others if len(other.window) >= len(best.window)]
     return None if any(is_rival(best, other) for other in others) else best
+
+
+def ambiguous_bearings(geometry: Geometry) -> Bearings | None:
+    """
+    Return the bearings of the last view in the twin of a ``geometry``; None without a plane.
+
+    What a view of a plane at a place p shows is I - p m^T, turned, with m . X = 1 on the plane;
+    but for a turn p and m may change parts (Faugeras and Lustman 1988; Hartley and Zisserman,
+    13.4): the robot straight before the wall, and the wall across its way. Which of both it is,
+    relief has to tell, or a third view far enough from both.
+    """
+    if int(geometry.trusted.sum()) <= LEAST_ON_PLANE:
+        return None
+    return exchanged_bearings(geometry.unknowns.views[-1], _plane(geometry)[[0, 2]])
+
+
+def exchanged_bearings(view: FloatArray, across: FloatArray) -> Bearings | None:
+    """Return bearings of a view with place and wall ``across``, (2,), exchanged, if any."""
+    place = view[:2]
+    if not float(place @ place) > 0.0 or not float(across @ across) > 0.0:
+        return None
+    # (I - m p^T) (I - p m^T)^-1 is a turn, but for a stretch across it.
+    cross = float(place[0] * across[1] - place[1] * across[0])
+    turn = 2.0 * math.atan2(cross, 2.0 - float(place @ across))
+    psi = math.atan2(across[1], across[0]) - 0.5 * turn
+    psi += math.pi if place @ across < 0.0 else 0.0  # both are on one side of the wall
+    heading = float(view[HEADING]) - turn
+    return Bearings(psi, psi - heading - 0.5 * math.pi)
+
+
+def _plane(geometry: Geometry) -> FloatArray:
+    """Return m, (3,), with m . X = 1 on the plane that fits trusted features best."""
+    window, unknowns = geometry.window, geometry.unknowns
+    rows = geometry.trusted
+    rays = structure_of(window.photograph, window.tangents, unknowns).rays[:, rows]
+    roots = geometry.system.roots[rows, 2]
+    weight = 1.0 / np.sqrt((roots * roots).sum(1))
+    near = unknowns.inverse_depth[rows]
+    return np.asarray(np.linalg.lstsq((rays * weight).T, near * weight, rcond=None)[0])
 
 
 def is_rival(best: Geometry, other: Geometry) -> bool:
@@ -154,12 +195,12 @@ def _of_held_views(geometry: Geometry, scale_deviation: float) -> Geometry:
     held = held_views(geometry)
     if held.all() or held.sum() < 2:
         return geometry
-    window, at = geometry.window, geometry.unknowns
+    window, unknowns = geometry.window, geometry.unknowns
     for k in np.flatnonzero(~held)[::-1].tolist():
         window = window.without_view(k)
     kept = np.asarray(window.seen.any(0))
     window = window.of_features(kept)
-    unknowns = Unknowns(at.views[held], at.shared, at.offsets[:, kept], at.inverse_depth[kept])
+    unknowns = replace(unknowns, views=unknowns.views[held]).of_features(kept)
     factors = factors_of(geometry.evaluation.factors.mount, window, scale_deviation)
     everything = np.ones(len(window.ids), bool)
     return refine(Evaluation(window, unknowns, everything, factors), MORE_STEPS, COLD_DAMPING)

@@ -16,13 +16,17 @@ from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine, rescale
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, HEADING, KeyframeWindow
-from visual_servo_epipolar.core.mapping.correspondences import Correspondences, correspondences_of
 from visual_servo_epipolar.core.mapping.feature_observations import (
     FeatureObservations,
     MapSettings,
     tangent_basis_of,
 )
-from visual_servo_epipolar.core.mapping.fitting import fit_pose_near, MatchedFeatures
+from visual_servo_epipolar.core.mapping.fitting import (
+    Correspondences,
+    correspondences_of,
+    fit_pose_near,
+    MatchedFeatures,
+)
 from visual_servo_epipolar.core.mapping.initialization import initial_geometry, is_sound, Start
 from visual_servo_epipolar.core.mapping.localization import localization_of, MapLocalization
 from visual_servo_epipolar.core.mapping.resection import NOTHING, resect, Shrinkage

@@ -6,12 +6,11 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 from visual_servo_epipolar.core.mapping.adjustment.projection import points_of, Structure, turns_of
 from visual_servo_epipolar.core.mapping.adjustment.window import HEADING, VIEW, X, Y
-from visual_servo_epipolar.core.mapping.correspondences import Correspondences
+from visual_servo_epipolar.core.mapping.fitting import Correspondences
 from visual_servo_epipolar.core.mapping.resection import Resection
 
 LEAST_DISTANCE = 1e-9  # [m] of a baseline that has a direction
@@ -31,13 +30,12 @@ class MapLocalization:
     [m, as far as the scale is known], heading error (left positive), tilt and roll [rad], with its
     ``covariance``, (5, 5); ``own``, (5, 5), is the part of that which the noise of this view makes
     alone and which averages out over views; ``shift``, (5,), the part of the pose that the
-    shrinkage makes. ``inliers``, (N,), are the observations that agree;
-    ``dropped`` the ids of wrong matches. Of all features of the map: ``ids``, (M,),
-    ``inverse_depth`` along the photograph's rays [1/m] and ``inverse_depth_variance``;
-    ``photograph``, (M, 3), are those rays. The photograph has ``shown`` some, (M,), of which those
-    ``counted``, (M,), are no wrong matches. ``depth`` is the median one [m], ``noise_ratio`` the
-    deviation of the window's residuals over that expected; ``seen`` are the features and the pose,
-    (5,), that they are seen from. ``slopes`` are those of its correspondences.
+    shrinkage makes. ``inliers``, (N,), are the observations that agree; ``dropped`` the ids of
+    wrong matches. Of all features of the map: ``ids``, (M,), ``inverse_depth`` along the
+    photograph's rays [1/m] and ``photograph``, (M, 3), those rays. The photograph has ``shown``
+    some, (M,), of which those ``counted``, (M,), are no wrong matches. ``depth`` is the median
+    one [m]; ``seen`` are the features and the pose, (5,), that they are seen from. ``slopes`` are
+    those of its correspondences.
     """
 
     reason: str = ''
@@ -49,12 +47,10 @@ class MapLocalization:
     dropped: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     ids: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     inverse_depth: FloatArray = field(default_factory=lambda: np.empty(0))
-    inverse_depth_variance: FloatArray = field(default_factory=lambda: np.empty(0))
     photograph: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     shown: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     counted: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     depth: float = math.nan
-    noise_ratio: float = math.nan
     seen: tuple[Structure, FloatArray] | None = None
     slopes: dict[tuple[int, bool], float] = field(default_factory=dict)
 
@@ -109,10 +105,6 @@ class MapLocalization:
         """Where this view would see the features, (M, 3): hardly ever asked for."""
         return np.empty((0, 3)) if self.seen is None else seen_rays(*self.seen)
 
-    def pixels(self, camera: CameraModel) -> FloatArray:
-        """Return where ``camera`` would see the features, (M, 2) [px]; nan where it would not."""
-        return camera.pixels(self.rays)
-
 
 def seen_rays(structure: Structure, pose: FloatArray) -> FloatArray:
     """Return the unit rays, (M, 3), at which a view at ``pose``, (5,), sees features."""
@@ -133,12 +125,10 @@ def localization_of(resection: Resection, by: Correspondences) -> MapLocalizatio
         dropped=geometry.wrong,
         ids=geometry.window.ids,
         inverse_depth=geometry.unknowns.inverse_depth,
-        inverse_depth_variance=geometry.feature_covariance[2, 2],
         photograph=geometry.window.photograph,
         shown=geometry.window.shown,
         counted=geometry.counted,
         depth=geometry.depth,
-        noise_ratio=geometry.noise_ratio,
         seen=(by.everything.structure, resection.pose),
         slopes=by.slopes,
     )
@@ -152,10 +142,9 @@ class MapMeasurement:
     ``bearings`` of the cameras, None at the goal itself, with their ``covariance``, (2, 2)
     [rad^2], which grows without bound towards it; ``lateral`` and ``longitudinal`` offset (right,
     ahead) [m] and ``heading_error`` [rad], which are defined there as well, with deviations;
-    ``own`` are those parts of the three deviations that average out over views. ``depth_ratio`` is
-    the offset along the axis over the median depth, which needs no scale. ``difference`` is D at
-    unit focal length as the offset makes it, ``difference_slope`` its slope along the axis [1/m];
-    ``parallax`` [rad] that of the median feature; ``inliers`` counts features that agree.
+    ``own`` are those parts of the three deviations that average out over views. ``difference`` is
+    D at unit focal length as the offset makes it, ``difference_slope`` its slope along the axis
+    [1/m]; ``parallax`` [rad] that of the median feature; ``inliers`` counts features that agree.
     ``view_rays``, (M, 3), is where a view that shows none of the photograph's features would see
     them; None where it does.
     """
@@ -170,8 +159,6 @@ class MapMeasurement:
     heading_error: float
     heading_deviation: float
     own: tuple[float, float, float]
-    depth_ratio: float
-    depth_ratio_deviation: float
     parallax: float
     difference: float
     difference_deviation: float
@@ -197,8 +184,6 @@ def map_measurement_of(said: MapLocalization, slope: float) -> MapMeasurement:
         wrap_angle(heading_error),
         said.heading_deviation,
         (math.sqrt(own[0]), math.sqrt(own[1]), math.sqrt(own[2])),
-        longitudinal / said.depth,
-        longitudinal_deviation / said.depth,
         said.parallax,
         slope * longitudinal,
         slope * longitudinal_deviation,

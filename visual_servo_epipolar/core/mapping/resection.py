@@ -31,9 +31,10 @@ from visual_servo_epipolar.core.mapping.adjustment.projection import (
 )
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.adjustment.window import MOUNT, TILT, VIEW
-from visual_servo_epipolar.core.mapping.correspondences import errors_of, FeatureErrors
 from visual_servo_epipolar.core.mapping.fitting import (
     Anchors,
+    errors_of,
+    FeatureErrors,
     MatchedFeatures,
     PoseFit,
     RIDGE,

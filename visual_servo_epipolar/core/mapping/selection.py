@@ -22,12 +22,12 @@ from visual_servo_epipolar.core.mapping.adjustment.window import (
     X,
     Y,
 )
-from visual_servo_epipolar.core.mapping.correspondences import Correspondences
 from visual_servo_epipolar.core.mapping.feature_observations import (
     differ_in_place,
     FeatureObservations,
     MapSettings,
 )
+from visual_servo_epipolar.core.mapping.fitting import Correspondences
 from visual_servo_epipolar.core.mapping.initialization import Start, triangulate
 from visual_servo_epipolar.core.mapping.resection import Resection
 
@@ -151,9 +151,7 @@ def with_keyframe(
     kept = kept_features(window, trusted, settings.features)
     if not kept.all():
         window, trusted = window.of_features(kept), trusted[kept]
-        unknowns = replace(
-            unknowns, offsets=unknowns.offsets[:, kept], inverse_depth=unknowns.inverse_depth[kept]
-        )
+        unknowns = unknowns.of_features(kept)
     mount, deviation = geometry.evaluation.factors.mount, settings.scale_deviation
     return Evaluation(window, unknowns, trusted, factors_of(mount, window, deviation))
 

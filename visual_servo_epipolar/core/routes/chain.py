@@ -21,23 +21,19 @@ def chained(
     pose, chain = np.zeros(3), []
     for k, view in enumerate(views):
         if k:
-            pose = compose(pose, between(located[k - 1], located[k], view.way))
+            before, here = located[k - 1], located[k]
+            common = sorted(before.keys() & here.keys())
+            if not common:
+                raise DegenerateGeometryError(
+                    f'two key views after {view.way:.2f} m show nothing in common; '
+                    'drive slower there'
+                )
+            steps = np.array([compose(before[j], inverse_pose(here[j])) for j in common])
+            # Medians: a single view that one of both places wrongly must not bend the route.
+            step = np.median(np.unwrap(steps, axis=0, period=2.0 * math.pi), axis=0)
+            pose = compose(pose, step)
         chain.append(replace(view, pose=pose))
     return tuple(chain)
-
-
-def between(
-    first: Mapping[int, FloatArray], second: Mapping[int, FloatArray], way: float
-) -> FloatArray:
-    """Return the pose of the second key view in axes of the first, (3,)."""
-    common = sorted(first.keys() & second.keys())
-    if not common:
-        raise DegenerateGeometryError(
-            f'two key views after {way:.2f} m show nothing in common; drive slower there'
-        )
-    poses = np.array([compose(first[k], inverse_pose(second[k])) for k in common])
-    # Medians: a single view that one of both places wrongly must not bend the route.
-    return np.asarray(np.median(np.unwrap(poses, axis=0, period=2.0 * math.pi), axis=0))
 
 
 def path_poses(route: Route) -> Iterator[FloatArray]:

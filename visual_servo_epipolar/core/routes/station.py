@@ -1,7 +1,6 @@
 """Station: the servo drives to its photographs; commands tell when what they show was moved."""
 
 from contextlib import suppress
-from dataclasses import dataclass
 import math
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
@@ -21,45 +20,20 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 APART, APART_SHARE = 0.05, 0.1  # of a station [m], and share of what was driven
 
 
-@dataclass(frozen=True, slots=True)
-class StationApproach:
+class Docking:
     """
-    Approach to a station by the servo: the ``pose`` in its axes, by commands, and ``driven`` [m].
+    Docking at a station, by the servo with its settings; ``features`` of the last image.
 
     The servo goes by a photograph alone; commands tell when what is in it was moved.
     """
-
-    pose: Pose
-    stamp_ns: int
-    driven: float = 0.0
-
-    def moved(self, twist: Twist, stamp_ns: int) -> 'StationApproach':
-        """Return it at ``stamp_ns``, where the base was told a ``twist`` until then."""
-        span = max(seconds_between(self.stamp_ns, stamp_ns), 0.0)
-        driven = self.driven + abs(twist.linear) * span
-        return StationApproach(integrate(self.pose, twist, span), stamp_ns, driven)
-
-    @property
-    def trouble(self) -> str:
-        """That an arrival here would be elsewhere than where the way leads; or ''."""
-        apart = math.hypot(self.pose.x, self.pose.y)
-        if apart <= APART + APART_SHARE * self.driven:
-            return ''
-        return (
-            f'the photograph of the station looks reached {apart:.2f} m from where the way leads; '
-            'look what was moved there, and teach the station anew'
-        )
-
-
-class Docking:
-    """Docking at a station, by the servo with its settings; ``features`` of the last image."""
 
     def __init__(self, camera: CameraModel, servo: ServoSettings) -> None:
         self._camera, self._servo = camera, servo
         self._tracker = Tracker(TrackerSettings(), camera)
         self.features = Features()
         self._session: Session | None = None
-        self._approach: StationApproach | None = None
+        # By commands: in axes of the station, and since the path was left [m].
+        self._pose, self._driven, self._stamp_ns = Pose(0.0, 0.0, 0.0), 0.0, 0
 
     @property
     def begun(self) -> bool:
@@ -69,7 +43,13 @@ class Docking:
     @property
     def trouble(self) -> str:
         """That an arrival here would be elsewhere than where the way leads; or ''."""
-        return '' if self._approach is None else self._approach.trouble
+        apart = math.hypot(self._pose.x, self._pose.y)
+        if self._session is None or apart <= APART + APART_SHARE * self._driven:
+            return ''
+        return (
+            f'the photograph of the station looks reached {apart:.2f} m from where the way leads; '
+            'look what was moved there, and teach the station anew'
+        )
 
     def aim(self, view: RouteView) -> None:
         """Read the photographs of the station, while the robot stands: that takes a while."""
@@ -82,16 +62,16 @@ class Docking:
     def begin(self, pose: FloatArray, stamp_ns: int) -> None:
         """Leave the path to the servo, at a ``pose`` in axes of the station, (3,)."""
         self._session = Session(camera=self._camera, started=True)
-        self._approach = StationApproach(Pose(*pose.tolist()), stamp_ns)
+        self._pose, self._driven, self._stamp_ns = Pose(*pose.tolist()), 0.0, stamp_ns
 
     def end(self) -> None:
         """Be as before ``begin``."""
-        self._session = self._approach = None
+        self._session = None
 
     def step(self, image: Image, stamp_ns: int, acted: Twist) -> ServoState:
         """Return the servo's state after an image, until which the base was told ``acted``."""
-        assert self._session is not None and self._approach is not None
-        self._approach = self._approach.moved(acted, stamp_ns)
+        assert self._session is not None
+        self._move(acted, stamp_ns)
         self.features = features = self._tracker.track(image)
         seen = observe(features, self._camera, stamp_ns)
         self._session = self._session.decide(seen, self._servo, goal=features.goal).update_map()
@@ -99,6 +79,12 @@ class Docking:
 
     def halt(self, stamp_ns: int, acted: Twist, reason: str) -> None:
         """Stand from ``stamp_ns`` on, until which the base was told ``acted``."""
-        if self._session is not None and self._approach is not None:
-            self._approach = self._approach.moved(acted, stamp_ns)
+        if self._session is not None:
+            self._move(acted, stamp_ns)
             self._session = self._session.interrupted(Interruption.LOST, reason)
+
+    def _move(self, twist: Twist, stamp_ns: int) -> None:
+        """Note that the base was told a ``twist`` until ``stamp_ns``."""
+        span = max(seconds_between(self._stamp_ns, stamp_ns), 0.0)
+        self._driven += abs(twist.linear) * span
+        self._pose, self._stamp_ns = integrate(self._pose, twist, span), stamp_ns

@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.mapping.adjustment.factors import (
     views_of,
 )
 from visual_servo_epipolar.core.mapping.adjustment.projection import structure_of
-from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
+from visual_servo_epipolar.core.mapping.adjustment.refinement import refine
 from visual_servo_epipolar.core.mapping.adjustment.window import (
     EMPTY,
     KeyframeWindow,
@@ -197,31 +197,22 @@ def learn_structure(
     factors = factors_of(mount, window, SCALE_DEVIATION)
     if camera.wraps:
         factors = replace(factors, lens_deviation=ALL_AROUND)
-    at = Evaluation(window, unknowns, np.ones(count, bool), factors)
-    geometry = refine(*_narrowed(at))
+    at, damping = refine_narrowing(Evaluation(window, unknowns, np.ones(count, bool), factors))
+    geometry = refine(at, STEPS, damping)
     rows = np.flatnonzero(geometry.trusted & (window.seen.sum(0) >= LEAST_VIEWS))
     if len(rows) < LEAST_FEATURES:
         raise DegenerateGeometryError(
             f'{len(rows)} features of a key view have a place, {LEAST_FEATURES} are needed; '
             'drive slower there, or where there is more to see'
         )
-    return window.ids[rows], _structure(geometry, rows, photograph)
-
-
-def _narrowed(at: Evaluation) -> tuple[Evaluation, int, float]:
-    at, damping = refine_narrowing(at)
-    return at, STEPS, damping
-
-
-def _structure(geometry: Geometry, rows: IntArray, photograph: FloatArray) -> LocalStructure:
-    unknowns = geometry.unknowns
-    return LocalStructure(
-        photograph[geometry.window.ids[rows]],
+    ids, unknowns = window.ids[rows], geometry.unknowns
+    return ids, LocalStructure(
+        photograph[ids],
         unknowns.offsets[:, rows],
         unknowns.inverse_depth[rows],
         geometry.feature_covariance[..., rows],
         unknowns.shared[:SHARED],
-        float(geometry.evaluation.factors.jitter),
+        float(factors.jitter),
     )
 
 

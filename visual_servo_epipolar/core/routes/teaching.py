@@ -41,17 +41,10 @@ class DrivenFrame(NamedTuple):
 
     number: int
     image: Image
+    stamp_ns: int
     pose: FloatArray
     way: float
     speed: float
-
-
-class StampedImage(NamedTuple):
-    """An image, its stamp, and where the base was by odometry, (3,)."""
-
-    image: Image
-    stamp_ns: int
-    pose: FloatArray
 
 
 @dataclass(eq=False)
@@ -92,11 +85,10 @@ class Teacher:
         self._views: list[RouteView] = []
         self._located: list[dict[int, FloatArray]] = []  # by key view: poses of frames
         self._pending: _Pending | None = None
-        self._frames: list[DrivenFrame] = []  # since the key view before the last
+        self._frames: list[DrivenFrame] = []  # that are kept, since the key view before the last
         self._most = 0
         self._moved_ns = 0
-        self._kept: StampedImage | None = None
-        self._latest: StampedImage | None = None
+        self._latest: DrivenFrame | None = None
         self._paused = False
 
     @property
@@ -117,8 +109,13 @@ class Teacher:
                 f'{image.shape[1]}x{image.shape[0]}; use the calibration of this resolution'
             )
         pose = np.array([odometry.x, odometry.y, odometry.theta])
-        latest = StampedImage(image, stamp_ns, pose)
-        if self._kept is None or self._has_moved(self._kept.pose, pose):
+        latest = DrivenFrame(0, image, stamp_ns, pose, 0.0, 0.0)
+        if self._frames:
+            last = self._frames[-1]
+            moved = math.hypot(*(pose - last.pose)[:2])
+            speed = moved / max(seconds_between(last.stamp_ns, stamp_ns), 1e-3)
+            latest = DrivenFrame(last.number + 1, image, stamp_ns, pose, last.way + moved, speed)
+        if not self._frames or _has_moved(self._frames[-1].pose, pose):
             self._moved_ns, self._paused = stamp_ns, False
             self._keep(latest)
         else:
@@ -136,25 +133,11 @@ class Teacher:
         assert self._pending is not None
         is_here = self._pending.frame.number == self._frames[-1].number
         stands = is_here and (self._pending.is_station or self._frames[-1].way == 0.0)
-        if not stands and self._latest is not self._kept:
+        if not stands and self._latest is not self._frames[-1]:
             self._keep(self._latest)
         if self._pending.frame.number != self._frames[-1].number:
             self._begin_key_view(self._frames[-1])
         self._pending.is_station = True
-
-    @staticmethod
-    def _has_moved(before: FloatArray, pose: FloatArray) -> bool:
-        x, y, turn = relative_pose(before, pose).tolist()
-        return math.hypot(x, y) > LEAST_STEP or abs(turn) > LEAST_TURN
-
-    def _keep(self, sight: StampedImage) -> None:
-        way, speed, number = 0.0, 0.0, 0
-        if self._kept is not None:
-            moved = math.hypot(*(sight.pose - self._kept.pose)[:2])
-            way, number = self._frames[-1].way + moved, self._frames[-1].number + 1
-            speed = moved / max(seconds_between(self._kept.stamp_ns, sight.stamp_ns), 1e-3)
-        self._kept = self._latest = sight
-        self._take(DrivenFrame(number, sight.image.copy(), sight.pose, way, speed))
 
     def finish(self) -> Route:
         """Return the route; its first and last key views are stations."""
@@ -164,7 +147,9 @@ class Teacher:
             self._views[0] = replace(self._views[0], is_station=True)
         return Route(self.camera, chained(self._views, self._located))
 
-    def _take(self, frame: DrivenFrame) -> None:
+    def _keep(self, frame: DrivenFrame) -> None:
+        """Keep a frame, and begin a key view there if it is time."""
+        self._latest = frame = frame._replace(image=frame.image.copy())
         self._frames.append(frame)
         if self._pending is None:
             self._begin_key_view(frame)
@@ -208,6 +193,11 @@ class Teacher:
         view, located = _learnt(pending, self.camera, self._mount)
         self._views.append(view)
         self._located.append(located)
+
+
+def _has_moved(before: FloatArray, pose: FloatArray) -> bool:
+    x, y, turn = relative_pose(before, pose).tolist()
+    return math.hypot(x, y) > LEAST_STEP or abs(turn) > LEAST_TURN
 
 
 def _learnt(

@@ -52,13 +52,17 @@ class Candidates:
         ``preferred`` ones, shape (N,), and strong ones come before weak ones; within a cell
         preferred ones and good corners. Returns the chosen rows in ascending order.
         """
-        pixels, (_, height) = self._view.keypoints.pixels[ids], self.size
+        pixels, (width, height) = self._view.keypoints.pixels[ids], self.size
         # What lies at the height of the camera hardly moves in a planar motion.
         height_share = np.abs(pixels[:, 1] - 0.5 * height) / (0.5 * height)
         quality = self._view.corners[ids] * np.minimum(height_share / INFORMATIVE_HEIGHT, 1.0)
         strong = preferred | self._is_strong[ids]
         quality = quality + (1.0 * strong + preferred) * self._view.corners.max()
-        return bucketed(pixels, quality, strong, count, self.size)
+        columns = max(2, round((1.5 * count) ** 0.5))
+        rows = max(2, round(columns * height / width))
+        rank = _rank_in_cell(cells(pixels, self.size, grid=(columns, rows)), quality)
+        best_first = np.lexsort((-quality, rank, ~strong))
+        return np.sort(best_first[:count])
 
     def matched(self, matches: Matches, tracked: Warps, limit: int) -> Warps:
         """Return the warps of at most ``limit`` matches that are not ``tracked``, spread."""
@@ -105,49 +109,11 @@ class Candidates:
 
 
 def cells(pixels: FloatArray, size: tuple[int, int], *, grid: tuple[int, int] = GRID) -> IntArray:
-    """
-    Return the cell of each of ``pixels``, shape (N, 2), row by row from 0, shape (N,).
-
-    ``size`` is width and height of the image [px], ``grid`` its columns and rows of cells.
-    """
+    """Return the cell of each of ``pixels``, (N, 2), in an image of width and height ``size``."""
     columns, rows = grid
     column = np.clip(pixels[:, 0] * columns / size[0], 0, columns - 1).astype(np.int64)
     row = np.clip(pixels[:, 1] * rows / size[1], 0, rows - 1).astype(np.int64)
     return np.asarray(row * columns + column)
-
-
-def bucketed(
-    pixels: FloatArray, quality: FloatArray, strong: BoolArray, count: int, size: tuple[int, int]
-) -> IntArray:
-    """
-    Choose ``count`` points spread over an image: the best of every cell, then the second best.
-
-    Those that are not ``strong`` only where these do not suffice.
-
-    Parameters
-    ----------
-    pixels : array, shape (N, 2)
-        Candidates.
-    quality : array, shape (N,)
-        Larger is better.
-    strong : array, shape (N,)
-        Which are chosen before all others.
-    count : int
-        How many to choose; all when there are not so many.
-    size : (int, int)
-        Width and height of the image [px].
-
-    Returns
-    -------
-    indices : array, shape (min(N, count),)
-        The chosen rows in ascending order.
-
-    """
-    columns = max(2, round((1.5 * count) ** 0.5))
-    rows = max(2, round(columns * size[1] / size[0]))
-    rank = _rank_in_cell(cells(pixels, size, grid=(columns, rows)), quality)
-    best_first = np.lexsort((-quality, rank, ~strong))
-    return np.sort(best_first[:count])
 
 
 def _rank_in_cell(cell: IntArray, quality: FloatArray) -> IntArray:

@@ -1,5 +1,6 @@
 """Features: what the tracker hands to the servo, the rows of the topic ``tracks``."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,9 +22,16 @@ def _no_points() -> FloatArray:
     return np.empty((0, 2))
 
 
-def _set_columns(features: Any, columns: dict[str, Any], count: int) -> None:
-    """Set frozen columns of ``count`` rows; ValueError naming the one that has others."""
-    for name, column in columns.items():
+def _freeze_columns(features: Any, names: Sequence[str]) -> None:
+    """Convert and freeze columns, ids first; ValueError naming one that does not fit."""
+    count = np.asarray(features.ids).size
+    for name in names:
+        column = getattr(features, name)
+        if name in ('current', 'desired'):
+            column = as_points(column, name)
+        else:
+            kind = np.float64 if name == 'errors' else np.int64
+            column = np.asarray(column, dtype=kind).reshape(-1)
         if len(column) != count:
             raise ValueError(
                 f'{name} must have {count} rows to match ids, got {len(column)}; '
@@ -46,13 +54,7 @@ class Passing:
     ages: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
 
     def __post_init__(self) -> None:
-        ids = np.asarray(self.ids, dtype=np.int64).reshape(-1)
-        columns = {
-            'ids': ids,
-            'current': as_points(self.current, 'current'),
-            'ages': np.asarray(self.ages, dtype=np.int64).reshape(-1),
-        }
-        _set_columns(self, columns, len(ids))
+        _freeze_columns(self, self.__slots__)
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -86,15 +88,7 @@ class Features:
     goal: int = NO_GOAL
 
     def __post_init__(self) -> None:
-        ids = np.asarray(self.ids, dtype=np.int64).reshape(-1)
-        columns = {
-            'ids': ids,
-            'current': as_points(self.current, 'current'),
-            'desired': as_points(self.desired, 'desired'),
-            'ages': np.asarray(self.ages, dtype=np.int64).reshape(-1),
-            'errors': np.asarray(self.errors, dtype=np.float64).reshape(-1),
-        }
-        _set_columns(self, columns, len(ids))
+        _freeze_columns(self, ('ids', 'current', 'desired', 'ages', 'errors'))
 
     @classmethod
     def owning(
@@ -112,13 +106,11 @@ class Features:
 
         For the tracker and simulations, whose columns are right as they are made.
         """
-        features = object.__new__(cls)
-        columns = (ids, current, desired, ages, errors)
-        for name, column in zip(cls.__slots__[: len(columns)], columns, strict=True):
+        features, columns = object.__new__(cls), (ids, current, desired, ages, errors)
+        for column in columns:
             column.setflags(write=False)
-            object.__setattr__(features, name, column)
-        object.__setattr__(features, 'passing', passing)
-        object.__setattr__(features, 'goal', goal)
+        for name, value in zip(cls.__slots__, (*columns, passing, goal), strict=True):
+            object.__setattr__(features, name, value)
         return features
 
     def __len__(self) -> int:

@@ -39,24 +39,48 @@ class Frame:
 
 
 def flow(
-    source: Image,
-    target: Image,
+    previous: Frame,
+    frame: Frame,
     points: Points,
-    guess: Points | None = None,
     *,
     settings: TrackerSettings,
-    halved: bool = False,
+    coarse: bool = False,
+    both_ways: bool = False,
 ) -> tuple[Points, BoolArray]:
     """
-    Return the flow of ``points`` from ``source`` to ``target``: their pixels there, and validity.
+    Return where ``points``, (N, 2), of a ``previous`` frame are, and which were followed, (N,).
 
-    Images are uint8 of shape (H, W), ``points`` and the initial ``guess`` pixels of shape (N, 2).
-    Validity, shape (N,), is OpenCV's status. Of ``halved`` images one level less is made, and
-    coarser steps end the search.
+    A ``coarse`` flow, to be aligned yet, is that of images at half their size: within half a
+    pixel, in a fraction of the time. ``both_ways`` the flow back must return within
+    ``forward_backward`` [px] as well.
     """
     if not len(points):  # of which OpenCV returns None
         return points, np.zeros(0, bool)
-    # As much of the scene: a larger window reaches over more edges in depth.
+    halved = coarse and settings.levels > 0 and min(frame.image.shape) >= LEAST_HALVED
+    source, target = (previous.half, frame.half) if halved else (previous.image, frame.image)
+    gain = frame.brightness / max(previous.brightness, 1.0)
+    if abs(gain - 1.0) >= NOTICEABLE_GAIN:  # Lucas-Kanade takes a change of light for motion
+        source = np.asarray(cv2.convertScaleAbs(source, alpha=gain), dtype=np.uint8)
+    part = np.float32(0.5 if halved else 1.0)
+    before = points * part
+    pixels, valid = _followed(source, target, before, None, settings, halved)
+    if both_ways:
+        back, returned = _followed(target, source, pixels, before, settings, halved)
+        off = np.hypot(*(back - before).T) / part
+        valid = valid & returned & (off <= settings.forward_backward)
+    return pixels / part, valid
+
+
+def _followed(
+    source: Image,
+    target: Image,
+    points: Points,
+    guess: Points | None,
+    settings: TrackerSettings,
+    halved: bool,
+) -> tuple[Points, BoolArray]:
+    """Return the pixels of ``points`` in the ``target``, and OpenCV's status."""
+    # Halved, as much of the scene: a larger window reaches over more edges in depth.
     window = max(LEAST_WINDOW, settings.window // 2 | 1) if halved else settings.window
     pixels, status, _ = cv2.calcOpticalFlowPyrLK(
         source,
@@ -69,64 +93,3 @@ def flow(
         flags=0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     return pixels, np.asarray(status.ravel() > 0)
-
-
-def coarse_flow(
-    previous: Frame,
-    frame: Frame,
-    points: Points,
-    *,
-    settings: TrackerSettings,
-    both_ways: bool = False,
-) -> tuple[Points, BoolArray]:
-    """
-    Return the flow of ``points`` from ``previous`` to ``frame``, to be aligned yet.
-
-    The half of an image places a feature within half a pixel, where an alignment finds it, in a
-    fraction of the time. Where nothing aligns it, the flow ``both_ways`` must return within
-    ``forward_backward`` [px].
-    """
-    halved = bool(settings.levels) and min(frame.image.shape) >= LEAST_HALVED
-    source = previous.half if halved else previous.image
-    source, target = _scaled(source, previous, frame), frame.half if halved else frame.image
-    part = np.float32(0.5 if halved else 1.0)
-    before = points * part
-    pixels, valid = flow(source, target, before, settings=settings, halved=halved)
-    if both_ways and len(points):
-        back, returned = flow(target, source, pixels, before, settings=settings, halved=halved)
-        off = np.hypot(*(back - before).T) / part
-        valid = valid & returned & (off <= settings.forward_backward)
-    return pixels / part, valid
-
-
-def checked_flow(
-    previous: Frame, frame: Frame, points: Points, *, settings: TrackerSettings
-) -> tuple[Points, BoolArray]:
-    """
-    Return the flow of ``points`` from ``previous`` to ``frame``, brightness equalised first.
-
-    Without alignment (``anchor_period`` 0) the flow back must return within ``forward_backward``
-    [px] as well; with it the patch in the desired image is the judge.
-    """
-    source = equalised(previous, frame)
-    pixels, valid = flow(source, frame.image, points, settings=settings)
-    if settings.anchor_period == 0:
-        back, back_valid = flow(frame.image, source, pixels, points, settings=settings)
-        valid &= back_valid & (np.hypot(*(back - points).T) <= settings.forward_backward)
-    return pixels, valid
-
-
-def equalised(previous: Frame, frame: Frame) -> Image:
-    """
-    Return the image of ``previous`` scaled to the mean brightness of ``frame``.
-
-    Lucas-Kanade takes a change of light for motion.
-    """
-    return _scaled(previous.image, previous, frame)
-
-
-def _scaled(image: Image, previous: Frame, frame: Frame) -> Image:
-    gain = frame.brightness / max(previous.brightness, 1.0)
-    if abs(gain - 1.0) < NOTICEABLE_GAIN:
-        return image
-    return np.asarray(cv2.convertScaleAbs(image, alpha=gain), dtype=np.uint8)

@@ -1,5 +1,6 @@
 """Matching of the desired with a current image: pairs of a matcher, one epipolar geometry."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 import math
 
@@ -191,15 +192,15 @@ def _frames(keypoints: Keypoints, canvas: Canvas) -> FloatArray:
     return np.column_stack([points, keypoints.angles, np.log2(keypoints.sizes)])
 
 
-def match_quickly(view: DesiredView, image: CurrentView, *, enough: int) -> Matches:
+def match_as_needed(view: DesiredView, image: CurrentView, enough: int | None) -> Matches:
     """
-    Match ``view`` with ``image`` quickly, and again with care where that gives too little.
+    Match quickly where that gives ``enough`` matches, None of none, and otherwise with care.
 
-    Raises TrackingError as ``match`` if fewer than eight agree even then; ``enough`` is the number
-    of matches with which the quick ones are good enough.
+    Raises TrackingError as ``match``.
     """
-    try:
-        matches = match(view, image, quick=True)
-    except TrackingError:
-        return match(view, image)
-    return matches if len(matches.indices) >= enough else match(view, image)
+    if enough is not None:
+        with suppress(TrackingError):
+            matches = match(view, image, quick=True)
+            if len(matches.indices) >= enough:
+                return matches
+    return match(view, image)

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.tracking.alignment.sampling import inside_border
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.features import FIRST_PASSING, NOTHING_PASSING, Passing
-from visual_servo_epipolar.core.tracking.flow import coarse_flow, Frame
+from visual_servo_epipolar.core.tracking.flow import flow, Frame
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 
 PERIOD = 5  # frames between two looks for new ones
@@ -69,7 +69,9 @@ class PassingFeatures:
     ) -> Passing:
         before, ages = self.features, self.features.ages + 1
         points = before.current.astype(np.float32)
-        after, valid = coarse_flow(previous, frame, points, settings=settings, both_ways=True)
+        after, valid = flow(
+            previous, frame, points, settings=settings, coarse=True, both_ways=True
+        )
         current = after.astype(np.float64)
         valid &= inside_border(current, frame.image.shape, BORDER)
         valid &= ~_near(current, known)

@@ -1,23 +1,28 @@
 """
 Reacquisition: lost features are predicted, then searched for by correlation.
 
-No geometry is needed. A feature lost a moment ago is looked for at its predicted position; one
-lost for long where a local affine map from the desired to the current image, fitted to its nearest
-tracked neighbours, puts it. The scatter of the neighbours sets the search radius.
+No geometry is needed. A feature that is lost behind an obstacle, or that left the image, moves on
+with the features around it, and is looked for there. One that is lost for long is looked for where
+a local affine map from the desired to the current image, fitted to its nearest tracked neighbours,
+puts it; their scatter sets the search radius.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.tracking.alignment.sampling import FloatImage
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+from visual_servo_epipolar.core.tracking.alignment.sampling import FloatImage, inside_border
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
-from visual_servo_epipolar.core.tracking.alignment.warps import Warps
+from visual_servo_epipolar.core.tracking.alignment.warps import contained, numbers, Warps
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
-from visual_servo_epipolar.core.tracking.predicted_features import MAX_UNSEEN, PredictedFeatures
+from visual_servo_epipolar.core.tracking.tracks import fit_motion, ImageMotion
 
+STALE_FRAMES = 100  # added to the age of a prediction by a frame without a motion to follow
+MAX_UNSEEN = 40  # frames for which a prediction is followed
+OUTLIER_PX = 8.0  # distance from the motion of most at which a feature is an outlier
 NEIGHBOURS = 8
 MIN_NEIGHBOURS = 5
 RADIUS_DEVIATIONS = 3.0  # search radius, in deviations of the neighbours from their affine map
@@ -29,13 +34,72 @@ PEAK_RADIUS = 4  # half side of one peak [px]
 RADIUS_GROWTH = 0.3  # of a predicted feature's search radius [px a frame]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
-    """
-    Predicted warp of a lost feature.
+class PredictedFeatures(NamedTuple):
+    """Last seen or predicted ``warps`` of N candidates; frames ``unseen`` of each, shape (N,)."""
 
-    ``current`` pixel, shape (2,); ``affine`` map of offsets, shape (2, 2); search ``radius`` [px].
-    """
+    warps: Warps
+    unseen: IntArray
+
+
+class Predictions:
+    """Predictions of a tracker, which follow the last motion not before somebody needs them."""
+
+    def __init__(self) -> None:
+        self._features = PredictedFeatures(Warps.empty(), np.empty(0, np.int64))
+        self._motion: tuple[ImageMotion | None, IntArray] | None = None  # to be followed yet
+
+    def follow(self, last: Warps, tracked: Warps) -> BoolArray:
+        """
+        Follow the motion from the ``last`` frame to the M features ``tracked`` in this one.
+
+        These are in the order of the last frame. Returns which move as most do, shape (M,).
+        """
+        self._catch_up()
+        before = last.current
+        if len(tracked) < len(last):
+            before = before[contained(last.ids, tracked.ids)]
+        motion = fit_motion(before, tracked.current)
+        self._motion = motion, tracked.ids
+        if motion is None:
+            return np.ones(len(tracked), bool)
+        return ~motion.outliers(before, tracked.current, OUTLIER_PX)
+
+    def correct(self, tracked: Warps) -> None:
+        """Replace or add the predictions of ``tracked`` features."""
+        warps, unseen = self._catch_up()
+        kept = numbers(~contained(warps.ids, tracked.ids))
+        seen = np.zeros(len(tracked), np.int64)
+        self._features = PredictedFeatures(
+            warps.take(kept).joined(tracked), np.concatenate([unseen.take(kept), seen])
+        )
+
+    def select(self, ids: IntArray) -> PredictedFeatures:
+        """Return the predictions of the features ``ids``, shape (M,)."""
+        warps, unseen = self._catch_up()
+        rows = numbers(contained(warps.ids, ids))
+        return PredictedFeatures(warps.take(rows), unseen.take(rows))
+
+    def _catch_up(self) -> PredictedFeatures:
+        """
+        Follow the last motion; where there was none, predictions become stale.
+
+        Only what is followed moves: not the features tracked, which will be corrected, and not
+        what has been out of sight for too long.
+        """
+        if self._motion is not None:
+            (warps, unseen), (motion, tracked) = self._features, self._motion
+            if motion is not None:
+                lost = numbers(~contained(warps.ids, tracked) & (unseen <= MAX_UNSEEN))
+                current = warps.current.copy()
+                current[lost] = motion.applied(current.take(lost, axis=0))
+                warps = replace(warps, current=current)
+            age = STALE_FRAMES if motion is None else 1
+            self._features, self._motion = PredictedFeatures(warps, unseen + age), None
+        return self._features
+
+
+class Prediction(NamedTuple):
+    """Where a lost feature may be: pixel, (2,), map of offsets, (2, 2), search ``radius`` [px]."""
 
     current: FloatArray
     affine: FloatArray
@@ -72,8 +136,8 @@ def search(
     """
     Return the current pixel, shape (2,), that correlates best with the desired patch.
 
-    The patch is that of ``feature`` at ``desired``, shape (2,) [px]; ``image`` is float32 of shape
-    (H, W). Returns None where the peak is low, or a second one nearly as high.
+    The patch is that of ``feature`` at ``desired``, shape (2,) [px]. Returns None where the peak
+    is low, or a second one nearly as high.
     """
     patch, local = anchor.patch(feature, desired, prediction.affine)
     reach = anchor.radius + int(np.ceil(prediction.radius))
@@ -100,42 +164,22 @@ def reacquire(
     image: FloatImage,
     canvas: Canvas = PLANE,
 ) -> Warps:
-    """
-    Return the warps of those ``predicted`` features that are in ``image``, to be aligned yet.
-
-    ``image`` is float32 of shape (H, W).
-    """
-    rows: list[int] = []
-    pixels: list[FloatArray] = []
-    affines: list[FloatArray] = []
-    for row, feature in enumerate(predicted.warps.ids):
-        prediction = _prediction(predicted, row, tracked, canvas)
-        if prediction is None or not _inside(prediction.current, image, anchor.radius):
+    """Return the warps of ``predicted`` features that are in ``image``, to be aligned yet."""
+    warps, rows = predicted.warps, []
+    current, affine = warps.current.copy(), warps.affine.copy()
+    for row, unseen in enumerate(predicted.unseen.tolist()):
+        desired = warps.desired[row]
+        prediction: Prediction | None = Prediction(
+            warps.current[row], warps.affine[row], SEARCH_RANGE[0] + RADIUS_GROWTH * unseen
+        )
+        if unseen > MAX_UNSEEN:
+            prediction = predict(desired, tracked, canvas)
+        if prediction is None:
             continue
-        pixel = search(int(feature), predicted.warps.desired[row], prediction, anchor, image)
+        if not inside_border(prediction.current[None], image.shape, anchor.radius)[0]:
+            continue
+        pixel = search(int(warps.ids[row]), desired, prediction, anchor, image)
         if pixel is not None:
             rows.append(row)
-            pixels.append(pixel)
-            affines.append(prediction.affine)
-    return replace(
-        predicted.warps.take(np.array(rows, dtype=np.int64)),
-        current=np.array(pixels).reshape(-1, 2),
-        affine=np.array(affines).reshape(-1, 2, 2),
-    )
-
-
-def _prediction(
-    predicted: PredictedFeatures, row: int, tracked: Warps, canvas: Canvas
-) -> Prediction | None:
-    """Return the prediction carried on from frame to frame, or by neighbours where it is old."""
-    warps, unseen = predicted.warps, predicted.unseen[row]
-    if unseen > MAX_UNSEEN:
-        return predict(warps.desired[row], tracked, canvas)
-    radius = SEARCH_RANGE[0] + RADIUS_GROWTH * float(unseen)
-    return Prediction(warps.current[row], warps.affine[row], radius)
-
-
-def _inside(pixel: FloatArray, image: FloatImage, border: int) -> bool:
-    height, width = image.shape
-    u, v = float(pixel[0]), float(pixel[1])
-    return bool(border <= u < width - border and border <= v < height - border)
+            current[row], affine[row] = pixel, prediction.affine
+    return replace(warps, current=current, affine=affine).take(np.array(rows, np.int64))

@@ -24,14 +24,13 @@ from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.canvas import Canvas
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame, OpenCVError
+from visual_servo_epipolar.core.tracking.flow import flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView
 from visual_servo_epipolar.core.tracking.passing import PassingFeatures
 from visual_servo_epipolar.core.tracking.photographs.photographs import Photographs, Rematching
 from visual_servo_epipolar.core.tracking.photographs.tied_view import TiedView
-from visual_servo_epipolar.core.tracking.predicted_features import Predictions
-from visual_servo_epipolar.core.tracking.reacquisition import reacquire
+from visual_servo_epipolar.core.tracking.reacquisition import Predictions, reacquire
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracks import Tracks
 
@@ -272,8 +271,14 @@ class Tracker:
         if self._previous is None or not len(self._tracked):
             return Tracks.empty()
         before = self._tracked.warps.current.astype(np.float32)
-        follow = coarse_flow if self._aligns_now else checked_flow
-        after, valid = follow(self._previous, frame, before, settings=self.settings)
+        after, valid = flow(
+            self._previous,
+            frame,
+            before,
+            settings=self.settings,
+            coarse=self._aligns_now,
+            both_ways=self.settings.anchor_period == 0,
+        )
         current = after.astype(np.float64)
         valid &= inside_border(current, frame.image.shape, BORDER)
         return self._tracked.followed(current, valid)
@@ -299,7 +304,7 @@ class Tracker:
         if not len(ids):
             return tracked
         predicted = self._predictions.select(ids)
-        predicted = replace(predicted, warps=self.canvas.own(predicted.warps))
+        predicted = predicted._replace(warps=self.canvas.own(predicted.warps))
         warps = reacquire(predicted, tracked.warps, self._tied.anchor, image, self.canvas)
         found = self._aligned(Tracks.detected(warps), image, FIRST_ITERATIONS)
         if not len(found):

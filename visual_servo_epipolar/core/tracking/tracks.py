@@ -1,15 +1,26 @@
-"""Tracks: the features tracked at a time, and the tests by which outliers are dropped."""
+"""Tracks: the features tracked at a time, their motion, and tests that drop outliers."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
-from visual_servo_epipolar.core.tracking.alignment.warps import keeps_all, numbers, Warps
+from visual_servo_epipolar.core.lapack import solved
+from visual_servo_epipolar.core.tracking.alignment.warps import (
+    keeps_all,
+    numbers,
+    squared_lengths,
+    Warps,
+)
 from visual_servo_epipolar.core.tracking.canvas import Canvas
 
 MIN_FEATURES = 15  # below which a test of outliers says nothing
 RESIDUAL_FACTOR, RESIDUAL_FLOOR = 3.0, 2.0  # limit: times the median, plus grey levels
+MIN_SUPPORT = 6  # tracked features below which no motion is fitted
+ROUNDS = 2  # of reweighting, so that one outlier does not drag the others along
+RIDGE = 1e-6 * np.eye(3)  # features in a row leave one direction open
+NEAR_PX = 60.0  # distance within which residuals of other features count
+OUTLIER_MEDIANS = 5.0  # residual of an outlier, in medians of all, beyond its limit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,3 +88,65 @@ class Tracks:
             return self
         _, inliers = canvas.geometry(*pixels)
         return self.take(inliers) if 2 * int(inliers.sum()) >= len(self) else self
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageMotion:
+    """
+    Motion of features from frame to frame: an affine map, and the residuals of its support.
+
+    ``affine``, shape (3, 2), maps rows (u, v, 1) [px]; ``support``, shape (N, 2), are the pixels
+    before the motion to which it was fitted; ``residuals``, shape (N, 2), weighted [px].
+    """
+
+    affine: FloatArray
+    support: FloatArray
+    residuals: FloatArray
+
+    def applied(self, pixels: FloatArray) -> FloatArray:
+        """
+        Return the new positions of ``pixels``, shape (M, 2).
+
+        The affine map, plus the mean of the residuals under weights 1 / (distance^2 + NEAR_PX^2).
+        """
+        squared = pixels @ (-2.0 * self.support.T)
+        squared += squared_lengths(pixels)[:, None] + (squared_lengths(self.support) + NEAR_PX**2)
+        weight = np.divide(1.0, squared, out=squared)
+        local = (weight @ self.residuals) / weight.sum(axis=1, keepdims=True)
+        return np.asarray(_homogeneous(pixels) @ self.affine + local)
+
+    def outliers(self, before: FloatArray, after: FloatArray, limit: float) -> BoolArray:
+        """
+        Return which features, ``before`` and ``after`` of shape (M, 2), left the affine motion.
+
+        They are farther from the map than ``limit`` [px] plus OUTLIER_MEDIANS medians.
+        """
+        off = after - _homogeneous(before) @ self.affine
+        residual = np.sqrt(squared_lengths(off))
+        return np.asarray(residual > limit + OUTLIER_MEDIANS * median(residual))
+
+
+def fit_motion(before: FloatArray, after: FloatArray) -> ImageMotion | None:
+    """
+    Fit the motion of features from ``before`` to ``after``, (N, 2) each; None of too few.
+
+    By iteratively reweighted least squares.
+    """
+    if len(before) < MIN_SUPPORT:
+        return None
+    centre = np.add.reduce(before, axis=0) / len(before)
+    rows, weight = _homogeneous(before - centre), np.ones(len(before))
+    for _ in range(ROUNDS):
+        weighted = rows.T * (weight * weight)
+        affine = solved(weighted @ rows + RIDGE, weighted @ after)
+        residual = np.sqrt(squared_lengths(after - rows @ affine))
+        weight = 1.0 / (1.0 + (residual / (2.0 * median(residual) + 0.1)) ** 2)
+    residuals: FloatArray = (after - rows @ affine) * weight[:, None]
+    affine[2] -= centre @ affine[:2]
+    return ImageMotion(np.asarray(affine, dtype=np.float64), before, residuals)
+
+
+def _homogeneous(pixels: FloatArray) -> FloatArray:
+    rows = np.ones((len(pixels), 3))
+    rows[:, :2] = pixels
+    return rows

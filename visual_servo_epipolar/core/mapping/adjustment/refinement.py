@@ -133,9 +133,8 @@ class Geometry:
 
     def prepare(self) -> None:
         """Compute what the next view will ask for, while nobody waits."""
-        several = self.feature_covariance, self.feature_covariance_root, self.wrong
-        for value in (*several, self.depth, self.noise_ratio):
-            assert value is not None
+        asked = self.feature_covariance, self.feature_covariance_root, self.wrong, self.depth
+        assert all(value is not None for value in asked)
 
 
 def _times(coupled: FloatArray, root: FloatArray) -> FloatArray:

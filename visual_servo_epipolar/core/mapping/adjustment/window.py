@@ -6,8 +6,10 @@ Arrays run over views k, features n and components, features last: (K, ..., N).
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.mapping.feature_observations import (
@@ -92,58 +94,32 @@ class KeyframeWindow:
     ) -> 'KeyframeWindow':
         """Return the window with one more keyframe, and with the features that are new in it."""
         alternative_places = driven_places if alternative_places is None else alternative_places
-        rows = self.rows_of(observations.ids)
-        wider = self._with_features(observations, rows < 0)
-        rows = wider.rows_of(observations.ids)
-        count = len(wider.ids)
-        tangent_basis, rays, seen = (
-            np.zeros((1, 2, 3, count)),
-            np.zeros((1, 3, count)),
-            np.zeros(count),
-        )
-        tangent_basis[0][..., rows] = tangent_basis_of(
-            observations.current, observations.noise[:, 0]
-        )
-        rays[0][:, rows] = observations.current.T
-        seen[rows] = 1.0
-        return replace(
-            wider,
-            tangent_basis=np.concatenate([wider.tangent_basis, tangent_basis]),
-            rays=np.concatenate([wider.rays, rays]),
-            seen=np.concatenate([wider.seen, seen[None] > 0.0]),
-            driven_places=np.concatenate([wider.driven_places, driven_places[None]]),
-            alternative_places=np.concatenate(
-                [wider.alternative_places, alternative_places[None]]
-            ),
-        )
-
-    def _with_features(
-        self, observations: FeatureObservations, new: BoolArray
-    ) -> 'KeyframeWindow':
-        added = int(new.sum())
-        views = len(self)
-        return replace(
+        new = self.rows_of(observations.ids) < 0
+        wider = replace(
             self,
             ids=np.concatenate([self.ids, observations.ids[new]]),
             photograph=np.concatenate([self.photograph, observations.desired[new]]),
             photograph_noise=np.concatenate([self.photograph_noise, observations.noise[new, 1]]),
-            tangent_basis=np.concatenate(
-                [self.tangent_basis, np.zeros((views, 2, 3, added))], axis=-1
-            ),
-            rays=np.concatenate([self.rays, np.zeros((views, 3, added))], axis=-1),
-            seen=np.concatenate([self.seen, np.zeros((views, added), bool)], axis=-1),
+        )
+        rows, count = wider.rows_of(observations.ids), len(wider.ids)
+        tangent_basis, rays = np.zeros((1, 2, 3, count)), np.zeros((1, 3, count))
+        across = tangent_basis_of(observations.current, observations.noise[:, 0])
+        tangent_basis[0][..., rows], rays[0][:, rows] = across, observations.current.T
+        seen = np.zeros((1, count), bool)
+        seen[0, rows] = True
+        return replace(
+            wider,
+            tangent_basis=np.concatenate([_widened(self.tangent_basis, count), tangent_basis]),
+            rays=np.concatenate([_widened(self.rays, count), rays]),
+            seen=np.concatenate([_widened(self.seen, count), seen]),
+            driven_places=np.concatenate([self.driven_places, driven_places[None]]),
+            alternative_places=np.concatenate([self.alternative_places, alternative_places[None]]),
         )
 
     def without_view(self, k: int) -> 'KeyframeWindow':
         """Return the window without keyframe ``k``."""
-        return replace(
-            self,
-            tangent_basis=np.delete(self.tangent_basis, k, axis=0),
-            rays=np.delete(self.rays, k, axis=0),
-            seen=np.delete(self.seen, k, axis=0),
-            driven_places=np.delete(self.driven_places, k, axis=0),
-            alternative_places=np.delete(self.alternative_places, k, axis=0),
-        )
+        names = 'tangent_basis', 'rays', 'seen', 'driven_places', 'alternative_places'
+        return replace(self, **{it: np.delete(getattr(self, it), k, axis=0) for it in names})
 
     def of_features(self, kept: BoolArray) -> 'KeyframeWindow':
         """Return the window with the features that are ``kept``, shape (N,), alone."""
@@ -156,6 +132,12 @@ class KeyframeWindow:
             rays=self.rays[..., kept],
             seen=self.seen[:, kept],
         )
+
+
+def _widened(array: NDArray[Any], count: int) -> NDArray[Any]:
+    """Return an array of features, (..., N), for so many of them, with zeros for the last."""
+    missing = np.zeros((*array.shape[:-1], count - array.shape[-1]), array.dtype)
+    return np.concatenate([array, missing], axis=-1)
 
 
 EMPTY = KeyframeWindow(
@@ -196,6 +178,10 @@ class Unknowns:
             self.offsets + features[:2],
             self.inverse_depth + features[2],
         )
+
+    def of_features(self, kept: BoolArray) -> 'Unknowns':
+        """Return the unknowns with those of the features that are ``kept``, shape (N,), alone."""
+        return replace(self, offsets=self.offsets[:, kept], inverse_depth=self.inverse_depth[kept])
 
     def scaled(self, ratio: float) -> 'Unknowns':
         """Return the same geometry, ``ratio`` times as large: all behind if negative."""

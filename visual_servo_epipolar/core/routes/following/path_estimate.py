@@ -105,7 +105,10 @@ class PathEstimate:
         """Return that a view is where the robot cannot be; or ''."""
         if self.lateral is None:  # a robot that was carried away is looked for anew
             return ''
-        return beyond_gate(self.lateral, measured, self._slip(measured), self._way_variance)
+        # It may have driven less than it was told: that is for ``disobeyed``.
+        least, most = sorted((self._seen_way, self.way))
+        slip = measured.point.way - min(max(measured.point.way, least), most)
+        return beyond_gate(self.lateral, measured, slip, self._way_variance)
 
     def update(self, measured: PathMeasurement) -> None:
         """Take in where a view that is believed is."""
@@ -133,12 +136,6 @@ class PathEstimate:
             if span > 0:
                 spans.append((twist, span / NANOSECONDS))
         return spans
-
-    def _slip(self, measured: PathMeasurement) -> float:
-        """Return how far along the way a view is from where the base can be [m]."""
-        # It may have driven less than it was told: that is for ``disobeyed``.
-        least, most = sorted((self._seen_way, self.way))
-        return measured.point.way - min(max(measured.point.way, least), most)
 
 
 def beside(path: TaughtPath, found: ViewPose, near: float) -> PathMeasurement:

@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
 from visual_servo_epipolar.core.tracking.alignment.templates import (
     levels_of,
     PARAMETERS,
-    scales,
+    SCALES,
     Templates,
 )
 from visual_servo_epipolar.core.tracking.alignment.warps import squared_lengths, Warps
@@ -65,9 +65,9 @@ class Anchor:
 
         Shape (S, S), S = 2 radius + 1; and the map of its pixels to current offsets, (2, 2).
         """
-        levels = levels_of(affine[None])
-        patch = self._templates.patch(feature, point, int(levels[0]))
-        return patch.reshape(2 * self.radius + 1, -1), affine / float(scales(levels)[0])
+        level = int(levels_of(affine[None])[0])
+        patch = self._templates.patch(feature, point, level)
+        return patch.reshape(2 * self.radius + 1, -1), affine / float(SCALES[level])
 
     def region(
         self, image: FloatImage, centre: FloatArray, local: FloatArray, reach: int
@@ -94,7 +94,7 @@ class Anchor:
             return Alignment(warps, np.empty(0), np.empty(0))
         levels = levels_of(warps.affine)
         templates = self._templates.stacked(warps.ids, warps.desired, levels)
-        scale = scales(levels)[:, None, None]
+        scale = SCALES[levels][:, None, None]
         maps = affine_maps(warps.affine / scale, warps.current)
         correlation, deviation = self._descended(templates, image, maps, iterations)
         centre, affine = maps[:, :, 2].copy(), maps[:, :, :2] * scale

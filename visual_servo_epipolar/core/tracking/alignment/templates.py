@@ -22,7 +22,7 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
 
 LEVELS_PER_OCTAVE = 2
 LEVELS = 8  # down to 1 / 11 of the size in the desired image
-SCALES = 2.0 ** (-np.arange(LEVELS) / LEVELS_PER_OCTAVE)  # of the current image at each level
+SCALES = 2.0 ** (-np.arange(LEVELS) / LEVELS_PER_OCTAVE)  # of the current over the desired image
 PIXEL_BLUR = 0.5  # standard deviation of what one pixel integrates over [px]
 DAMPING = 1e-3  # of the Hessian, over its mean eigenvalue (Levenberg)
 LEAST_CONTRAST = 1e-6  # of a patch of unit norm without its ramps: of a ramp nothing is left
@@ -58,32 +58,33 @@ class Templates:
         Shapes (N,), (N, 2), (N,). Mostly they are those of the last frame, and already stacked.
         """
         wanted = ids.tobytes() + levels.tobytes()
-        stack = self._stacks.pop(wanted, None) or self._newly_stacked(ids, points, levels)
+        stack = self._stacks.pop(wanted, None)
+        if stack is None:
+            keys = list(zip(ids.tolist(), levels.tolist(), strict=True))
+            rows = self._rows_of(keys, points)
+            stack = rows, self._stored.take(rows, axis=0)
         self._stacks[wanted] = stack  # the last one
         if len(self._stacks) > STACKS:
             del self._stacks[next(iter(self._stacks))]
         return stack[1]
 
-    def _newly_stacked(
-        self, ids: IntArray, points: FloatArray, levels: IntArray
-    ) -> tuple[list[int], FloatImage]:
-        """Return the rows of templates, made where they are missing, and their stack."""
-        keys = list(zip(ids.tolist(), levels.tolist(), strict=True))
+    def patch(self, feature: int, point: FloatArray, level: int) -> FloatImage:
+        """Return the patch of the feature at ``point``, (2,), zero mean, unit norm, (P,)."""
+        (row,) = self._rows_of([(feature, level)], point[None])  # which may move what is stored
+        return np.asarray(self._stored[row, -1])
+
+    def _rows_of(self, keys: Sequence[Key], points: FloatArray) -> list[int]:
+        """Return the rows of templates, made where they are missing."""
         missing = [number for number, key in enumerate(keys) if key not in self._rows]
         if missing:
             self._make_room(len(missing), keys)
         for number in missing:
-            self._add(keys[number], points[number])
-        rows = [self._rows[key] for key in keys]
-        return rows, self._stored.take(rows, axis=0)
-
-    def patch(self, feature: int, point: FloatArray, level: int) -> FloatImage:
-        """Return the patch of the feature at ``point``, (2,), zero mean, unit norm, (P,)."""
-        key = feature, level
-        if key not in self._rows:
-            self._make_room(1, [key])
-            self._add(key, point)
-        return np.asarray(self._stored[self._rows[key], -1])
+            row = len(self._rows)
+            if row == len(self._stored):
+                self._stored = np.concatenate([self._stored, np.empty_like(self._stored)])
+            self._stored[row] = self._made(points[number], keys[number][1])
+            self._rows[keys[number]] = row
+        return [self._rows[key] for key in keys]
 
     def _make_room(self, count: int, keys: Sequence[Key]) -> None:
         """Drop what was not used lately, but none of ``keys``, where ``count`` are too many."""
@@ -94,12 +95,6 @@ class Templates:
         self._stored[: len(kept)] = self._stored[list(kept.values())]
         self._rows = {key: number for number, key in enumerate(kept)}
         self._stacks.clear()
-
-    def _add(self, key: tuple[int, int], point: FloatArray) -> None:
-        row = len(self._rows)
-        if row == len(self._stored):
-            self._stored = np.concatenate([self._stored, np.empty_like(self._stored)])
-        self._stored[row], self._rows[key] = self._made(point, key[1]), row
 
     def _made(self, point: FloatArray, level: int) -> FloatImage:
         stride = 1.0 / float(SCALES[level])
@@ -154,11 +149,6 @@ class SteepestDescent:
         hessian += DAMPING * trace / PARAMETERS * IDENTITY
         update = self._scale * (solved(hessian, descent) * norm)
         return np.asarray(update.astype(np.float32))
-
-
-def scales(levels: IntArray) -> FloatArray:
-    """Return the size in the current over that in the desired image at ``levels``, (N,)."""
-    return np.asarray(SCALES[levels])
 
 
 def levels_of(affine: FloatArray) -> IntArray:

@@ -209,9 +209,7 @@ def _sampled(descriptors: FloatImage, pixels: FloatArray) -> FloatImage:
     return np.ascontiguousarray((sampled / np.where(norm > 0.0, norm, 1.0)).T)
 
 
-@lru_cache(maxsize=2)
-def _network(path: str) -> Network:
-    return Network(path)
+_network = lru_cache(maxsize=2)(Network)
 
 
 def _line(error: cv2.error) -> str:

@@ -16,8 +16,7 @@ from visual_servo_epipolar.core.tracking.matchers.base import Matcher
 from visual_servo_epipolar.core.tracking.matching import (
     CurrentView,
     desired_view,
-    match,
-    match_quickly,
+    match_as_needed,
     Matches,
 )
 from visual_servo_epipolar.core.tracking.photographs.tied_view import tied, TiedView
@@ -99,12 +98,8 @@ class Photographs:
         found: list[tuple[int, Matches]] = []
         errors: list[TrackingError] = []
         for number in numbers:
-            view = self.views[number].view
             try:
-                if enough is None:
-                    found.append((number, match(view, current)))
-                else:
-                    found.append((number, match_quickly(view, current, enough=enough)))
+                found.append((number, match_as_needed(self.views[number].view, current, enough)))
             except TrackingError as error:
                 errors.append(error)
         if not found:

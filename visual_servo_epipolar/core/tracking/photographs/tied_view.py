@@ -20,12 +20,12 @@ from visual_servo_epipolar.core.tracking.matching import (
     DesiredView,
     match,
 )
-from visual_servo_epipolar.core.tracking.predicted_features import (
+from visual_servo_epipolar.core.tracking.tracks import (
     fit_motion,
     ImageMotion,
     OUTLIER_MEDIANS,
+    Tracks,
 )
-from visual_servo_epipolar.core.tracking.tracks import Tracks
 
 ITERATIONS = 15  # of the alignment of one photograph with the other
 MIN_CORRELATION = 0.7  # of a patch in both: in other light edges stay, shading does not

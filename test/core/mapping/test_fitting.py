@@ -1,4 +1,4 @@
-"""Correspondences: looked up once for views of the same features, anew for others."""
+"""Fitting: correspondences are looked up once for views of the same features, anew for others."""
 
 from dataclasses import replace
 
@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
-from visual_servo_epipolar.core.mapping.correspondences import correspondences_of, errors_of
 from visual_servo_epipolar.core.mapping.feature_observations import tangent_basis_of
-from visual_servo_epipolar.core.mapping.fitting import anchors_of, fit_pose, MatchedFeatures
+from visual_servo_epipolar.core.mapping.fitting import (
+    anchors_of,
+    correspondences_of,
+    errors_of,
+    fit_pose,
+    MatchedFeatures,
+)
 from visual_servo_epipolar.core.mapping.resection import NOTHING, resect
 
 
