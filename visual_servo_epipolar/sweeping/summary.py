@@ -13,8 +13,8 @@ from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.store import Store
 
 Result = Mapping[str, Any]
-ERRORS = (*('position_error_m', 'lateral_error_m', 'longitudinal_error_m', 'heading_error_deg'),)
-EFFORTS = (
+SPREADS = (  # of the runs that arrived
+    *('position_error_m', 'lateral_error_m', 'longitudinal_error_m', 'heading_error_deg'),
     *('max_distance_ratio', 'duration_s', 'path_length_m', 'attempts', 'time_ratio'),
     *('standstills', 'phase_changes', 'peak_jerk_m_s3', 'peak_jerk_rad_s3'),
 )
@@ -69,7 +69,7 @@ def summary_of(runs: Sequence[Result]) -> dict[str, Any]:
         'arrived_but_wrong': sum(map(wrong, runs)),
         'defects': sum(map(defective, runs)),
         'failure_reasons': reasons(run for run in runs if not arrived(run)),
-        **{name: _spread(arrivals, name) for name in (*ERRORS, *EFFORTS)},
+        **{name: _spread(arrivals, name) for name in SPREADS},
         **{key: _spread(runs, name) for key, name in SAFETY.items()},
         'runs': list(runs),
     }

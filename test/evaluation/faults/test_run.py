@@ -1,11 +1,15 @@
-"""When a fault strikes: in phases that the law of the run has."""
+"""When a fault strikes: in phases that the law of the run has; what is refused before any run."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.evaluation.faults import campaign
 from visual_servo_epipolar.evaluation.faults.campaign import FAULTS, plan
 from visual_servo_epipolar.evaluation.faults.run import strike_time
 
@@ -32,3 +36,11 @@ def test_a_law_of_one_motion_is_struck_on_its_way() -> None:
 def test_a_law_that_there_is_not_is_refused_before_any_run() -> None:
     with pytest.raises(InputError, match='law must be one of'):
         plan(['none'], 1, 0, 'smoth')
+
+
+def test_a_table_that_cannot_be_written_is_refused_before_any_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(campaign, 'drive', lambda *_: pytest.fail('runs were driven'))
+    assert main(['faults', '--only', 'none', '--table', str(tmp_path)]) == 2
+    assert 'cannot be written' in capsys.readouterr().err

@@ -1,7 +1,7 @@
 """The campaign: all faults, its runs side by side on this machine, its document and table."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
 from itertools import groupby
 import math
@@ -136,7 +136,9 @@ def table(document: Mapping[str, Any]) -> str:
         f'{len(results)} runs, seeds from {document["seed"]}, commit {document["commit"]}: '
         f'{document["safe"]} safe, {document["unsafe"]} unsafe.'
     )
-    return '\n'.join([words, '', *markdown(HEAD, rows), *_offences(results)])
+    offences = [f'- {offence(run)}' for run in results if not run['safe']]
+    lines = [words, '', *markdown(HEAD, rows)]
+    return '\n'.join([*lines, '', 'Unsafe:', '', *offences] if offences else lines)
 
 
 def _row(name: str, runs: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -152,13 +154,6 @@ def _row(name: str, runs: Sequence[Mapping[str, Any]]) -> list[str]:
         ', '.join(f'{counts[it]} {it}' for it in unsafe) or '0',
         *(f'{value:.1f}' for value in worst),
     ]
-
-
-def _offences(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    unsafe = [run for run in results if not run['safe']]
-    if unsafe:
-        yield from ('', 'Unsafe:', '')
-    yield from (f'- {offence(run)}' for run in unsafe)
 
 
 def offence(run: Mapping[str, Any]) -> str:

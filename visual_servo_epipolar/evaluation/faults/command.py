@@ -15,7 +15,7 @@ from visual_servo_epipolar.commands.arguments import (
     count,
 )
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.files.output import publish, write_whole
+from visual_servo_epipolar.commands.files.output import check_json, publish, write_whole
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.processes import cores
@@ -53,6 +53,7 @@ def faults(options: argparse.Namespace) -> int:
     if options.list:
         print('\n'.join(f'{name:<28} {what}' for name, what in campaign.WORDS.items()))
         return 0
+    check_json(options.table)  # now, not after an hour of runs
     names = _names(options.only)
     number = options.runs or len(names or campaign.NAMES)
     runs = campaign.plan(names, number, options.seed, options.law or '')

@@ -38,5 +38,5 @@ def test_the_camera_matrix_is_found_out_where_believing_it_fails() -> None:
     assert rows['found out']['position_max_m'] < 0.01
     assert rows['believed']['arrived'] < 2
     text = calibration.table(document)
-    assert f'{"0.25":>8}     2/2' in text
+    assert f'{"0.25":>9}      2/2' in text
     assert text.count('above the axle') == 3

@@ -92,17 +92,15 @@ def one_run(law: str, start: tuple[float, float, float], seed: int) -> Run:
         log = drive(loop, view, scenario.camera.camera, control=control)
     summary = summarise(log)
     least = least_time(Pose.from_start(*start), servo)
-    return summary | {'law': law, 'optimal_time_s': least} | _true_outcome(summary)
+    return summary | {'law': law, 'optimal_time_s': least, 'fate': _fate(summary)}
 
 
-def _true_outcome(summary: Mapping[str, Any]) -> Run:
+def _fate(summary: Mapping[str, Any]) -> str:
     """Return how a run ended by ground truth; what the robot reports is ``outcome``."""
-    position = summary['position_error_m']
-    reached = position <= REACHED_M and abs(summary['heading_error_deg']) <= REACHED_DEG
-    if reached:
-        return {'fate': 'reached'}
-    lost = 'features' in summary['reason'] and 'lost' in summary['reason']
-    return {'fate': 'lost' if lost else 'missed'}
+    position, heading = summary['position_error_m'], abs(summary['heading_error_deg'])
+    if position <= REACHED_M and heading <= REACHED_DEG:
+        return 'reached'
+    return 'lost' if 'features' in summary['reason'] and 'lost' in summary['reason'] else 'missed'
 
 
 def scores(runs: list[Run]) -> dict[str, float]:

@@ -40,27 +40,22 @@ Times = tuple[float, float, float]  # simulated, wall and processor [s]
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Return, for each variant, simulated seconds over those that the command took."""
+    rows = []
     with TemporaryDirectory(prefix='visual_servo_') as compiled:
         say('demo, for modules that are compiled when they are first imported ...')
         first = next(iter(VARIANTS.values()))
         _time_demo(('--seed', str(seed), '--start', *SHORT, *first), Path(compiled))
-        rows = _rows(seed, quick, Path(compiled), say)
+        for name, arguments in VARIANTS.items():
+            drives: tuple[list[Times], list[Times]] = [], []
+            for trial in range(1 if quick else TRIALS):
+                say(f'demo with {name}, {trial + 1} ...')
+                for kept, start in zip(
+                    drives, (SHORT, QUICK_LONG if quick else LONG), strict=True
+                ):
+                    given = '--seed', str(seed), '--start', *start, *arguments
+                    kept.append(_time_demo(given, Path(compiled)))
+            rows.append(_row(name, *drives))
     return {'seed': seed, 'rows': rows}
-
-
-def _rows(
-    seed: int, quick: bool, compiled: Path, say: Callable[[str], None]
-) -> list[dict[str, Any]]:
-    rows = []
-    for name, arguments in VARIANTS.items():
-        drives: tuple[list[Times], list[Times]] = [], []
-        for trial in range(1 if quick else TRIALS):
-            say(f'demo with {name}, {trial + 1} ...')
-            for kept, start in zip(drives, (SHORT, QUICK_LONG if quick else LONG), strict=True):
-                given = '--seed', str(seed), '--start', *start, *arguments
-                kept.append(_time_demo(given, compiled))
-        rows.append(_row(name, *drives))
-    return rows
 
 
 def table(document: Mapping[str, Any]) -> str:

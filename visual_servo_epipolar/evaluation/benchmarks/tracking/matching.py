@@ -68,7 +68,10 @@ def measure(
     for scene in plan.rooms:
         say(f'room {scene}')
         rng = np.random.default_rng((seed, scene))
-        poses = [_start(rng) for _ in range(plan.views)]
+        # In front of the goal, turned by up to 15 deg.
+        poses = [
+            Pose.from_start(*rng.uniform(*BOXES['front']).tolist()) for _ in range(plan.views)
+        ]
         camera = replace(CAMERA, scene=plan.scene, scene_seed=scene, seed=seed + scene)
         world = CameraSimulator(camera, None, LightSettings(photograph_light=NOON, light=NOON))
         desired = world.photograph()
@@ -90,11 +93,6 @@ def measure(
         for name, exposure, light in product(sorted(matchers), plan.exposures, plan.lights)
     ]
     return {'seed': seed, 'scene': plan.scene, 'rows': rows}
-
-
-def _start(rng: np.random.Generator) -> Pose:
-    """Return a pose in front of the goal, turned by up to 15 deg."""
-    return Pose.from_start(*rng.uniform(*BOXES['front']).tolist())
 
 
 def _pair(
