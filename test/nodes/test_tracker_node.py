@@ -1,6 +1,7 @@
 """The tracker as a node: one cloud for each image, empty when nothing is to be trusted."""
 
 import re
+import sys
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -453,12 +454,13 @@ def test_the_process_of_the_tracker_takes_one_thread_of_opencv(
         raise ValueError('no more is needed')
 
     monkeypatch.setattr(rclpy, 'init', init)
+    monkeypatch.setattr(sys, 'argv', ['tracker_node'])
     monkeypatch.setattr(process, 'tune_transport', lambda: None)
     for name in ('on_ending', 'on_suspending', 'ignore_ending'):
         monkeypatch.setattr(process, name, lambda *_: None)
     cv2.setNumThreads(2)
     try:
-        assert spin(TrackerNode, []) == 2
+        assert spin(TrackerNode) == 2
     finally:
         cv2.setNumThreads(threads)
     assert during == [1]

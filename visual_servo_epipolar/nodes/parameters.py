@@ -5,7 +5,6 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 import re
 import sys
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -107,7 +106,7 @@ def override(name: str, value: Any) -> Parameter:
     return Parameter(name, value=(list(value) or None) if isinstance(value, tuple) else value)
 
 
-def finish(node: Node, options: Mapping[str, Any] = MappingProxyType({})) -> None:
+def finish(node: Node, options: Mapping[str, Any]) -> None:
     """
     End the declarations: guard the parameters, and raise ValueError for one that nobody declared.
 

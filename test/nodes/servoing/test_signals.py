@@ -146,7 +146,7 @@ class Short(Node):
     def stop(self):
         print('stands', flush=True)
 
-print(spin(Short, []), flush=True)
+print(spin(Short), flush=True)
 os.kill(os.getpid(), signal.SIGTERM)
 # A handler in Python would be gone where the interpreter ends, and the default would kill.
 print(signal.getsignal(signal.SIGTERM) is signal.SIG_IGN)

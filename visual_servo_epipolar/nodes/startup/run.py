@@ -20,7 +20,7 @@ from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
 FAREWELL_S = 0.5  # after `shutdown`, until who asked for it has the answer
 
 
-def spin(kind: type[Any], args: list[str] | None = None) -> int:
+def spin(kind: type[Any]) -> int:
     """
     Run a node of this ``kind`` until a signal or its life cycle ends it; return the exit code.
 
@@ -30,7 +30,7 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
     has ended. ``stop`` and ``suspend`` are called of nodes that have them.
     """
     name = re.sub(r'(?<=[a-z])(?=[A-Z])', '_', kind.__name__).lower()  # servo_node of a ServoNode
-    code = command_line.answer(name, sys.argv[1:] if args is None else args)
+    code = command_line.answer(name, sys.argv[1:])
     if code is not None:
         return code
     process.tune_transport()
@@ -41,7 +41,7 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
     process.on_suspending(suspending.set)
     node: Node | None = None
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = kind()
         complaints.watch(node)
         gc.collect()
