@@ -11,11 +11,10 @@ from routes import key_view, route_of
 
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
-from visual_servo_epipolar.core.routes.settings import STEERINGS as TAUGHT_STEERINGS
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.choices import STEERINGS, WAYS, WORLDS
+from visual_servo_epipolar.simulation.choices import WAYS, WORLDS
 from visual_servo_epipolar.simulation.routes.drives import route_scenario
 from visual_servo_epipolar.simulation.routes.ways import WAYS as CORNERS
 from visual_servo_epipolar.simulation.routes.worlds import WORLDS as CHANGED_WORLDS
@@ -32,8 +31,13 @@ def test_worlds_have_one_set_of_names() -> None:
     assert WORLDS == ('same', *CHANGED_WORLDS)
 
 
-def test_steerings_have_one_set_of_names() -> None:
-    assert STEERINGS == TAUGHT_STEERINGS
+@pytest.mark.parametrize(('option', 'limits'), [('laps', '1 to 1000'), ('renewals', '0 to 10')])
+def test_numbers_have_the_limits_of_the_node(
+    option: str, limits: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(['route', 'demo', f'--{option}', '1001'])
+    assert f"'1001' is not a whole number from {limits}" in capsys.readouterr().err
 
 
 def test_an_epipole_behind_the_robot_is_refused_at_once(

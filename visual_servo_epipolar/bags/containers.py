@@ -1,13 +1,11 @@
 """Containers of bags, known by their first bytes, whatever a file is called."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 import re
 import shutil
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import zstandard
 
@@ -140,16 +138,12 @@ def _is_storage(path: Path) -> bool:
     return named or _by_magic(_head(path)) in metadata.SUFFIXES
 
 
-@dataclass(frozen=True, slots=True)
-class BagParts:
-    """Parts of a bag in their order, and notes on what of it is not read."""
+def bag_parts(path: Path) -> tuple[list[Path], list[str]]:
+    """
+    Return the storage files of a bag in their order, and notes on what of it is not read.
 
-    files: list[Path]
-    notes: list[str]
-
-
-def bag_parts(path: Path) -> BagParts:
-    """Return the storage files of a bag; raises InputError if it is none, or lacks one."""
+    Raises InputError if it is none, or lacks one.
+    """
     if not path.exists():
         raise InputError(f'{path}: no such bag; {EXPECTED}')
     if not path.is_dir():
@@ -158,29 +152,23 @@ def bag_parts(path: Path) -> BagParts:
         if path.stat().st_size == 0:
             raise InputError(f'{path}: it is empty, nothing was recorded; give another bag')
         container(path)
-        return BagParts([path], [])
+        return [path], []
     files, pending = storage_files(path), left_open(path)
     notes = [
         f'left open by a crash and not read: {item.relative_to(path)}; --repair completes it'
         for item in pending
     ]
     if (path / metadata.FILE).is_file():
-        return BagParts(_files_by_metadata(path, files), notes)
+        return _files_by_metadata(path, files), notes
     if not files and pending:
         raise InputError(f'{path}: it was left open by a crash, in its first file; try --repair')
     if not files:
-        raise _no_bag(path)
-    return BagParts(files, notes)
-
-
-def _no_bag(folder: Path) -> InputError:
-    what = something_else(folder)
-    return InputError(
-        f'{folder}: not a bag{what}'
-        if what
-        else f'{folder}: not a bag: it has neither metadata.yaml nor .mcap or .db3 files; give '
-        'the folder that was recorded, with --repair if a crash left it so'
-    )
+        what = something_else(path) or (
+            ': it has neither metadata.yaml nor .mcap or .db3 files; give the folder that was '
+            'recorded, with --repair if a crash left it so'
+        )
+        raise InputError(f'{path}: not a bag{what}')
+    return files, notes
 
 
 def _files_by_metadata(path: Path, files: list[Path]) -> list[Path]:
@@ -190,7 +178,13 @@ def _files_by_metadata(path: Path, files: list[Path]) -> list[Path]:
         raise InputError(
             f'{path}: bag cannot be read: {metadata.FILE} is empty or broken; {ADVICE}'
         )
-    _refuse_compression(path, information)
+    mode = str(information.get('compression_mode') or 'none').lower()
+    name = str(information.get('compression_format') or 'zstd').lower()
+    if mode != 'none' and name != 'zstd':
+        raise InputError(
+            f'{path}: compressed by {name}, of which only zstd can be read; unpack it with '
+            '"ros2 bag convert"'
+        )
     listed = [path / name for name in names]
     missing = [item for item in listed if not item.is_file()]
     renamed = [item for item in files if item not in listed]
@@ -203,13 +197,3 @@ def _files_by_metadata(path: Path, files: list[Path]) -> list[Path]:
     if not listed:
         raise InputError(f'{path}: bag cannot be read: {metadata.FILE} lists no file; {ADVICE}')
     return sorted(files, key=part_number) if missing else listed
-
-
-def _refuse_compression(path: Path, information: Mapping[str, Any]) -> None:
-    mode = str(information.get('compression_mode') or 'none').lower()
-    name = str(information.get('compression_format') or 'zstd').lower()
-    if mode != 'none' and name != 'zstd':
-        raise InputError(
-            f'{path}: compressed by {name}, of which only zstd can be read; unpack it with '
-            '"ros2 bag convert"'
-        )

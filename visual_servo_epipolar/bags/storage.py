@@ -13,7 +13,7 @@ import os
 from pathlib import Path
 import shutil
 import sqlite3
-from typing import Any, Protocol
+from typing import Any
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import DataEnd, Footer
@@ -59,7 +59,7 @@ class Part:
             shutil.rmtree(folder / stem, ignore_errors=True)
             raise
         self._connections: dict[str, Connection] = {}
-        self._file: _File = _FILES[storage](self._writer.storage)
+        self._file = _FILES[storage](self._writer.storage)
         self._flushed_info = self._info()
         self._flushed, self._pending = 0, 0  # bytes
         self.start_ns: int | None = None  # stamp of the first message
@@ -130,18 +130,6 @@ def close_writer(writer: Writer) -> None:
     writer.close()
 
 
-class _File(Protocol):
-    """Storage below a Writer of rosbags: flush it, and end it after a fault."""
-
-    path: Path
-
-    def has_closed_chunk(self) -> bool: ...
-
-    def flush(self) -> None: ...
-
-    def truncate_tail(self) -> None: ...
-
-
 class _Mcap:
     """File of chunks; valid to its last whole chunk, if an end is put behind it."""
 
@@ -167,10 +155,13 @@ class _Mcap:
             # The buffer cannot be emptied: let what is in it go nowhere.
             os.dup2(nowhere.fileno(), self._storage.bio.fileno())
             self._storage.bio.close()
+        end = RecordBuilder()
+        DataEnd(data_section_crc=0).write(end)
+        Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(end)
         with self.path.open('r+b') as file:
             file.truncate(self._whole)
             file.seek(self._whole)
-            file.write(_end())
+            file.write(bytes(end.end()) + MCAP0_MAGIC)
 
 
 class _Sqlite:
@@ -189,21 +180,9 @@ class _Sqlite:
         with suppress(sqlite3.Error):
             self._storage.conn.rollback()
         self._storage.conn.close()
-        roll_back(self.path)
-
-
-def roll_back(path: Path) -> None:
-    """Roll back an open transaction; rosbags reads databases regardless of their journal."""
-    with closing(sqlite3.connect(path)) as connection:
-        connection.execute('SELECT COUNT(*) FROM sqlite_master').fetchone()
+        # To be read, it rolls back what is open; rosbags reads databases with no eye to journals.
+        with closing(sqlite3.connect(self.path)) as connection:
+            connection.execute('SELECT COUNT(*) FROM sqlite_master').fetchone()
 
 
 _FILES: dict[str, type[_Mcap] | type[_Sqlite]] = {'mcap': _Mcap, 'sqlite3': _Sqlite}
-
-
-def _end() -> bytes:
-    """Return the end of an mcap file without index."""
-    builder = RecordBuilder()
-    DataEnd(data_section_crc=0).write(builder)
-    Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(builder)
-    return bytes(builder.end()) + MCAP0_MAGIC

@@ -1,7 +1,7 @@
 """Arguments of the command line: what words may be, and the options that commands share."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 import math
 from pathlib import Path
@@ -31,49 +31,36 @@ def finite(text: str) -> float:
     return value
 
 
-def duration(text: str) -> float:
-    """Parse a time above zero [s]."""
-    value = finite(text)
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a time above 0 s')
-    return value
+def number(fits: Callable[[float], bool], words: str) -> Callable[[str], float]:
+    """Return what parses a finite number that ``fits``; others are refused by ``words``."""
+
+    def parse(text: str) -> float:
+        value = finite(text)
+        if not fits(value):
+            raise argparse.ArgumentTypeError(f'{text!r} {words}')
+        return value
+
+    return parse
 
 
-def angle(text: str) -> float:
-    """Parse an angle of at most a right one [deg]."""
-    value = finite(text)
-    if abs(value) > 90.0:
-        raise argparse.ArgumentTypeError(f'{text!r} is not an angle from -90 to 90 deg')
-    return value
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """Return what parses a whole number from ``low`` to ``high``."""
+
+    def parse(text: str) -> int:
+        if not text.isdecimal() or not low <= int(text) <= high:
+            raise argparse.ArgumentTypeError(
+                f'{text!r} is not a whole number from {low} to {high}'
+            )
+        return int(text)
+
+    return parse
 
 
-def tolerance(text: str) -> float:
-    """Parse how far numbers may differ."""
-    value = finite(text)
-    if value < 0.0:
-        raise argparse.ArgumentTypeError(f'{text!r} is negative')
-    return value
-
-
-def seed(text: str) -> int:
-    """Parse a seed."""
-    return _whole(text, 0, MAX_SEED)
-
-
-def count(text: str) -> int:
-    """Parse a number of runs or of processes."""
-    return _whole(text, 1, MAX_RUNS)
-
-
-def count_or_none(text: str) -> int:
-    """Parse a number of runs that may be 0."""
-    return _whole(text, 0, MAX_RUNS)
-
-
-def _whole(text: str, low: int, high: int) -> int:
-    if not text.isdecimal() or not low <= int(text) <= high:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from {low} to {high}')
-    return int(text)
+duration = number(lambda value: value > 0.0, 'is not a time above 0 s')
+angle = number(lambda value: abs(value) <= 90.0, 'is not an angle from -90 to 90 deg')
+tolerance = number(lambda value: value >= 0.0, 'is negative')
+seed = whole(0, MAX_SEED)
+count, count_or_none = whole(1, MAX_RUNS), whole(0, MAX_RUNS)  # of runs, or of processes
 
 
 def law_expression(text: str) -> str:
@@ -127,6 +114,11 @@ def add_words(parser: Any, rows: Mapping[str, str], **more: Any) -> None:
     for names, text in rows.items():
         option, placeholder = names.split(' ', 1)
         parser.add_argument(option, metavar=placeholder, help=text, **more)
+
+
+def add_lists(parser: argparse.ArgumentParser, rows: Mapping[str, str]) -> None:
+    """Add options that take several words, also when they are repeated: as ``add_words``."""
+    add_words(parser, rows, nargs='+', action='extend', default=[])
 
 
 def add_flags(parser: argparse.ArgumentParser, rows: Mapping[str, str]) -> None:

@@ -1,7 +1,7 @@
 """A demo: the four real nodes in lockstep; leaves result, figures, video, bag."""
 
 import argparse
-from contextlib import AbstractContextManager, closing, ExitStack
+from contextlib import closing, ExitStack
 from dataclasses import replace
 import math
 from pathlib import Path
@@ -29,7 +29,6 @@ from visual_servo_epipolar.simulation.scenario import Scenario
 if TYPE_CHECKING:
     from visual_servo_epipolar.nodes.lockstep import Lockstep
     from visual_servo_epipolar.report.images.film import Film
-    from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 
 BAG, VIDEO = 'bag', 'video.mp4'
 
@@ -51,9 +50,14 @@ def demo(options: argparse.Namespace) -> int:
         progress = stack.enter_context(closing(Progress()))
         film = None if options.no_video else stack.enter_context(_film(scenario, settings, folder))
         progress.say('building the room ...')
-        assistant = stack.enter_context(_assistant(scenario))
+        from visual_servo_epipolar.simulation.camera_simulator import assistant_of
+
+        assistant = stack.enter_context(assistant_of(scenario.camera, scenario.light))
         progress.say('starting four nodes ...')
-        with _nodes(scenario, settings, options, assistant) as nodes:
+        from visual_servo_epipolar.nodes.lockstep import Lockstep
+
+        open_to = 'LOCALHOST' if options.visible else 'OFF'
+        with Lockstep(scenario, settings, open_to=open_to, assistant=assistant) as nodes:
             log = _drive(nodes, settings, options, film, progress)
         if film is not None:
             film.end()
@@ -65,24 +69,6 @@ def demo(options: argparse.Namespace) -> int:
         print(f'visual_servo demo: {film.advice}', file=sys.stderr)
     publish(result, f'{summary(result)}\n{written_to(folder, written)}', options.json)
     return 0 if log.outcome == 'arrived' else 1
-
-
-def _assistant(scenario: Scenario) -> 'AbstractContextManager[Assistant | None]':
-    from visual_servo_epipolar.simulation.camera_simulator import assistant_of
-
-    return assistant_of(scenario.camera, scenario.light)
-
-
-def _nodes(
-    scenario: Scenario,
-    settings: LoopSettings,
-    options: argparse.Namespace,
-    assistant: 'Assistant | None',
-) -> 'Lockstep':
-    from visual_servo_epipolar.nodes.lockstep import Lockstep
-
-    open_to = 'LOCALHOST' if options.visible else 'OFF'
-    return Lockstep(scenario, settings, open_to=open_to, assistant=assistant)
 
 
 def _drive(

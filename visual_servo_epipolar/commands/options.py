@@ -3,11 +3,11 @@
 from argparse import ArgumentParser
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import Any
 
 from visual_servo_epipolar.commands.arguments import (
     add_flags,
     add_json,
+    add_lists,
     add_run_options,
     add_source,
     add_start,
@@ -19,10 +19,12 @@ from visual_servo_epipolar.commands.arguments import (
     laws,
     scenes,
     tolerance,
+    whole,
 )
 from visual_servo_epipolar.core.laws.two_steps.gains import Circumstances
+from visual_servo_epipolar.core.routes.settings import FollowSettings, STEERINGS
 from visual_servo_epipolar.core.settings import range_of
-from visual_servo_epipolar.simulation.choices import REGIONS, STEERINGS, WAYS, WORLDS
+from visual_servo_epipolar.simulation.choices import REGIONS, WAYS, WORLDS
 
 DEMO_START = (1.0, -3.5, 8.0)
 DEMO_FOLDER, SWEEP_FOLDER, ROUTE_FOLDER = 'demo_out', 'sweep_out', 'route_out'
@@ -35,6 +37,13 @@ CAMERA = (
     'camera file of camera_calibration, OpenCV, Kalibr, COLMAP or nerfstudio, or a camera_info '
     'as printed by ros2 topic echo; FILE#cam1 picks one of several cameras'
 )
+BAG = 'rosbag2 folder, .mcap, .db3, or ROS 1 .bag'
+SET, TOPICS = 'replay with other settings, such as', 'names of topics by role'
+ACTIONS = {  # of routes
+    'teach': 'learn a route from a bag with images, camera_info and odom',
+    'replay': 'replay the repetitions of a route in a bag, and compare with what was recorded',
+    'demo': 'teach a way in a simulated storey, repeat it, and judge by ground truth',
+}
 CROPPED = {'--cropped': 'images are crops: accept a principal point anywhere'}
 ROLES = (
     'image, camera_info, desired, tracks, cmd_vel, epipoles, diagnostics, ground_truth, '
@@ -151,7 +160,7 @@ def add_gains(parser: ArgumentParser) -> None:
 
 def add_replay(parser: ArgumentParser) -> None:
     """Add the options of ``replay``."""
-    _add_bag(parser, 'BAG', 'rosbag2 folder, .mcap, .db3, or ROS 1 .bag')
+    _add_bag(parser, 'BAG', BAG)
     add_words(parser, {'--out DIR': 'folder for replay.json and a figure of both runs'})
     most = (
         'largest difference that counts as equal, in the unit of the number, relative above 1 '
@@ -163,11 +172,8 @@ def add_replay(parser: ArgumentParser) -> None:
 
 def add_report(parser: ArgumentParser) -> None:
     """Add the options of ``report``."""
-    _add_bag(
-        parser,
-        'RUN_OR_BAG',
-        '--out folder of demo or simulate, its run.json, a bag, or a route',
-    )
+    what = '--out folder of demo or simulate, its run.json, a bag, or a route'
+    _add_bag(parser, 'RUN_OR_BAG', what)
     folder = (
         'folder for report.html (default the folder of the run, or NAME_report beside bag NAME)'
     )
@@ -177,11 +183,12 @@ def add_report(parser: ArgumentParser) -> None:
 def add_route(parser: ArgumentParser) -> None:
     """Add the actions of ``route``."""
     actions = parser.add_subparsers(dest='action', required=True, metavar='ACTION')
-    text = 'learn a route from a bag with images, camera_info and odom'
-    teach = actions.add_parser('teach', help=text, description=f'{text.capitalize()}.')
-    teach.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap, .db3, or ROS 1 .bag')
-    several = {'--topics ROLE=NAME': 'names of topics by role: image, camera_info, cmd_vel'}
-    add_words(teach, several, nargs='+', action='extend', default=[])
+    teach, again, demo = (
+        actions.add_parser(name, help=text, description=f'{text.capitalize()}.')
+        for name, text in ACTIONS.items()
+    )
+    teach.add_argument('bag', metavar='BAG', help=BAG)
+    add_lists(teach, {'--topics ROLE=NAME': f'{TOPICS}: image, camera_info, cmd_vel'})
     words = {
         '--out DIR': 'folder of the route (default BAG_route)',
         '--camera FILE': f'use this instead of camera_info: {CAMERA}',
@@ -190,33 +197,26 @@ def add_route(parser: ArgumentParser) -> None:
     add_words(teach, {'--odometry NAME': 'topic of the odometry (default odom)'}, default='')
     add_flags(teach, {'--rectified': 'images are rectified: use P of camera_info'})
     add_json(teach)
-    text = 'replay the repetitions of a route in a bag, and compare with what was recorded'
-    again = actions.add_parser('replay', help=text, description=f'{text.capitalize()}.')
-    again.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap, .db3, or ROS 1 .bag')
+    again.add_argument('bag', metavar='BAG', help=BAG)
     add_words(again, {'--route FOLDER': 'folder of the route (default that of the node)'})
-    several = {
-        '--set SECTION.NAME=VALUE': 'replay with other settings, such as follow.steering_length=1 '
-        'or servo.latency=0.1',
+    lists = {
+        '--set SECTION.NAME=VALUE': f'{SET} follow.steering_length=1 or servo.latency=0.1',
         '--topics ROLE=NAME': 'name of the topic of images: image=NAME',
     }
-    add_words(again, several, nargs='+', action='extend', default=[])
+    add_lists(again, lists)
     most = {'--tolerance T': 'largest difference that counts as equal (default 0)'}
     add_words(again, most, type=tolerance, default=0.0)
     add_json(again)
-    _add_route_demo(actions)
+    _add_route_demo(demo)
 
 
-def _add_route_demo(actions: Any) -> None:
-    text = 'teach a way in a simulated storey, repeat it, and judge by ground truth'
-    demo = actions.add_parser('demo', help=text, description=f'{text.capitalize()}.')
+def _add_route_demo(demo: ArgumentParser) -> None:
     demo.add_argument(
         '--way', choices=WAYS, default='short', help='the way through the storey (default short)'
     )
-    several = {
-        '--runs N': 'repetitions (default 1)',
-        '--laps N': 'laps of each, of a way that closes (default 1)',
-    }
-    add_words(demo, several, type=count, default=1)
+    add_words(demo, {'--runs N': 'repetitions (default 1)'}, type=count, default=1)
+    laps = 'laps of each, of a way that closes (default 1)'
+    add_words(demo, {'--laps N': laps}, type=_number_of('laps'), default=1)
     add_words(
         demo, {'--kidnaps N': 'starts beside the route (default 20)'}, type=count, default=20
     )
@@ -235,7 +235,7 @@ def _add_route_demo(actions: Any) -> None:
         'dim: 8 %% of the light is left (default same)',
     )
     renew = 'photographs of other light that a key view keeps, from arrivals (default 0)'
-    add_words(demo, {'--renewals N': renew}, type=count_or_none, default=0)
+    add_words(demo, {'--renewals N': renew}, type=_number_of('renewals'), default=0)
     add_flags(demo, {'--reverse': 'repeat it backward, from the last station to the first'})
     demo.add_argument(
         '--steering',
@@ -248,14 +248,21 @@ def _add_route_demo(actions: Any) -> None:
     add_run_options(demo)
 
 
+def _number_of(name: str) -> Callable[[str], int]:
+    """Return what parses a whole number in the range that the route_node has for it."""
+    limits = range_of(FollowSettings.__dataclass_fields__[name])
+    assert limits.low is not None
+    assert limits.high is not None
+    return whole(int(limits.low), int(limits.high))
+
+
 def _add_bag(parser: ArgumentParser, metavar: str, kinds: str) -> None:
     parser.add_argument('bag', metavar=metavar, help=kinds)
-    several = {
-        '--set SECTION.NAME=VALUE': 'replay with other settings, such as servo.k1=0.1 or '
-        'tracker.max_features=80',
-        '--topics ROLE=NAME': f'names of topics by role; roles are {ROLES}',
+    lists = {
+        '--set SECTION.NAME=VALUE': f'{SET} servo.k1=0.1 or tracker.max_features=80',
+        '--topics ROLE=NAME': f'{TOPICS}; roles are {ROLES}',
     }
-    add_words(parser, several, nargs='+', action='extend', default=[])
+    add_lists(parser, lists)
     words = {
         '--params FILE': 'replay with the settings in a ROS parameter file',
         '--namespace NAME': 'robot to replay, such as /bot1, if the bag has several',

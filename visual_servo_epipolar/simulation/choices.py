@@ -17,6 +17,5 @@ BOXES: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, float]
 )
 REGIONS = tuple(BOXES)
 IN_VIEW = frozenset({'anywhere', 'around'})  # only poses that have the goal's features in view
-STEERINGS = ('structure', 'epipole')  # of routes
 WORLDS = ('same', 'light', 'pictures', 'furniture', 'people', 'all', 'dim')  # of repetitions
 WAYS = ('short', 'loop', 'rooms', 'ring', 'long')  # through the storey, for routes

@@ -7,9 +7,8 @@ from bagmaker import decoded, kind_of, Message, TOPICS, TYPES, write_bag
 import pytest
 
 from visual_servo_epipolar.bags.reading.bag import Bag, BagTopic
-from visual_servo_epipolar.bags.reading.namespaces import Namespace, namespace_of
 from visual_servo_epipolar.bags.reading.run import read_run
-from visual_servo_epipolar.bags.reading.topics import assign_roles
+from visual_servo_epipolar.bags.reading.topics import assign_roles, Namespace, namespace_of
 from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.errors import InputError

@@ -6,8 +6,7 @@ import pytest
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run
 from visual_servo_epipolar.bags.reading.topics import assign_roles
-from visual_servo_epipolar.bags.replaying.late_start import SERVO, TRACKER
-from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
+from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides, SERVO, TRACKER
 from visual_servo_epipolar.commands.main import main
 
 BY_TRACKER = ('/image_raw', '/camera_info', '/tracks')

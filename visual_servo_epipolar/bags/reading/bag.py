@@ -19,15 +19,11 @@ from typing import Any
 from mcap.exceptions import McapError
 from rosbags import rosbag1
 from rosbags.serde import SerdeError
-from rosbags.typesys import (
-    get_types_from_idl,
-    get_types_from_msg,
-    TypesysError,
-)
+from rosbags.typesys import get_types_from_idl, get_types_from_msg, TypesysError
 import zstandard
 
 from visual_servo_epipolar.bags import containers
-from visual_servo_epipolar.bags.containers import ADVICE, bag_parts, BagParts, ZSTD_MAGIC
+from visual_servo_epipolar.bags.containers import ADVICE, bag_parts, ZSTD_MAGIC
 from visual_servo_epipolar.bags.storages.mcap_file import profile
 from visual_servo_epipolar.bags.storages.opening import open_storage
 from visual_servo_epipolar.bags.storages.stored import (
@@ -105,13 +101,13 @@ class Bag(AbstractContextManager['Bag']):
     def __init__(self, path: Path) -> None:
         self.path = containers.bag_path(path)
         with intact(self.path), ExitStack() as stack:
-            parts: BagParts = bag_parts(self.path)
-            unpacked = (stack.enter_context(containers.unpack(item)) for item in parts.files)
+            parts, notes = bag_parts(self.path)
+            unpacked = (stack.enter_context(containers.unpack(item)) for item in parts)
             self._files = [stack.enter_context(open_storage(item)) for item in unpacked]
             self._stack = stack.pop_all()
         stored = [item for file in self._files for item in file.topics]
         self._stored = [item for item in stored if not refusal(item)]
-        self.notes = [*parts.notes, *left_out(stored)]
+        self.notes = [*notes, *left_out(stored)]
         if stored and not self._stored:
             self._stack.close()
             raise InputError(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from visual_servo_epipolar.bags.reading.bag import Bag, BagTopic, RecordedMessage
-from visual_servo_epipolar.bags.reading.namespaces import Namespace
+from visual_servo_epipolar.bags.reading.topics import Namespace
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError

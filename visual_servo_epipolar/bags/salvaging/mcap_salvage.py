@@ -25,7 +25,7 @@ class McapSalvage:
         self._begin()
 
     def _begin(self) -> None:
-        self._left, self._lost_bytes = LeftRecords(self.path), 0
+        self._left = LeftRecords(self.path)
         self.header, self._has_header = Header('ros2', ''), False
         self.counts: Counter[Key] = Counter()
         # A chunk that is damaged may have held what others need: the summary repeats it.
@@ -42,18 +42,15 @@ class McapSalvage:
     @property
     def lost_bytes(self) -> int:
         """Bytes that could not be read."""
-        return self._lost_bytes + self._left.lost_bytes
+        return self._left.lost_bytes
 
     def losses(self) -> list[str]:
         """Say what of it a new file does not have, where the summary tells how much there was."""
-        summary = self._left.summary
-        statistics = None if summary is None else summary.statistics
         counts: Counter[Key] = Counter()
-        for number, count in (
-            {} if statistics is None else statistics.channel_message_counts
-        ).items():
-            if number in self.channels:
-                counts[self._key(number)] += count
+        if self._left.summary is not None and self._left.summary.statistics is not None:
+            for number, count in self._left.summary.statistics.channel_message_counts.items():
+                if number in self.channels:
+                    counts[self._key(number)] += count
         lost = counts - self.counts
         words = [f'{key[0]} {count} of {counts[key]} messages' for key, count in lost.items()]
         if self._left.private:
@@ -72,7 +69,7 @@ class McapSalvage:
                 self.channels[record.id] = record
             elif isinstance(record, Message):
                 if record.channel_id not in self.channels:
-                    self._lost_bytes += len(record.data)
+                    self._left.lost_bytes += len(record.data)
                     continue
                 self.counts[self._key(record.channel_id)] += 1
             else:
@@ -102,7 +99,10 @@ class McapSalvage:
                     )
                 elif isinstance(record, Metadata):
                     writer.add_metadata(record.name, record.metadata)
-            channels.add_unused()
+            for channel in self.channels.values():  # those without messages, too
+                channels.number(channel)
+            for schema in self.schemas.values():
+                channels.schema_number(schema)
             writer.finish()
 
     def _key(self, number: int) -> Key:
@@ -126,18 +126,12 @@ class _Channels:
             self._numbers[key] = self._writer.register_channel(
                 channel.topic,
                 channel.message_encoding,
-                0 if schema is None else self._schema_number(schema),
+                0 if schema is None else self.schema_number(schema),
                 channel.metadata,
             )
         return self._numbers[key]
 
-    def add_unused(self) -> None:
-        for channel in self._salvage.channels.values():
-            self.number(channel)
-        for schema in self._salvage.schemas.values():
-            self._schema_number(schema)
-
-    def _schema_number(self, schema: Schema) -> int:
+    def schema_number(self, schema: Schema) -> int:
         key = schema.name, schema.encoding, schema.data
         if key not in self._schemas:
             self._schemas[key] = self._writer.register_schema(*key)

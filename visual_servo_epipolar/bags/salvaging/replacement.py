@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import MappingProxyType
 
 from rosbags.interfaces import (
     Connection,
@@ -36,9 +35,10 @@ from visual_servo_epipolar.bags.storages.stored import kind_of, StorageFile, Sto
 from visual_servo_epipolar.core.errors import InputError
 
 SCRATCH = '.repair_'
-SALVAGES: Mapping[str, type[McapSalvage] | type[SqliteSalvage]] = MappingProxyType(
-    {'mcap': McapSalvage, 'sqlite3': SqliteSalvage}
-)
+SALVAGES: Mapping[str, type[McapSalvage] | type[SqliteSalvage]] = {
+    'mcap': McapSalvage,
+    'sqlite3': SqliteSalvage,
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,7 @@
 """Files of mcap, of whatever profile and encoding, read by the library of mcap."""
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Iterator, Mapping
 import io
 from operator import attrgetter
 from pathlib import Path
@@ -14,7 +13,7 @@ from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
-from visual_servo_epipolar.bags.storages.stored import StoredMessage, StoredTopic
+from visual_servo_epipolar.bags.storages.stored import StorageFile, StoredMessage, StoredTopic
 
 
 class ExactFile(io.BufferedReader):
@@ -31,87 +30,15 @@ class ExactFile(io.BufferedReader):
         return super().read(size)
 
 
-class McapFile:
-    """File of mcap: read by its index, or from its beginning where it has none."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        with ExactFile(path) as file:
-            file.seek(-min(file.size, len(MCAP0_MAGIC)), io.SEEK_END)
-            if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                raise McapError('its end is missing')
-            file.seek(0)
-            summary = make_reader(file).get_summary()
-        self._indexed = summary is not None and _is_index(summary)
-        content = _Content()
-        if summary is not None and self._indexed:
-            content.take(summary)
-        else:
-            for record in self._records():
-                content.add(record)
-        self._in_order = content.in_order
-        self.start_ns, self.end_ns = content.start_ns or 0, content.end_ns
-        self.topics: Sequence[StoredTopic] = [
-            stored_channel(
-                item, content.schemas.get(item.schema_id), content.counts.get(item.id, 0)
-            )
-            for item in content.channels.values()
-        ]
-
-    def __enter__(self) -> 'McapFile':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Each reading opens the file by itself."""
-
-    def messages(self, ids: Collection[int]) -> Iterator[StoredMessage]:
-        """Yield the messages of some topics in the order of time."""
-        records: Iterable[Message] = (
-            item
-            for item in self._records()
-            if isinstance(item, Message) and item.channel_id in ids
-        )
-        if self._indexed:
-            records = self._by_index(ids)
-        elif not self._in_order:
-            records = sorted(records, key=attrgetter('log_time'))
-        for record in records:
-            if record.channel_id in ids:
-                yield record.channel_id, record.log_time, record.data
-
-    def _by_index(self, ids: Collection[int]) -> Iterator[Message]:
-        names = {item.topic for item in self.topics if item.id in ids}
-        with ExactFile(self._path) as file:
-            for _, _, message in make_reader(file, validate_crcs=True).iter_messages(names):
-                yield message
-
-    def _records(self) -> Iterator[McapRecord]:
-        with ExactFile(self._path) as file:
-            yield from StreamReader(file, validate_crcs=True, record_size_limit=file.size).records
-
-
-def stored_channel(channel: Channel, schema: Schema | None, count: int) -> StoredTopic:
-    """Return the topic of a channel; without a schema it has no type."""
-    return StoredTopic(
-        channel.id,
-        channel.topic,
-        '' if schema is None else schema.name,
-        '' if schema is None else schema.data.decode(errors='replace'),
-        '' if schema is None else schema.encoding,
-        channel.message_encoding,
-        channel.metadata.get('offered_qos_profiles', ''),
-        channel.metadata.get('topic_type_hash', ''),
-        count,
-    )
-
-
-def profile(path: Path) -> str:
-    """Return the profile of a file; raises McapError where its header is damaged."""
+def mcap_file(path: Path) -> StorageFile:
+    """Open a file of mcap, read by its index, or from its beginning where it has none."""
     with ExactFile(path) as file:
-        header = next(StreamReader(file, record_size_limit=file.size).records)
-    if not isinstance(header, Header):
-        raise McapError('it has no header')
-    return header.profile
+        file.seek(-min(file.size, len(MCAP0_MAGIC)), io.SEEK_END)
+        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            raise McapError('its end is missing')
+        file.seek(0)
+        summary = make_reader(file).get_summary()
+    return _scanned(path) if summary is None or not _is_index(summary) else _indexed(path, summary)
 
 
 def _is_index(summary: Summary) -> bool:
@@ -125,36 +52,78 @@ def _is_index(summary: Summary) -> bool:
     )
 
 
-@dataclass(slots=True)
-class _Content:
-    """Content of a file: by its summary, or by its records."""
+def _indexed(path: Path, summary: Summary) -> StorageFile:
+    statistics = summary.statistics
+    assert statistics is not None
+    topics = _topics(summary.channels, summary.schemas, statistics.channel_message_counts)
+    times = statistics.message_start_time, statistics.message_end_time
 
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    counts: Counter[int] = field(default_factory=Counter)
-    start_ns: int | None = None
-    end_ns: int = 0
-    in_order: bool = True
+    def messages(ids: Collection[int]) -> Iterator[StoredMessage]:
+        names = {summary.channels[number].topic for number in ids}
+        with ExactFile(path) as file:
+            for _, _, message in make_reader(file, validate_crcs=True).iter_messages(names):
+                if message.channel_id in ids:
+                    yield message.channel_id, message.log_time, message.data
 
-    def take(self, summary: Summary) -> None:
-        statistics = summary.statistics
-        assert statistics is not None
-        self.schemas, self.channels = summary.schemas, summary.channels
-        self.counts.update(statistics.channel_message_counts)
-        if statistics.message_count:
-            self.start_ns, self.end_ns = (
-                statistics.message_start_time,
-                statistics.message_end_time,
-            )
+    return StorageFile(topics, *(times if statistics.message_count else (0, 0)), messages)
 
-    def add(self, record: McapRecord) -> None:
+
+def _scanned(path: Path) -> StorageFile:
+    channels: dict[int, Channel] = {}
+    schemas: dict[int, Schema] = {}
+    counts: Counter[int] = Counter()
+    stamps: list[int] = []
+    for record in _records(path):
         if isinstance(record, Schema):
-            self.schemas[record.id] = record
+            schemas[record.id] = record
         elif isinstance(record, Channel):
-            self.channels[record.id] = record
+            channels[record.id] = record
         elif isinstance(record, Message):
-            self.counts[record.channel_id] += 1
-            stamp_ns = record.log_time
-            self.in_order = self.in_order and stamp_ns >= self.end_ns
-            self.start_ns = stamp_ns if self.start_ns is None else min(self.start_ns, stamp_ns)
-            self.end_ns = max(self.end_ns, stamp_ns)
+            counts[record.channel_id] += 1
+            stamps.append(record.log_time)
+    in_order = stamps == sorted(stamps)
+
+    def messages(ids: Collection[int]) -> Iterator[StoredMessage]:
+        records: Iterable[Message] = (
+            item for item in _records(path) if isinstance(item, Message) and item.channel_id in ids
+        )
+        for record in records if in_order else sorted(records, key=attrgetter('log_time')):
+            yield record.channel_id, record.log_time, record.data
+
+    topics = _topics(channels, schemas, counts)
+    return StorageFile(topics, min(stamps, default=0), max(stamps, default=0), messages)
+
+
+def _records(path: Path) -> Iterator[McapRecord]:
+    with ExactFile(path) as file:
+        yield from StreamReader(file, validate_crcs=True, record_size_limit=file.size).records
+
+
+def _topics(
+    channels: Mapping[int, Channel], schemas: Mapping[int, Schema], counts: Mapping[int, int]
+) -> list[StoredTopic]:
+    """Return the topics of channels; without a schema they have no type."""
+    return [
+        StoredTopic(
+            channel.id,
+            channel.topic,
+            schema.name,
+            schema.data.decode(errors='replace'),
+            schema.encoding,
+            channel.message_encoding,
+            channel.metadata.get('offered_qos_profiles', ''),
+            channel.metadata.get('topic_type_hash', ''),
+            counts.get(channel.id, 0),
+        )
+        for channel in channels.values()
+        for schema in [schemas.get(channel.schema_id) or Schema(0, b'', '', '')]
+    ]
+
+
+def profile(path: Path) -> str:
+    """Return the profile of a file; raises McapError where its header is damaged."""
+    with ExactFile(path) as file:
+        header = next(StreamReader(file, record_size_limit=file.size).records)
+    if not isinstance(header, Header):
+        raise McapError('it has no header')
+    return header.profile

@@ -1,13 +1,13 @@
 """Opening a storage file: what it is, its bytes tell."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 
 from rosbags import rosbag1
 
 from visual_servo_epipolar.bags import containers
-from visual_servo_epipolar.bags.storages.mcap_file import McapFile
-from visual_servo_epipolar.bags.storages.sqlite_file import SqliteFile
+from visual_servo_epipolar.bags.storages.mcap_file import mcap_file
+from visual_servo_epipolar.bags.storages.sqlite_file import sqlite_file
 from visual_servo_epipolar.bags.storages.stored import (
     ROS1,
     StorageFile,
@@ -16,43 +16,35 @@ from visual_servo_epipolar.bags.storages.stored import (
 )
 
 
-class Ros1File:
-    """Bag of ROS 1."""
+def ros1_file(path: Path) -> StorageFile:
+    """Open a bag of ROS 1."""
+    reader = rosbag1.Reader(path)
+    reader.open()
 
-    def __init__(self, path: Path) -> None:
-        self._reader = rosbag1.Reader(path)
-        self._reader.open()
-        self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
-        self.topics: Sequence[StoredTopic] = [
-            StoredTopic(
-                item.id,
-                item.topic,
-                item.msgtype,
-                item.msgdef.data,
-                'ros1msg',
-                ROS1,
-                count=item.msgcount,
-            )
-            for item in self._reader.connections
-        ]
-
-    def __enter__(self) -> 'Ros1File':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._reader.close()
-
-    def messages(self, ids: Collection[int]) -> Iterator[StoredMessage]:
-        """Yield the messages of some topics in the order of time."""
-        chosen = [item for item in self._reader.connections if item.id in ids]
-        for connection, stamp_ns, data in self._reader.messages(chosen):
+    def messages(ids: Collection[int]) -> Iterator[StoredMessage]:
+        chosen = [item for item in reader.connections if item.id in ids]
+        for connection, stamp_ns, data in reader.messages(chosen):
             yield connection.id, stamp_ns, data
+
+    topics = [
+        StoredTopic(
+            item.id,
+            item.topic,
+            item.msgtype,
+            item.msgdef.data,
+            'ros1msg',
+            ROS1,
+            count=item.msgcount,
+        )
+        for item in reader.connections
+    ]
+    return StorageFile(topics, reader.start_time, reader.end_time, messages, reader.close)
 
 
 FILES: Mapping[str, Callable[[Path], StorageFile]] = {
-    'mcap': McapFile,
-    'sqlite3': SqliteFile,
-    containers.ROS1: Ros1File,
+    'mcap': mcap_file,
+    'sqlite3': sqlite_file,
+    containers.ROS1: ros1_file,
 }
 
 

@@ -1,10 +1,9 @@
 """Stored topics: what every storage file has, which can be read, and why others are not."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
-from types import TracebackType
-from typing import Protocol
 
 from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.store import Typestore
@@ -31,25 +30,22 @@ class StoredTopic:
     count: int = 0
 
 
-class StorageFile(Protocol):
-    """Storage file that is open; start and end [ns] are 0 where it has no messages."""
+@dataclass(frozen=True, slots=True)
+class StorageFile(AbstractContextManager['StorageFile']):
+    """
+    Storage file that is open; start and end [ns] are 0 where it has no messages.
+
+    ``messages`` yields those of the topics of some ids, in the order of time.
+    """
 
     topics: Sequence[StoredTopic]
     start_ns: int
     end_ns: int
+    messages: Callable[[Collection[int]], Iterator[StoredMessage]]
+    close: Callable[[], object] = lambda: None
 
-    def __enter__(self) -> 'StorageFile': ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None: ...
-
-    def messages(self, ids: Collection[int]) -> Iterator[StoredMessage]:
-        """Yield the messages of some topics in the order of time."""
-        ...
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 def kind_of(item: StoredTopic) -> str:

@@ -15,9 +15,13 @@ import numpy as np
 from visual_servo_epipolar.bags.containers import ADVICE
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.history import Happening, happenings
-from visual_servo_epipolar.bags.reading.namespaces import namespace_of
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
-from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_note, parse
+from visual_servo_epipolar.bags.reading.topics import (
+    assign_roles,
+    camera_note,
+    namespace_of,
+    parse,
+)
 from visual_servo_epipolar.bags.repair import repair
 from visual_servo_epipolar.bags.replaying.comparison import (
     as_document,

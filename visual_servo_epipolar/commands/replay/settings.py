@@ -77,7 +77,12 @@ def _from_file(path: Path) -> Changes:
         for section, kind in KINDS.items():
             if f'{section}_node' not in heard:
                 continue
-            _refuse_unknown(path, key, values, table.accepted_names(*heard))
+            accepted = table.accepted_names(*heard)
+            if unknown := _unknown(values, accepted):
+                raise InputError(
+                    f'{path}: {key} has no parameter {", ".join(unknown)}; '
+                    f'{hint(unknown, sorted(accepted))}'
+                )
             names = {item.name for item in fields(kind)} | set(kind.RENAMED)
             fitting = {name: value for name, value in values.items() if name in names}
             changes.setdefault(section, {}).update(fitting)
@@ -101,11 +106,3 @@ def _nodes_of(key: str, values: Mapping[str, Any]) -> list[str]:
 
 def _unknown(values: Mapping[str, Any], names: set[str]) -> list[str]:
     return sorted(values.keys() - names - {'use_sim_time'})
-
-
-def _refuse_unknown(path: Path, node: str, values: Mapping[str, Any], names: set[str]) -> None:
-    unknown = _unknown(values, names)
-    if unknown:
-        raise InputError(
-            f'{path}: {node} has no parameter {", ".join(unknown)}; {hint(unknown, sorted(names))}'
-        )

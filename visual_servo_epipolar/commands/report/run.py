@@ -20,12 +20,7 @@ from visual_servo_epipolar.commands.report.tables import (
     version_section,
 )
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.servo.run_log import (
-    phase_spans,
-    RunLog,
-    seconds,
-    summarise,
-)
+from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, seconds, summarise
 from visual_servo_epipolar.report import figures
 from visual_servo_epipolar.report.page import (
     figure_html,
@@ -69,21 +64,19 @@ def report(options: argparse.Namespace) -> int:
     folder = _default_folder(source, is_run) if options.out is None else Path(options.out)
     if is_run or is_route:
         _refuse_bag_options(options)
-        with output_folder_for(folder):
-            (report_run if is_run else _report_route)(source, folder / FILE)
-    else:
-        from visual_servo_epipolar.commands.report.bag import report_bag  # which imports this one
+    with output_folder_for(folder):
+        if is_run:
+            report_run(source, folder / FILE)
+        elif is_route:
+            from visual_servo_epipolar.commands.report.route import report_route
 
-        with output_folder_for(folder):
+            report_route(source, folder / FILE)
+        else:
+            from visual_servo_epipolar.commands.report.bag import report_bag  # imports this one
+
             report_bag(options, folder / FILE)
     print(f'written: {folder / FILE}')
     return 0
-
-
-def _report_route(folder: Path, path: Path) -> None:
-    from visual_servo_epipolar.commands.report.route import report_route
-
-    report_route(folder, path)
 
 
 def _default_folder(source: Path, is_run: bool) -> Path:
@@ -117,13 +110,9 @@ def report_run(folder: Path, path: Path) -> None:
         parameter_section(run_file.settings),
         version_section(run_file.versions, versions()),
     ]
-    write_page(path, title_of(log), verdict_of(result), sections, footer=FOOTER)
-
-
-def title_of(log: RunLog) -> str:
-    """Return the heading of the page: where the run began, and by which law."""
     x, y, heading = log.start
-    return f'Run from x {x:g} m, y {y:g} m, heading {heading:+g} deg, law {log.law}'
+    title = f'Run from x {x:g} m, y {y:g} m, heading {heading:+g} deg, law {log.law}'
+    write_page(path, title, verdict_of(result), sections, footer=FOOTER)
 
 
 def verdict_of(result: Mapping[str, Any]) -> Headline:

@@ -38,15 +38,10 @@ def result_table(result: Mapping[str, Any]) -> str:
     rows: list[Sequence[Cell]] = []
     for key, words, unit, factor in QUANTITIES:
         if key in result:
-            rows.append([words, cell(result[key], factor), unit])
+            value = result[key]
+            known = f'{value * factor:.4g}' if isinstance(value, float) else _as_text(value)
+            rows.append([words, known, unit])
     return table(['quantity', 'value', 'unit'], rows)
-
-
-def cell(value: Any, factor: float) -> str:
-    """Return a number in its unit, or a dash for what is not known."""
-    if value is None:
-        return '\N{EN DASH}'
-    return f'{value * factor:.4g}' if isinstance(value, float) else str(value)
 
 
 def phase_table(result: Mapping[str, Any]) -> str:
@@ -67,41 +62,22 @@ def phase_table(result: Mapping[str, Any]) -> str:
 
 def parameter_section(settings: Mapping[str, Mapping[str, Any]]) -> Section:
     """Return the settings part by part; those that are not the default stand out."""
-    parts = [
-        folded_html(_title(part, values), _parameters(part, values))
-        for part, values in settings.items()
-    ]
+    parts = [_parameters(part, values) for part, values in settings.items()]
     return Section('Parameters', '\n'.join(parts) or '<p>none were recorded</p>')
 
 
-def _title(part: str, values: Mapping[str, Any]) -> str:
-    changed = sum(_is_changed(part, name, value) for name, value in values.items())
-    return f'{part}: {changed} of {len(values)} other than the default'
-
-
 def _parameters(part: str, values: Mapping[str, Any]) -> str:
-    texts = (
-        {item.name: range_of(item).text for item in fields(KINDS[part])} if part in KINDS else {}
-    )
-    return table(
-        ['name', 'value', 'default', 'meaning [unit]'],
-        [
-            [name, _as_text(value), _as_text(_default(part, name)), texts.get(name, '')]
-            for name, value in values.items()
-        ],
-        changed=[_is_changed(part, name, value) for name, value in values.items()],
-    )
-
-
-def _default(part: str, name: str) -> Any:
-    if part not in KINDS:
-        return None
-    return next((item.default for item in fields(KINDS[part]) if item.name == name), None)
-
-
-def _is_changed(part: str, name: str, value: Any) -> bool:
-    default = _default(part, name)
-    return default is not None and _as_text(value) != _as_text(default)
+    known = {item.name: item for item in fields(KINDS[part])} if part in KINDS else {}
+    rows, changed = [], []
+    for name, value in values.items():
+        default, meaning = None, ''
+        if name in known:
+            default, meaning = known[name].default, range_of(known[name]).text
+        rows.append([name, _as_text(value), _as_text(default), meaning])
+        changed.append(default is not None and _as_text(value) != _as_text(default))
+    title = f'{part}: {sum(changed)} of {len(values)} other than the default'
+    head = ['name', 'value', 'default', 'meaning [unit]']
+    return folded_html(title, table(head, rows, changed=changed))
 
 
 def _as_text(value: Any) -> str:
@@ -109,8 +85,6 @@ def _as_text(value: Any) -> str:
         return '\N{EN DASH}'
     if isinstance(value, (list, tuple)):
         return '[' + ', '.join(_as_text(item) for item in value) + ']'
-    if isinstance(value, float):
-        return repr(value)
     return str(value)
 
 
