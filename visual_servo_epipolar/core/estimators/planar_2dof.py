@@ -1,21 +1,11 @@
 """Two degrees of freedom: planar motion, known focal length, upright camera."""
 
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
-from visual_servo_epipolar.core.estimators.machinery.conclusion import (
-    balances_in_front,
-    Conclusion,
-    estimate_in_front,
-)
-from visual_servo_epipolar.core.estimators.machinery.gaussian import (
-    GaussianPrior,
-    Posterior,
-    posterior,
-)
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     best_modes,
     choose_mode,
@@ -24,21 +14,23 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     plausible,
     Rays,
     rays_of,
+    remaining_rays,
     scores,
-    too_few,
     two_point_hypotheses,
 )
+from visual_servo_epipolar.core.estimators.machinery.planar import (
+    balances_in_front,
+    concluded,
+    from_last_bearings,
+    PlanarModel,
+    Posterior,
+)
 from visual_servo_epipolar.core.estimators.machinery.refinement import (
-    Fit,
-    is_consistent,
-    NEGLIGIBLE,
-    problem_of,
-    refined,
+    GaussianPrior,
     refined_modes,
 )
-from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
 from visual_servo_epipolar.core.geometry.cheirality import oriented
-from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamentals
+from visual_servo_epipolar.core.geometry.epipolar import fundamentals
 
 MIN_MATCHES = 3
 PAIRS = 130  # of matches: with 40 % outliers, 47 of them are good
@@ -71,79 +63,39 @@ def planar_2dof(
     del rng
     rays = rays_of(current, desired, noise)
     matches = plausible(rays, INLIER_DEVIATIONS * rays.noise)
-    count = int(matches.sum())
-    if prior.bearings is not None and count >= MIN_MATCHES:
-        fit = _refined(rays, matches, prior.angles)
-        if is_consistent(fit, prior.angles, prior.deviation, count):
-            return _estimate(rays, matches, fit, prior)
-    return search(rays, matches, prior)
+    return from_last_bearings(MODEL, rays, matches, prior) or _search(rays, matches, prior)
 
 
-def search(rays: Rays, matches: BoolArray, prior: Prior) -> Estimate:
+def _search(rays: Rays, matches: BoolArray, prior: Prior) -> Estimate:
     """Estimate from hypotheses by pairs of the plausible ``matches``, shape (N,)."""
-    remaining = rays.take(matches)
-    if remaining.matches < MIN_MATCHES:
-        raise too_few(remaining.matches, rays.matches, MIN_MATCHES)
+    remaining = remaining_rays(rays, matches, MIN_MATCHES)
     hypotheses = two_point_hypotheses(remaining, PAIRS)
-    costs = scores(hypotheses, remaining)
-    best = best_modes(hypotheses, costs, MODES)
-    fits = refined_modes(
-        np.angle(hypotheses[:, best]).T,
-        problem_of(model, table_of(remaining), NO_PRIOR),
-        negligible=float(NEGLIGIBLE * remaining.mean_noise),
-    )
+    best = best_modes(hypotheses, scores(hypotheses, remaining), MODES)
+    starts = np.angle(hypotheses[:, best]).T
+    fits = refined_modes(starts, MODEL.problem(remaining, prior))
     mode, alternative = choose_mode(fits.parameters, fits.costs, prior)
-    fit = fits.take(mode).of_all(matches)
-    return _estimate(rays, matches, fit, prior, alternative)
+    estimate = concluded(MODEL, rays, matches, fits.take(mode).of_all(matches), prior)
+    return replace(estimate, alternative=alternative)
 
 
-def model(angles: FloatArray) -> FloatArray:
+def _matrices(angles: FloatArray) -> FloatArray:
     """Return F and its derivatives by psi and phi, shape (..., 2), as rows: (..., 3, 9)."""
     parts = np.exp(1j * angles).view(np.float64)  # cos psi, sin psi, cos phi, sin phi
     return np.asarray(parts @ FAMILIES).reshape(*angles.shape[:-1], 3, 9)
 
 
-def _estimate(
-    rays: Rays,
-    matches: BoolArray,
-    fit: Fit,
-    prior: Prior,
-    alternative: Bearings | None = None,
-) -> Estimate:
-    def concluded(matches: BoolArray, fit: Fit) -> Estimate:
-        after = posterior(fit.parameters, fit.covariance(), prior.angles, prior.deviation)
-        agree = matches & (fit.squared <= INLIER_DEVIATIONS**2)
-        return estimate_of(conclude(rays, agree, after), alternative)
-
-    return estimate_in_front(matches, fit, concluded, partial(_refined, rays))
-
-
-def _refined(rays: Rays, matches: BoolArray, start: FloatArray) -> Fit:
-    return refined(
-        start,
-        problem_of(model, table_of(rays, matches), NO_PRIOR),
-        negligible=float(NEGLIGIBLE * rays.mean_noise),
-        scale=1.0,
-    )
-
-
-def conclude(rays: Rays, agree: BoolArray, after: Posterior) -> Conclusion:
-    """Return the oriented geometry, shape (...), of matches that ``agree``, (..., N)."""
+def _conclude(rays: Rays, agree: BoolArray, after: Posterior, prior: Prior) -> Estimate:
     phasors = np.exp(1j * after.parameters)
-    balance, ahead = balances_in_front(phasors, rays, agree)
-    return Conclusion(*after, ahead, balance, fundamentals(phasors, balance))
-
-
-def estimate_of(conclusion: Conclusion, alternative: Bearings | None = None) -> Estimate:
-    """Return what is concluded of one pair of views as an estimate, if it is determined."""
-    conclusion.require_determined()
-    psi, phi = conclusion.parameters.tolist()
-    balance = float(conclusion.balance)
+    vote, ahead = balances_in_front(phasors, rays, agree)
+    psi, phi = after.parameters.tolist()
+    balance = float(vote)
     return Estimate(
         oriented(psi, phi, balance),
-        conclusion.fundamental,
-        conclusion.inliers,
+        fundamentals(phasors, vote),
+        ahead,
         min(abs(balance), 1.0),
-        conclusion.covariance,
-        alternative=alternative,
+        after.covariance,
     )
+
+
+MODEL = PlanarModel(MIN_MATCHES, _matrices, lambda prior: NO_PRIOR, _conclude)

@@ -4,11 +4,6 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray, packed
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
-from visual_servo_epipolar.core.estimators.machinery.gaussian import (
-    GaussianPrior,
-    is_determined,
-    undetermined,
-)
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     best_modes,
     FAMILIES,
@@ -16,15 +11,16 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     plausible,
     Rays,
     rays_of,
+    remaining_rays,
     TINY,
-    too_few,
 )
+from visual_servo_epipolar.core.estimators.machinery.planar import require_determined
 from visual_servo_epipolar.core.estimators.machinery.refinement import (
-    NEGLIGIBLE,
+    GaussianPrior,
     problem_of,
     refined_modes,
 )
-from visual_servo_epipolar.core.estimators.machinery.sampson import squared_distances, table_of
+from visual_servo_epipolar.core.estimators.machinery.sampson import squared_distances
 from visual_servo_epipolar.core.geometry.cheirality import cheirality
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 
@@ -60,20 +56,13 @@ def planar_3dof(
     del prior
     rays = rays_of(current, desired, noise)
     matches = plausible(rays, INLIER_DEVIATIONS * rays.noise)
-    remaining = rays.take(matches)
-    if remaining.matches < MIN_MATCHES:
-        raise too_few(remaining.matches, rays.matches, MIN_MATCHES)
-    table = table_of(remaining)
-    starts = _best(_three_point_hypotheses(remaining, rng), table)
-    fits = refined_modes(
-        starts,
-        problem_of(_model, table, NO_PRIOR),
-        negligible=float(NEGLIGIBLE * remaining.mean_noise),
-    )
+    remaining = remaining_rays(rays, matches, MIN_MATCHES)
+    problem = problem_of(_model, NO_PRIOR, remaining)
+    starts = _best(_three_point_hypotheses(remaining, rng), problem.table)
+    fits = refined_modes(starts, problem)
     fit = fits.take(int(fits.costs.argmin())).of_all(matches)
     covariance = fit.covariance()
-    if not is_determined(covariance):
-        raise undetermined()
+    require_determined(covariance)
     psi, phi, _ = fit.parameters.tolist()
     bearings, inliers = Bearings(psi, phi), fit.squared <= INLIER_DEVIATIONS**2
     vote = cheirality(bearings, current[inliers], desired[inliers], noise=rays.noise[inliers])

@@ -8,7 +8,6 @@ from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
 from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
 from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
-from visual_servo_epipolar.core.estimators.soft_uncalibrated import soft_uncalibrated
 from visual_servo_epipolar.core.registry import Registry
 
 OWN: dict[str, Estimator] = {
@@ -19,8 +18,7 @@ OWN: dict[str, Estimator] = {
 }
 ESTIMATORS: Registry[Estimator] = Registry('visual_servo_epipolar.estimators', OWN)
 DEFAULT_ESTIMATOR = 'soft_planar'
-# The variants for a focal length that is not known.
-UNCALIBRATED: dict[str, Estimator] = {'soft_planar': soft_uncalibrated}
+UNCALIBRATED = ('soft_planar',)  # those that learn a focal length that is not known
 WITHOUT_CHANCE = ('planar_2dof', 'soft_planar')
 UNDRAWN = np.random.default_rng(0)  # for those
 
@@ -43,8 +41,7 @@ def estimate(
     Return what estimator ``name`` finds in one pair of views, unit rays of shape (N, 3) each.
 
     ``noise`` is the deviation of their angles [rad]: one number or, of the current and of the
-    desired ray of each match, shape (N, 2). The ``seed`` fixes every random choice. A camera that
-    is not calibrated gets the variant that finds its lens, too, where there is one.
+    desired ray of each match, shape (N, 2). The ``seed`` fixes every random choice.
 
     Raises
     ------
@@ -52,9 +49,6 @@ def estimate(
         If the matches cannot answer.
 
     """
-    estimator = ESTIMATORS[name]
-    if not prior.lens.calibrated:
-        estimator = UNCALIBRATED.get(name, estimator)
     # To make a source of chance takes as long as two steps of a refinement.
     rng = UNDRAWN if name in WITHOUT_CHANCE else np.random.default_rng(seed)
-    return estimator(current, desired, noise=noise, prior=prior, rng=rng)
+    return ESTIMATORS[name](current, desired, noise=noise, prior=prior, rng=rng)

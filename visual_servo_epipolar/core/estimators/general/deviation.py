@@ -29,9 +29,9 @@ from visual_servo_epipolar.core.estimators.general.steps import (
     turned_only,
     UNKNOWNS,
 )
-from visual_servo_epipolar.core.estimators.machinery.attitude_prior import JITTER_DEVIATIONS
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
+from visual_servo_epipolar.core.estimators.machinery.tilted_planar import JITTER_DEVIATIONS
 from visual_servo_epipolar.core.geometry.rotation import headings
 
 RADII = np.radians([0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0])  # around the best direction

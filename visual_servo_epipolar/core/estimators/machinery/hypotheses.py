@@ -248,9 +248,12 @@ def choose_mode(
     return best, Bearings(float(psi), float(phi))
 
 
-def too_few(count: int, total: int, needed: int) -> DegenerateGeometryError:
-    """Return what is raised where ``count`` plausible matches of ``total`` are too few."""
-    return DegenerateGeometryError(
-        f'bearings need {needed} matches on one side of the horizon in both views, got '
-        f'{count} of {total}; track more features'
-    )
+def remaining_rays(rays: Rays, matches: BoolArray, needed: int) -> Rays:
+    """Return the plausible ``matches``, (N,); DegenerateGeometryError if they are too few."""
+    remaining = rays.take(matches)
+    if remaining.matches < needed:
+        raise DegenerateGeometryError(
+            f'bearings need {needed} matches on one side of the horizon in both views, got '
+            f'{remaining.matches} of {rays.matches}; track more features'
+        )
+    return remaining

@@ -12,15 +12,16 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.machinery.gaussian import GaussianPrior
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     ALTERNATIVE_COST,
     best_modes,
     INLIER_DEVIATIONS,
     MARGIN,
+    Rays,
     SEPARATION,
 )
-from visual_servo_epipolar.core.estimators.machinery.sampson import linearised
+from visual_servo_epipolar.core.estimators.machinery.sampson import linearised, table_of
+from visual_servo_epipolar.core.geometry.rays import Axes, tangents
 from visual_servo_epipolar.core.lapack import inverse, solved
 
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
@@ -32,9 +33,15 @@ ITERATIONS = 9
 ROUGH, MODES = 3, 3  # steps with all modes, and how many may go on
 LEVERAGE, LEAST_SPARE = 0.5, 1e-4  # of a match that nothing speaks for; what others leave it
 RIDGE = 1e-3  # information that keeps normal matrices regular: a deviation of 30 rad
-GOOD_COST = 1.8  # of a match, in squared deviations: noise, and outliers fewer than one in six
 
 Model = Callable[[FloatArray], FloatArray]
+
+
+class GaussianPrior(NamedTuple):
+    """Gaussian prior of P parameters: mean, shape (P,), and information, (P, P)."""
+
+    mean: FloatArray
+    information: FloatArray
 
 
 class Problem(NamedTuple):
@@ -44,12 +51,20 @@ class Problem(NamedTuple):
     table: FloatArray  # shape (9, 5 N)
     prior: GaussianPrior
     ridge: FloatArray  # shape (P, P): the information of the prior, never zero
+    negligible: float  # step that ends the iterations [rad]
 
 
-def problem_of(model: Model, table: FloatArray, prior: GaussianPrior) -> Problem:
-    """Return what is minimised."""
-    ridge = prior.information + RIDGE * np.eye(prior.information.shape[-1])
-    return Problem(model, table, prior, ridge)
+def problem_of(
+    model: Model,
+    prior: GaussianPrior,
+    rays: Rays,
+    plausible: BoolArray | None = None,
+    axes: Callable[..., Axes] = tangents,
+) -> Problem:
+    """Return what is minimised; see ``table_of`` for how ``rays`` enter."""
+    ridge = prior.information + RIDGE * np.eye(len(prior.mean))
+    negligible = float(NEGLIGIBLE * rays.mean_noise)
+    return Problem(model, table_of(rays, plausible, axes), prior, ridge, negligible)
 
 
 class Fit(NamedTuple):
@@ -73,55 +88,51 @@ class Fit(NamedTuple):
 
     def covariance(self) -> FloatArray:
         """
-        Return the covariance of the parameters, shape (..., P, P).
+        Return the covariance of the parameters of one fit, shape (P, P).
 
         Where one match has more than half a parameter to itself, nothing speaks for it: what it
         alone fixes, such as an epipole on top of it, counts as not known (Huber 1981, 7.2).
         """
         covariance = inverse(self.information)
         moves = covariance @ self.slopes
-        leverage = (moves * self.slopes).sum(axis=-2)
+        leverage = (moves * self.slopes).sum(axis=0)
         lonely = leverage > LEVERAGE
         if not lonely.any():
             return covariance
-        room = np.where(lonely, np.maximum(1.0 - leverage, LEAST_SPARE), np.inf)
-        moves /= np.sqrt(room)[..., None, :]
-        growth = (moves[..., :2, :] * moves[..., :2, :]).sum(axis=-2)
-        move = np.take_along_axis(moves, growth.argmax(axis=-1)[..., None, None], axis=-1)
-        return np.asarray(covariance + move * move.swapaxes(-1, -2))
+        moves /= np.sqrt(np.where(lonely, np.maximum(1.0 - leverage, LEAST_SPARE), np.inf))
+        move = moves[:, (moves[:2] * moves[:2]).sum(axis=0).argmax()]
+        return np.asarray(covariance + np.outer(move, move))
 
     def of_all(self, plausible: BoolArray) -> 'Fit':
-        """Return the fit with infinite distances of the matches that it was made without."""
+        """Return one fit with infinite distances of the matches that it was made without."""
         squared = np.full(plausible.shape, np.inf)
         squared[plausible] = self.squared
         return self._replace(squared=squared)
 
 
-def refined(start: FloatArray, problem: Problem, *, negligible: float, scale: float) -> Fit:
+def refined(start: FloatArray, problem: Problem, scale: float = 1.0) -> Fit:
     """
     Minimise the robust Sampson distance by Gauss-Newton from one ``start``, shape (P,).
 
     The start is near the truth. The first steps take the noise for ``scale`` times larger: they
     must not lose matches that the other parameters will bring back. It ends once a step is
-    ``negligible``. Singular equations give nan.
+    negligible. Singular equations give nan.
     """
     for iteration in range(1, ITERATIONS + 1):
         width = annealed(scale, iteration, SHORT_ANNEALING)
         step = gauss_newton_step(problem, start, width)
-        if iteration == ITERATIONS or not (width > 1.0 or step.length >= negligible):
+        if iteration == ITERATIONS or not (width > 1.0 or step.length >= problem.negligible):
             break
         start = step.parameters
     return step.fit(problem, width)
 
 
-def refined_modes(
-    starts: FloatArray, problem: Problem, *, negligible: float, scale: float = 1.0
-) -> Fit:
+def refined_modes(starts: FloatArray, problem: Problem, scale: float = 1.0) -> Fit:
     """
     Minimise from many ``starts``, shape (K, P); after a few steps only the best modes go on.
 
     The first steps take the noise for ``scale`` times larger. It ends once all steps are
-    ``negligible``.
+    negligible.
 
     Raises
     ------
@@ -139,7 +150,7 @@ def refined_modes(
                 'the normal equations of the matches are singular; pass rays of unit length and '
                 'their noise as an angle [rad]'
             )
-        if iteration == ITERATIONS or (width == 1.0 and longest < negligible):
+        if iteration == ITERATIONS or (width == 1.0 and longest < problem.negligible):
             break
         starts = step.parameters
         if len(starts) > 1 and iteration >= rough:
@@ -157,19 +168,6 @@ def _best_modes(fit: Fit) -> IntArray:
         separation=0.25 * SEPARATION,
         margin=min(MARGIN, 2.0 * ALTERNATIVE_COST / worst),
     )
-
-
-def is_consistent(
-    fit: Fit, before: FloatArray, deviation: FloatArray | float, counts: Any
-) -> BoolArray:
-    """
-    Return whether fits made from the bearings ``before`` explain the matches, shape (...).
-
-    ``before``, shape (..., 2), is psi and phi; they may have moved by ``deviation``, (...);
-    ``counts``, (...), are the numbers of plausible matches. Then no search is needed.
-    """
-    change = np.abs(fit.parameters[..., :2] - before).max(axis=-1)
-    return np.asarray((fit.costs <= GOOD_COST * counts) & (change < deviation))
 
 
 class Step(NamedTuple):

@@ -2,15 +2,35 @@
 Planar motion seen by a camera that is not quite upright: E and its derivatives by six parameters.
 
 E = C_d^T F C_a with C = R_x(tilt) R_z(roll) from camera to level axes. The derivatives by tilt put
-the generator S_x beside F, those by roll put S_z beside E; both are linear.
+the generator S_x beside F, those by roll put S_z beside E; both are linear. The attitude known
+before says something of the parameters, and of which matches are plausible.
 """
+
+import math
+from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray
-from visual_servo_epipolar.core.estimators.machinery.hypotheses import FAMILIES
+from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray
+from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Prior
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
+    FAMILIES,
+    INLIER_DEVIATIONS,
+    plausible,
+    Rays,
+)
+from visual_servo_epipolar.core.estimators.machinery.planar import balances_in_front, Posterior
+from visual_servo_epipolar.core.estimators.machinery.refinement import GaussianPrior
+from visual_servo_epipolar.core.geometry.cheirality import oriented
+from visual_servo_epipolar.core.geometry.epipolar import fundamentals
+from visual_servo_epipolar.core.geometry.rays import level
 
 PSI, PHI, TILT, TILT_JUMP, ROLL, ROLL_JUMP = range(6)  # jump: current less desired view
+BOTH = slice(TILT, ROLL + 1, ROLL - TILT)  # tilt and roll
+JITTER_DEVIATIONS = 3.0  # a prior tighter than the true jitter does harm
+LEAST_JITTER = 1e-4  # [rad]
+JITTER_SHARE = 0.7  # of the jitter that shows as noise where jumps are not estimated
+REACH = 2.0  # how far hypotheses of the focal length reach, in deviations of the prior
 
 # psi, phi, tilt and roll of the desired camera, tilt and roll of the current one
 TO_CAMERAS = np.zeros((6, 6))
@@ -80,3 +100,79 @@ def cameras(phasors: ComplexArray) -> FloatArray:
     factors[..., :2] = phasors[..., 2:].view(np.float64).reshape(*leading, 2, 2, 2)
     products = factors[..., 0, :, None] * factors[..., 1, None, :]
     return np.asarray((products.reshape(*leading, 2, 9) @ PRODUCTS).reshape(*leading, 2, 3, 3))
+
+
+def attitude_prior(prior: Prior) -> GaussianPrior:
+    """Return what is known of the six parameters."""
+    attitude = prior.attitude
+    tilt, roll, both = attitude.tilt_deviation, attitude.roll_deviation, attitude.correlation
+    jump = max(JITTER_DEVIATIONS * attitude.jitter, LEAST_JITTER)
+    mean, information = np.zeros(6), np.zeros((6, 6))
+    mean[TILT], mean[ROLL] = attitude.tilt, attitude.roll
+    alone = 1.0 / (1.0 - both * both)
+    information[TILT, TILT] = alone / (tilt * tilt)
+    information[ROLL, ROLL] = alone / (roll * roll)
+    information[TILT, ROLL] = information[ROLL, TILT] = -alone * both / (tilt * roll)
+    information[TILT_JUMP, TILT_JUMP] = information[ROLL_JUMP, ROLL_JUMP] = 1.0 / (jump * jump)
+    return GaussianPrior(mean, information)
+
+
+def plausible_matches(rays: Rays, prior: Prior) -> BoolArray:
+    """Return the matches, (N,), on one side of the horizon, as far as attitude and lens tell."""
+    attitude = prior.attitude
+    blur = JITTER_SHARE * attitude.jitter
+    tilted = 2.0 * (attitude.tilt_deviation + attitude.roll_deviation)
+    slack = tilted + INLIER_DEVIATIONS * np.sqrt(rays.noise * rays.noise + blur * blur)
+    # Angles may truly be larger, and so is then what a tilt does.
+    stretch = float(np.exp(REACH * prior.lens.ratio_deviation))
+    return plausible(levelled(rays, attitude.tilt, attitude.roll), stretch * slack)
+
+
+def widening(rays: Rays, prior: Prior) -> float:
+    """Return how much larger than the noise residuals are before jumps are estimated."""
+    return float(np.maximum(1.0, JITTER_SHARE * prior.attitude.jitter / rays.mean_noise))
+
+
+def levelled(rays: Rays, tilt: Any, roll: Any, tilt_jump: Any = 0.0, roll_jump: Any = 0.0) -> Rays:
+    """
+    Return ``rays``, (..., N), as upright cameras would see them.
+
+    Angles, shape (...), are those of the desired camera; the current one has the jumps added.
+    """
+    tilt, roll, tilt_a, roll_a = (
+        np.asarray(angle)[..., None] for angle in (tilt, roll, tilt + tilt_jump, roll + roll_jump)
+    )
+    return Rays(
+        *level(rays.x_a, rays.y_a, rays.z_a, tilt_a, roll_a),
+        *level(rays.x_d, rays.y_d, rays.z_d, tilt, roll),
+        rays.noise_a,
+        rays.noise_d,
+    )
+
+
+def conclude(rays: Rays, agree: BoolArray, after: Posterior, prior: Prior) -> Estimate:
+    """Return the estimate by matches that ``agree``, (N,)."""
+    phasors = phasors_of(after.parameters)
+    desired, current = cameras(phasors)
+    vote, inliers = in_front_of(rays, agree, after.parameters)
+    balance = float(vote)
+    psi, phi, tilt, tilt_jump, roll, roll_jump = after.parameters.tolist()
+    attitude = Attitude(tilt, roll, jitter=prior.attitude.jitter)
+    return Estimate(
+        oriented(psi, phi, balance),
+        desired.T @ fundamentals(phasors[: PHI + 1], vote) @ current,
+        inliers,
+        min(abs(balance), 1.0),
+        after.covariance[: PHI + 1, : PHI + 1],
+        attitude=attitude.known_to(after.covariance[BOTH, BOTH]),
+        jump=math.hypot(tilt_jump, roll_jump),
+    )
+
+
+def in_front_of(rays: Rays, agree: BoolArray, angles: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return the vote of matches in front of the cameras, (...), and which they are, (..., N)."""
+    upright = levelled(
+        rays, angles[..., TILT], angles[..., ROLL], angles[..., TILT_JUMP], angles[..., ROLL_JUMP]
+    )
+    inliers = agree & plausible(upright, INLIER_DEVIATIONS * rays.noise)
+    return balances_in_front(np.exp(1j * angles[..., : PHI + 1]), upright, inliers)

@@ -10,13 +10,13 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, packed
 from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.estimators.machinery.gaussian import undetermined
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     best_modes,
     INLIER_DEVIATIONS,
     Rays,
     SEPARATION,
 )
+from visual_servo_epipolar.core.estimators.machinery.planar import undetermined
 from visual_servo_epipolar.core.estimators.machinery.sampson import squared_distances, table_of
 from visual_servo_epipolar.core.estimators.machinery.search.five_point import (
     essential_matrices,

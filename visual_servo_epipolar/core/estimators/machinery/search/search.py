@@ -8,52 +8,50 @@ nothing, are believed where the matches speak for them by more than chance.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.base import (
-    Attitude,
-    COLD_DEVIATION,
-    Estimate,
-    Prior,
-)
-from visual_servo_epipolar.core.estimators.machinery.attitude_prior import plausible_matches
+from visual_servo_epipolar.core.estimators.base import COLD_DEVIATION, Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     ALTERNATIVE_COST,
     choose_mode,
     INLIER_DEVIATIONS,
     Rays,
-    too_few,
+    remaining_rays,
 )
-from visual_servo_epipolar.core.estimators.machinery.refinement import Fit
+from visual_servo_epipolar.core.estimators.machinery.planar import (
+    concluded,
+    PlanarModel,
+    with_bearings,
+)
+from visual_servo_epipolar.core.estimators.machinery.refinement import Fit, refined_modes
+from visual_servo_epipolar.core.estimators.machinery.search.general_hypotheses import (
+    general_start_parameters,
+    ROUGHNESS,
+)
 from visual_servo_epipolar.core.estimators.machinery.search.tilted_hypotheses import (
     is_cold,
     is_general,
-    POOR,
+    JUMPS,
+    NO_JUMP,
+    start_parameters,
 )
-from visual_servo_epipolar.core.estimators.machinery.tilted_planar import PHI
+from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
+    in_front_of,
+    PHI,
+    plausible_matches,
+)
+from visual_servo_epipolar.core.estimators.machinery.wrong_lens import starts_by_focal_lengths
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 
 WORST = INLIER_DEVIATIONS**2  # cost of a match that does not agree
+POOR = 0.4  # part of the worst possible cost above which few matches agree
+ROUGH_LENS = 3.0  # of hypotheses with a focal length between two that are tried, in noises
 
-
-@dataclass(frozen=True, slots=True)
-class SearchMethod:
-    """
-    What is the estimator's own in a search; ``min_matches`` are needed.
-
-    ``by_pairs`` and ``by_fives`` refine the best modes of hypotheses of the one and of the other
-    kind, ``estimate`` concludes from the fit to all matches; ``stretch`` says by how much angles
-    may truly be larger.
-    """
-
-    min_matches: int
-    by_pairs: Callable[[Rays, Prior], Fit]
-    by_fives: Callable[[Rays, Prior], Fit]
-    estimate: Callable[[Rays, BoolArray, Fit, Prior, Bearings | None], Estimate]
-    stretch: Callable[[Prior], float] = lambda prior: 1.0
+Refine = Callable[[PlanarModel, Rays, Prior], Fit]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,18 +65,7 @@ class _Found:
     alternative: Bearings | None
 
 
-def likely_attitude(attitude: Attitude) -> Attitude:
-    """Return the ``attitude`` as it most likely is: near its mean, if a mount may be any."""
-    if not is_general(attitude):
-        return attitude
-    return replace(
-        attitude,
-        tilt_deviation=min(attitude.tilt_deviation, COLD_DEVIATION),
-        roll_deviation=min(attitude.roll_deviation, COLD_DEVIATION),
-    )
-
-
-def searched(rays: Rays, matches: BoolArray, prior: Prior, method: SearchMethod) -> Estimate:
+def search(model: PlanarModel, rays: Rays, matches: BoolArray, prior: Prior) -> Estimate:
     """
     Return the best estimate of one pair of views, of which the plausible ``matches`` are (N,).
 
@@ -88,52 +75,90 @@ def searched(rays: Rays, matches: BoolArray, prior: Prior, method: SearchMethod)
         With too few matches, or where they leave the geometry open.
 
     """
-    likely = replace(prior, attitude=likely_attitude(prior.attitude))
+    found = _best_found(model, rays, matches, prior)
+    estimate = concluded(model, rays, found.matches, found.fit, found.prior)
+    return replace(estimate, alternative=found.alternative)
+
+
+def _best_found(model: PlanarModel, rays: Rays, matches: BoolArray, prior: Prior) -> _Found:
     mount = prior.mount or prior.attitude
-    anyhow = replace(prior, attitude=mount, bearings=None) if is_general(mount) else None
+    anyhow = replace(prior, attitude=mount, bearings=None)
+    everyone = np.ones_like(matches)
     try:
-        found = _found(rays, matches, likely, method, method.by_pairs)
+        found = _found(model, rays, matches, _likely(prior), _by_pairs)
     except DegenerateGeometryError:
-        if anyhow is None:
+        if not is_general(mount):
             raise
-        found = _found(rays, np.ones_like(matches), anyhow, method, method.by_fives)
-        return _estimate(rays, found, method)
-    if anyhow is not None and (is_cold(prior.attitude) or _is_poor(found)):
-        found = _better(rays, found, anyhow, method)
-    return _estimate(rays, found, method)
-
-
-def _better(rays: Rays, found: _Found, anyhow: Prior, method: SearchMethod) -> _Found:
-    """Return what is ``found``, or a camera mounted any way if matches speak for that clearly."""
+        return _found(model, rays, everyone, anyhow, _by_fives)
+    is_poor = found.cost > POOR * WORST * rays.matches
+    if not (is_general(mount) and (is_cold(prior.attitude) or is_poor)):
+        return found
     try:
-        other = _found(rays, np.ones_like(found.matches), anyhow, method, method.by_fives)
+        other = _found(model, rays, everyone, anyhow, _by_fives)
     except DegenerateGeometryError:
         return found
     return other if other.cost < found.cost - ALTERNATIVE_COST else found
 
 
-def _is_poor(found: _Found) -> bool:
-    """Return whether few of the matches agree."""
-    return bool(found.cost > POOR * WORST * len(found.matches))
+def _likely(prior: Prior) -> Prior:
+    """Return the ``prior`` with its attitude near the mean, if a mount may be any."""
+    attitude = prior.attitude
+    if not is_general(attitude):
+        return prior
+    nearer = replace(
+        attitude,
+        tilt_deviation=min(attitude.tilt_deviation, COLD_DEVIATION),
+        roll_deviation=min(attitude.roll_deviation, COLD_DEVIATION),
+    )
+    return replace(prior, attitude=nearer)
 
 
 def _found(
-    rays: Rays,
-    matches: BoolArray,
-    prior: Prior,
-    method: SearchMethod,
-    refine: Callable[[Rays, Prior], Fit],
+    model: PlanarModel, rays: Rays, matches: BoolArray, prior: Prior, refine: Refine
 ) -> _Found:
-    matches = matches & plausible_matches(rays, prior.attitude, method.stretch(prior))
-    remaining = rays.take(matches)
-    if remaining.matches < method.min_matches:
-        raise too_few(remaining.matches, rays.matches, method.min_matches)
-    fits = refine(remaining, prior)
+    matches = matches & plausible_matches(rays, prior)
+    remaining = remaining_rays(rays, matches, model.min_matches)
+    fits = refine(model, remaining, prior)
     mode, alternative = choose_mode(fits.parameters[:, : PHI + 1], fits.costs, prior)
-    dropped = rays.matches - remaining.matches
-    cost = float(fits.costs[mode]) + WORST * dropped
+    cost = float(fits.costs[mode]) + WORST * (rays.matches - remaining.matches)
     return _Found(fits.take(mode).of_all(matches), matches, prior, cost, alternative)
 
 
-def _estimate(rays: Rays, found: _Found, method: SearchMethod) -> Estimate:
-    return method.estimate(rays, found.matches, found.fit, found.prior, found.alternative)
+def _by_pairs(model: PlanarModel, rays: Rays, prior: Prior) -> Fit:
+    """Return the refined best modes of two-point hypotheses, and of the last bearings."""
+    cold = is_cold(prior.attitude)
+    with_jumps = partial(start_parameters, attitude=prior.attitude, jumps=JUMPS)
+    first = partial(with_jumps, jumps=NO_JUMP) if cold else with_jumps
+    fits = _refined_hypotheses(model, rays, prior, first)
+    # A jump of the tilt may be more than hypotheses bear.
+    is_poor = fits.costs.min() > POOR * WORST * rays.matches
+    return _refined_hypotheses(model, rays, prior, with_jumps) if cold and is_poor else fits
+
+
+def _by_fives(model: PlanarModel, rays: Rays, prior: Prior) -> Fit:
+    """Return the refined best modes of five-point hypotheses."""
+    hypotheses = partial(general_start_parameters, attitude=prior.attitude)
+    return _refined_hypotheses(model, rays, prior, hypotheses, roughness=ROUGHNESS)
+
+
+def _refined_hypotheses(
+    model: PlanarModel,
+    rays: Rays,
+    prior: Prior,
+    hypotheses: Callable[[Rays], FloatArray],
+    roughness: float = 0.0,
+) -> Fit:
+    problem = model.problem(rays, prior)
+    calibrated = prior.lens.calibrated
+    starts = hypotheses(rays) if calibrated else starts_by_focal_lengths(rays, prior, hypotheses)
+    if prior.bearings is not None:
+        starts = np.vstack([starts, with_bearings(problem.prior.mean, prior)])
+    least = roughness if calibrated else ROUGH_LENS
+    fits = refined_modes(starts, problem, max(least, model.widening(rays, prior)))
+    if not calibrated:
+        return fits
+    # A match that agrees from behind a camera costs as much as one that does not.
+    agree = fits.squared <= WORST
+    _, in_front = in_front_of(rays, agree, fits.parameters)
+    dear = np.where(agree & ~in_front, WORST - fits.squared, 0.0).sum(axis=-1)
+    return fits._replace(costs=fits.costs + dear)

@@ -6,20 +6,16 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.estimators.machinery.attitude_prior import (
-    JITTER_SHARE,
-    levelled,
-)
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     best_modes,
-    INLIER_DEVIATIONS,
     Rays,
     scores,
     SEPARATION,
     two_point_hypotheses,
 )
-from visual_servo_epipolar.core.estimators.machinery.refinement import Fit
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
+    JITTER_SHARE,
+    levelled,
     PHI,
     PSI,
     ROLL,
@@ -32,7 +28,6 @@ GENERAL = math.radians(2.5)  # above it tilts to try would be too many: see ``ge
 TILTS = np.linspace(-1.0, 1.0, 9)  # of those, in deviations of the prior
 PAIRS = 60  # for each attitude that is tried
 MODES = 6
-POOR = 0.4  # part of the worst possible cost above which few matches agree
 NO_JUMP = np.zeros(1)
 JUMPS = np.array([-3.2, -1.6, 0.0, 1.6, 3.2])  # of tilt between the views, in jitters
 
@@ -45,12 +40,6 @@ def is_cold(attitude: Attitude) -> bool:
 def is_general(attitude: Attitude) -> bool:
     """Return whether the attitude is so little known that hypotheses must do without."""
     return max(attitude.tilt_deviation, attitude.roll_deviation) > GENERAL
-
-
-def is_poor(fits: Fit) -> bool:
-    """Return whether few matches agree: a jump of the tilt may be more than hypotheses bear."""
-    worst = INLIER_DEVIATIONS**2 * fits.squared.shape[-1]
-    return bool(fits.costs.min() > POOR * worst)
 
 
 def start_parameters(rays: Rays, attitude: Attitude, jumps: FloatArray) -> FloatArray:
