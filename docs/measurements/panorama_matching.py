@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.tracking.matchers.nearest import mutual_nearest
 from visual_servo_epipolar.core.tracking.matchers.sift import detect
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.regions import start_in
-from visual_servo_epipolar.simulation.rendering.faces import AXES
+from visual_servo_epipolar.simulation.rendering.renderer import AXES
 from visual_servo_epipolar.simulation.scenario import load
 
 SCENARIO = load(None, rig_path('panorama_small'))

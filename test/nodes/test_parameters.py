@@ -241,7 +241,7 @@ def test_two_changes_that_need_each_other_are_taken_together(bench) -> None:
         (
             'camera_node',
             Parameter('person', value=0.8),
-            lambda node: node._simulator.disturbances.person,
+            lambda node: node._simulator._disturbances.settings.person,
         ),
         (
             'camera_node',

@@ -237,7 +237,7 @@ def test_to_see_a_person_pass_costs_no_painting() -> None:
     disturbances = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
     PointWorld(EXACT, FixedRig(CAMERA), seed=0, disturbances=disturbances).observe(BEHIND, 10)
     painted = [vars(item) for item in (disturbances, *disturbances._occluders)]
-    assert not any({'_board', '_clothes', '_shade'} & set(names) for names in painted)
+    assert not any({'_picture'} & set(names) for names in painted)
 
 
 def test_the_nominal_camera_is_not_the_one_that_sees() -> None:

@@ -26,7 +26,7 @@ BOUNDS = {
     'anywhere': ((-6.0, -10.0, -180.0), (6.0, 4.0, 180.0)),
 }
 FEW_POINTS = replace(Scenario().points, candidates=LEAST_FEATURES - 1)
-regions = st.sampled_from(REGIONS)
+regions = st.sampled_from([*REGIONS])
 seeds = st.integers(0, 2**31 - 1)
 indices = st.integers(0, 10**6)
 

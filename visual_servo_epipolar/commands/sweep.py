@@ -108,16 +108,15 @@ def _report(
     documents: Mapping[str, Mapping[str, Any]], folder: Path, field_of_view: float
 ) -> tuple[str, list[str]]:
     """Write tables and figures into ``folder``; return the table, and the names of the files."""
-    from visual_servo_epipolar.report import figures
-    from visual_servo_epipolar.report.sweep import histogram, start_map
+    from visual_servo_epipolar.report.figures import save
+    from visual_servo_epipolar.report.sweep import figures
     from visual_servo_epipolar.report.sweep import table as tables
 
     text = tables.table(documents)
     for name, table in (('table.md', text), ('convergence.md', tables.convergence(documents))):
         write_whole(folder / name, f'{table}\n'.encode())
-    where = start_map.starts(documents, field_of_view=field_of_view)
-    figures.save(where, folder / 'map.png')
-    figures.save(histogram.errors(documents), folder / 'histogram.png')
+    save(figures.starts(documents, field_of_view=field_of_view), folder / 'map.png')
+    save(figures.errors(documents), folder / 'histogram.png')
     return text, ['table.md', 'convergence.md', 'map.png', 'histogram.png']
 
 

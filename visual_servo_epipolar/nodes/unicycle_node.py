@@ -9,7 +9,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.nodes import parameters, qos
@@ -22,8 +22,11 @@ from visual_servo_epipolar.simulation.bases.dead_reckoning import (
     DeadReckoning,
     world_to_odometry,
 )
-from visual_servo_epipolar.simulation.bases.registry import model_settings, new_base
-from visual_servo_epipolar.simulation.bases.simulated_base import SimulatedBase
+from visual_servo_epipolar.simulation.bases.registry import (
+    model_settings,
+    new_base,
+    SimulatedBase,
+)
 from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 WARN_PERIOD_S = 2.0
@@ -106,7 +109,7 @@ class UnicycleNode(Node):
             )
 
     def _on_tick(self) -> None:
-        moving = self._base.moving
+        moving = self._base.twist != STANDSTILL
         self._base.advance(self._steady.now().nanoseconds)
         if moving and self._base.timed_out:
             self.get_logger().warning(

@@ -22,6 +22,7 @@ CLIP = re.compile(rb'\bp[0-9a-f]{10}\b')  # id of a clip path, as matplotlib mak
 FILE = 'report.html'
 PICTURE_WIDTH = 800  # [px]
 QUALITY = 80  # of a JPEG
+RIGHT, CHANGED = ' class="number"', ' class="changed"'  # of cells, of rows
 Cell = str | float | int | None
 
 
@@ -104,9 +105,7 @@ def jpeg(picture: Image) -> bytes:
     scale = PICTURE_WIDTH / picture.shape[1]
     if scale < 1.0:
         picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    success, encoded = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-    if not success:
-        raise ValueError(f'picture of shape {picture.shape} cannot be encoded as JPEG')
+    _, encoded = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     return bytes(encoded)
 
 
@@ -116,21 +115,16 @@ def table(
     """Return a table; numbers stand to the right, ``changed`` rows in bold."""
     marks = changed or [False] * len(rows)
     numeric = [bool(rows) and isinstance(rows[0][k], (int, float)) for k in range(len(head))]
-    lines = [
-        '<tr>'
-        + ''.join(
-            f'<th{_right(right)}>{escape(name)}</th>'
-            for name, right in zip(head, numeric, strict=True)
-        )
-        + '</tr>'
-    ]
-    for row, mark in zip(rows, marks, strict=True):
-        cells = ''.join(
-            f'<td{_right(right)}>{escape(cell_text(cell))}</td>'
-            for cell, right in zip(row, numeric, strict=True)
-        )
-        lines.append(f'<tr class="changed">{cells}</tr>' if mark else f'<tr>{cells}</tr>')
-    return '<table>\n' + '\n'.join(lines) + '\n</table>'
+
+    def line(tag: str, cells: Sequence[Cell], mark: bool = False) -> str:
+        parts = [
+            f'<{tag}{RIGHT if right else ""}>{escape(_text(cell))}</{tag}>'
+            for cell, right in zip(cells, numeric, strict=True)
+        ]
+        return f'<tr{CHANGED if mark else ""}>{"".join(parts)}</tr>'
+
+    lines = [line('td', row, mark) for row, mark in zip(rows, marks, strict=True)]
+    return '\n'.join(['<table>', line('th', head), *lines, '</table>'])
 
 
 def folded_html(title: str, body: str) -> str:
@@ -143,15 +137,10 @@ def paragraph(text: str) -> str:
     return f'<p>{escape(text)}</p>'
 
 
-def cell_text(value: Cell) -> str:
-    """Return what stands in a cell."""
+def _text(value: Cell) -> str:
     if value is None:
         return '\N{EN DASH}'
     return f'{value:.6g}' if isinstance(value, float) else str(value)
-
-
-def _right(right: bool) -> str:
-    return ' class="number"' if right else ''
 
 
 def _figure(kind: str, data: bytes, caption: str) -> str:

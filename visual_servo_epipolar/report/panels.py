@@ -1,6 +1,7 @@
 """Panels of the figure of signals: one quantity each, over time."""
 
 from collections.abc import Callable
+from functools import partial
 
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
@@ -88,17 +89,8 @@ def _draw_epipoles(axes: Axes, log: RunLog) -> None:
     _key_above(axes)
 
 
-def _draw_linear(axes: Axes, log: RunLog) -> None:
-    values = np.array([sample.twist.linear for sample in log.samples])
-    _draw_steps(axes, log, values, 'linear\nvelocity [m/s]')
-
-
-def _draw_angular(axes: Axes, log: RunLog) -> None:
-    values = np.array([sample.twist.angular for sample in log.samples])
-    _draw_steps(axes, log, values, 'angular\nvelocity [rad/s]')
-
-
-def _draw_steps(axes: Axes, log: RunLog, values: FloatArray, label: str) -> None:
+def _draw_velocity(axes: Axes, log: RunLog, *, name: str, unit: str) -> None:
+    values = np.array([getattr(sample.twist, name) for sample in log.samples])
     # A command holds until the next one.
     axes.plot(seconds(log), values, color=INK, drawstyle='steps-post')
     axes.axhline(0.0, color=INK, linewidth=0.6)
@@ -106,7 +98,7 @@ def _draw_steps(axes: Axes, log: RunLog, values: FloatArray, label: str) -> None
     if high - low < STANDING:
         low, high = -STANDING_AXIS, STANDING_AXIS
     margin = 0.12 * (high - low)
-    axes.set(ylim=(low - margin, high + margin), ylabel=label)
+    axes.set(ylim=(low - margin, high + margin), ylabel=f'{name}\nvelocity [{unit}]')
     axes.yaxis.set_major_locator(MaxNLocator(4))
 
 
@@ -185,8 +177,8 @@ def _key_above(axes: Axes) -> None:
 
 PANELS: tuple[Panel, ...] = (
     _draw_epipoles,
-    _draw_linear,
-    _draw_angular,
+    partial(_draw_velocity, name='linear', unit='m/s'),
+    partial(_draw_velocity, name='angular', unit='rad/s'),
     _draw_difference,
     _draw_count,
     _draw_error,

@@ -52,12 +52,12 @@ class CameraSimulator:
         self._joints: Joints | None = None  # as long as no head has turned it
         self.camera = rig.camera
         self._room = painted_room(settings.scene_seed, settings.scene)
-        self._light = LightSettings() if light is None else light
-        self._exposure = Exposure(self._light, has_colours=settings.encoding == 'bgr8')
-        scene = self._scene(self._light.light_of(settings.seed), has_changed=True)
+        self.light = LightSettings() if light is None else light
+        self._exposure = Exposure(self.light, has_colours=settings.encoding == 'bgr8')
+        scene = self._scene(self.light.light_of(settings.seed), has_changed=True)
         self.renderer = Renderer(scene, rig)
-        if self._light.passing_light != SAME:  # lit beforehand: that takes a second or two
-            self._scene(LIGHTS[self._light.passing_light], has_changed=True)
+        if self.light.passing_light != SAME:  # lit beforehand: that takes a second or two
+            self._scene(LIGHTS[self.light.passing_light], has_changed=True)
         self._sensors: dict[float, Sensor] = {}  # by noise
         self._last: tuple[bytes, Scene, Image] | None = None
         self.disturb(DisturbanceSettings() if disturbances is None else disturbances)
@@ -83,19 +83,9 @@ class CameraSimulator:
         self._disturbances = Disturbances(size, settings, self.settings.seed)
         self._is_disturbed = settings != DisturbanceSettings()
 
-    @property
-    def disturbances(self) -> DisturbanceSettings:
-        """The disturbances of the images."""
-        return self._disturbances.settings
-
     def relight(self, settings: LightSettings) -> None:
         """Let the light be as ``settings`` say; an automatic exposure follows from where it is."""
-        self._light = self._exposure.settings = settings
-
-    @property
-    def light(self) -> LightSettings:
-        """The light of photograph and run, and the exposure."""
-        return self._light
+        self.light = self._exposure.settings = settings
 
     def photograph(self) -> Image:
         """Return the desired image, shape (H, W), taken from the goal."""
@@ -116,10 +106,10 @@ class CameraSimulator:
             image = self._disturbances.apply(image, frame)
         if frame <= 0:
             self._exposure.begin()
-        factor = self._light.passing_exposure if passes else 1.0
+        factor = self.light.passing_exposure if passes else 1.0
         view = LitView(image, light, frame / self.settings.frame_rate, factor)
         image, gain = self._exposure.take(view)
-        image = toned(image, 1.0 if is_photograph else self._light.gamma)
+        image = toned(image, 1.0 if is_photograph else self.light.gamma)
         image = self._sensor(gain).capture(image, frame)
         return as_jpeg(image, self.settings.jpeg) if self.settings.jpeg else image
 
@@ -131,13 +121,13 @@ class CameraSimulator:
 
     def _light_of(self, is_photograph: bool, passes: bool) -> Light:
         if is_photograph:
-            return LIGHTS[self._light.photograph_light]
-        if passes and self._light.passing_light != SAME:
-            return LIGHTS[self._light.passing_light]
-        return self._light.light_of(self.settings.seed)
+            return LIGHTS[self.light.photograph_light]
+        if passes and self.light.passing_light != SAME:
+            return LIGHTS[self.light.passing_light]
+        return self.light.light_of(self.settings.seed)
 
     def _scene(self, light: Light, *, has_changed: bool) -> Scene:
-        return self._room.by(light.name, self._light.thing(has_changed=has_changed))
+        return self._room.by(light.name, self.light.thing(has_changed=has_changed))
 
     def _sensor(self, gain: float) -> Sensor:
         """Return the sensor at that gain, which its noise grows with."""

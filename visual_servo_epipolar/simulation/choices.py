@@ -2,20 +2,33 @@
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import NamedTuple
 
 SOURCES = ('features', 'images')
-# Least and largest x [m], y [m], heading error [deg].
-BOXES: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = (
-    MappingProxyType(
-        {
-            'front': ((-1.5, -5.0, -15.0), (1.5, -2.0, 15.0)),
-            'beside': ((-1.5, -2.0, -15.0), (1.5, 1.5, 15.0)),
-            'anywhere': ((-6.0, -10.0, -180.0), (6.0, 4.0, 180.0)),
-            'around': ((-4.0, -4.0, -180.0), (4.0, 4.0, 180.0)),
-        }
-    )
+
+
+class StartRegion(NamedTuple):
+    """
+    Region of starts: a ``box`` of least and largest x [m], y [m] and heading error [deg].
+
+    ``in_view``: of poses alone that have the goal's features in view; ``recognisable``: large
+    enough to be recognised in images.
+    """
+
+    box: tuple[tuple[float, float, float], tuple[float, float, float]]
+    in_view: bool = False
+    recognisable: bool = False
+
+
+REGIONS: Mapping[str, StartRegion] = MappingProxyType(
+    {
+        'front': StartRegion(((-1.5, -5.0, -15.0), (1.5, -2.0, 15.0))),
+        'beside': StartRegion(((-1.5, -2.0, -15.0), (1.5, 1.5, 15.0))),
+        'anywhere': StartRegion(((-6.0, -10.0, -180.0), (6.0, 4.0, 180.0)), in_view=True),
+        'around': StartRegion(
+            ((-4.0, -4.0, -180.0), (4.0, 4.0, 180.0)), in_view=True, recognisable=True
+        ),
+    }
 )
-REGIONS = tuple(BOXES)
-IN_VIEW = frozenset({'anywhere', 'around'})  # only poses that have the goal's features in view
 WORLDS = ('same', 'light', 'pictures', 'furniture', 'people', 'all', 'dim')  # of repetitions
 WAYS = ('short', 'loop', 'rooms', 'ring', 'long')  # through the storey, for routes

@@ -1,6 +1,6 @@
 """One run in memory: world, tracker and servo in one loop, without ROS and without a clock."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -123,17 +123,14 @@ class Loop:
 def look(loops: Sequence[Loop]) -> list[RobotView]:
     """Return what each loop sees from where its robot is now, alike views and cameras at once."""
     robot_views: list[RobotView | None] = [None] * len(loops)
-    groups: dict[tuple[type[View], CameraModel], list[int]] = {}
+    groups: dict[tuple[Hashable, CameraModel], list[int]] = {}
     for k, loop in enumerate(loops):
         loop.turn()
-        groups.setdefault((type(loop.view), loop.camera), []).append(k)
-    for (kind, camera), indices in groups.items():
+        groups.setdefault((loop.view.alike, loop.camera), []).append(k)
+    for (_, camera), indices in groups.items():
         group = [loops[k] for k in indices]
-        features = kind.observe_each(
-            [loop.view for loop in group],
-            [loop.pose for loop in group],
-            [loop.frame for loop in group],
-        )
+        views, poses = [loop.view for loop in group], [loop.pose for loop in group]
+        features = views[0].observe_each(views, poses, [loop.frame for loop in group])
         observations = observe_each(features, camera, [loop.now_ns for loop in group])
         for k, observation in zip(indices, observations, strict=True):
             robot_views[k] = loops[k].robot_view(observation)

@@ -1,6 +1,6 @@
 """Point world: a seeded cloud of features and a noisy camera, for closed loops without images."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,25 +87,26 @@ class PointWorld(View):
         pixels, visible = self.project(pose, frame)
         return self.tracked(pixels, visible, frame)
 
+    @property
+    def alike(self) -> Hashable:
+        """The true camera, with its lenses, and the number of points."""
+        return PointWorld, self.camera, len(self.points), lenses_of(self.rig)
+
     @classmethod
     def observe_each(
         cls, views: Sequence['PointWorld'], poses: Sequence[Pose], frames: Sequence[int]
     ) -> list[Features]:
-        """Return the features of each world from its pose in its frame, by camera at once."""
-        results: list[Features | None] = [None] * len(views)
-        groups: dict[tuple[CameraModel, int, tuple[LensPlacement, ...]], list[int]] = {}
-        for k, world in enumerate(views):
-            alike = world.camera, len(world.points), lenses_of(world.rig)
-            groups.setdefault(alike, []).append(k)
-        for indices in groups.values():
-            pixels, visible = project_each(
-                [views[k] for k in indices],
-                [poses[k] for k in indices],
-                [frames[k] for k in indices],
-            )
-            for row, k in enumerate(indices):
-                results[k] = views[k].tracked(pixels[row], visible[row], frames[k])
-        return [features for features in results if features is not None]
+        """Return the features of each of alike worlds from its pose in its frame."""
+        each = list(zip(views, poses, frames, strict=True))
+        places = [world.rig.camera_pose(pose, frame) for world, pose, frame in each]
+        axes = np.array([place.R_world_camera for place in places])
+        centres = np.array([place.centre for place in places])
+        points = (np.array([world.points for world in views]) - centres[:, None]) @ axes
+        pixels, visible = through(lenses_of(views[0].rig), points, views[0].camera)
+        return [
+            world.tracked(pixels[row], visible[row], frame)
+            for row, (world, _, frame) in enumerate(each)
+        ]
 
     def tracked(self, pixels: FloatArray, visible: BoolArray, frame: int) -> Features:
         """Return the features at true ``pixels``, shape (N, 2), where ``visible``, shape (N,)."""
@@ -145,24 +146,6 @@ class PointWorld(View):
             shape = (BLOCK, min(self.settings.max_features, len(self.points)), 2)
             self._block, self._noises = block, self.settings.noise * rng.standard_normal(shape)
         return np.asarray(self._noises[number])
-
-
-def project_each(
-    worlds: Sequence[PointWorld], poses: Sequence[Pose], frames: Sequence[int]
-) -> tuple[FloatArray, BoolArray]:
-    """
-    Return the true pixels, shape (B, N, 2), and which of them are in view, shape (B, N).
-
-    All B worlds have equally many points, one camera and alike lenses.
-    """
-    camera_poses = [
-        world.rig.camera_pose(pose, frame)
-        for world, pose, frame in zip(worlds, poses, frames, strict=True)
-    ]
-    axes = np.array([axes for axes, _ in camera_poses])
-    centres = np.array([centre for _, centre in camera_poses])
-    points = (np.array([world.points for world in worlds]) - centres[:, None]) @ axes
-    return through(lenses_of(worlds[0].rig), points, worlds[0].camera)
 
 
 def _pixels_with_rays(camera: CameraModel, count: int, rng: np.random.Generator) -> FloatArray:

@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.matching import desired_view
-from visual_servo_epipolar.simulation.choices import BOXES, IN_VIEW, REGIONS
+from visual_servo_epipolar.simulation.choices import REGIONS, StartRegion
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
@@ -67,19 +67,9 @@ class Ground:
 
 def inside(places: FloatArray, rectangles: FloatArray) -> FloatArray:
     """
-    Return how deep ``places`` lie in level rectangles [m]; outside, minus the distance.
+    Return how deep ``places`` lie in level ``rectangles`` [m], shape (N, M); outside, - distance.
 
-    Parameters
-    ----------
-    places : array, shape (N, 2)
-        On the floor [m].
-    rectangles : array, shape (M, 4, 3)
-        Corners, in order around.
-
-    Returns
-    -------
-    array, shape (N, M)
-
+    Places have shape (N, 2); rectangles (M, 4, 3): corners, in order around.
     """
     origin = rectangles[:, 0, :2]
     depths = []
@@ -108,12 +98,12 @@ def start_in(
 
     Raises InputError if there is no such region, or no such start.
     """
-    if region not in BOXES:
+    if region not in REGIONS:
         raise InputError(f'region must be one of {", ".join(REGIONS)}, got {region!r}')
-    conditions = _conditions(region, scenario, source)
+    conditions = _conditions(REGIONS[region], scenario, source)
     rng = np.random.default_rng((seed, STREAM, index))
     for _ in range(TRIES):
-        x, y, heading = rng.uniform(*BOXES[region]).round(DIGITS).tolist()
+        x, y, heading = rng.uniform(*REGIONS[region].box).round(DIGITS).tolist()
         pose = Pose.from_start(x, y, heading)
         if all(holds(pose) for holds in conditions):
             return x, y, heading
@@ -123,28 +113,28 @@ def start_in(
     )
 
 
-def _conditions(region: str, scenario: Scenario, source: str) -> list[Condition]:
-    everywhere = region in IN_VIEW
+def _conditions(region: StartRegion, scenario: Scenario, source: str) -> list[Condition]:
     if source == 'features':
-        if not everywhere:
+        if not region.in_view:
             return []
         world = points_of(scenario, scenario.camera.seed)
-        return [lambda pose: _is_seen(world, pose)]
+        return [
+            lambda pose: _is_any(world, lambda frame: int(world.project(pose, frame)[1].sum()))
+        ]
     camera = replace(scenario.camera, seed=0)  # one scene serves all runs
     light = scenario.light.photograph_light
-    scenery = _scenery(camera, light, scenario.tracker.candidates)
-    if not everywhere:
+    scenery = _Scenery(camera, light, scenario.tracker.candidates)
+    if not region.in_view:
         return [scenery.ground.is_free]
-    seen = scenery.is_recognised if region == 'around' else scenery.is_seen
-    return [scenery.ground.is_free, seen]
+    return [scenery.ground.is_free, lambda pose: scenery.is_seen(pose, region.recognisable)]
 
 
-def _is_seen(world: PointWorld, pose: Pose) -> bool:
-    """Return whether enough points are in view from ``pose``, wherever a head looks."""
+def _is_any(world: PointWorld | Renderer, count: Callable[[int], int]) -> bool:
+    """Return whether enough features are in view, by their ``count``, wherever a head looks."""
     rig, frame = world.rig, DESIRED_FRAME
     try:
         for world.rig in rig.views:
-            if int(world.project(pose, frame)[1].sum()) >= LEAST_FEATURES:
+            if count(frame) >= LEAST_FEATURES:
                 return True
             frame = 0  # of a head that is turned: the photograph's is at rest
         return False
@@ -152,6 +142,7 @@ def _is_seen(world: PointWorld, pose: Pose) -> bool:
         world.rig = rig
 
 
+@lru_cache(maxsize=4)
 class _Scenery:
     """The room, and the points in it that are worth tracking in a photograph by ``light``."""
 
@@ -168,28 +159,14 @@ class _Scenery:
         known = np.isfinite(points).all(axis=1)
         self._points, self._aside = points[known], (right[known], below[known])
 
-    def is_seen(self, pose: Pose) -> bool:
-        """Return whether enough of the goal's features can be seen, wherever a head looks."""
-        return self._is_any(lambda: self.in_view(pose))
+    def is_seen(self, pose: Pose, recognisable: bool) -> bool:
+        """Return whether enough of the goal's features can be seen, or even be recognised."""
 
-    def is_recognised(self, pose: Pose) -> bool:
-        """Return whether enough of them are seen large enough to be recognised."""
-        return self._is_any(lambda: int((self._unhidden(pose) & self._is_large(pose)).sum()))
+        def count(frame: int) -> int:
+            seen = self._unhidden(pose)
+            return int((seen & self._is_large(pose) if recognisable else seen).sum())
 
-    def in_view(self, pose: Pose) -> int:
-        """Return how many of the goal's features are in view from ``pose``."""
-        return int(self._unhidden(pose).sum())
-
-    def _is_any(self, count: Callable[[], int]) -> bool:
-        """Return whether a ``count`` of features is large enough, wherever a head looks."""
-        rig = self._renderer.rig
-        try:
-            for self._renderer.rig in rig.views:
-                if count() >= LEAST_FEATURES:
-                    return True
-            return False
-        finally:
-            self._renderer.rig = rig
+        return _is_any(self._renderer, count)
 
     def _unhidden(self, pose: Pose) -> BoolArray:
         """Return which of the goal's features are in view, shape (N,)."""
@@ -225,8 +202,3 @@ def _worth_tracking(photograph: Image, candidates: int) -> FloatArray:
         np.arange(len(pixels)), np.zeros(len(pixels), bool), candidates
     )
     return pixels[rows]
-
-
-@lru_cache(maxsize=4)
-def _scenery(camera: CameraSettings, light: str, candidates: int) -> _Scenery:
-    return _Scenery(camera, light, candidates)

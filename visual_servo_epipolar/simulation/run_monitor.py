@@ -66,7 +66,8 @@ class RunMonitor:
         if not self.samples:
             return False
         next_ns = self.samples[-1].stamp_ns + period_ns(self.settings.frame_rate)
-        return self._braking >= self._settle_frames or next_ns >= self._limit_ns or self.hopeless
+        is_late = next_ns >= self.settings.max_duration * NANOSECONDS
+        return self._braking >= self._settle_frames or is_late or self.hopeless
 
     @property
     def hopeless(self) -> bool:
@@ -82,10 +83,6 @@ class RunMonitor:
         """Frames after the end in which the base carries out earlier commands, and brakes."""
         delay = float(getattr(self.settings.base, 'command_delay', 0.0))
         return max(SETTLE_FRAMES, math.ceil(delay * self.settings.frame_rate) + BRAKING_FRAMES)
-
-    @property
-    def _limit_ns(self) -> float:
-        return self.settings.max_duration * NANOSECONDS
 
     def add(self, sample: Sample, *, reason: str, attempts: int) -> None:
         """Take in one step; what comes after the end is ignored."""
@@ -120,12 +117,7 @@ class RunMonitor:
 
 
 def verdict(log: RunLog, rig: SimulatedRig) -> dict[str, Any]:
-    """
-    Return the verdict on a simulated run: that of ``summarise``, and what only the world knows.
-
-    ``wrong_geometry_s`` is the time that was driven on a geometry more than 10 deg wrong [s]. The
-    excursion is there already, as ``max_distance_ratio``.
-    """
+    """Return the verdict on a run: that of ``summarise``, and what only the world knows."""
     return summarise(log) | {'wrong_geometry_s': wrong_geometry_s(log, rig)}
 
 

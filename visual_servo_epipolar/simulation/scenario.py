@@ -70,9 +70,7 @@ class Scenario:
     def seeded(self, seed: int) -> 'Scenario':
         """Return the scenario with noise, jitter and random subsets drawn from ``seed``."""
         return replace(
-            self,
-            camera=replace(self.camera, seed=seed),
-            servo=replace(self.servo, seed=seed),
+            self, camera=replace(self.camera, seed=seed), servo=replace(self.servo, seed=seed)
         )
 
     def with_servo(self, changes: Mapping[str, Any]) -> 'Scenario':
@@ -113,33 +111,12 @@ ROBOT = ('servo', 'tracker')  # sections of a robot's own nodes, to which a file
 ALL_NODES = '/**'
 # Parameters of the connections of these nodes: a simulation has none of them.
 CONNECTION = frozenset(
-    {
-        'ackermann',
-        'arming_timeout',
-        'autostart_node',
-        'base_frame',
-        'camera_reliability',
-        'capture_adds',
-        'capture_frames',
-        'cropped',
-        'desired_image',
-        'enable_stamped_cmd_vel',
-        'enable_timeout',
-        'head_command',
-        'max_latency',
-        'max_photographs',
-        'mount_from_tf',
-        'pan_joint',
-        'photograph',
-        'projection',
-        'rectified',
-        'renew',
-        'resume',
-        'tilt_joint',
-        'transport',
-        'use_sim_time',
-        'watchdog',
-    }
+    (
+        'ackermann arming_timeout autostart_node base_frame camera_reliability capture_adds '
+        'capture_frames cropped desired_image enable_stamped_cmd_vel enable_timeout '
+        'head_command max_latency max_photographs mount_from_tf pan_joint photograph projection '
+        'rectified renew resume tilt_joint transport use_sim_time watchdog'
+    ).split()
 )
 
 

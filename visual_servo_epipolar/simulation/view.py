@@ -1,6 +1,6 @@
 """View: what every source of features in a closed loop takes and gives."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import Protocol, TypeVar
 
 from visual_servo_epipolar.core.geometry.motion import Pose
@@ -15,18 +15,22 @@ class View(Protocol):
 
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the features visible from ``pose`` in frame number ``frame``: 0, 1, ..."""
-        ...
 
     def turn(self, joints: Joints) -> None:
         """Let the head that carries the camera have its joints at these angles from now on."""
         raise ValueError(f'{type(self).__name__} has no head to turn; simulate a fixed rig')
+
+    @property
+    def alike(self) -> Hashable:
+        """What views have in common that ``observe_each`` can take at once."""
+        return type(self)
 
     @classmethod
     def observe_each(
         cls: type[V], views: Sequence[V], poses: Sequence[Pose], frames: Sequence[int]
     ) -> list[Features]:
         """
-        Return the features of many ``views``, each from its own pose in its own frame.
+        Return the features of many alike ``views``, each from its own pose in its own frame.
 
         They equal, bit by bit, those of ``observe``; a class that is faster with many views at
         once overrides this.

@@ -14,10 +14,9 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.images import film as film_of_runs
-from visual_servo_epipolar.report.images.film import Film
+from visual_servo_epipolar.report.images.film import Film, VideoWriter, view_size
 from visual_servo_epipolar.report.images.map_view import MapBounds
 from visual_servo_epipolar.report.images.picture import picture
-from visual_servo_epipolar.report.images.video import VideoWriter, view_size
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 SETTINGS = CameraSettings(
@@ -58,7 +57,7 @@ def test_the_film_is_the_video_of_one_process(waiting, tmp_path, monkeypatch) ->
     size = view_size((160, 128))
     angle = field_of_view(CAMERA)
     with VideoWriter(
-        tmp_path / 'a.mp4', FPS, image_size=size, bounds=BOUNDS, field_of_view=angle
+        tmp_path / 'a.mp4', FPS, width=size[0], bounds=BOUNDS, field_of_view=angle
     ) as video:
         for number in range(STEPS):
             image, features, sample = step(number)

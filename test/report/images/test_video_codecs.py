@@ -16,10 +16,10 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.report.images import encoders
 from visual_servo_epipolar.report.images.encoders import Codec, CODECS, OPENCV, PYAV
+from visual_servo_epipolar.report.images.film import HEIGHT, VideoWriter, view_size
 from visual_servo_epipolar.report.images.map_view import MapBounds
-from visual_servo_epipolar.report.images.video import HEIGHT, VideoWriter
 
-SIZE = 640, 512
+SIZE = view_size((640, 512))
 FRAMES = 33
 LARGEST_MB_S = 5.0 / 27.0  # 5 MB for the 27 s of the demo
 PLAYER = """<!DOCTYPE html><video muted src="SOURCE"></video>
@@ -57,9 +57,9 @@ def views() -> list[Image]:
 
 def film(path: Path, log: RunLog) -> VideoWriter:
     bounds = MapBounds.around(log.samples[0].pose)
-    with VideoWriter(path, 11.0, image_size=SIZE, bounds=bounds) as video:
+    with VideoWriter(path, 11.0, width=SIZE[0], bounds=bounds) as video:
         for view, sample in zip(views(), log.samples, strict=False):
-            video.add(view, sample)
+            video.add(cv2.resize(view, SIZE), sample)
     return video
 
 

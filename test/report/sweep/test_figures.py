@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from sweeps import filled, plan_of, result
 
-from visual_servo_epipolar.report.sweep import histogram, start_map, table
+from visual_servo_epipolar.report.sweep import figures, table
 from visual_servo_epipolar.sweeping.summary import summaries
 
 FAILED = {'outcome': 'failed', 'reason': 'ran | away in 3.5 s'}
@@ -28,7 +28,7 @@ RUNS = {
 UNSEEN = result(outcome='failed', reason='defect: x', position_error_m=None, traceback='x')
 Draw = Callable[[Any], Figure]
 CORNERS = (-1.0, 4.0), (1.0, -4.0)
-DRAWINGS = [start_map.starts, histogram.errors]
+DRAWINGS = [figures.starts, figures.errors]
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def drawn(axes: Axes, marker_points: int) -> list[list[float]]:
 
 
 def test_each_law_has_a_map_and_all_starts_are_on_it(documents: dict[str, Any]) -> None:
-    paper, full = start_map.starts(documents).axes[:2]
+    paper, full = figures.starts(documents).axes[:2]
     assert (paper.get_title(loc='left'), full.get_title(loc='left')) == (
         'law paper: 0 of 3 arrived',
         'law full: 3 of 4 arrived\nmedian 1 mm, p95 180 mm',
@@ -65,14 +65,14 @@ def test_each_law_has_a_map_and_all_starts_are_on_it(documents: dict[str, Any]) 
 
 def test_no_title_is_cut(documents: dict[str, Any]) -> None:
     around = [run | {'start': [4.0 * x, y, 0.0]} for run in RUNS['full'] for x, y in CORNERS]
-    figure = start_map.starts({'full': documents['full'] | {'runs': around}})
+    figure = figures.starts({'full': documents['full'] | {'runs': around}})
     figure.canvas.draw()
     top = figure.axes[0].get_tightbbox(figure.canvas.get_renderer()).y1
     assert top <= figure.bbox.height
 
 
 def test_arrows_point_along_the_heading(documents: dict[str, Any]) -> None:
-    full = start_map.starts(documents).axes[1]
+    full = figures.starts(documents).axes[1]
     (arrows,) = [item for item in full.collections if hasattr(item, 'U')]
     along = np.stack([arrows.U, arrows.V], axis=1) / np.hypot(arrows.U, arrows.V)[:, None]
     # Heading error nothing looks along +y, 90 deg to the left along -x.
@@ -80,21 +80,21 @@ def test_arrows_point_along_the_heading(documents: dict[str, Any]) -> None:
 
 
 def test_colours_tell_the_error_in_millimetres(documents: dict[str, Any]) -> None:
-    figure = start_map.starts(documents)
+    figure = figures.starts(documents)
     arrived = next(item for item in figure.axes[1].collections if item.get_array() is not None)
     assert arrived.get_array().tolist() == [0.0, 1.0]
     assert '[mm]' in figure.axes[-1].get_ylabel()
 
 
 def test_maps_have_metres_and_a_common_scale(documents: dict[str, Any]) -> None:
-    paper, full = start_map.starts(documents).axes[:2]
+    paper, full = figures.starts(documents).axes[:2]
     assert (paper.get_xlabel(), paper.get_ylabel()) == ('x [m]', 'y [m]')
     assert (paper.get_xlim(), paper.get_ylim()) == (full.get_xlim(), full.get_ylim())
     assert paper.get_aspect() == 1.0
 
 
 def test_the_histogram_counts_every_run_that_arrived(documents: dict[str, Any]) -> None:
-    position, heading = histogram.errors(documents).axes
+    position, heading = figures.errors(documents).axes
     assert (position.get_xlabel(), heading.get_xlabel()) == (
         'position error [mm]',
         'heading error [deg]',
@@ -109,7 +109,7 @@ def test_the_histogram_counts_every_run_that_arrived(documents: dict[str, Any]) 
 
 def test_any_law_has_a_colour_by_its_place() -> None:
     laws = ['paper', 'corrected', 'full', 'another']
-    colours = histogram.law_colours(laws)
+    colours = figures.law_colours(laws)
     assert list(colours) == laws
     assert len(set(colours.values())) == len(laws)
     assert colours['full'] == '#0072B2'
@@ -117,7 +117,7 @@ def test_any_law_has_a_colour_by_its_place() -> None:
 
 @pytest.mark.parametrize('values', [[], [0.0], [1e-7, 3.0], [5e4]])
 def test_bins_hold_every_error_and_the_limit(values: list[float]) -> None:
-    edges = histogram.edges(np.array(values), 50.0)
+    edges = figures.edges(np.array(values), 50.0)
     assert (np.diff(edges) > 0.0).all()
     positive = [value for value in values if value > 0.0]
     assert edges[0] <= min([*positive, 50.0]) and max([*positive, 50.0]) <= edges[-1]

@@ -33,10 +33,6 @@ class IdealBase:
     def odometry(self) -> Pose:
         return self.pose
 
-    @property
-    def moving(self) -> bool:
-        return self.twist != STANDSTILL
-
     def command(self, command: Command) -> None:
         gain, twist = self.settings.gain, command.twist
         self.twist = Twist(gain * twist.linear, gain * twist.angular)

@@ -5,9 +5,8 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.light.lights import LIGHTS
+from visual_servo_epipolar.simulation.light.lights import Box, Lamp, LIGHTS, Window
 from visual_servo_epipolar.simulation.light.settings import DAY, LightSettings
-from visual_servo_epipolar.simulation.light.sources import Box, Lamp, Window
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 CAMERA = CameraSettings(

@@ -11,9 +11,10 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
-from visual_servo_epipolar.simulation.rendering.sampling import shade
+from visual_servo_epipolar.simulation.rendering.sampling import draw_textures
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface
 from visual_servo_epipolar.simulation.rendering.textures import Texture
 from visual_servo_epipolar.simulation.rooms.scene import room
@@ -165,7 +166,9 @@ def test_a_surface_may_fill_a_single_pixel(furnished: Renderer) -> None:
     view = PinholeView(640, 480, CAMERA.matrix, centre, axes)
     raster = rasterize(furnished.scene, view)
     single = replace(raster, boxes=((320, 240, 321, 241),) * len(raster.boxes))
-    image = shade(furnished.scene, view, single)
+    image = np.zeros((480, 640), np.uint8)
+    draw_textures(furnished.scene, single, image)
+    smooth_edges(image, mixing(furnished.scene, view, single))
     assert image[240, 320] == pytest.approx(furnished.render(POSES[0])[240, 320], abs=1)
 
 

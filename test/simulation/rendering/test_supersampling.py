@@ -10,8 +10,8 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.rendering.assistant import draw
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
-from visual_servo_epipolar.simulation.rendering.sampling import shade
 from visual_servo_epipolar.simulation.rendering.textures import LENS_SIGMA
 from visual_servo_epipolar.simulation.rooms.scene import room
 
@@ -42,7 +42,7 @@ def view(pose: Pose, times: int, border: int) -> PinholeView:
 def reference(pose: Pose) -> np.ndarray:
     """Return the image, shape (H, W), from one ``TIMES`` as large."""
     large = view(pose, TIMES, BORDER)
-    fine = shade(room(0), large, rasterize(room(0), large)).astype(np.float32)
+    fine = draw(room(0), large).astype(np.float32)
     fine = cv2.GaussianBlur(fine, (0, 0), math.sqrt((TIMES * SIGMA) ** 2 - LENS_SIGMA**2))
     middle = TIMES // 2  # the centre of a pixel lies between four of the large image
     shifted = [
@@ -58,7 +58,7 @@ def errors() -> dict[str, np.ndarray]:
     for pose in POSES:
         small = view(pose, 1, 0)
         raster = rasterize(room(0), small)
-        error = shade(room(0), small, raster) - reference(pose)
+        error = draw(room(0), small) - reference(pose)
         surfaces = np.array([-1, *(strip.surface for strip in raster.strips)])[raster.ids]
         around = np.ones((7, 7), np.uint8)
         same = surfaces.astype(np.float32)

@@ -17,8 +17,9 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
-from visual_servo_epipolar.simulation.rooms.storey import PLAN, Storey, StoreyScene
-from visual_servo_epipolar.simulation.rooms.storey_changes import changed_storey, ChangedStorey
+from visual_servo_epipolar.simulation.rooms.changes import changed_storey, ChangedStorey
+from visual_servo_epipolar.simulation.rooms.floor_plan import PLAN
+from visual_servo_epipolar.simulation.rooms.storey import Storey, StoreyScene
 from visual_servo_epipolar.simulation.routes.ways import way_named, WAYS
 
 POSES = (
@@ -46,7 +47,7 @@ def scene(storey: Storey) -> StoreyScene:
 
 def changed(storey: Storey, name: str, seed: int = 1) -> ChangedStorey:
     change = RoomChange(name, True, seed)
-    return changed_storey(storey._builder, storey._cells, LIGHTS[CEILING], change, PLAN)
+    return changed_storey(storey._builder, storey._cells, LIGHTS[CEILING], change)
 
 
 def test_a_third_of_the_pictures_is_exchanged_where_they_hung(storey: Storey) -> None:

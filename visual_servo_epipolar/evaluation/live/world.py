@@ -22,7 +22,7 @@ from visual_servo_epipolar.nodes.startup.executor import isolated_context, new_n
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
-from visual_servo_epipolar.simulation.bases.simulated_base import SimulatedBase
+from visual_servo_epipolar.simulation.bases.registry import SimulatedBase
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 BASE_RATE = 50.0  # [Hz]

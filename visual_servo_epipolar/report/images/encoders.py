@@ -13,7 +13,6 @@ from fractions import Fraction
 from importlib import import_module
 import os
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Protocol
 
 import cv2
@@ -50,7 +49,8 @@ class Codec:
 
     def open(self, path: Path, fps: float, size: tuple[int, int]) -> Encoder | None:
         """Return the encoder for a file, None if this machine has none."""
-        return OPENERS[self.library](self, path, fps, size)
+        opens = _open_with_pyav if self.library == PYAV else _open_with_opencv
+        return opens(self, path, fps, size)
 
 
 # Camera noise is most of what is to be encoded: nr takes some of it out, crf lets the rest go.
@@ -191,9 +191,6 @@ def _open_with_opencv(
     with _quiet():
         writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec.name), fps, size)
     return OpenCvEncoder(writer) if writer.isOpened() else None
-
-
-OPENERS = MappingProxyType({PYAV: _open_with_pyav, OPENCV: _open_with_opencv})
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Film of a run while it runs: drawn and encoded by a process of its own."""
+"""Video of a run: the camera picture beside the live map; drawn by a process beside the run."""
 
 from contextlib import AbstractContextManager, suppress
 import fcntl
@@ -16,15 +16,77 @@ from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.processes import begun, context, hurry, work_beside
-from visual_servo_epipolar.report.images.map_view import MapBounds
+from visual_servo_epipolar.report.images.encoders import open_encoder, WHAT_TO_INSTALL
+from visual_servo_epipolar.report.images.map_view import MapBounds, MapView, WIDTH
 from visual_servo_epipolar.report.images.picture import picture
-from visual_servo_epipolar.report.images.video import part_of, VideoWriter, view_size
+from visual_servo_epipolar.report.style import FIELD_OF_VIEW
 
+HEIGHT = 720  # of the video [px]
 # Images that may wait: where a run is faster than its film, the film catches up at the end.
 WAITING_BYTES, LEAST_WAITING, MOST_WAITING = 1 << 27, 8, 256
 PIPE_BYTES = 1 << 20  # of what belongs to images that wait
 LOOK_S = 0.5  # time between looks whether the process lives
 END_S = 60.0  # for the encoder to write what it holds
+
+
+def part_of(path: Path) -> Path:
+    """Return where a video is written until it is complete."""
+    return path.with_name(f'.{path.stem}.part{path.suffix}')
+
+
+def view_size(image_size: tuple[int, int]) -> tuple[int, int]:
+    """Return width and height [px] of the camera picture in the video; larger ones are shrunk."""
+    # Encoders halve the colour planes, hence need even sizes; the map's width is even.
+    return 2 * round(0.5 * HEIGHT * image_size[0] / image_size[1]), HEIGHT
+
+
+class VideoWriter(AbstractContextManager['VideoWriter']):
+    """
+    Writer of an MP4, one frame a control step; the file appears when the run is complete.
+
+    Use it as a context manager: if the block ends by an exception, or without a frame, there is no
+    file. ``width`` is that of the pictures to come, as ``view_size`` has it; the map shows
+    ``bounds`` at first, and grows if the robot leaves it; it sees ``field_of_view`` [rad]. Raises
+    InputError if no encoder here can write such a file there.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        fps: float,
+        *,
+        width: int,
+        bounds: MapBounds,
+        field_of_view: float = FIELD_OF_VIEW,
+    ) -> None:
+        self.path, self._part = path, part_of(path)
+        self.size = width + WIDTH, HEIGHT
+        self._map, self.frames = MapView(bounds, HEIGHT, field_of_view), 0
+        self._encoder, self.codec = open_encoder(self._part, path, fps, self.size)
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            self._encoder.close()
+            if kind is None and self.frames and self._part.exists():
+                self._part.replace(self.path)
+        finally:
+            self._part.unlink(missing_ok=True)
+
+    @property
+    def advice(self) -> str:
+        """One line on what to install where no browser plays the video; empty where they do."""
+        if self.codec.in_browsers:
+            return ''
+        return (
+            f'{self.path.name} is for video players: browsers play no {self.codec.name}; for one '
+            f'that they play, install PyAV ({WHAT_TO_INSTALL})'
+        )
+
+    def add(self, overlay: Image, sample: Sample) -> None:
+        """Add one control step: what the camera saw, shape (HEIGHT, width, 3), what was done."""
+        self._map.add(sample)
+        self._encoder.write(np.hstack([overlay, self._map.picture()]))
+        self.frames += 1
 
 
 class Film(AbstractContextManager['Film']):
@@ -155,7 +217,7 @@ def _draw(
     size, images = view_size((camera.width, camera.height)), _images(pixels, camera)
     try:
         angle = field_of_view(camera)
-        with VideoWriter(path, fps, image_size=size, bounds=bounds, field_of_view=angle) as video:
+        with VideoWriter(path, fps, width=size[0], bounds=bounds, field_of_view=angle) as video:
             there.send(video.advice)
             while (step := steps.recv()) is not None:
                 features, sample = step

@@ -45,14 +45,6 @@ class MapBounds:
     y_min: float
     y_max: float
 
-    def __post_init__(self) -> None:
-        sides = (self.x_min, self.x_max, self.y_min, self.y_max)
-        if not all(map(math.isfinite, sides)) or sides[0] > sides[1] or sides[2] > sides[3]:
-            raise ValueError(
-                f'bounds must be finite and ordered, got x from {sides[0]} to {sides[1]} and y '
-                f'from {sides[2]} to {sides[3]}; use MapBounds.around(start)'
-            )
-
     @classmethod
     def around(cls, start: Pose) -> 'MapBounds':
         """Build bounds that hold the start and the goal."""

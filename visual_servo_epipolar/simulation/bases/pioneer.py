@@ -97,11 +97,6 @@ class Pioneer:
         return self.now_ns - self._command_ns > timeout * NANOSECONDS
 
     @property
-    def moving(self) -> bool:
-        """Whether the robot moves."""
-        return self.twist != STANDSTILL
-
-    @property
     def odometry(self) -> Pose:
         """Where the wheels say the robot is, added up when it is asked for."""
         steps = np.array(self._unread).reshape(-1, 4)

@@ -1,23 +1,69 @@
-"""Bases by the name that a scenario gives them: a new one is a file of its own and a row here."""
+"""
+Bases: what every simulated one takes and gives, and all by the name that a scenario gives them.
 
+A new one is a file of its own and a row here.
+"""
+
+from collections.abc import Callable
 from dataclasses import fields
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
-from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.simulation.bases.ackermann import Ackermann, AckermannSettings
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
-from visual_servo_epipolar.simulation.bases.simulated_base import (
-    SimulatedBase,
-    SimulatedBaseFactory,
-)
+
+
+class SimulatedBase(Protocol):
+    """
+    A robot on the floor: commands in, ground truth and odometry out.
+
+    It lives in simulated time and moves in ``advance`` alone.
+    """
+
+    settings: Any
+    """What it is like; a host may put other values of one class in place while it drives."""
+
+    @property
+    def now_ns(self) -> int:
+        """Simulated time [ns]."""
+
+    @property
+    def pose(self) -> Pose:
+        """Ground truth in the world."""
+
+    @property
+    def twist(self) -> Twist:
+        """True velocity."""
+
+    @property
+    def odometry(self) -> Pose:
+        """Pose by the wheels, from (0, 0, 0) at the start; it drifts."""
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the last command is older than the base accepts."""
+
+    def command(self, command: Command) -> None:
+        """Take ``command`` now."""
+
+    def halt(self) -> None:
+        """Drop every command and brake."""
+
+    def advance(self, now_ns: int) -> None:
+        """Move until ``now_ns`` [ns]; a time that is not later moves nothing."""
 
 
 class SimulatedBaseModel(NamedTuple):
-    """One row: the class of settings, which no other row has, and who makes the base."""
+    """
+    One row: the class of settings, which no other row has, and who makes the base.
+
+    ``factory`` is called as ``new_base``; ``seed`` fixes the noise of the odometry.
+    """
 
     settings: type[Settings]
-    factory: SimulatedBaseFactory
+    factory: Callable[..., SimulatedBase]
 
 
 SIMULATED_BASES: dict[str, SimulatedBaseModel] = {

@@ -7,15 +7,15 @@ after ``disturbed_every``.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 import math
 
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image
+from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, frozen, Image
 from visual_servo_epipolar.core.settings import setting, Settings
-from visual_servo_epipolar.simulation.disturbances.occluders import Board, Occluder, Person
+from visual_servo_epipolar.simulation.disturbances.occluders import board, Occluder, person
 from visual_servo_epipolar.simulation.light.exposure import brightened
 from visual_servo_epipolar.simulation.mounts.sensor import Sensor, SensorSettings
 
@@ -67,27 +67,16 @@ class DisturbanceSettings(Settings):
 
 
 class Disturbances:
-    """
-    Disturbs images of one size before a sensor takes them.
-
-    Parameters
-    ----------
-    size : tuple of int
-        Width and height [px].
-    settings : DisturbanceSettings
-    seed : int
-        Not negative.
-
-    """
+    """Disturbs images of one ``size``, width and height [px], before a sensor takes them."""
 
     def __init__(self, size: tuple[int, int], settings: DisturbanceSettings, seed: int) -> None:
         self.settings, self._size, self._seed = settings, size, seed
         self._occluders: list[Occluder] = []
         if settings.occlusion > 0.0:
             slides = settings.occlusion_from == 'side'
-            self._occluders.append(Board(size, settings.occlusion, slides, self._generator(0)))
+            self._occluders.append(board(size, settings.occlusion, slides, self._generator(0)))
         if settings.person > 0.0:
-            self._occluders.append(Person(size, settings.person, self._generator(1)))
+            self._occluders.append(person(size, settings.person, self._generator(1)))
 
     def apply(self, image: Image, frame: int) -> Image:
         """Return a disturbed copy of ``image``, shape (H, W), for ``frame``: 0, 1, ..."""
@@ -96,11 +85,13 @@ class Disturbances:
         image = lit.copy() if lit is image else lit
         if progress is not None:
             if settings.shadow > 0.0:
-                image = shade(image, self._shade, progress)
+                band = shadow_band(self._size, settings.shadow, settings.shadow_width)
+                image = shade(image, band, progress)
             for occluder in self._occluders:
                 occluder.draw(image, progress)
             if settings.motion_blur > 0.0:
-                image = np.asarray(cv2.filter2D(image, -1, self._kernel), dtype=np.uint8)
+                kernel = blur_kernel(settings.motion_blur, settings.blur_angle)
+                image = np.asarray(cv2.filter2D(image, -1, kernel), dtype=np.uint8)
             if settings.extra_noise > 0.0:
                 image = self._noise.capture(image, frame)
         return image
@@ -132,14 +123,6 @@ class Disturbances:
         return share if 0.0 <= share < 1.0 else None
 
     @cached_property
-    def _shade(self) -> Image:
-        return shadow_band(self._size, self.settings.shadow, self.settings.shadow_width)
-
-    @cached_property
-    def _kernel(self) -> FloatArray:
-        return blur_kernel(self.settings.motion_blur, self.settings.blur_angle)
-
-    @cached_property
     def _noise(self) -> Sensor:
         # A seed of its own: the sensor that takes the image has its noise from the plain one.
         extra = SensorSettings(noise=self.settings.extra_noise)
@@ -156,6 +139,7 @@ def light(settings: DisturbanceSettings, frame: int) -> float:
     return stepped * (1.0 + settings.light_wave * wave)
 
 
+@lru_cache(maxsize=4)
 def shadow_band(size: tuple[int, int], depth: float, width: float) -> Image:
     """
     Return the light under a slanted band with soft edges, shape (rows, columns), 255 = all of it.
@@ -172,7 +156,7 @@ def shadow_band(size: tuple[int, int], depth: float, width: float) -> Image:
     softness = band / 3.0
     inside = np.clip(0.5 - distance / softness, 0.0, 1.0)
     smooth = inside * inside * (3.0 - 2.0 * inside)
-    return np.asarray(np.rint(OPAQUE * (1.0 - depth * smooth)), dtype=np.uint8)
+    return frozen(np.rint(OPAQUE * (1.0 - depth * smooth)).astype(np.uint8))
 
 
 def shade(image: Image, band: Image, progress: float) -> Image:
@@ -187,6 +171,7 @@ def shade(image: Image, band: Image, progress: float) -> Image:
     return np.asarray(cv2.multiply(image, shade, scale=1.0 / OPAQUE), dtype=np.uint8)
 
 
+@lru_cache(maxsize=4)
 def blur_kernel(length: float, angle: float) -> FloatArray:
     """
     Return the kernel, shape (K, L), of a steady motion by ``length`` [px] along ``angle`` [rad].
@@ -203,4 +188,4 @@ def blur_kernel(length: float, angle: float) -> FloatArray:
         kernel[row : row + 2, column : column + 2] += weights / 64
     rows = np.flatnonzero(kernel.sum(axis=1) > 1e-9)  # a level blur needs one row only
     half = max(reach - rows[0], rows[-1] - reach)
-    return kernel[reach - half : reach + half + 1]
+    return frozen(kernel[reach - half : reach + half + 1])

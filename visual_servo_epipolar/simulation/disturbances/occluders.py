@@ -1,8 +1,9 @@
 """Occluders: what stands or walks between camera and scene."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 import math
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -17,102 +18,82 @@ SLIDE = 0.25  # share of its time an obstacle takes to slide in, and out again
 SOFT = 0.8  # edges are as soft as the rest of the image: sigma of the mask [px]
 
 
-class Occluder(Protocol):
+@dataclass(eq=False)
+class Occluder:
     """
     An object before the scene, in images of one size; ``progress`` runs from 0 to 1.
 
-    It is painted when first drawn: asking what it hides costs little.
+    ``place`` gives its upper left corner then, and ``mask`` its outline, 255 inside. What it
+    looks like is painted when it is first drawn: asking what it hides costs little.
     """
 
-    def draw(self, image: Image, progress: float) -> None:
-        """Draw it into ``image``, shape (H, W)."""
-        ...
-
-    def hides(self, columns: IntArray, rows: IntArray, progress: float) -> BoolArray:
-        """Return at which pixels, (N,) columns and rows, it hides the scene, shape (N,)."""
-        ...
-
-
-class Board:
-    """A textured board over a ``share`` of the image; it stands at once or slides in and out."""
-
-    def __init__(
-        self, size: tuple[int, int], share: float, slides: bool, rng: np.random.Generator
-    ) -> None:
-        width, height = size
-        self._image_width, self._slides = width, slides
-        # Three quarters of the height, unless that makes it wider than the image.
-        tall = max(0.75, share)
-        self._size = round(width * share / tall), round(height * tall)
-        spare_u, spare_v = width - self._size[0], height - self._size[1]
-        self._corner = round(spare_u * rng.uniform(0.2, 0.8)), round(spare_v * rng.uniform())
-        self._rng = rng
-
-    def draw(self, image: Image, progress: float) -> None:
-        """Draw it into ``image``, shape (H, W)."""
-        _paste(image, self._board, self._place(progress))
-
-    def hides(self, columns: IntArray, rows: IntArray, progress: float) -> BoolArray:
-        """Return at which pixels, (N,) columns and rows, it hides the scene, shape (N,)."""
-        (left, top), (width, height) = self._place(progress), self._size
-        beside, below = columns - left, rows - top
-        inside = (beside >= 0) & (beside < width) & (below >= 0) & (below < height)
-        return np.asarray(inside)
+    place: Callable[[float], tuple[int, int]]
+    mask: Callable[[float], Image]
+    paint: Callable[[], Image]
 
     @cached_property
-    def _board(self) -> Image:
-        board = _grain(self._size, self._rng, grey=110.0, contrast=1.2)
-        cv2.rectangle(board, (6, 6), (self._size[0] - 7, self._size[1] - 7), 30, 4)
-        return board
-
-    def _place(self, progress: float) -> tuple[int, int]:
-        if not self._slides:
-            return self._corner
-        out = 1.0 - min(progress, 1.0 - progress, SLIDE) / SLIDE
-        return round(self._corner[0] + out * (self._image_width - self._corner[0])), self._corner[
-            1
-        ]
-
-
-class Person:
-    """A person who walks through the image from left to right, ``height`` of it tall."""
-
-    def __init__(self, size: tuple[int, int], height: float, rng: np.random.Generator) -> None:
-        self._width = size[0]
-        tall = round(size[1] * height)
-        self._size = max(8, round(ASPECT * tall)), max(16, tall)
-        self._top = size[1] - tall if height < 1.0 else 0
-        self._rng = rng
+    def _picture(self) -> Image:
+        return self.paint()
 
     def draw(self, image: Image, progress: float) -> None:
         """Draw it into ``image``, shape (H, W)."""
-        place, mask = self._place(progress), self._mask(progress)
-        under, over = _areas(image, mask, place)
+        place = self.place(progress)
+        under, over = _areas(image, self.mask(progress), place)
         if not under.size:
             return
-        clothes = _areas(image, self._clothes, place)[1]
+        picture = _areas(image, self._picture, place)[1]
         behind = cv2.multiply(under, 255 - over, scale=1.0 / 255.0)
-        under[:] = cv2.add(behind, cv2.multiply(clothes, over, scale=1.0 / 255.0))
+        under[:] = cv2.add(behind, cv2.multiply(picture, over, scale=1.0 / 255.0))
 
     def hides(self, columns: IntArray, rows: IntArray, progress: float) -> BoolArray:
         """Return at which pixels, (N,) columns and rows, it hides the scene, shape (N,)."""
-        mask, (left, top) = self._mask(progress), self._place(progress)
+        mask, (left, top) = self.mask(progress), self.place(progress)
         beside, below = columns - left, rows - top
         hidden = (beside >= 0) & (beside < mask.shape[1]) & (below >= 0) & (below < mask.shape[0])
         hidden[hidden] = mask[below[hidden], beside[hidden]] > 0
         return np.asarray(hidden)
 
-    @cached_property
-    def _clothes(self) -> Image:
-        return _clothes(self._size, self._rng)
 
-    def _mask(self, progress: float) -> Image:
-        return _silhouette(self._size, int(progress * STEPS * PHASES) % PHASES / PHASES)
+def board(size: tuple[int, int], share: float, slides: bool, rng: np.random.Generator) -> Occluder:
+    """Return a textured board over a ``share`` of the image; it stands, or slides in and out."""
+    width, height = size
+    # Three quarters of the height, unless that makes it wider than the image.
+    tall = max(0.75, share)
+    wide, high = round(width * share / tall), round(height * tall)
+    left, top = (
+        round((width - wide) * rng.uniform(0.2, 0.8)),
+        round((height - high) * rng.uniform()),
+    )
+    mask: Image = np.full((high, wide), 255, np.uint8)
 
-    def _place(self, progress: float) -> tuple[int, int]:
-        bob = 0.01 * self._size[1] * abs(math.sin(2.0 * math.pi * STEPS * progress))
-        left = progress * (self._width + self._size[0]) - self._size[0]
-        return round(left), self._top - round(bob)
+    def place(progress: float) -> tuple[int, int]:
+        if not slides:
+            return left, top
+        out = 1.0 - min(progress, 1.0 - progress, SLIDE) / SLIDE
+        return round(left + out * (width - left)), top
+
+    def paint() -> Image:
+        picture = _grain((wide, high), rng, grey=110.0, contrast=1.2)
+        cv2.rectangle(picture, (6, 6), (wide - 7, high - 7), 30, 4)
+        return picture
+
+    return Occluder(place, lambda progress: mask, paint)
+
+
+def person(size: tuple[int, int], height: float, rng: np.random.Generator) -> Occluder:
+    """Return one who walks through the image from left to right, ``height`` of it tall."""
+    tall = round(size[1] * height)
+    wide, high = max(8, round(ASPECT * tall)), max(16, tall)
+    top = size[1] - tall if height < 1.0 else 0
+
+    def place(progress: float) -> tuple[int, int]:
+        bob = 0.01 * high * abs(math.sin(2.0 * math.pi * STEPS * progress))
+        return round(progress * (size[0] + wide) - wide), top - round(bob)
+
+    def mask(progress: float) -> Image:
+        return _silhouette((wide, high), int(progress * STEPS * PHASES) % PHASES / PHASES)
+
+    return Occluder(place, mask, lambda: _clothes((wide, high), rng))
 
 
 def _areas(image: Image, patch: Image, place: tuple[int, int]) -> tuple[Image, Image]:
@@ -122,11 +103,6 @@ def _areas(image: Image, patch: Image, place: tuple[int, int]) -> tuple[Image, I
     columns = slice(max(u, 0), max(u + patch.shape[1], 0))
     under = image[rows, columns]
     return under, patch[max(-v, 0) :, max(-u, 0) :][: under.shape[0], : under.shape[1]]
-
-
-def _paste(image: Image, patch: Image, place: tuple[int, int]) -> None:
-    under, over = _areas(image, patch, place)
-    under[:] = over
 
 
 def _grain(

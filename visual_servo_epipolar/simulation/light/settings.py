@@ -28,9 +28,7 @@ class LightSettings(Settings):
     """
 
     light: str = setting(
-        CEILING,
-        'Light of the run; each: one of five, by the seed',
-        choices=(*LIGHTS, EACH),
+        CEILING, 'Light of the run; each: one of five, by the seed', choices=(*LIGHTS, EACH)
     )
     photograph_light: str = fixed(CEILING, 'Light of the photograph', choices=tuple(LIGHTS))
     passing_light: str = setting(

@@ -5,12 +5,8 @@ import math
 
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant, WIDEST
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.cameras.registry import (
-    calibrated_camera,
-    CAMERAS,
-    with_intrinsics,
-)
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.cameras.registry import calibrated_camera, CAMERAS, with_intrinsics
+from visual_servo_epipolar.core.settings import fixed, setting, Settings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 
 
@@ -22,93 +18,58 @@ class CameraSettings(Settings):
     Its 4 mm lens and pixels of 5.2 um (assumed) make 769.23 px.
     """
 
-    width: int = setting(1280, 'Image width [px]', low=16, high=8192, read_only=True)
-    height: int = setting(1024, 'Image height [px]', low=16, high=8192, read_only=True)
-    focal_length: float = setting(
-        769.2307692307693, 'Focal length [px]', low=1.0, high=1e5, read_only=True
-    )
-    principal_u: float = setting(
-        635.0, 'Principal point, from the left [px]', low=-1e4, high=1e4, read_only=True
-    )
-    principal_v: float = setting(
-        512.0, 'Principal point, from the top [px]', low=-1e4, high=1e4, read_only=True
-    )
-    distortion: tuple[float, ...] = setting(
+    width: int = fixed(1280, 'Image width [px]', low=16, high=8192)
+    height: int = fixed(1024, 'Image height [px]', low=16, high=8192)
+    focal_length: float = fixed(769.2307692307693, 'Focal length [px]', low=1.0, high=1e5)
+    principal_u: float = fixed(635.0, 'Principal point, from the left [px]', low=-1e4, high=1e4)
+    principal_v: float = fixed(512.0, 'Principal point, from the top [px]', low=-1e4, high=1e4)
+    distortion: tuple[float, ...] = fixed(
         (0.0, 0.0, 0.0, 0.0, 0.0),
         'Coefficients of the lens, as in camera_info; zeros are none, of any model',
-        read_only=True,
     )
-    distortion_model: str = setting(
+    distortion_model: str = fixed(
         'plumb_bob',
         'Lens: plumb_bob, rational_polynomial, equidistant (a fisheye, whose focal length is that '
         'of its centre), equirectangular (360 deg, told by the size alone; '
         'equirectangular_stitched: of two lenses), dual_fisheye (both side by side), or one of '
         'another package',
-        read_only=True,
     )
-    image_circle: float = setting(
+    image_circle: float = fixed(
         360.0,
         'Full angle that an equidistant lens shows, dark beyond; camera_info does not tell [deg]',
         low=10.0,
         high=360.0,
-        read_only=True,
     )
-    frame_rate: float = setting(11.0, 'Frames a second [Hz]', low=0.1, high=200.0, read_only=True)
-    encoding: str = setting(
-        'mono8', 'Encoding of the images', choices=('mono8', 'bgr8'), read_only=True
+    frame_rate: float = fixed(11.0, 'Frames a second [Hz]', low=0.1, high=200.0)
+    encoding: str = fixed('mono8', 'Encoding of the images', choices=('mono8', 'bgr8'))
+    scene: str = fixed('room', 'What is seen', choices=('room', 'wall', 'plain', 'storey'))
+    scene_seed: int = fixed(1, 'Seed of the scene', low=0, high=2**31 - 1)
+    seed: int = fixed(0, 'Seed of noise and jitter', low=0, high=2**31 - 1)
+    mount_height: float = fixed(0.6, 'Height above the floor [m]', low=0.01, high=2.4)
+    mount_forward: float = fixed(0.0, 'Camera ahead of the axle [m]', low=-1.0, high=1.0)
+    mount_left: float = fixed(
+        0.0, 'Camera to the left of the middle of the axle [m]', low=-1.0, high=1.0
     )
-    scene: str = setting(
-        'room', 'What is seen', choices=('room', 'wall', 'plain', 'storey'), read_only=True
-    )
-    scene_seed: int = setting(1, 'Seed of the scene', low=0, high=2**31 - 1, read_only=True)
-    seed: int = setting(0, 'Seed of noise and jitter', low=0, high=2**31 - 1, read_only=True)
-    mount_height: float = setting(
-        0.6, 'Height above the floor [m]', low=0.01, high=2.4, read_only=True
-    )
-    mount_forward: float = setting(
-        0.0, 'Camera ahead of the axle [m]', low=-1.0, high=1.0, read_only=True
-    )
-    mount_left: float = setting(
-        0.0, 'Camera to the left of the middle of the axle [m]', low=-1.0, high=1.0, read_only=True
-    )
-    mount_yaw: float = setting(
-        0.0, 'Yaw, to the left seen from above [rad]', low=-0.8, high=0.8, read_only=True
-    )
-    tilt: float = setting(0.0, 'Tilt, down positive [rad]', low=-0.8, high=0.8, read_only=True)
-    roll: float = setting(0.0, 'Roll, clockwise [rad]', low=-0.5, high=0.5, read_only=True)
+    mount_yaw: float = fixed(0.0, 'Yaw, to the left seen from above [rad]', low=-0.8, high=0.8)
+    tilt: float = fixed(0.0, 'Tilt, down positive [rad]', low=-0.8, high=0.8)
+    roll: float = fixed(0.0, 'Roll, clockwise [rad]', low=-0.5, high=0.5)
     jitter: float = setting(
         0.0, 'Deviation of tilt and of roll by an uneven floor [rad]', low=0.0, high=0.1
     )
-    noise: float = setting(
-        2.0, 'Noise, standard deviation [grey levels]', low=0.0, high=50.0, read_only=True
+    noise: float = fixed(2.0, 'Noise, standard deviation [grey levels]', low=0.0, high=50.0)
+    gain_drift: float = fixed(0.0, 'Amplitude of the drift of the gain', low=0.0, high=0.9)
+    blur: float = fixed(0.0, 'Blur, sigma [px]', low=0.0, high=10.0)
+    jpeg: int = fixed(
+        0, 'Quality of the JPEG that images come as; 0 = as they are', low=0, high=100
     )
-    gain_drift: float = setting(
-        0.0, 'Amplitude of the drift of the gain', low=0.0, high=0.9, read_only=True
+    believed_focal_ratio: float = fixed(
+        1.0, 'Focal length in camera_info over the true one', low=0.1, high=10.0
     )
-    blur: float = setting(0.0, 'Blur, sigma [px]', low=0.0, high=10.0, read_only=True)
-    jpeg: int = setting(
-        0,
-        'Quality of the JPEG that images come as; 0 = as they are',
-        low=0,
-        high=100,
-        read_only=True,
+    believed_shift_u: float = fixed(
+        0.0, 'Principal point in camera_info, right of the true one [px]', low=-1e4, high=1e4
     )
-    believed_focal_ratio: float = setting(
-        1.0, 'Focal length in camera_info over the true one', low=0.1, high=10.0, read_only=True
-    )
-    believed_shift_u: float = setting(
-        0.0,
-        'Principal point in camera_info, right of the true one [px]',
-        low=-1e4,
-        high=1e4,
-        read_only=True,
-    )
-    believed_shift_v: float = setting(
-        0.0,
-        'Principal point in camera_info, below the true one [px]',
-        low=-1e4,
-        high=1e4,
-        read_only=True,
+    believed_shift_v: float = fixed(
+        0.0, 'Principal point in camera_info, below the true one [px]', low=-1e4, high=1e4
     )
 
     def __post_init__(self) -> None:

@@ -7,17 +7,26 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, floor_jitter
-from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
+from visual_servo_epipolar.simulation.mounts.simulated_rig import (
+    CameraPose,
+    LensPlacement,
+    ONE_LENS,
+)
 
 
 @dataclass(frozen=True, slots=True)
 class FixedRig:
-    """A camera on its mount; ``jitter`` is the deviation [rad] of what the floor adds, seeded."""
+    """
+    A camera on its mount; ``jitter`` is the deviation [rad] of what the floor adds, seeded.
+
+    Where it has several ``lenses``, their placements are on the camera.
+    """
 
     camera: CameraModel
     mount: CameraMount = CameraMount()
     jitter: float = 0.0
     seed: int = 0
+    lenses: tuple[LensPlacement, ...] = ONE_LENS
 
     @property
     def views(self) -> tuple['FixedRig']:

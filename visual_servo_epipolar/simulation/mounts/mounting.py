@@ -31,15 +31,6 @@ class CameraMount:
     left: float = 0.0
     yaw: float = 0.0
 
-    def __post_init__(self) -> None:
-        values = (self.height, self.forward, self.tilt, self.roll, self.left, self.yaw)
-        if not all(map(math.isfinite, values)):
-            raise ValueError(f'a camera mount must be finite, got {self}; check its parameters')
-        if abs(self.tilt) >= math.pi / 2.0:
-            raise ValueError(
-                f'camera tilt must lie within +-pi/2 rad, got {self.tilt}; give it in radians'
-            )
-
     def centre(self, pose: Pose) -> FloatArray:
         """Return the optical centre in the world, shape (3,) [m]."""
         sin, cos = math.sin(pose.theta), math.cos(pose.theta)

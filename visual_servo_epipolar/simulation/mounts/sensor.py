@@ -15,12 +15,7 @@ DRIFT_PERIOD = 97.0  # frames in one slow wave of the gain
 MAX_NOISE = 50.0  # standard deviation [grey levels]
 SPARE = 64  # how far the noise field may be shifted [px]
 # Codes of cv2.flip for how a field of noise may be mirrored: rows, columns.
-MIRRORINGS: Mapping[tuple[int, ...], int | None] = {
-    (0, 0): None,
-    (0, 1): 1,
-    (1, 0): 0,
-    (1, 1): -1,
-}
+MIRRORINGS: Mapping[tuple[int, ...], int | None] = {(0, 0): None, (0, 1): 1, (1, 0): 0, (1, 1): -1}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,16 +29,9 @@ class SensorSettings(Settings):
 
 class Sensor:
     """
-    Degrades images of one size; its output follows from settings, seed and frame index alone.
+    Degrades images of one ``size``, width and height [px].
 
-    Parameters
-    ----------
-    size : tuple of int
-        Width and height [px].
-    settings : SensorSettings
-    seed : int
-        Not negative.
-
+    Its output follows from settings, seed and frame index alone.
     """
 
     def __init__(self, size: tuple[int, int], settings: SensorSettings, seed: int) -> None:
@@ -64,11 +52,6 @@ class Sensor:
     def capture(self, image: Image, frame_index: int) -> Image:
         """Return ``image``, shape (H, W), as frame ``frame_index`` of the sensor: -1, 0, 1, ..."""
         image = as_gray(image)
-        if image.shape != self._shape or frame_index < DESIRED_FRAME:
-            raise ValueError(
-                f'image and frame index must be {self._shape} and -1 or more, got {image.shape} '
-                f'and {frame_index}; make one sensor for each image size'
-            )
         if self.settings.blur > 0.0:
             image = np.asarray(cv2.GaussianBlur(image, (0, 0), self.settings.blur), np.uint8)
         # Seeds must not be negative: the photograph is 0, the frames start at 1.

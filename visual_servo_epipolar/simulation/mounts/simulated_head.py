@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.rigs.rig import HeadCommand, Joints
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.settings import fixed, setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 
 SUBSTEP_NS = NANOSECONDS // 100  # of joints on their way
@@ -33,9 +33,7 @@ class HeadSettings(Settings):
     head_encoder_offset: float = setting(
         0.0, 'Pan angle that is read where the head looks ahead [rad]', low=-0.5, high=0.5
     )
-    head_lever: float = setting(
-        0.0, 'Camera ahead of the pan axis [m]', low=-0.5, high=0.5, read_only=True
-    )
+    head_lever: float = fixed(0.0, 'Camera ahead of the pan axis [m]', low=-0.5, high=0.5)
     head_start_pan: float = setting(0.0, 'Pan angle at the start [rad]', low=-6.2, high=6.2)
 
 

@@ -63,16 +63,13 @@ class SimulatedRig(Protocol):
     @property
     def camera(self) -> CameraModel:
         """The true camera model."""
-        ...
 
     @property
     def views(self) -> Sequence['SimulatedRig']:
         """The rig as joints may turn it, closely enough that nothing is seen in between alone."""
-        ...
 
     def turned(self, joints: Joints) -> 'SimulatedRig':
         """Return the rig with the joints of its head at these angles; at rest they are zero."""
-        ...
 
     def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
         """
@@ -81,7 +78,6 @@ class SimulatedRig(Protocol):
         Frame -1 is that of the photograph, with joints at rest; None is a level floor, which
         shakes nothing.
         """
-        ...
 
 
 class TrueGeometry(NamedTuple):

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.processes import begun, context, is_forked
 from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, Raster, rasterize
-from visual_servo_epipolar.simulation.rendering.sampling import draw_textures, shade
+from visual_servo_epipolar.simulation.rendering.sampling import draw_textures
 from visual_servo_epipolar.simulation.rendering.strips import Strip
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
@@ -211,14 +211,17 @@ def _is_asked(asked: Semaphore) -> bool:
 def draw(scene: Scene, view: PinholeView, assistant: Assistant | None = None) -> Image:
     """Return the image of ``scene``, shape (H, W), the same to the last bit with an assistant."""
     scene = scene.seen_from(view.centre)
-    if assistant is None or not assistant.begin(view):
-        return shade(scene, view, rasterize(scene, view))
+    if assistant is not None and not assistant.begin(view):
+        assistant = None
     raster = rasterize(scene, view)
     edges = mixing(scene, view, raster)  # first, while the raster is in the cache
     image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
-    numbers = assistant.shares(raster)
-    draw_textures(scene, raster, image, numbers[MAIN])
-    if not assistant.finish(image):
-        draw_textures(scene, raster, image, numbers[ASSISTANT])
+    if assistant is None:
+        draw_textures(scene, raster, image)
+    else:
+        numbers = assistant.shares(raster)
+        draw_textures(scene, raster, image, numbers[MAIN])
+        if not assistant.finish(image):
+            draw_textures(scene, raster, image, numbers[ASSISTANT])
     smooth_edges(image, edges)
     return image

@@ -139,8 +139,10 @@ def _polygons(scene: Scene, view: PinholeView) -> tuple[IntArray, list[Polygon],
     shown, polygons, breadths = [], [], []
     for k, uncut, place in zip(candidates.tolist(), within, places, strict=True):
         polygon: Polygon = list(map(tuple, place))
-        for plane in () if all(uncut) else compress(frustum, map(not_, uncut)):
-            polygon = clip(polygon, plane) if polygon else polygon
+        for a, b, c, d in () if all(uncut) else compress(frustum, map(not_, uncut)):
+            if polygon:
+                sides = [a * x + b * y + c * z + d for x, y, z in polygon]
+                polygon, _ = _split(polygon, sides)
         breadth = breadth_of(view.outline(polygon)) if polygon else 0.0
         if breadth >= THINNEST:
             shown.append(k)
@@ -179,18 +181,7 @@ def _boxes(view: PinholeView, parts: Parts, strips: IntArray, count: int) -> tup
     return tuple((left, top, right, bottom) for left, top, right, bottom in boxes.tolist())
 
 
-def clip(polygon: Polygon, plane: Plane) -> Polygon:
-    """Return what of a convex polygon has a x + b y + c z + d >= 0."""
-    return split(polygon, plane)[0]
-
-
-def split(polygon: Polygon, plane: Plane) -> tuple[Polygon, Polygon]:
-    """Return what of a convex polygon has a x + b y + c z + d >= 0, and what has less."""
-    a, b, c, d = plane
-    return _part(polygon, [a * x + b * y + c * z + d for x, y, z in polygon])
-
-
-def _part(polygon: Polygon, sides: list[float]) -> tuple[Polygon, Polygon]:
+def _split(polygon: Polygon, sides: list[float]) -> tuple[Polygon, Polygon]:
     """Return what of a convex polygon, whose corners have ``sides``, has 0 or more, and less."""
     if min(sides) >= 0.0:
         return polygon, []
@@ -222,7 +213,7 @@ def strips(polygon: Polygon, *, sections: bool) -> Iterator[tuple[int, Polygon]]
     last = math.ceil(math.log(max(depths), STRIP_RATIO) - 1e-9)
     for k in range(first + 1, last):
         depth = STRIP_RATIO**k
-        polygon, strip = _part(polygon, [z - depth for _, _, z in polygon])
+        polygon, strip = _split(polygon, [z - depth for _, _, z in polygon])
         if len(strip) > 2:
             yield from _sections(strip) if sections else ((0, strip),)
     if len(polygon) > 2:
@@ -233,7 +224,7 @@ def _sections(strip: Polygon) -> Iterator[tuple[int, Polygon]]:
     for side, slope in zip((-1, 0), SECTIONS, strict=True):
         if not strip:
             return
-        strip, part = _part(strip, [x - slope * z for x, _, z in strip])
+        strip, part = _split(strip, [x - slope * z for x, _, z in strip])
         if len(part) > 2:
             yield side, part
     if len(strip) > 2:

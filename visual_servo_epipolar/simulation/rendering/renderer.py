@@ -1,29 +1,48 @@
 """The image of a scene through a camera, sub-pixel exact, and the truth behind each pixel."""
 
-from typing import TypeAlias
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel, PlanarCamera
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.simulation.mounts.simulated_rig import (
-    CameraPose,
     lenses_of,
+    LensPlacement,
+    ONE_LENS,
     SimulatedRig,
 )
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant, draw
-from visual_servo_epipolar.simulation.rendering.faces import Faces
 from visual_servo_epipolar.simulation.rendering.raster import NEAR, PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
-Map: TypeAlias = NDArray[np.float32]
-
 MAX_RAY = 4.0  # what a distorting lens shows farther from the axis stays black (76 deg)
 SAME_PLACE = 0.01  # deviation of a traced point still on its surface, relative to depth
+BORDER = 5.0  # beyond what is shown: the sampling reaches four pixels out [px]
+# Axes right, down, forward of each face in those of the camera, as columns.
+AXES = {
+    'ahead': ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    'right': ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
+    'left': ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
+    'below': ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)),
+    'above': ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)),
+    'behind': ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)),
+}
+
+
+class Face(NamedTuple):
+    """One pinhole image, and where in it the pixels of a box of the lens's image are."""
+
+    size: tuple[int, int]
+    intrinsics: FloatArray
+    R_camera_face: FloatArray
+    maps: tuple[FloatArray, FloatArray] | None  # None if the image is that of the lens
+    box: tuple[int, int, int, int]  # left, top, width, height
+    shown: Image | None  # which pixels of the box this face shows, as a mask; None for all
 
 
 class Renderer:
@@ -40,12 +59,29 @@ class Renderer:
         self._first = scene
         self.assistant: Assistant | None = None
         planar = rig.camera.planar
-        self._drawing = Faces(rig.camera, lenses_of(rig)) if planar is None else _Canvas(planar)
+        self._faces = (
+            list(_faces(rig.camera, lenses_of(rig)))
+            if planar is None
+            else [(_whole(planar), ONE_LENS[0])]
+        )
 
     def render(self, pose: Pose, frame: int | None = None) -> Image:
-        """Return the image taken from ``pose``, shape (H, W)."""
+        """Return the image taken from ``pose``, shape (H, W); black where nothing is seen."""
         assistant = self.assistant if self.scene is self._first else None
-        return self._drawing.render(self.scene, self.rig.camera_pose(pose, frame), assistant)
+        place = self.rig.camera_pose(pose, frame)
+        image: Image = np.zeros((self.camera.height, self.camera.width), dtype=np.uint8)
+        for face, lens in self._faces:
+            axes, centre = place if lens is ONE_LENS[0] else lens.pose(place)
+            view = PinholeView(*face.size, face.intrinsics, centre, axes @ face.R_camera_face)
+            part = draw(self.scene, view, assistant)
+            if face.maps is not None:
+                # Cubic sampling would shift details by 0.03 px, Lanczos' by less than 0.01 px.
+                part = np.asarray(cv2.remap(part, *face.maps, cv2.INTER_LANCZOS4), np.uint8)
+            if face.shown is None:
+                return part
+            left, top, width, height = face.box
+            cv2.copyTo(part, face.shown, image[top : top + height, left : left + width])
+        return image
 
     def project(
         self, points: FloatArray, pose: Pose, frame: int | None = None
@@ -53,13 +89,8 @@ class Renderer:
         """
         Project world ``points`` [m], shape (N, 3), whether or not something hides them.
 
-        Returns
-        -------
-        pixels : array, shape (N, 2)
-            NaN for points that the lens does not see.
-        visible : array of bool, shape (N,)
-            Whether the lens sees the point, and in the image.
-
+        Returns pixels, shape (N, 2), nan for what the lens does not see, and which points it sees
+        within the image, shape (N,).
         """
         axes, centre = self.rig.camera_pose(pose, frame)
         vectors = (np.asarray(points, dtype=np.float64) - centre) @ axes
@@ -113,27 +144,11 @@ def _vectors(camera: CameraModel, pixels: FloatArray) -> FloatArray:
     return camera.rays(pixels)
 
 
-class _Canvas:
-    """The image of a pinhole, distorted after it is drawn."""
-
-    def __init__(self, camera: PlanarCamera) -> None:
-        self._size, self._intrinsics, self._maps = _canvas_of(camera)
-
-    def render(self, scene: Scene, pose: CameraPose, assistant: Assistant | None = None) -> Image:
-        """Return the image, shape (H, W)."""
-        view = PinholeView(*self._size, self._intrinsics, pose.centre, pose.R_world_camera)
-        image = draw(scene, view, assistant)
-        if self._maps is None:
-            return image
-        # Cubic sampling would shift details by 0.03 px, Lanczos' by less than 0.01 px.
-        distorted = cv2.remap(image, *self._maps, cv2.INTER_LANCZOS4)
-        return np.asarray(distorted, dtype=np.uint8)
-
-
-def _canvas_of(camera: PlanarCamera) -> tuple[tuple[int, int], FloatArray, tuple[Map, Map] | None]:
-    """Return size and intrinsics of the pinhole image to draw, and the maps to distort it."""
+def _whole(camera: PlanarCamera) -> Face:
+    """Return the one face of a pinhole, and how its image is distorted."""
+    size, box = (camera.width, camera.height), (0, 0, camera.width, camera.height)
     if not (camera.distorts or camera.skew):
-        return (camera.width, camera.height), camera.matrix, None
+        return Face(size, camera.matrix, np.eye(3), None, box, None)
     u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
     rays = camera.image_points(np.stack([u.ravel(), v.ravel()], axis=1))
     # Black as well: where the distortion cannot be undone
@@ -145,4 +160,44 @@ def _canvas_of(camera: PlanarCamera) -> tuple[tuple[int, int], FloatArray, tuple
     intrinsics[0, 1] = 0.0
     intrinsics[:2, 2] += shift
     maps = (ideal + shift).astype(np.float32).reshape(camera.height, camera.width, 2)
-    return (width, height), intrinsics, (maps[..., 0].copy(), maps[..., 1].copy())
+    both = maps[..., 0].copy(), maps[..., 1].copy()
+    return Face((width, height), intrinsics, np.eye(3), both, box, None)
+
+
+def _faces(
+    camera: CameraModel, lenses: Sequence[LensPlacement]
+) -> Iterator[tuple[Face, LensPlacement]]:
+    """Yield the faces of a cube around each lens that it sees, of a camera that is no pinhole."""
+    u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
+    rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
+    rays = rays.reshape(camera.height, camera.width, 3)
+    nearest = np.full((camera.height, camera.width), -1)
+    seen = np.isfinite(rays).all(axis=2)
+    axes = [np.array(columns).T for columns in AXES.values()]
+    nearest[seen] = np.argmax(rays[seen] @ np.array([each[:, 2] for each in axes]).T, axis=1)
+    for lens in lenses:
+        for k, each in enumerate(axes):
+            part = (nearest == k) & lens.shows(rays)
+            if part.any():
+                yield _face(camera, rays, part, each), lens
+
+
+def _face(camera: CameraModel, rays: FloatArray, shown: FloatArray, axes: FloatArray) -> Face:
+    """Return the face with ``axes`` that is large enough for the pixels ``shown``, (H, W)."""
+    mask: Image = shown.astype(np.uint8) * 255
+    left, top, width, height = cv2.boundingRect(mask)
+    part = slice(top, top + height), slice(left, left + width)
+    directions = rays[part] @ axes
+    inside = shown[part]
+    ahead = np.where(inside[..., None], directions, [0.0, 0.0, 1.0])
+    ideal = ahead[..., :2] / ahead[..., 2:] * [camera.fx, camera.fy]
+    ends = ideal[inside]
+    origin = np.floor(ends.min(axis=0)) - BORDER
+    size = (np.ceil(ends.max(axis=0)) - origin + BORDER + 1.0).astype(int).tolist()
+    cx, cy = (-origin).tolist()
+    intrinsics = np.array([[camera.fx, 0.0, cx], [0.0, camera.fy, cy], [0.0, 0.0, 1.0]])
+    maps = (ideal - origin).astype(np.float32)
+    both = maps[..., 0].copy(), maps[..., 1].copy()
+    masked: Image = np.ascontiguousarray(mask[part])
+    box = left, top, width, height
+    return Face((size[0], size[1]), intrinsics, axes, both, box, masked)

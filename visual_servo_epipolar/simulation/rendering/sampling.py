@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
-from visual_servo_epipolar.simulation.rendering.raster import Box, PinholeView, Raster
+from visual_servo_epipolar.simulation.rendering.raster import Box, Raster
 from visual_servo_epipolar.simulation.rendering.strips import MAX_SUBDIVISION
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rendering.textures import Sheet
@@ -25,15 +24,6 @@ class Area(NamedTuple):
     number: int  # of the strip, from 1
     box: Box  # left, top, right, bottom, the last two exclusive
     mask: Image | None  # where it shows the strip; None if it shows nothing else
-
-
-def shade(scene: Scene, view: PinholeView, raster: Raster) -> Image:
-    """Return the image, shape (H, W), of what the raster shows; black where it shows nothing."""
-    edges = mixing(scene, view, raster)  # first, while the raster is in the cache
-    image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
-    draw_textures(scene, raster, image)
-    smooth_edges(image, edges)
-    return image
 
 
 def draw_textures(

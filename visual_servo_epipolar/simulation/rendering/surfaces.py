@@ -48,12 +48,6 @@ class Surface:
         normal = np.cross(self.edge_v, self.edge_u)
         return np.asarray(normal / np.linalg.norm(normal))
 
-    @property
-    def texels(self) -> FloatArray:
-        """Map (1, a, b) of the point origin + a u + b v to texels, shape (2, 3)."""
-        rows, columns = self.texture.image.shape
-        return np.array([[-0.5, columns, 0.0], [-0.5, 0.0, rows]])
-
 
 @dataclass(frozen=True, eq=False)
 class Scene:

@@ -107,9 +107,9 @@ class Texture:
         """Return the picture with columns halved i times and rows j times; -1 is doubled."""
         if (i, j) not in self._reduced:
             if i > 0:
-                sheet = _fewer_columns(self._level(i - 1, j))
+                sheet = _halved(self._level(i - 1, j), columns=True)
             elif j > 0:
-                sheet = _fewer_rows(self._level(i, j - 1))
+                sheet = _halved(self._level(i, j - 1), columns=False)
             else:
                 sheet = _double(self._reduced[0, 0], i < 0, j < 0)
             self._reduced[i, j] = sheet
@@ -139,27 +139,19 @@ def _blur(source: Sheet, sigma_u: float, sigma_v: float) -> Sheet:
     return Sheet(source.shape, make)
 
 
-def _fewer_rows(source: Sheet) -> Sheet:
-    """Halve the rows by (1 3 3 1) / 8; where they are odd the last one counts twice."""
+def _halved(source: Sheet, *, columns: bool) -> Sheet:
+    """Halve rows or columns by (1 3 3 1) / 8; where they are odd the last one counts twice."""
 
     def make(box: Box) -> Image:
         left, top, right, bottom = box
-        return _halve(source.part((left, 2 * top - 1, right, 2 * bottom + 1)))
-
-    rows, columns = source.shape
-    return Sheet(((rows + 1) // 2, columns), make)
-
-
-def _fewer_columns(source: Sheet) -> Sheet:
-    """Halve the columns, as ``_fewer_rows`` does the rows."""
-
-    def make(box: Box) -> Image:
-        left, top, right, bottom = box
+        if not columns:
+            return _halve(source.part((left, 2 * top - 1, right, 2 * bottom + 1)))
         part = source.part((2 * left - 1, top, 2 * right + 1, bottom))
         return np.asarray(cv2.transpose(_halve(cv2.transpose(part))), dtype=np.uint8)
 
-    rows, columns = source.shape
-    return Sheet((rows, (columns + 1) // 2), make)
+    height, width = source.shape
+    shape = (height, (width + 1) // 2) if columns else ((height + 1) // 2, width)
+    return Sheet(shape, make)
 
 
 def _halve(padded: Image) -> Image:

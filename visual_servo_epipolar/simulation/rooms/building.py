@@ -10,8 +10,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.simulation.light.exposure import WHITE
-from visual_servo_epipolar.simulation.light.lights import Light
-from visual_servo_epipolar.simulation.light.sources import Box
+from visual_servo_epipolar.simulation.light.lights import Box, Light
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface
 from visual_servo_epipolar.simulation.rendering.textures import Texture
 from visual_servo_epipolar.simulation.rooms.textures import fractal_grain, Painting

@@ -1,4 +1,4 @@
-"""Floor plan: rectangular cells, walls between them, and which cells are seen through openings."""
+"""Floor plan: cells of the storey, walls between them, what is seen through their openings."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 THICKNESS = 0.12  # of walls [m]
 DOOR_HEIGHT = 2.1  # of openings that have a lintel [m]
+DOOR = 1.1  # width [m]
 WIDEST_DOOR = 1.6  # wider openings reach to the ceiling [m]
 SLACK = 0.3  # in an opening one is in both of its cells [m]
 DEEPEST = 8  # cells that one looks through
@@ -139,3 +140,32 @@ def _narrowed(
 def _cross(first: Point, second: Point) -> float:
     """Return the sine of the turn to the left from one direction to another, times lengths."""
     return first[0] * second[1] - first[1] * second[0]
+
+
+PLAN = FloorPlan(
+    (
+        FloorCell('south', -2.4, -2.4, 16.4, 0.0),
+        FloorCell('north', -2.4, 9.0, 16.4, 11.4),
+        FloorCell('west', -2.4, 0.0, 0.0, 9.0),
+        FloorCell('east', 14.0, 0.0, 16.4, 9.0),
+        FloorCell('library', 0.0, 0.0, 7.0, 9.0),
+        FloorCell('workshop', 7.0, 0.0, 14.0, 9.0),
+        FloorCell('office', 0.0, -8.4, 7.0, -2.4),
+        FloorCell('store', 7.0, -8.4, 14.0, -2.4),
+    ),
+    (
+        WallLine(True, -8.4, 0.0, 14.0),
+        WallLine(True, -2.4, -2.4, 16.4, ((3.0, DOOR), (11.0, DOOR))),
+        WallLine(True, 0.0, -2.4, 16.4, ((-1.2, 2.4), (4.5, DOOR), (9.5, DOOR), (15.2, 2.4))),
+        WallLine(True, 9.0, -2.4, 16.4, ((-1.2, 2.4), (2.5, DOOR), (11.5, DOOR), (15.2, 2.4))),
+        WallLine(True, 11.4, -2.4, 16.4),
+        WallLine(False, -2.4, -2.4, 11.4),
+        WallLine(False, 0.0, -8.4, -2.4),
+        WallLine(False, 0.0, 0.0, 9.0),
+        WallLine(False, 7.0, -8.4, -2.4, ((-5.5, DOOR),)),
+        WallLine(False, 7.0, 0.0, 9.0, ((6.0, DOOR),)),
+        WallLine(False, 14.0, -8.4, -2.4),
+        WallLine(False, 14.0, 0.0, 9.0),
+        WallLine(False, 16.4, -2.4, 11.4),
+    ),
+)

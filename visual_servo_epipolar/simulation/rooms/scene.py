@@ -1,52 +1,63 @@
-"""Scenes: a furnished room, a room dominated by a single wall, and a plain one."""
+"""Scenes: a furnished room, a room dominated by a single wall, a plain one; or a storey."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from visual_servo_epipolar.simulation.light.lights import CEILING, LIGHTS
 from visual_servo_epipolar.simulation.light.settings import RoomChange
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
-from visual_servo_epipolar.simulation.rooms import furniture as c
 from visual_servo_epipolar.simulation.rooms import materials as m
-from visual_servo_epipolar.simulation.rooms import plain
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, LEFT, REAR, RIGHT
 from visual_servo_epipolar.simulation.rooms.changes import CHANGES
 from visual_servo_epipolar.simulation.rooms.storey import Storey
 from visual_servo_epipolar.simulation.rooms.textures import Painting
 
-KINDS = ('room', 'wall', 'plain')
 STOREY = 'storey'  # of a building, in the coordinates of its plan
-END = {'room': 8.0, 'wall': 5.0, 'plain': 8.0}  # how far the front wall is from the goal [m]
 NOTHING = RoomChange()
 KEPT = 3  # lights by which a room is kept
 LAMPS = [(x, y) for y in (-11.0, -7.4, -3.8, -0.2, 3.4, 6.4) for x in (-2.9, 2.9)]
 
+Material = Callable[[Painting, float], None]
+Piece = tuple[str, float, float, tuple[float, float, float], Material, Material, float]
+
 # Name, middle of the front (x, y), size, front, sides, bottom [m]. Nothing stands in the way of
 # the robot: |x| < 2.2 is free up to y = 4. From the goal most of it is 3 to 7 m away.
-PIECES = (
-    ('left stand', -2.75, 3.4, (0.75, 0.08, 1.9), c.noticeboard, c.timber, 0.0),
-    ('right stand', 2.85, 3.6, (0.8, 0.08, 2.1), c.noticeboard, c.timber, 0.0),
-    ('bench', 0.75, 4.3, (1.0, 0.4, 0.34), c.crate, c.crate, 0.0),
-    ('chest', -1.15, 4.4, (0.85, 0.5, 0.62), c.cupboard, c.crate, 0.0),
-    ('parcel', -1.25, 4.47, (0.46, 0.36, 0.42), c.crate, c.crate, 0.62),
-    ('banner', -0.9, 3.9, (1.5, 0.03, 0.55), c.noticeboard, c.noticeboard, 2.15),
-    ('sign', 1.35, 4.7, (1.3, 0.03, 0.6), c.noticeboard, c.noticeboard, 2.1),
-    ('tall books', -2.75, 4.8, (1.25, 0.35, 2.15), c.bookcase, c.timber, 0.0),
-    ('cabinet', 2.45, 4.7, (1.2, 0.5, 1.15), c.cupboard, c.timber, 0.0),
-    ('cases', 2.5, 4.78, (0.7, 0.34, 0.5), c.crate, c.crate, 1.15),
-    ('column', -0.35, 5.7, (0.38, 0.38, 2.8), c.pillar, c.pillar, 0.0),
-    ('board', 1.15, 5.6, (1.2, 0.06, 1.75), c.noticeboard, c.timber, 0.0),
-    ('wide books', -4.25, 5.6, (1.4, 0.35, 2.2), c.bookcase, c.timber, 0.0),
-    ('lockers', 4.3, 5.6, (1.2, 0.5, 2.0), c.cupboard, c.noticeboard, 0.0),
-    ('low books', -1.75, 6.7, (1.3, 0.35, 1.6), c.bookcase, c.timber, 0.0),
-    ('easel', 0.3, 6.8, (0.9, 0.06, 1.9), c.noticeboard, c.timber, 0.0),
-    ('right column', 3.3, 6.5, (0.38, 0.38, 2.8), c.pillar, c.pillar, 0.0),
-    ('dresser', 2.2, 7.1, (1.1, 0.45, 2.0), c.cupboard, c.timber, 0.0),
+PIECES: Sequence[Piece] = (
+    ('left stand', -2.75, 3.4, (0.75, 0.08, 1.9), m.noticeboard, m.timber, 0.0),
+    ('right stand', 2.85, 3.6, (0.8, 0.08, 2.1), m.noticeboard, m.timber, 0.0),
+    ('bench', 0.75, 4.3, (1.0, 0.4, 0.34), m.crate, m.crate, 0.0),
+    ('chest', -1.15, 4.4, (0.85, 0.5, 0.62), m.cupboard, m.crate, 0.0),
+    ('parcel', -1.25, 4.47, (0.46, 0.36, 0.42), m.crate, m.crate, 0.62),
+    ('banner', -0.9, 3.9, (1.5, 0.03, 0.55), m.noticeboard, m.noticeboard, 2.15),
+    ('sign', 1.35, 4.7, (1.3, 0.03, 0.6), m.noticeboard, m.noticeboard, 2.1),
+    ('tall books', -2.75, 4.8, (1.25, 0.35, 2.15), m.bookcase, m.timber, 0.0),
+    ('cabinet', 2.45, 4.7, (1.2, 0.5, 1.15), m.cupboard, m.timber, 0.0),
+    ('cases', 2.5, 4.78, (0.7, 0.34, 0.5), m.crate, m.crate, 1.15),
+    ('column', -0.35, 5.7, (0.38, 0.38, 2.8), m.pillar, m.pillar, 0.0),
+    ('board', 1.15, 5.6, (1.2, 0.06, 1.75), m.noticeboard, m.timber, 0.0),
+    ('wide books', -4.25, 5.6, (1.4, 0.35, 2.2), m.bookcase, m.timber, 0.0),
+    ('lockers', 4.3, 5.6, (1.2, 0.5, 2.0), m.cupboard, m.noticeboard, 0.0),
+    ('low books', -1.75, 6.7, (1.3, 0.35, 1.6), m.bookcase, m.timber, 0.0),
+    ('easel', 0.3, 6.8, (0.9, 0.06, 1.9), m.noticeboard, m.timber, 0.0),
+    ('right column', 3.3, 6.5, (0.38, 0.38, 2.8), m.pillar, m.pillar, 0.0),
+    ('dresser', 2.2, 7.1, (1.1, 0.45, 2.0), m.cupboard, m.timber, 0.0),
 )
-ASIDE = (c.bookcase, c.cupboard, c.crate, c.noticeboard)  # fronts along the side walls
+PLAIN_PIECES: Sequence[Piece] = (  # a third of the furnished room
+    ('left stand', -2.45, 3.5, (0.7, 0.08, 1.6), m.noticeboard, m.smooth, 0.0),
+    ('chest', -0.95, 4.5, (0.85, 0.5, 0.62), m.cupboard, m.smooth, 0.0),
+    ('cabinet', 2.2, 4.7, (1.1, 0.5, 1.15), m.cupboard, m.smooth, 0.0),
+    ('sign', 0.8, 5.0, (0.9, 0.03, 0.5), m.noticeboard, m.smooth, 1.9),
+    ('column', -0.3, 5.9, (0.38, 0.38, 2.8), m.pillar, m.smooth, 0.0),
+    ('dresser', 1.5, 7.0, (1.1, 0.45, 1.9), m.cupboard, m.smooth, 0.0),
+    ('low case', -2.6, 6.6, (1.2, 0.35, 1.4), m.cupboard, m.smooth, 0.0),
+)
+PLAIN_WALLS = {'front': 'bbpbdbb', 'left': 'bbbpbbdbbbpb', 'right': 'bbpbbbbbbdbb', 'rear': 'bdb'}
+ASIDE = (m.bookcase, m.cupboard, m.crate, m.noticeboard)  # fronts along the side walls
 
 
 def room(
@@ -55,24 +66,10 @@ def room(
     """
     Return a room; all arguments together fix every texel of it. The last room is kept.
 
-    Parameters
-    ----------
-    seed : int
-        Not negative.
-    kind : str
-        'room': furniture 3-8 m ahead of the goal (0, 0), looking along +y. 'wall': one wall 5 m
-        ahead, full of pictures, over a floor with little texture. 'plain': painted walls with few
-        pictures and little furniture, 3-8 m ahead, all of weak contrast.
-    light : str
-        A name in LIGHTS; the room is painted once for all lights, and lit once for each.
-    thing : RoomChange
-        A name in CHANGES, or 'none', and whether it has changed since the photograph.
-
-    Raises
-    ------
-    ValueError
-        If the kind is unknown.
-
+    A 'room' has furniture 3-8 m ahead of the goal (0, 0), looking along +y; a 'wall' is full of
+    pictures 5 m ahead, over a floor with little texture; a 'plain' room has painted walls, few
+    pictures, little furniture, all of weak contrast. It is painted once for all in LIGHTS, and lit
+    once for each. Raises ValueError if the kind is unknown.
     """
     return painted_room(seed, kind).by(light, thing)
 
@@ -113,16 +110,16 @@ def painted_room(seed: int, kind: str = 'room') -> PaintedRoom | Storey:
         return Storey(seed)
     if kind not in KINDS:
         raise ValueError(f'kind of room must be one of {", ".join(KINDS)}, got {kind!r}')
-    rng = np.random.default_rng((seed, KINDS.index(kind)))
-    lamps = [(x, y) for x, y in LAMPS if y < END[kind]]
-    builder = Builder(rng, lamps, END[kind])
-    BUILD[kind](builder)
+    end, build = KINDS[kind]
+    rng = np.random.default_rng((seed, [*KINDS].index(kind)))
+    builder = Builder(rng, [(x, y) for x, y in LAMPS if y < end], end)
+    build(builder)
     return PaintedRoom(builder)
 
 
 def _furnish(builder: Builder) -> None:
     """Build a room full of furniture."""
-    pieces = [*_ahead(builder.rng), *_along_the_sides(builder.rng)]
+    pieces = [*_ahead(PIECES, builder.rng), *_along_the_sides(builder.rng)]
     builder.wall('front', _wall('pwpdpwp', builder.rng))
     builder.wall('left', _wall('pwpdpwppwpwp', builder.rng))
     builder.wall('right', _wall('wppwpdpwpwpp', builder.rng))
@@ -140,6 +137,23 @@ def _build_walls(builder: Builder) -> None:
         builder.wall(side, m.wall, density=128.0)
     builder.floor(m.concrete, ())
     builder.ceiling(lambda sheet: m.ceiling(sheet, _on_ceiling(builder), plain=True))
+
+
+def _furnish_plainly(builder: Builder) -> None:
+    """Build painted walls with few pictures, smooth furniture, weak contrast everywhere."""
+    for side, fittings in PLAIN_WALLS.items():
+        paint = m.faded(_wall(fittings, builder.rng))
+        builder.wall(side, paint, density=128.0 if side == 'rear' else 220.0)
+    pieces = _ahead(PLAIN_PIECES, builder.rng)
+    builder.floor(m.concrete, pieces)
+    builder.ceiling(_plain_ceiling)
+    for piece in pieces:
+        builder.stand(replace(piece, front=m.faded(piece.front), sides=m.faded(piece.sides)))
+
+
+def _plain_ceiling(sheet: Painting) -> None:
+    sheet.fill(205.0)
+    sheet.roughen(2.0, zoom=(7.0, 7.0))
 
 
 def _wall(fittings: str, rng: np.random.Generator) -> Callable[[Painting], None]:
@@ -163,15 +177,15 @@ def _on_ceiling(builder: Builder) -> list[tuple[float, float]]:
     return [(x - LEFT, y - REAR) for x, y in builder.lamps]
 
 
-def _ahead(rng: np.random.Generator) -> list[Furniture]:
+def _ahead(table: Sequence[Piece], rng: np.random.Generator) -> list[Furniture]:
     """Place the furniture ahead of the goal, moved a little by the random generator."""
     pieces: list[Furniture] = []
-    for name, x, y, size, front, sides, bottom in PIECES:
+    for name, x, y, size, front, sides, bottom in table:
         slack = rng.uniform(-1.0, 1.0, 3)
         moved, turn = np.array([x, y]) + slack[:2] * (0.12, 0.08), 0.05 * float(slack[2])
         below = next((piece for piece in pieces if piece.size[2] == bottom > 0.0), None)
         if below is not None:  # stands on another piece, and moves with it
-            base = next(item for item in PIECES if item[0] == below.name)
+            base = next(item for item in table if item[0] == below.name)
             right, back = below.axes()
             offset = (x - base[1]) * right + (y - base[2]) * back
             moved, turn = np.array([below.x, below.y]) + offset[:2], below.turn
@@ -190,8 +204,19 @@ def _along_the_sides(rng: np.random.Generator) -> list[Furniture]:
             at = x + side * (depth + 0.02), y + float(rng.uniform(-0.25, 0.25))
             size = (float(width), float(depth), float(height))
             name = f'{"left" if side > 0 else "right"} piece {k}'
-            pieces.append(Furniture(name, *at, size, front, c.timber, turn=side * math.pi / 2.0))
+            pieces.append(Furniture(name, *at, size, front, m.timber, turn=side * math.pi / 2.0))
     return pieces
 
 
-BUILD = {'room': _furnish, 'wall': _build_walls, 'plain': plain.furnish}
+class RoomKind(NamedTuple):
+    """How far the front wall is from the goal [m], and who builds the room."""
+
+    end: float
+    build: Callable[[Builder], None]
+
+
+KINDS = {
+    'room': RoomKind(8.0, _furnish),
+    'wall': RoomKind(5.0, _build_walls),
+    'plain': RoomKind(8.0, _furnish_plainly),
+}

@@ -10,53 +10,19 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.simulation.light.lights import LIGHTS
 from visual_servo_epipolar.simulation.light.settings import RoomChange
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene
-from visual_servo_epipolar.simulation.rooms import furniture as c
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, HEIGHT
-from visual_servo_epipolar.simulation.rooms.floor_plan import (
-    FloorCell,
-    FloorPlan,
-    THICKNESS,
-    WallLine,
-)
-from visual_servo_epipolar.simulation.rooms.storey_changes import changed_storey
+from visual_servo_epipolar.simulation.rooms.changes import changed_storey
+from visual_servo_epipolar.simulation.rooms.floor_plan import FloorCell, PLAN, THICKNESS, WallLine
 from visual_servo_epipolar.simulation.rooms.textures import Painting
 
-DOOR = 1.1  # width [m]
-PLAN = FloorPlan(
-    (
-        FloorCell('south', -2.4, -2.4, 16.4, 0.0),
-        FloorCell('north', -2.4, 9.0, 16.4, 11.4),
-        FloorCell('west', -2.4, 0.0, 0.0, 9.0),
-        FloorCell('east', 14.0, 0.0, 16.4, 9.0),
-        FloorCell('library', 0.0, 0.0, 7.0, 9.0),
-        FloorCell('workshop', 7.0, 0.0, 14.0, 9.0),
-        FloorCell('office', 0.0, -8.4, 7.0, -2.4),
-        FloorCell('store', 7.0, -8.4, 14.0, -2.4),
-    ),
-    (
-        WallLine(True, -8.4, 0.0, 14.0),
-        WallLine(True, -2.4, -2.4, 16.4, ((3.0, DOOR), (11.0, DOOR))),
-        WallLine(True, 0.0, -2.4, 16.4, ((-1.2, 2.4), (4.5, DOOR), (9.5, DOOR), (15.2, 2.4))),
-        WallLine(True, 9.0, -2.4, 16.4, ((-1.2, 2.4), (2.5, DOOR), (11.5, DOOR), (15.2, 2.4))),
-        WallLine(True, 11.4, -2.4, 16.4),
-        WallLine(False, -2.4, -2.4, 11.4),
-        WallLine(False, 0.0, -8.4, -2.4),
-        WallLine(False, 0.0, 0.0, 9.0),
-        WallLine(False, 7.0, -8.4, -2.4, ((-5.5, DOOR),)),
-        WallLine(False, 7.0, 0.0, 9.0, ((6.0, DOOR),)),
-        WallLine(False, 14.0, -8.4, -2.4),
-        WallLine(False, 14.0, 0.0, 9.0),
-        WallLine(False, 16.4, -2.4, 11.4),
-    ),
-)
 CORRIDORS = ('south', 'north', 'west', 'east')
 LAMP_SPACING = 3.6  # at most [m]
 WALL_DENSITY = 180.0  # texels a metre
 LEAST_PIECE = 0.02  # of a wall [m]
 PITCH = 1.75  # from one piece of furniture along a wall to the next [m]
 CLEAR, FROM_CORNER = 0.85, 1.05  # of furniture beside an opening, and in corners [m]
-FRONTS = (c.bookcase, c.cupboard, c.crate, c.noticeboard)
+FRONTS = (m.bookcase, m.cupboard, m.crate, m.noticeboard)
 UNCHANGED = RoomChange()
 
 
@@ -96,7 +62,7 @@ class Storey:
         key = light, change
         if key not in self._scenes:
             self._scenes = {}  # two do not fit into small machines
-            storey = changed_storey(self._builder, self._cells, LIGHTS[light], change, PLAN)
+            storey = changed_storey(self._builder, self._cells, LIGHTS[light], change)
             surfaces, cells = zip(*storey.surfaces(), strict=True)
             self._scenes = {key: StoreyScene(surfaces, cells=cells)}
         return self._scenes[key]
@@ -182,7 +148,7 @@ def _signs(cell: FloorCell) -> list[Furniture]:
     size, turn = (1.1, 0.03, 0.42), 0.5 * math.pi if along_x else 0.0
     places = [(x - half, y), (x + half, y)] if along_x else [(x, y - half), (x, y + half)]
     return [
-        Furniture(f'{cell.name} sign {k}', *at, size, c.noticeboard, c.noticeboard, 2.2, turn)
+        Furniture(f'{cell.name} sign {k}', *at, size, m.noticeboard, m.noticeboard, 2.2, turn)
         for k, at in enumerate(places)
     ]
 
@@ -204,7 +170,7 @@ def _along_walls(cell: FloorCell, rng: np.random.Generator) -> list[Furniture]:
             if is_left_out or PLAN.is_near_opening(*at, CLEAR):
                 continue
             name, size = f'{cell.name} {side} {along:.2f}', (width, depth, height)
-            pieces.append(Furniture(name, *at, size, front, c.timber, turn=turn))
+            pieces.append(Furniture(name, *at, size, front, m.timber, turn=turn))
     return pieces
 
 

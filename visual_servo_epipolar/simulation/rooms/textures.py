@@ -10,21 +10,22 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 
 GRAIN_SIZE = 1024  # the grain repeats after so many texels
 GRAIN_DEVIATION = 32.0  # of the grain, grey levels around 128
+FINEST = 0.8
 SHIFT = 4  # sub-pixel bits of drawing
 
 
-def fractal_grain(rng: np.random.Generator, *, slope: float = 1.0, finest: float = 0.8) -> Image:
+def fractal_grain(rng: np.random.Generator) -> Image:
     """
-    Return periodic noise around grey 128 whose amplitude falls with frequency f as f^-slope.
+    Return periodic noise around grey 128 whose amplitude falls with frequency f as 1 / f.
 
-    Its shape is (GRAIN_SIZE, GRAIN_SIZE). Below a wavelength of some ``finest`` texels it is
-    smoothed away, so that it can be sampled.
+    Its shape is (GRAIN_SIZE, GRAIN_SIZE). Below a wavelength of some FINEST texels it is smoothed
+    away, so that it can be sampled.
     """
     frequency = np.fft.fftfreq(GRAIN_SIZE)
     radius = np.hypot(frequency[:, None], frequency[None, : GRAIN_SIZE // 2 + 1])
     radius[0, 0] = 1.0
     spectrum = np.fft.rfft2(rng.standard_normal((GRAIN_SIZE, GRAIN_SIZE), dtype=np.float32))
-    spectrum *= np.exp(-2.0 * (math.pi * finest * radius) ** 2) / radius**slope
+    spectrum *= np.exp(-2.0 * (math.pi * FINEST * radius) ** 2) / radius
     spectrum[0, 0] = 0.0
     noise = np.fft.irfft2(spectrum, (GRAIN_SIZE, GRAIN_SIZE))
     grain = np.clip(noise * (GRAIN_DEVIATION / noise.std()) + 128.0, 0.0, 255.0)

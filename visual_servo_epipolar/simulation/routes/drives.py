@@ -18,8 +18,7 @@ from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRu
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.simulation.bases.registry import new_base
-from visual_servo_epipolar.simulation.bases.simulated_base import SimulatedBase
+from visual_servo_epipolar.simulation.bases.registry import new_base, SimulatedBase
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.routes.ways import DrivenWay, Driver, SPACING

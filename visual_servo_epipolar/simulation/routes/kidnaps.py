@@ -9,7 +9,7 @@ import numpy as np
 from visual_servo_epipolar.core.geometry.motion import Pose, wrap_angle
 from visual_servo_epipolar.core.routes.following.closing import closing_of
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
-from visual_servo_epipolar.simulation.rooms.storey import PLAN
+from visual_servo_epipolar.simulation.rooms.floor_plan import PLAN
 from visual_servo_epipolar.simulation.routes.drives import new_simulator, Taught
 from visual_servo_epipolar.simulation.routes.ways import SPACING
 from visual_servo_epipolar.simulation.scenario import Scenario

@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.tracking.matchers.base import Matcher
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 from visual_servo_epipolar.evaluation.tables import aligned, number, percentiles
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.choices import BOXES
+from visual_servo_epipolar.simulation.choices import REGIONS
 from visual_servo_epipolar.simulation.light.settings import DAY, LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
@@ -70,7 +70,8 @@ def measure(
         rng = np.random.default_rng((seed, scene))
         # In front of the goal, turned by up to 15 deg.
         poses = [
-            Pose.from_start(*rng.uniform(*BOXES['front']).tolist()) for _ in range(plan.views)
+            Pose.from_start(*rng.uniform(*REGIONS['front'].box).tolist())
+            for _ in range(plan.views)
         ]
         camera = replace(CAMERA, scene=plan.scene, scene_seed=scene, seed=seed + scene)
         world = CameraSimulator(camera, None, LightSettings(photograph_light=NOON, light=NOON))
