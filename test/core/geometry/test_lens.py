@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.geometry.rays import (
     tangents,
     unit_rays,
 )
-from visual_servo_epipolar.core.geometry.rotation import fit_rotations
+from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.perception.measures import turned
 from visual_servo_epipolar.core.perception.observation import Observation
 
@@ -137,7 +137,7 @@ def test_a_wrong_lens_feigns_as_much_parallax_in_a_turn_as_is_said(
         wrong = [unit_rays((points - [shift, 0.0]) / ratio)[None] for points in (current, desired)]
         root = np.diag([abs(math.log(ratio)), shift])
         feigned = spurious_parallax(wrong[1], np.array([turn]), root[None])[0]
-        parallax = fit_rotations(*wrong).parallax[0]
+        parallax = fit_rotation(wrong[0][0], wrong[1][0]).parallax
         # Feigned is two deviations; parallax leaves out the worst 40 % of the matches.
         assert 0.15 < parallax / feigned < 1.0
 

@@ -7,9 +7,7 @@ from visual_servo_epipolar.core.bases.base import BaseLimits
 from visual_servo_epipolar.core.bases.differential_drive import pulse, ramped_speed
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
 
-CREEP = (
-    0.01  # at which it waits for its steering: standing wheels are not steered by a twist [m/s]
-)
+CREEP = 0.01  # at which it waits for its steering: no twist steers standing wheels [m/s]
 LAG_WAY = 0.03  # most way until the steering is where it is wanted [m]
 
 

@@ -49,6 +49,9 @@ class DualFisheye(Equidistant):
 
     distortion_model: str = 'dual_fisheye'
 
+    wide = True
+    edges = (-math.inf, math.inf)
+
     def __post_init__(self) -> None:
         Equidistant.__post_init__(self)
         if abs(self.width - 2 * self.height) > SLACK:
@@ -57,16 +60,6 @@ class DualFisheye(Equidistant):
                 f'{self.width}x{self.height} px: a square for each lens; publish both whole, side '
                 'by side'
             )
-
-    @property
-    def wide(self) -> bool:
-        """It sees all around."""
-        return True
-
-    @property
-    def edges(self) -> tuple[float, float]:
-        """It has none."""
-        return -math.inf, math.inf
 
     @property
     def _layout(self) -> Layout:
@@ -87,15 +80,11 @@ class DualFisheye(Equidistant):
 
     def pixels(self, rays: FloatArray) -> FloatArray:
         """Return the pixels, (N, 2), of ``rays``, (N, 3), by the lens that looks their way."""
-        back = rays[:, 2] < 0.0
-        turned = np.where(back[:, None], rays * BACK, rays)
-        return self._in_place(Equidistant.pixels(self, turned), back)
+        return self._pixels_by(rays, rays[:, 2] < 0.0)
 
     def round_trips(self, pixels: FloatArray, rays: FloatArray) -> BoolArray:
         """Return which ``pixels``, shape (N, 2), come back from their ``rays``, (N, 3): (N,)."""
-        back = self.looks_back(pixels)
-        turned = np.where(back[:, None], rays * BACK, rays)
-        error = self._in_place(Equidistant.pixels(self, turned), back) - pixels
+        error = self._pixels_by(rays, self.looks_back(pixels)) - pixels
         return np.asarray(np.hypot(error[:, 0], error[:, 1]) <= ROUND_TRIP_PX)
 
     def resolution(self, rays: FloatArray) -> FloatArray:
@@ -111,8 +100,9 @@ class DualFisheye(Equidistant):
         ahead = _turned(local, -layout.turns_ahead, side)
         return np.where(back[:, None], _turned(local, -layout.turns_back, side), ahead)
 
-    def _in_place(self, local: FloatArray, back: BoolArray) -> FloatArray:
-        """Return where in the image pixels of upright squares are."""
+    def _pixels_by(self, rays: FloatArray, back: BoolArray) -> FloatArray:
+        """Return the pixels of ``rays`` by the lens that looks ahead or ``back``."""
+        local = Equidistant.pixels(self, np.where(back[:, None], rays * BACK, rays))
         side, layout = self.height - 1.0, self._layout
         ahead = _turned(local, layout.turns_ahead, side)
         pixels = np.where(back[:, None], _turned(local, layout.turns_back, side), ahead)

@@ -37,6 +37,9 @@ class Equidistant(ImageIntrinsics):
     distortion_model: str = 'equidistant'
     circle: float = WIDEST
 
+    wraps = False  # its image ends before what is behind it
+    planar = None
+
     def __post_init__(self) -> None:
         ImageIntrinsics.__post_init__(self)  # super() does not know a class with slots
         if len(self.distortion) not in COEFFICIENTS:
@@ -56,16 +59,6 @@ class Equidistant(ImageIntrinsics):
         return _corner(self) > WIDE
 
     @property
-    def wraps(self) -> bool:
-        """Its image ends before what is behind it."""
-        return False
-
-    @property
-    def planar(self) -> None:
-        """Its image is no plane."""
-        return None
-
-    @property
     def reach(self) -> float:
         """Angle from the axis [rad] up to which pixels tell directions."""
         return min(_reach(self.distortion), self.circle)
@@ -77,8 +70,7 @@ class Equidistant(ImageIntrinsics):
 
     def rays(self, pixels: FloatArray) -> FloatArray:
         """Return unit rays, (N, 3), of ``pixels``, (N, 2), nan beyond ``reach``."""
-        straight = sheared(self, as_points(pixels, 'pixels'), -self.skew)
-        points = (straight - [self.cx, self.cy]) / [self.fx, self.fy]
+        points = _in_focals(self, as_points(pixels, 'pixels'))
         radius = np.hypot(points[:, 0], points[:, 1])
         theta = _angle(radius, self.distortion, self.reach)
         across = np.divide(np.sin(theta), radius, out=np.ones(len(radius)), where=radius > 0.0)
@@ -110,6 +102,12 @@ class Equidistant(ImageIntrinsics):
         # sin(theta) / theta_d, which is 1 on the axis
         ratio = np.sinc(theta / math.pi) / _growth(theta, self.distortion)
         return np.asarray(np.sqrt(ratio / _slope(theta, self.distortion)) / self.focal)
+
+
+def _in_focals(camera: Equidistant, pixels: FloatArray) -> FloatArray:
+    """Return ``pixels``, (N, 2), from the principal point, in focal lengths, without skew."""
+    straight = sheared(camera, pixels, -camera.skew)
+    return np.asarray((straight - [camera.cx, camera.cy]) / [camera.fx, camera.fy])
 
 
 def _growth(theta: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
@@ -157,10 +155,7 @@ def _angle(radius: FloatArray, distortion: tuple[float, ...], reach: float) -> F
 def _corner(camera: Equidistant) -> float:
     """Return the angle from the axis of the farthest corner, at most the reach [rad]."""
     ends = [[u, v] for u in (0.0, camera.width - 1.0) for v in (0.0, camera.height - 1.0)]
-    corners = (sheared(camera, np.array(ends), -camera.skew) - [camera.cx, camera.cy]) / [
-        camera.fx,
-        camera.fy,
-    ]
+    corners = _in_focals(camera, np.array(ends))
     farthest = np.hypot(corners[:, 0], corners[:, 1]).max(keepdims=True)
     theta = float(_angle(farthest, camera.distortion, camera.reach)[0])
     return camera.reach if math.isnan(theta) else theta

@@ -15,9 +15,7 @@ from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, 
 from visual_servo_epipolar.core.cameras.intrinsics import ImageIntrinsics
 
 NAME, STITCHED = 'equirectangular', 'equirectangular_stitched'
-LEAST_LEVEL = (
-    0.3  # cosine of an elevation [-]: nearer to a pole a row is as exact, a column is not
-)
+LEAST_LEVEL = 0.3  # cosine of an elevation: nearer to a pole a row is as exact, a column is not
 SLACK = 1.0  # of a width by its focal length, and of a height by the width [px]
 
 

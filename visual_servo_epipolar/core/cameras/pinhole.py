@@ -39,6 +39,8 @@ class Camera(ImageIntrinsics):
 
     distortion_model: str = 'plumb_bob'
 
+    wide = wraps = False  # its image is a plane
+
     def __post_init__(self) -> None:
         ImageIntrinsics.__post_init__(self)  # super() does not know a class with slots
         allowed = DISTORTION_MODELS.get(self.distortion_model)
@@ -53,16 +55,6 @@ class Camera(ImageIntrinsics):
     def lens(self) -> str:
         """Name of the lens, for messages."""
         return self.distortion_model if self.distorts else 'pinhole'
-
-    @property
-    def wide(self) -> bool:
-        """A pinhole is not: its image is a plane."""
-        return False
-
-    @property
-    def wraps(self) -> bool:
-        """No plane does."""
-        return False
 
     @property
     def planar(self) -> 'Camera':

@@ -92,7 +92,7 @@ def cheirality(
     phasors = np.exp(1j * np.array([bearings.psi, bearings.phi]))
     everyone = np.ones(len(current), bool)
     planes = (current[:, 0], current[:, 2]), (desired[:, 0], desired[:, 2])
-    balance = float(balances(phasors, *planes, everyone, np.asarray(noise)))
+    balance = float(_balance(_votes(phasors, *planes, np.asarray(noise)), everyone))
     return Vote(oriented(bearings.psi, bearings.phi, balance), min(abs(balance), 1.0))
 
 
@@ -102,25 +102,15 @@ def oriented(psi: float, phi: float, balance: float) -> Bearings:
     return bearings.reversed() if balance < 0.0 else bearings
 
 
-def balances(
-    phasors: ComplexArray, current: Plane, desired: Plane, voting: BoolArray, noise: FloatArray
-) -> FloatArray:
-    """
-    Return by how much the matches vote for the bearings, 1, or for their reverse, -1; shape (...).
-
-    ``phasors`` are exp(i psi) and exp(i phi), shape (..., 2); rays of upright cameras are given by
-    x and z; ``voting``, shape (..., N), says who votes, ``noise``, (..., N) or (), is the
-    deviation of their angles [rad].
-    """
-    return _balance(_votes(phasors, current, desired, noise), voting)
-
-
 def balances_ahead(
     phasors: ComplexArray, current: Plane, desired: Plane, voting: BoolArray, noise: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
     """
     Return the balance of the matches that lie ahead, shape (...), and which those are, (..., N).
 
+    The balance runs from 1, for the bearings, to -1, for their reverse. ``phasors`` are exp(i psi)
+    and exp(i phi), shape (..., 2); rays of upright cameras are given by x and z; ``voting``, shape
+    (..., N), says who votes, ``noise``, (..., N), is the deviation of their angles [rad].
     A look-alike that was found along the epipolar line fits the geometry. Only its depth tells:
     beyond infinity, which is behind both cameras. Where more than a few of the ``voting`` matches
     are there, the geometry is in doubt, not they: then all count, and the vote is undecided.

@@ -99,16 +99,6 @@ def rotation_desired_current(heading_error: float) -> FloatArray:
     return np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
 
 
-def rotations_desired_current(heading_errors: FloatArray) -> FloatArray:
-    """Return R, shape (..., 3, 3), for heading errors of shape (...) [rad, left positive]."""
-    turn = np.exp(1j * heading_errors)
-    rotations = np.zeros((*np.shape(heading_errors), 3, 3))
-    rotations[..., 0, 0] = rotations[..., 2, 2] = turn.real
-    rotations[..., 0, 2], rotations[..., 2, 0] = -turn.imag, turn.imag
-    rotations[..., 1, 1] = 1.0
-    return rotations
-
-
 def fundamental_from_bearings(bearings: Bearings) -> FloatArray:
     """Return F of a planar motion at unit focal length, shape (3, 3), Frobenius norm sqrt(2)."""
     cos_psi, sin_psi = math.cos(bearings.psi), math.sin(bearings.psi)

@@ -51,15 +51,10 @@ class Lens:
         return self.log_ratio == 0.0 and self.shift == 0.0
 
     @property
-    def known(self) -> tuple[float, float, float]:
-        """Deviation of the ratio, that of the rest of the shift, and the slope between the two."""
-        return self.ratio_deviation, self.rest_deviation, self.shift_slope
-
-    @property
     def root(self) -> FloatArray:
         """Lower triangular root of the covariance of ratio and shift, shape (2, 2)."""
-        ratio, rest, slope = self.known
-        return np.array([[ratio, 0.0], [slope * ratio, rest]])
+        ratio = self.ratio_deviation
+        return np.array([[ratio, 0.0], [self.shift_slope * ratio, self.rest_deviation]])
 
 
 CALIBRATED = Lens()

@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, medians
+from visual_servo_epipolar.core.arrays import FloatArray, median
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 
 ITERATIONS = 6
@@ -27,56 +27,34 @@ class RotationFit:
     parallax: float
 
 
-class RotationFits(NamedTuple):
-    """Best rotations of views, shape (..., 3, 3), heading errors and parallaxes, (...) [rad]."""
-
-    rotation: FloatArray
-    heading_error: FloatArray
-    parallax: FloatArray
-
-
 def fit_rotation(current: FloatArray, desired: FloatArray) -> RotationFit:
     """
     Fit the infinite homography: the rotation alone that best carries one view into the other.
 
-    See ``fit_rotations``; unit rays have shape (N, 3).
+    Weighted Kabsch alignment of unit rays, (N, 3), reweighted (Geman-McClure) so that outliers and
+    the few near features with large parallax do not turn it. The remark closing section IV-B of
+    the paper.
 
     Raises DegenerateGeometryError with fewer than three matches.
     """
-    rotation, heading_error, parallax = fit_rotations(current, desired)
-    return RotationFit(rotation, float(heading_error), float(parallax))
-
-
-def fit_rotations(current: FloatArray, desired: FloatArray) -> RotationFits:
-    """
-    Fit the rotation of each pair of views, unit rays of shape (..., N, 3).
-
-    Weighted Kabsch alignment of the rays, reweighted (Geman-McClure) so that outliers and the few
-    near features with large parallax do not turn it. The remark closing section IV-B of the paper.
-
-    Raises DegenerateGeometryError with fewer than three matches.
-    """
-    count = current.shape[-2]
+    count = len(current)
     if count < MIN_POINTS:
         raise DegenerateGeometryError(
             f'a rotation needs at least {MIN_POINTS} matches, got {count}; track more'
         )
-    source, target = current.swapaxes(-1, -2), desired.swapaxes(-1, -2)
+    source, target = current.T, desired.T
     rotation = _kabsch(target @ current)
     for _ in range(ITERATIONS - 1):
         carried = rotation @ source
         weights = _squared(target - carried)
-        weights /= _scale(weights)
+        weights /= max(4.0 * median(weights), SMALLEST)
         weights += 1.0
         weights *= weights
-        rotation = _turned(rotation, (target / weights[..., None, :]) @ carried.swapaxes(-1, -2))
-    ordered = np.sort(_squared(target - rotation @ source), axis=-1)
+        rotation = _turned(rotation, (target / weights) @ carried.T)
+    ordered = np.sort(_squared(target - rotation @ source))
     kept = max(MIN_POINTS, int(TRUSTED_SHARE * count))
-    return RotationFits(
-        rotation,
-        headings(rotation),
-        np.sqrt(ordered[..., :kept].sum(axis=-1) / kept),
-    )
+    parallax = np.sqrt(ordered[:kept].sum() / kept)
+    return RotationFit(rotation, float(headings(rotation)), float(parallax))
 
 
 def headings(rotation: FloatArray) -> FloatArray:
@@ -86,26 +64,17 @@ def headings(rotation: FloatArray) -> FloatArray:
 
 
 def _squared(offset: FloatArray) -> FloatArray:
-    """Return the squared lengths of columns, shape (..., 3, N): (..., N)."""
-    return np.asarray(np.add.reduce(offset * offset, axis=-2))
-
-
-def _scale(squared: FloatArray) -> FloatArray | float:
-    """Return what squared distances, (..., N), are taken in units of: a number of one view."""
-    median = medians(squared)
-    if not median.ndim:
-        return max(4.0 * float(median), SMALLEST)
-    return np.asarray(np.maximum(4.0 * median, SMALLEST)[..., None])
+    """Return the squared lengths of columns, shape (3, N): (N,)."""
+    return np.asarray(np.add.reduce(offset * offset, axis=0))
 
 
 def _kabsch(product: FloatArray) -> FloatArray:
-    """Return R that maximises tr(R^T ``product``), the sum of w target source^T, (..., 3, 3)."""
+    """Return R that maximises tr(R^T ``product``), the sum of w target source^T, (3, 3)."""
     u, _, vt = np.linalg.svd(product)
     nearest = np.asarray(u @ vt)
-    mirrored = [_determinant(each) < 0.0 for each in nearest.reshape(-1, 9).tolist()]
-    if not any(mirrored):
+    if _determinant(nearest.ravel().tolist()) >= 0.0:
         return nearest
-    u[..., 2] *= np.where(np.reshape(mirrored, product.shape[:-2]), -1.0, 1.0)[..., None]
+    u[:, 2] *= -1.0
     return np.asarray(u @ vt)
 
 
@@ -117,13 +86,12 @@ def _determinant(entries: Entries) -> float:
 
 def _turned(rotation: FloatArray, product: FloatArray) -> FloatArray:
     """
-    Return ``rotation`` after one step of Newton towards that of ``_kabsch``, (..., 3, 3).
+    Return ``rotation`` after one step of Newton towards that of ``_kabsch``, (3, 3).
 
     ``product`` is the sum of w target (R source)^T, symmetric at the best R. A step leaves an
     error of the square of its length or less: new weights turn R by little, then less and less.
     """
-    steps = [_step(each) for each in product.reshape(-1, 9).tolist()]
-    return np.asarray(np.array(steps).reshape(product.shape) @ rotation)
+    return np.asarray(np.array(_step(product.ravel().tolist())).reshape(3, 3) @ rotation)
 
 
 def _step(entries: Entries) -> list[float]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import are_among, BoolArray, FloatArray, median
-from visual_servo_epipolar.core.geometry.epipolar import rotations_desired_current
+from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.geometry.lens import change, for_wrong_rays, spurious_parallax
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, RotationFit
 from visual_servo_epipolar.core.perception import measures
@@ -222,7 +222,7 @@ def _differences(
     current, desired, wide = observation.current, observation.desired, observation.wide
     if settings.compensates:
         # Pitch and roll of an uneven floor are those of the best rotation, the heading is better.
-        better = rotations_desired_current(np.asarray(heading_error - rotation.heading_error))
+        better = rotation_desired_current(heading_error - rotation.heading_error)
         level = measures.turned(current, better @ rotation.rotation)
         difference = measures.usual_difference(level, desired, wide, counted)
     else:

@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, median, packed
+from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.rigs.rig import Edges, Gaze, HeadCommand, HeadLimits, Joints, Lean
 
 LEAST_SEEN = 6  # features whose shift tells where the others are
@@ -53,7 +54,7 @@ class PanTiltHead:
         lean = lean or Lean(self.limits.tilt, self.limits.roll)
         upright, at_zero = _roll(lean.roll), _tilt(lean.tilt)
         tilt = _tilt(lean.tilt + joints.tilt)
-        turned = upright.T @ at_zero.T @ _pan(joints.pan) @ tilt @ upright
+        turned = upright.T @ at_zero.T @ rotation_desired_current(joints.pan) @ tilt @ upright
         return np.asarray(rays @ turned.T)
 
     def edges(self, edges: Edges, joints: Joints) -> Edges:
@@ -114,12 +115,6 @@ def _shift(current: FloatArray, desired: FloatArray) -> float:
     moved = now - then
     mean = math.atan2(float(np.sin(moved).sum()), float(np.cos(moved).sum()))
     return mean + median(np.remainder(moved - mean + math.pi, 2.0 * math.pi) - math.pi)
-
-
-def _pan(angle: float) -> FloatArray:
-    """Return the turn of rays by a camera that pans to the left."""
-    sine, cosine = math.sin(angle), math.cos(angle)
-    return np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
 
 
 def _tilt(angle: float) -> FloatArray:

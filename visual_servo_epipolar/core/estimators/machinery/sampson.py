@@ -25,29 +25,26 @@ def table_of(
     rays: Rays, plausible: BoolArray | None = None, axes: Callable[..., Axes] = tangents
 ) -> FloatArray:
     """
-    Return the matches as columns for products with matrices, shape (..., 9, 5 N).
+    Return the matches as columns for products with matrices, shape (9, 5 N).
 
     The five are the residual p_d^T E p_a in deviations of the desired ray, two components of E p_a
     across the desired ray, and two of E^T p_d across the current ray, these times the ratio of the
     deviations. ``axes`` are those along which noise moves a ray. A match that is not
-    ``plausible``, (..., N), is a column of zeros: it costs and pulls nothing, and all geometries
-    of a stack have as many columns.
+    ``plausible``, (N,), is a column of zeros: it costs and pulls nothing.
     """
-    *leading, count = rays.x_a.shape
     x, y, z = np.array([[rays.x_a, rays.x_d], [rays.y_a, rays.y_d], [rays.z_a, rays.z_d]])
     ratio = rays.noise_a / rays.noise_d
     # A column is the product of the desired ray, or an axis across it, and of the current one.
-    desired, current = np.empty((2, *leading, 3, 5, count))
+    desired, current = np.empty((2, 3, 5, rays.matches))
     for row, (ray, *across) in enumerate(zip((x, y, z), *axes(x, y, z), strict=True)):
-        desired[..., row, 0, :] = ray[1] / rays.noise_d
-        desired[..., row, 1, :], desired[..., row, 2, :] = across[0][1], across[1][1]
-        desired[..., row, 3:, :] = (ray[1] * ratio)[..., None, :]
-        current[..., row, :3, :] = ray[0][..., None, :]
-        current[..., row, 3, :], current[..., row, 4, :] = across[0][0], across[1][0]
+        desired[row, 0] = ray[1] / rays.noise_d
+        desired[row, 1], desired[row, 2] = across[0][1], across[1][1]
+        desired[row, 3:] = ray[1] * ratio
+        current[row, :3] = ray[0]
+        current[row, 3], current[row, 4] = across[0][0], across[1][0]
     if plausible is not None and not plausible.all():
-        desired *= plausible[..., None, None, :]
-    table = desired[..., :, None, :, :] * current[..., None, :, :, :]
-    return np.asarray(table.reshape(*leading, 9, 5 * count))
+        desired *= plausible
+    return np.asarray((desired[:, None] * current[None]).reshape(9, -1))
 
 
 def squared_distances(matrices: FloatArray, table: FloatArray) -> FloatArray:
@@ -62,11 +59,9 @@ def linearised(stack: FloatArray, table: FloatArray) -> tuple[FloatArray, FloatA
     Return residuals r and g times the derivatives of r / g, (..., 1 + P, N), and g^2, (..., N).
 
     g is the norm of the gradient of r, so that r / g is the Sampson distance. ``stack`` has shape
-    (..., 1 + P, 9); ``table`` is that of one geometry, or has the leading axes of ``stack``.
+    (..., 1 + P, 9).
     """
-    # The blocks of a product depend on its size: a stack of geometries is never one product.
-    products = stack.reshape(-1, 9) @ table if table.ndim == 2 else stack @ table
-    values = products.reshape(*stack.shape[:-1], 5, -1)
+    values = (stack.reshape(-1, 9) @ table).reshape(*stack.shape[:-1], 5, -1)
     lines = values[..., 1:, :]
     # g^2, and half its derivatives
     slopes = np.einsum('...ln,...pln->...pn', lines[..., 0, :, :], lines)
