@@ -89,6 +89,7 @@ def test_at_the_goal_a_look_is_enough(name) -> None:
     assert farthest < 0.001
 
 
+@pytest.mark.long
 def test_before_one_wall_the_memory_ends_nearer() -> None:
     remembering, forgetful = driven(True), driven(False)
     errors = [float(str(run['position_error_m'])) for run in remembering]

@@ -94,7 +94,7 @@ def test_the_command_of_a_sweep_asks_for_this_sweep(laws: tuple[str, ...]) -> No
     assert options.scenes == (5, 101)
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(st.tuples(*[st.floats(-9.0, 9.0)] * 3), st.integers(0, 999), st.sampled_from([(), (4, 8)]))
 def test_the_command_of_a_run_asks_for_this_run(
     start: tuple[float, float, float], index: int, scenes: tuple[int, ...]

@@ -29,8 +29,8 @@ def test_a_turn_through_half_a_circle_is_free_all_the_way() -> None:
     simulator, camera = CameraSimulator(CAMERA), CAMERA.nominal_camera
     tracker, free = Tracker(TrackerSettings(), camera), []
     tracker.set_desired(simulator.photograph())
-    for frame in range(60):
-        pose = Pose.from_start(-3.2, 0.6, -142.0 + 2.6 * frame)
+    for frame in range(40):
+        pose = Pose.from_start(-3.2, 0.6, -142.0 + 3.9 * frame)
         rays = camera.rays(tracker.track(simulator.capture(pose, frame)).current)
         left, _ = view_margins(rays, np.ones(len(rays), bool), camera.edges, KEPT)
         free.append(left)
