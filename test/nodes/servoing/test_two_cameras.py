@@ -32,7 +32,7 @@ def test_a_run_waits_after_a_word_of_another_camera(bench) -> None:
 
 
 def test_a_new_run_does_not_wait(bench) -> None:
-    rig = Rig(bench).drive()
+    rig = Rig(bench, stale_timeout=5.0).drive()  # also where the machine stands still
     flicker(rig)
     rig.node._run.reset()
     rig.drive()

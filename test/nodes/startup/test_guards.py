@@ -19,7 +19,7 @@ def of_type(number: int) -> Parameter:
 
 @pytest.mark.parametrize('number', [10, 255])
 def test_a_parameter_of_no_type_is_refused(bench, number) -> None:
-    rig = Rig(bench).drive()
+    rig = Rig(bench, stale_timeout=5.0).drive()  # also where the machine stands still
     many = [of_type(3), of_type(number)]
     for kind, name in (
         (SetParameters, 'set_parameters'),
