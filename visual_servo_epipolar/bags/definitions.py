@@ -1,7 +1,6 @@
 """Message definitions and their hashes: they make a bag readable without the packages."""
 
 from collections.abc import Iterator, Mapping
-from functools import cache
 import os
 from pathlib import Path
 import sys
@@ -11,6 +10,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
 from rosbags.typesys.store import Typestore
 
+from visual_servo_epipolar.bags.storages.stored import CDR, types_of
 from visual_servo_epipolar.core.errors import InputError
 
 
@@ -43,14 +43,9 @@ def hash_of(kind: str, text: str) -> str:
         return ''
 
 
-@cache
-def _jazzy() -> Typestore:
-    return get_typestore(Stores.ROS2_JAZZY)
-
-
 def _types_of_jazzy(kind: str) -> Typestore | None:
     """Return the types of a stock Jazzy if ``kind`` is one of them."""
-    return _jazzy() if kind in _jazzy().fielddefs else None
+    return types_of(CDR) if kind in types_of(CDR).fielddefs else None
 
 
 def _types_of_installed_files(kind: str) -> Typestore | None:

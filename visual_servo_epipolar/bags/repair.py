@@ -120,18 +120,12 @@ def _lost_files(folder: Path, files: list[Path]) -> tuple[str, ...]:
     names = [file.name for file in files]
     expected = metadata.listed_files(folder)
     if expected is None:
-        return tuple(item for item in _numbered_like(files[-1]) if item not in names)
+        last = re.fullmatch(r'(.*_)(\d{1,4})', files[-1].stem)  # all up to it were there
+        numbered = [f'{last[1]}{k}{files[-1].suffix}' for k in range(int(last[2]))] if last else []
+        return tuple(item for item in numbered if item not in names)
     missing = [name for name in expected if name not in names]
     renamed = [name for name in names if name not in expected]
     return tuple(missing) if len(renamed) < len(missing) else ()
-
-
-def _numbered_like(last: Path) -> list[str]:
-    """Return the names of the files of a recording up to its last one, all that it ever had."""
-    name = re.fullmatch(r'(.*_)(\d{1,4})', last.stem)
-    if name is None:
-        return []
-    return [f'{name[1]}{number}{last.suffix}' for number in range(int(name[2]))]
 
 
 def _describe(folder: Path, parts: list[RepairedPart], kept: list[str]) -> bool:

@@ -28,12 +28,11 @@ class Progress:
         if not self._live or now - self._shown < REFRESH_S:
             return
         self._shown = now
-        self._stream.write(
-            f'\r{sample.stamp_ns / NANOSECONDS:6.1f} s  {sample.phase.value:<18}'
+        self.say(
+            f'{sample.stamp_ns / NANOSECONDS:6.1f} s  {sample.phase.value:<18}'
             f'{sample.features:4d} features  {sample.twist.linear:+.2f} m/s  '
-            f'{sample.twist.angular:+.2f} rad/s\x1b[K'
+            f'{sample.twist.angular:+.2f} rad/s'
         )
-        self._stream.flush()
 
     def say(self, text: str) -> None:
         """Show ``text`` as the line."""

@@ -7,7 +7,7 @@ import select
 import signal
 import sys
 import threading
-from typing import Any, NoReturn, TextIO
+from typing import Any, NoReturn
 
 INTERRUPTED, TERMINATED = 130, 143
 CODES = {signal.SIGINT: INTERRUPTED, signal.SIGTERM: TERMINATED}
@@ -116,7 +116,10 @@ def unread() -> bool:
         try:
             stream.flush()
         except OSError as error:
-            _discard(stream)
+            # Print no more to it: the interpreter would complain about it at its end.
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, stream.fileno())
+            os.close(null)
             if not isinstance(error, BrokenPipeError):
                 raise
             closed = True
@@ -133,10 +136,3 @@ def _broken(number: int) -> bool:
     poll = select.poll()
     poll.register(number, 0)
     return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
-
-
-def _discard(stream: TextIO) -> None:
-    """Print no more to ``stream``: the interpreter would complain about it at its end."""
-    null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, stream.fileno())
-    os.close(null)

@@ -16,7 +16,6 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.perception.inspection.judgement import Inspection
 from visual_servo_epipolar.core.perception.inspection.photographs import inspect
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.tracking.matchers.base import Matcher
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 
 
@@ -36,20 +35,18 @@ def inspect_and_report(options: argparse.Namespace) -> int:
     desired_camera = scaled_to(camera, desired, Path(options.desired))
     current_camera = scaled_to(camera, current, Path(options.current))
     cameras = desired_camera, current_camera
-    inspection = inspect(desired, current, *cameras, _settings(options), _matcher(options))
+    try:
+        settings = _settings(options)
+        matcher = matcher_of(options.matcher, options.matcher_model)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    inspection = inspect(desired, current, *cameras, settings, matcher)
     yaw = math.radians(options.yaw or 0.0)
     result = document(inspection, current_camera, desired_camera, yaw)
     if options.out:
         _draw(inspection, current, current_camera, Path(options.out))
     publish(result, in_words(result), options.json)
     return 0 if inspection.trusted else 1
-
-
-def _matcher(options: argparse.Namespace) -> Matcher:
-    try:
-        return matcher_of(options.matcher, options.matcher_model)
-    except ValueError as error:
-        raise InputError(str(error)) from None
 
 
 def _settings(options: argparse.Namespace) -> ServoSettings:
@@ -61,10 +58,7 @@ def _settings(options: argparse.Namespace) -> ServoSettings:
         values['camera_tilt'] = math.radians(options.tilt or 0.0)
         values['camera_roll'] = math.radians(options.roll or 0.0)
         values['camera_tilt_deviation'] = values['camera_roll_deviation'] = deviation
-    try:
-        return ServoSettings(**values)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    return ServoSettings(**values)
 
 
 def document(

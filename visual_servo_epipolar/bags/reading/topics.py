@@ -82,7 +82,8 @@ def namespace_of(
     It is the one ``wanted`` (``/`` is the root), or that of all topics ``requested``. Raises
     InputError if nothing is in it, or if there are several robots and no word on which.
     """
-    robots = robot_namespaces(bag)
+    topics = bag.topics.values()
+    robots = _publishing(topics, OWN) or _publishing(topics, TRACKS)
     if wanted is not None:
         return _namespace_called(bag, robots, '/'.join(['', *filter(None, wanted.split('/'))]))
     if len(robots) < 2:
@@ -103,12 +104,8 @@ def namespace_of(
     )
 
 
-def robot_namespaces(bag: Bag) -> list[str]:
-    """Return the namespaces in which a tracker or a servo published, '' for the root."""
-    return _publishing(bag.topics.values(), OWN) or _publishing(bag.topics.values(), TRACKS)
-
-
 def _publishing(topics: Iterable[BagTopic], endings: Mapping[str, str]) -> list[str]:
+    """Return the namespaces of topics of these types and endings, '' for the root."""
     return sorted(
         {
             item.name.removesuffix(f'/{ending}')

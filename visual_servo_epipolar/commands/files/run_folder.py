@@ -27,21 +27,19 @@ def write_run(
 
     ``draw`` writes the figures; by default they are drawn here.
     """
+    if draw is None:  # only then: matplotlib takes a third of a second
+        from visual_servo_epipolar.report import figures
+
+        draw = figures.save_all
+
     result = verdict(log, new_rig(scenario.camera))
     write_json(result, str(folder / 'result.json'))
     written = [
         folder / 'result.json',
         save_run(RunFile(log, settings_of(scenario), versions()), folder),
-        *(draw or _draw_here)(log, folder),
+        *draw(log, folder),
     ]
     return [path.name for path in written]
-
-
-def _draw_here(log: RunLog, folder: Path) -> list[Path]:
-    # Only here: matplotlib takes a third of a second.
-    from visual_servo_epipolar.report import figures
-
-    return figures.save_all(log, folder)
 
 
 def settings_of(scenario: Scenario) -> Mapping[str, Mapping[str, Any]]:

@@ -1,7 +1,7 @@
 """The replay behind ``visual_servo replay`` and ``visual_servo report``."""
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import closing, contextmanager, ExitStack
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -133,17 +133,14 @@ def replay_and_report(options: argparse.Namespace) -> int:
         progress.close()
         result = result_of(replayed, options)
         if folder is not None:
-            _write(result, figure_of(replayed), folder)
+            from visual_servo_epipolar.report.figures import save
+
+            figure = figure_of(replayed)
+            with all_at_once(folder) as scratch:
+                save(figure, scratch / 'replay.png')
+                write_json(result, str(scratch / 'replay.json'))
     publish(result, in_words(result), options.json)
     return 0 if replayed.comparison.equal else 1
-
-
-def _write(result: Mapping[str, Any], figure: 'Figure', folder: Path) -> None:
-    from visual_servo_epipolar.report.figures import save
-
-    with all_at_once(folder) as scratch:
-        save(figure, scratch / 'replay.png')
-        write_json(result, str(scratch / 'replay.json'))
 
 
 def replay_bag(
