@@ -8,7 +8,7 @@ import numpy as np
 from strategies import matched_points, Pose, poses_behind_the_goal
 
 from visual_servo_epipolar.core.geometry.significance import log_false_alarms
-from visual_servo_epipolar.core.tracking.geometry.pixels import epipolar_geometry
+from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_geometry
 
 FOCAL, CENTRE = 192.0, np.array([160.0, 128.0])
 CHANCE = -2.0

@@ -10,8 +10,8 @@ from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anc
 from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates, FULL_PERIOD, TRIES
 from visual_servo_epipolar.core.tracking.flow import flow, Frame
-from visual_servo_epipolar.core.tracking.geometry.pixels import agree_on_one_geometry
 from visual_servo_epipolar.core.tracking.matching import desired_view
+from visual_servo_epipolar.core.tracking.robust_geometry import agree_on_one_geometry
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 
 SHIFT = np.array([1.6, -0.7])  # px

@@ -15,9 +15,9 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, 
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.flow import flow, Frame, OpenCVError
-from visual_servo_epipolar.core.tracking.geometry.pixels import epipolar_geometry
 from visual_servo_epipolar.core.tracking.matching import desired_view, match
 from visual_servo_epipolar.core.tracking.reacquisition import PredictedFeatures, reacquire
+from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_geometry
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 

@@ -107,17 +107,6 @@ class MapSettings:
     keyframe_spacing: float = 0.03
     scale_deviation: float = 0.05
 
-    def __post_init__(self) -> None:
-        least = {'keyframes': 3, 'features': 12, 'steps': 1}
-        for name, low in least.items():
-            if not getattr(self, name) >= low:
-                raise ValueError(
-                    f'{name} must be at least {low}, got {getattr(self, name)}; give it more'
-                )
-        for name in ('keyframe_spacing', 'scale_deviation'):
-            if not 0.0 < getattr(self, name) < 10.0:
-                raise ValueError(f'{name} must be above 0, got {getattr(self, name)}; raise it')
-
 
 def tangent_basis_of(rays: FloatArray, noise: FloatArray) -> FloatArray:
     """Return two vectors across rays, (N, 3), one over the noise (N,) long: shape (2, 3, N)."""
@@ -130,15 +119,8 @@ def tangent_basis_of(rays: FloatArray, noise: FloatArray) -> FloatArray:
 
 def differ_in_place(last: FeatureObservations, now: FeatureObservations) -> bool:
     """Whether two views differ by more than a turn."""
-    before, after = last.current, now.current
-    if not (len(before) == len(after) and _ascend_alike(last.ids, now.ids)):
-        common = np.intersect1d(last.ids, now.ids, assume_unique=True, return_indices=True)
-        before, after = before[common[1]], after[common[2]]
+    _, rows, others = np.intersect1d(last.ids, now.ids, assume_unique=True, return_indices=True)
+    before, after = last.current[rows], now.current[others]
     if len(before) < MIN_POINTS:
         return True
     return fit_rotation(after, before).parallax > COLLECTED_PARALLAX * median(now.noise[:, 0])
-
-
-def _ascend_alike(ids: IntArray, others: IntArray) -> bool:
-    """Return whether the same ``ids``, (N,), stand in both, each after a smaller one."""
-    return bool((ids == others).all()) and bool((ids[1:] > ids[:-1]).all())

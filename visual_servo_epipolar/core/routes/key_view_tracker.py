@@ -21,6 +21,7 @@ from visual_servo_epipolar.core.tracking.matching import (
     LIMIT,
     match,
     view_of_keypoints,
+    warps_of,
 )
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -46,21 +47,19 @@ class KeyViewTracker:
 
     def locate(self, image: Image, near: FloatArray) -> ViewPose | None:
         """Return where ``image``, uint8 of shape (H, W), was taken, ``near`` a pose, (3,)."""
-        was_begun = self.begun
-        if not was_begun:
-            self.begin(image, near)
-        self.features = features = self._used.track(image)
-        found = self.place(features, near)
-        if found is None and was_begun:  # after a gap they are where the pose has them
-            self.begin(image, near)
-            self.features = features = self._used.track(image)
-            found = self.place(features, near)
+        # After a gap they are where the pose has them.
+        for anew in (False, True) if self.begun else (True,):
+            if anew:
+                self.begin(image, near)
+            self.features = self._used.track(image)
+            found = self.place(self.features, near)
+            if found is not None:
+                break
         self.begun = found is not None
         if found is None:
-            count = len(features)
             self.reason = self._used.tracker.reason or (
-                f'{count} features of the key view are in sight, and do not agree on a place, or '
-                'only those of what may have been moved'
+                f'{len(self.features)} features of the key view are in sight, and do not agree on '
+                'a place, or only those of what may have been moved'
             )
         return found
 
@@ -152,10 +151,7 @@ class _TrackedAppearance:
 
     def match(self, image: Image, current: CurrentView) -> Features:
         """Return the features in an image, wherever it is; TrackingError where it is another."""
-        matches = match(self._desired, current)
-        ids = matches.indices
-        desired = self._desired.keypoints.pixels[ids]
-        warps = Warps(ids, desired, matches.pixels, matches.scales[:, None, None] * np.eye(2))
+        warps = warps_of(match(self._desired, current), self._desired)
         if self.tracker.expect(image, warps) < SETTINGS.min_features:
             return Features()
         return self.track(image)

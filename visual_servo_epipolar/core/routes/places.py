@@ -69,7 +69,7 @@ class PlaceFinder:
         self.route, self.reason, self.lap = route, '', math.inf
         self.is_ambiguous = False  # two places fit the last image
         # A robot that stands looks at the same few photographs again and again.
-        self._view = lru_cache(maxsize=KEPT)(self._loaded)
+        self._view = lru_cache(maxsize=KEPT)(lambda number: route.views[number].loaded())
 
     @cached_property
     def _index(self) -> DescriptorIndex:
@@ -148,9 +148,6 @@ class PlaceFinder:
             return None
         self.reason = ''
         return best
-
-    def _loaded(self, number: int) -> RouteView:
-        return self.route.views[number].loaded()
 
     def _verified(self, image: Image, current: CurrentView, number: int) -> Place | None:
         view = self._view(number)

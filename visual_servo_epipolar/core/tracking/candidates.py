@@ -9,7 +9,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
-from visual_servo_epipolar.core.tracking.matching import DesiredView, Matches
+from visual_servo_epipolar.core.tracking.matching import DesiredView, Matches, warps_of
 from visual_servo_epipolar.core.tracking.tracks import Tracks
 
 GRID = (4, 3)  # columns and rows of the coarse grid that measures coverage
@@ -68,9 +68,7 @@ class Candidates:
         """Return the warps of at most ``limit`` matches that are not ``tracked``, spread."""
         rows = np.flatnonzero(~contained(matches.indices, tracked.ids))
         rows = rows[self.bucketed(matches.indices[rows], np.zeros(len(rows), bool), limit)]
-        ids = matches.indices[rows]
-        affine = matches.scales[rows, None, None] * np.eye(2)
-        return Warps(ids, self._view.keypoints.pixels[ids], matches.pixels[rows], affine)
+        return warps_of(matches, self._view).take(rows)
 
     def limited(self, tracks: Tracks, preferred: Tracks, limit: int) -> Tracks:
         """Return at most ``limit`` of ``tracks``, spread, ``preferred`` ones first."""

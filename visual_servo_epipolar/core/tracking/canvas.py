@@ -15,8 +15,10 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.features import Passing
-from visual_servo_epipolar.core.tracking.geometry import pixels as geometry_of_pixels
-from visual_servo_epipolar.core.tracking.geometry import rays as geometry_of_rays
+from visual_servo_epipolar.core.tracking.robust_geometry import (
+    agree_on_one_geometry,
+    epipolar_geometry,
+)
 
 BESIDE = 0.1  # of the width, that the image goes on on either side
 BEYOND_POLE = 24  # rows
@@ -136,19 +138,16 @@ class Canvas:
         self, current: FloatArray, desired: FloatArray
     ) -> tuple[FloatArray | None, BoolArray]:
         """Return F or E of one robust geometry, (3, 3), and which of the pixels fit it, (N,)."""
-        if self.camera is None:
-            return geometry_of_pixels.epipolar_geometry(current, desired)
-        return geometry_of_rays.epipolar_geometry(
-            self.points(current), self.points(desired), 1.0 / self.camera.focal
-        )
+        return epipolar_geometry(self.points(current), self.points(desired), self._pixel)
 
     def agree(self, current: FloatArray, desired: FloatArray) -> bool:
         """Return whether one geometry fits all of the pixels, shape (N, 2) each."""
-        if self.camera is None:
-            return geometry_of_pixels.agree_on_one_geometry(current, desired)
-        return geometry_of_rays.agree_on_one_geometry(
-            self.points(current), self.points(desired), 1.0 / self.camera.focal
-        )
+        return agree_on_one_geometry(self.points(current), self.points(desired), self._pixel)
+
+    @property
+    def _pixel(self) -> float:
+        """How wide a pixel at the centre is, in units of ``points``."""
+        return 1.0 if self.camera is None else 1.0 / self.camera.focal
 
     def points(self, pixels: FloatArray) -> FloatArray:
         """Return what ``geometry`` is of: ``pixels``, (N, 2), or their rays, (N, 3)."""

@@ -15,10 +15,11 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
     noise,
     patch_radius,
 )
+from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
-from visual_servo_epipolar.core.tracking.geometry.pixels import MIN_MATCHES
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints, Matcher
 from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
+from visual_servo_epipolar.core.tracking.robust_geometry import MIN_MATCHES
 
 CORNER_WINDOW = 15  # side of the window of the corner measure [px]
 CORNER_SCALE = (0.5 * CORNER_WINDOW * 255) ** 2  # of OpenCV's measure, which is no sum
@@ -73,15 +74,9 @@ def desired_view(
     """
     Return the desired view of ``image``, with at most ``limit`` keypoints of a ``matcher``.
 
-    It is painted on the ``canvas``, in whose pixels everything is.
-
-    Raises
-    ------
-    ValueError
-        If ``image`` is not uint8 of shape (H, W), or larger than OpenCV can sample.
-    TrackingError
-        If it shows fewer than eight features: a blank wall, a lens cap.
-
+    It is painted on the ``canvas``, in whose pixels everything is. Raises ValueError if it is not
+    uint8 of shape (H, W), or larger than OpenCV can sample, and TrackingError if it shows fewer
+    than eight features: a blank wall, a lens cap.
     """
     image = canvas.painted(as_gray(image, 'desired image').copy())
     if max(image.shape) > LARGEST_SIDE:
@@ -137,14 +132,8 @@ def match(view: DesiredView, image: Image | CurrentView, *, quick: bool = False)
 
     Pairs of the view's matcher, then one robust epipolar geometry that all must fit, and more of
     them than by chance. ``image`` is uint8 of shape (H, W), or a view of it for several matches;
-    ``quick`` gives fewer matches in less time.
-
-    Raises
-    ------
-    TrackingError
-        If fewer than eight matches agree on one epipolar geometry, or no more than those of
-        another place would.
-
+    ``quick`` gives fewer matches in less time. Raises TrackingError if fewer than eight matches
+    agree on one epipolar geometry, or no more than those of another place would.
     """
     image = image if isinstance(image, CurrentView) else CurrentView(image)
     keypoints = image.keypoints(view, quick=quick)
@@ -190,6 +179,12 @@ def _frames(keypoints: Keypoints, canvas: Canvas) -> FloatArray:
     """Return pixel or ray, angle [rad] and logarithm of the size of each, (N, 4) or (N, 5)."""
     points = canvas.points(keypoints.pixels)
     return np.column_stack([points, keypoints.angles, np.log2(keypoints.sizes)])
+
+
+def warps_of(matches: Matches, view: DesiredView) -> Warps:
+    """Return the warps of keypoints of ``view`` that its ``matches`` are, to be aligned yet."""
+    ids, affine = matches.indices, matches.scales[:, None, None] * np.eye(2)
+    return Warps(ids, view.keypoints.pixels[ids], matches.pixels, affine)
 
 
 def match_as_needed(view: DesiredView, image: CurrentView, enough: int | None) -> Matches:

@@ -10,7 +10,6 @@ import pytest
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, Unknowns
 from visual_servo_epipolar.core.mapping.feature_observations import (
     FeatureObservations,
-    MapSettings,
     tangent_basis_of,
 )
 
@@ -79,18 +78,3 @@ def test_a_geometry_is_scaled_as_a_whole() -> None:
 def test_bad_sightings_are_refused(change, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         replace(observations([1, 2, 3]), **change)
-
-
-@pytest.mark.parametrize(
-    ('change', 'message'),
-    [
-        ({'keyframes': 2}, 'keyframes must be at least 3, got 2'),
-        ({'features': 5}, 'features must be at least 12, got 5'),
-        ({'steps': 0}, 'steps must be at least 1, got 0'),
-        ({'keyframe_spacing': 0.0}, 'keyframe_spacing must be above 0, got 0.0'),
-        ({'scale_deviation': -1.0}, 'scale_deviation must be above 0, got -1.0'),
-    ],
-)
-def test_bad_settings_are_refused(change, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        MapSettings(**change)

@@ -16,10 +16,10 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import float_image
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
-from visual_servo_epipolar.core.tracking.geometry.pixels import MIN_MATCHES
 from visual_servo_epipolar.core.tracking.matchers.base import Matcher
 from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
 from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView, match, Matches
+from visual_servo_epipolar.core.tracking.robust_geometry import MIN_MATCHES
 
 REFINEMENT = 15  # iterations of the alignment after the match
 MIN_CORRELATION = 0.75

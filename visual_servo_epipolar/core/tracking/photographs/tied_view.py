@@ -19,6 +19,7 @@ from visual_servo_epipolar.core.tracking.matching import (
     BORDER,
     DesiredView,
     match,
+    warps_of,
 )
 from visual_servo_epipolar.core.tracking.tracks import (
     fit_motion,
@@ -82,13 +83,8 @@ def tied(view: DesiredView, first: TiedView, first_id: int) -> TiedView:
     """
     Return ``view``, with ids from ``first_id`` on, tied to the ``first`` photograph of its goal.
 
-    Raises
-    ------
-    ValueError
-        If it is of another size.
-    TrackingError
-        If it does not show what the first one does, or from another place.
-
+    Raises ValueError if it is of another size, and TrackingError if it does not show what the
+    first one does, or from another place.
     """
     shape = first.view.image.shape
     if view.image.shape != shape:
@@ -113,9 +109,7 @@ def _common(view: DesiredView, anchor: Anchor, first: TiedView) -> Warps:
         raise TrackingError(
             f'the photograph does not show what the first one of this goal does; {REMEDY}'
         ) from None
-    ids = matches.indices
-    affine = matches.scales[:, None, None] * np.eye(2)
-    warps = Warps(ids, view.keypoints.pixels[ids], matches.pixels, affine)
+    warps = warps_of(matches, view)
     alignment = anchor.align(warps, float_image(image), iterations=ITERATIONS)
     return alignment.warps.take(alignment.correlation >= MIN_CORRELATION)
 

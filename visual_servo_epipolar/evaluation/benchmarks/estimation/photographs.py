@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.geometry.rotation import headings
-from visual_servo_epipolar.core.tracking.geometry.pixels import epipolar_inliers
+from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_geometry
 
 WIDTH, HEIGHT = 640, 480
 DRAWN = 6000  # points, of which the first in view from both poses are taken
@@ -119,7 +119,7 @@ def draw_photographs(kind: Kind, seed: tuple[int, ...]) -> PhotographPair:
         repeats = _repeated(kind, world[chosen], (rotation, baseline), true, rng)
         noisy = _with_noise(kind, np.where(np.isnan(repeats), pixels[0], repeats), pixels[1], rng)
         noisy = noisy[0] + _rolling(kind, noisy[0], rng), noisy[1]
-        kept = epipolar_inliers(*noisy)
+        _, kept = epipolar_geometry(*noisy)
         if kept.sum() >= 8:
             break
     return PhotographPair(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.geometry.significance import log_false_alarms
-from visual_servo_epipolar.core.tracking.geometry.rays import (
+from visual_servo_epipolar.core.tracking.robust_geometry import (
     agree_on_one_geometry,
     epipolar_geometry,
 )

@@ -1,23 +1,25 @@
 """
-One epipolar geometry of matches as unit rays, of which any may be wrong, and some look behind.
+One epipolar geometry of matches of which any may be wrong: in pixels, or as unit rays all around.
 
-Hypotheses are of two kinds: of three matches, as if the motion were planar and the camera level,
-and of eight, as if it were any. The best are refined on all that fit them, as any motion.
+Of rays hypotheses are of two kinds: of three matches, as if the motion were planar and the camera
+level, and of eight, as if it were any. The best are refined on all that fit them, as any motion.
 """
 
 import math
 
+import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
-from visual_servo_epipolar.core.tracking.geometry.pixels import (
-    AGREEMENT_PX,
-    EPIPOLAR_PX,
-    MIN_MATCHES,
-)
+from visual_servo_epipolar.core.tracking.alignment.warps import squared_lengths
 
-SAMPLES = 500  # of either kind
+EPIPOLAR_PX = 2.0  # largest distance of an inlier from its epipolar line
+AGREEMENT_PX = 1.0  # less: a fit by least squares bends towards an outlier
+MIN_MATCHES = 8
+CONFIDENCE = 0.999
+ITERATIONS = 5000
+SAMPLES = 500  # of rays, of either kind
 LEVEL = 4.0  # a hypothesis of a level camera is judged by so many limits: it is tilted a little
 BEST, ROUNDS = 6, 6  # hypotheses that are refined, and how often
 # Elements of E, by rows, that a planar motion of a level camera leaves (y is the vertical).
@@ -25,17 +27,84 @@ PLANAR = np.array([1, 3, 5, 7])
 
 
 def epipolar_geometry(
-    current: FloatArray, desired: FloatArray, pixel: float
+    current: FloatArray, desired: FloatArray, pixel: float = 1.0
 ) -> tuple[FloatArray | None, BoolArray]:
     """
-    Return one robust E with p_d^T E p_a = 0, (3, 3), and which matches fit it, shape (N,).
+    Return one robust G with p_d^T G p_a = 0, (3, 3), and which matches fit it, shape (N,).
 
-    ``current`` and ``desired`` are unit rays, shape (N, 3), a ``pixel`` [rad] wide at the centre.
-    No matrix, and no inlier, of fewer than eight finite matches, or where none fits eight.
+    ``current`` and ``desired`` are pixels, (N, 2), and G is F, or unit rays, (N, 3), a ``pixel``
+    [rad] wide at the centre, and it is E. No matrix, and no inlier, of fewer than eight finite
+    matches, or where none is found.
     """
-    nothing = np.zeros(len(current), bool)
     if len(current) < MIN_MATCHES or not np.isfinite([current, desired]).all():
-        return None, nothing
+        return None, np.zeros(len(current), bool)
+    if current.shape[1] == 3:
+        return _essential(current, desired, pixel)
+    geometry, inliers = _robust_geometry(current, desired)
+    # Where nothing has moved every sample is degenerate, and OpenCV 4.6 finds no geometry at all.
+    still = np.hypot(*(current - desired).T) <= EPIPOLAR_PX
+    if still.sum() >= MIN_MATCHES and still.sum() > inliers.sum():
+        # Any epipole does; with one in the middle, lines are those of driving ahead.
+        return cross_matrix(np.append(desired[still].mean(axis=0), 1.0)), np.asarray(still)
+    return geometry, inliers
+
+
+def agree_on_one_geometry(current: FloatArray, desired: FloatArray, pixel: float = 1.0) -> bool:
+    """
+    Return whether least squares find a geometry that all matches fit within AGREEMENT_PX.
+
+    They are given as to ``epipolar_geometry``. In most frames they do, and a robust search, which
+    takes several times as long, has nothing to drop.
+    """
+    if len(current) < MIN_MATCHES:
+        return False
+    if current.shape[1] == 3:
+        return _rays_agree(current, desired, pixel)
+    columns, rows, scale = _normalised(current, desired)
+    products = (rows[:, :, None] * columns[:, None, :]).reshape(-1, 9)
+    moments = products.T @ products
+    if not np.isfinite(moments).all():
+        return False
+    fundamental = np.linalg.eigh(moments)[1][:, 0].reshape(3, 3)
+    across_current, across_desired = columns @ fundamental.T, rows @ fundamental
+    x, y, one = (across_current * rows).T
+    residual = x + y + one
+    gradient = squared_lengths(across_current[:, :2]) + squared_lengths(across_desired[:, :2])
+    return bool((residual**2 <= (scale * AGREEMENT_PX) ** 2 * gradient).all())
+
+
+def _normalised(current: FloatArray, desired: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Return both as rows (x, y, 1) about their means, with the one scale that makes them one."""
+    rows = np.ones((2, len(current), 3))
+    pixels = rows[:, :, :2]
+    pixels[0], pixels[1] = current, desired
+    pixels -= pixels.mean(axis=1, keepdims=True)
+    spread = float(np.sqrt((pixels * pixels).mean()))
+    scale = 1.0 / spread if spread > 0.0 else 1.0
+    pixels *= scale
+    return rows[0], rows[1], scale
+
+
+def _robust_geometry(
+    current: FloatArray, desired: FloatArray
+) -> tuple[FloatArray | None, BoolArray]:
+    none = None, np.zeros(len(current), bool)
+    try:
+        fundamental, mask = cv2.findFundamentalMat(
+            current, desired, cv2.USAC_MAGSAC, EPIPOLAR_PX, CONFIDENCE, ITERATIONS
+        )
+    except cv2.error:  # OpenCV 5 asserts that there is a model, where few matches gave none
+        return none
+    if fundamental is None or mask is None or fundamental.shape != (3, 3):
+        return none
+    return np.asarray(fundamental), np.asarray(mask.ravel() > 0)
+
+
+def _essential(
+    current: FloatArray, desired: FloatArray, pixel: float
+) -> tuple[FloatArray | None, BoolArray]:
+    """Return one robust E, (3, 3), of at least eight finite rays, and which fit it, (N,)."""
+    nothing = np.zeros(len(current), bool)
     limit, products = EPIPOLAR_PX * pixel, _products(current, desired)
     # Without a baseline any geometry fits.
     still = np.linalg.norm(current - desired, axis=1) <= limit
@@ -50,10 +119,9 @@ def epipolar_geometry(
     return (best, inliers) if int(inliers.sum()) >= MIN_MATCHES else (None, nothing)
 
 
-def agree_on_one_geometry(current: FloatArray, desired: FloatArray, pixel: float) -> bool:
-    """Return whether least squares find a geometry that all rays, (N, 3) each, fit closely."""
+def _rays_agree(current: FloatArray, desired: FloatArray, pixel: float) -> bool:
     products = _products(current, desired)
-    if len(products) < MIN_MATCHES or not np.isfinite(products).all():
+    if not np.isfinite(products).all():
         return False
     essential = _least_squares(products, np.ones(len(products)))
     return bool((distances(essential, current, desired) <= AGREEMENT_PX * pixel).all())

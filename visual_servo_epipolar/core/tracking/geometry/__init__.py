@@ -1,1 +1,0 @@
-"""One epipolar geometry of matches of which any may be wrong: in pixels, or of unit rays."""
