@@ -8,8 +8,18 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 
 
-class Intrinsics(Protocol):
-    """The numbers of camera_info: image size, K [px], and the distortion by its model."""
+class CameraModel(Protocol):
+    """
+    A camera: unit rays of pixels, pixels of unit rays, and the margins of its view.
+
+    It has the numbers of camera_info: image size, K [px], and the distortion by its model.
+    Pixel coordinates (u, v) are OpenCV's: u right, v down, integers at pixel centres. Camera axes:
+    x right, y down, z forward; a lens may see rays behind, z < 0. ``focal`` [px per rad at the
+    centre] only turns thresholds in pixels into angles. Equal cameras are equal values. Of an
+    image that ``wraps``, u and u + width are one column: nobody may subtract pixels across it.
+    """
+
+    def __hash__(self) -> int: ...
 
     @property
     def width(self) -> int:
@@ -60,19 +70,6 @@ class Intrinsics(Protocol):
     def skew(self) -> float:
         """Skew: u = fx x + skew y + cx."""
         ...
-
-
-class CameraModel(Intrinsics, Protocol):
-    """
-    A camera: unit rays of pixels, pixels of unit rays, and the margins of its view.
-
-    Pixel coordinates (u, v) are OpenCV's: u right, v down, integers at pixel centres. Camera axes:
-    x right, y down, z forward; a lens may see rays behind, z < 0. ``focal`` [px per rad at the
-    centre] only turns thresholds in pixels into angles. Equal cameras are equal values. Of an
-    image that ``wraps``, u and u + width are one column: nobody may subtract pixels across it.
-    """
-
-    def __hash__(self) -> int: ...
 
     @property
     def focal(self) -> float:

@@ -1,7 +1,5 @@
 """Epipolar geometry of two views that hardly differ but by a turn."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, medians
@@ -28,7 +26,7 @@ def fundamental_of_small_baseline(
     rotation: FloatArray, current: FloatArray, desired: FloatArray
 ) -> FloatArray:
     """
-    Return F for rays, shape (..., 3, 3), of a baseline that may be as small as the noise.
+    Return F for rays, shape (3, 3), of a baseline that may be as small as the noise.
 
     Gauss-Newton on the direction of the motion and on the rotation, reweighted (Geman-McClure),
     from several directions. Where the direction is lost in the noise, distances from F are those
@@ -36,42 +34,35 @@ def fundamental_of_small_baseline(
 
     Parameters
     ----------
-    rotation : array, shape (..., 3, 3)
+    rotation : array, shape (3, 3)
         Best rotation, current -> desired, as ``fit_rotation`` has it.
-    current, desired : array, shape (..., N, 3)
+    current, desired : array, shape (N, 3)
         Unit rays, at least three.
 
     """
-    carried = rotation @ current.swapaxes(-1, -2)
-    target = np.ascontiguousarray(desired.swapaxes(-1, -2))[..., None, :, :]
-    products = carried[..., :, None, :] * target
-    pairs = _Pairs(target, products.reshape(*products.shape[:-3], 1, 9, -1))
-    turn = np.zeros((*rotation.shape[:-2], *STARTS.shape))
-    motion = turn + STARTS
+    carried, target = rotation @ current.T, np.ascontiguousarray(desired.T)
+    products = (carried[:, None] * target).reshape(9, -1)
+    turn, motion = np.zeros(STARTS.shape), STARTS
     for _ in range(ROUNDS):
-        distances, jacobian = _linearised(motion, turn, pairs)
+        distances, jacobian = _linearised(motion, turn, target, products)
         squared = distances * distances
         scale = np.maximum(4.0 * medians(squared), SMALLEST)[..., None]
-        weights = squared / scale
-        weights += 1.0
-        weights *= weights
-        weighted = jacobian / weights[..., None, :]
+        weights = np.square(squared / scale + 1.0)
+        weighted = jacobian / weights[:, None]
         normal = weighted @ jacobian.swapaxes(-1, -2)
-        size = _trace(normal)[..., None, None]
+        size = np.add.reduce(normal.reshape(-1, 36)[:, ::7], axis=1)[:, None, None]
         right = weighted @ distances[..., None]
         normal += size * RIDGES
         # Keeps the length of the motion.
-        normal[..., :3, :3] += size * motion[..., :, None] * motion[..., None, :]
+        normal[:, :3, :3] += size * motion[:, :, None] * motion[:, None, :]
         change = np.linalg.solve(normal, right)[..., 0]
-        motion = motion - change[..., :3]
-        motion /= np.sqrt(np.add.reduce(motion * motion, axis=-1))[..., None]
-        turn = turn - change[..., 3:]
-    distances, _ = _linearised(motion, turn, pairs)
-    best = medians(np.abs(distances)).argmin(axis=-1).ravel()
-    best += len(STARTS) * np.arange(len(best))
-    motion, turn = (_crossed(each.reshape(-1, 3)[best]) for each in (motion, turn))
-    turned = rotation + turn.reshape(rotation.shape) @ rotation
-    return np.asarray(motion.reshape(rotation.shape) @ turned)
+        motion = motion - change[:, :3]
+        motion /= np.sqrt(np.add.reduce(motion * motion, axis=-1))[:, None]
+        turn = turn - change[:, 3:]
+    distances, _ = _linearised(motion, turn, target, products)
+    best = medians(np.abs(distances)).argmin()
+    turned = rotation + _crossed(turn[best]) @ rotation
+    return np.asarray(_crossed(motion[best]) @ turned)
 
 
 def _crossed(vectors: FloatArray) -> FloatArray:
@@ -79,32 +70,20 @@ def _crossed(vectors: FloatArray) -> FloatArray:
     return np.asarray((vectors @ CROSS).reshape(*vectors.shape, 3))
 
 
-def _trace(matrices: FloatArray) -> FloatArray:
-    return np.asarray(np.add.reduce(matrices.reshape(*matrices.shape[:-2], 36)[..., ::7], axis=-1))
-
-
-class _Pairs(NamedTuple):
-    """Turned rays' ``target``, (..., 1, 3, N); their ``products`` with it, (..., 1, 9, N)."""
-
-    target: FloatArray
-    products: FloatArray
-
-
 def _linearised(
-    motion: FloatArray, turn: FloatArray, pairs: _Pairs
+    motion: FloatArray, turn: FloatArray, target: FloatArray, products: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """
-    Return distances from the geometry [rad], (..., S, N), and their Jacobian, (..., S, 6, N).
+    Return distances from the geometry [rad], (S, N), and their Jacobian, (S, 6, N).
 
-    ``motion`` and ``turn``, (..., S, 3), are the direction and the rotation on top of the carried
-    rays. Both are linear in the products of coordinates: one matrix gives all columns.
+    ``motion`` and ``turn``, (S, 3), are the direction and the rotation on top of the carried rays,
+    ``products`` theirs with the ``target``, (9, N). Both are linear in these: one matrix gives all
+    columns.
     """
-    starts = motion.shape[:-1]
-    across = _crossed(motion) @ pairs.target  # epipolar lines
+    across = _crossed(motion) @ target  # epipolar lines
     across *= across
-    length = np.sqrt(np.maximum(np.add.reduce(across, axis=-2), SHORTEST))[..., None, :]
-    rows = np.empty((*starts, 54))
-    rows[..., :27], rows[..., 27:] = (IDENTITY + turn @ CROSS) @ LEVER, motion @ PULL
-    jacobian = rows.reshape(*starts, 6, 9) @ pairs.products
+    length = np.sqrt(np.maximum(np.add.reduce(across, axis=-2), SHORTEST))[:, None]
+    rows = np.hstack([(IDENTITY + turn @ CROSS) @ LEVER, motion @ PULL])
+    jacobian = rows.reshape(-1, 6, 9) @ products
     jacobian /= length
-    return np.add.reduce(jacobian[..., :3, :] * motion[..., None], axis=-2), jacobian
+    return np.add.reduce(jacobian[:, :3] * motion[..., None], axis=-2), jacobian
