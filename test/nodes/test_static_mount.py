@@ -17,8 +17,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.messages import settings_text, transforms, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)

@@ -7,8 +7,7 @@ import pytest
 from strategies import CAMERA
 
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.regions import CLEARANCE, Ground, inside
 from visual_servo_epipolar.simulation.rooms.scene import room
 

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.geometry.epipolar import fundamental_from_pose
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer

@@ -14,8 +14,7 @@ from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, integrate, Pose, Twist
 from visual_servo_epipolar.core.geometry.planar_poses import inverse_pose
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)

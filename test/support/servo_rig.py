@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)

@@ -194,7 +194,12 @@ def _parameters(
             )
         settings = {name: value for name, value in values.items() if name not in CONNECTION}
         if node == ALL_NODES:
-            _refuse_unknown(settings, f'{where}: {node}')
+            known = [name for section in ROBOT for name in _names(section)]
+            unknown = sorted(set(map(str, settings)) - set(known))
+            if unknown:
+                raise InputError(
+                    f'{where}: {node} has no setting {", ".join(unknown)}; {hint(unknown, known)}'
+                )
             general |= settings
         else:
             special.setdefault(NODES[_node(node)], {}).update(settings)
@@ -209,13 +214,6 @@ def _node(key: Any) -> str:
 def _names(section: str) -> list[str]:
     settings: Settings = getattr(Scenario(), section)
     return [*(item.name for item in fields(settings)), *settings.RENAMED]
-
-
-def _refuse_unknown(values: Mapping[str, Any], where: str) -> None:
-    known = [name for section in ROBOT for name in _names(section)]
-    unknown = sorted(set(map(str, values)) - set(known))
-    if unknown:
-        raise InputError(f'{where} has no setting {", ".join(unknown)}; {hint(unknown, known)}')
 
 
 def _section(name: str, values: Any, where: str) -> Settings:

@@ -13,8 +13,7 @@ from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 SETTINGS = DockPoseSettings(

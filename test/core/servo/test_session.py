@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.servo.session import (
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 MOVE = Command(Twist(0.2, 0.1))

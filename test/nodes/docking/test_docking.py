@@ -25,8 +25,7 @@ from visual_servo_epipolar.core.tracking.features import Features  # noqa: E402
 from visual_servo_epipolar.messages import read, write  # noqa: E402
 from visual_servo_epipolar.nodes.dock_node import DockNode  # noqa: E402
 from visual_servo_epipolar.nodes.servo_node import ServoNode  # noqa: E402
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig  # noqa: E402
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount  # noqa: E402
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig  # noqa: E402
 from visual_servo_epipolar.simulation.point_world import (  # noqa: E402
     PointSettings,
     PointWorld,

@@ -9,8 +9,7 @@ from strategies import floats, poses_behind_the_goal
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.mounts.simulated_rig import true_geometry
 
 CAMERA = Camera(640, 480, 400.0, 400.0, 320.0, 240.0)

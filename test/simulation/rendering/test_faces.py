@@ -8,8 +8,7 @@ import pytest
 
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface
 from visual_servo_epipolar.simulation.rendering.textures import Texture

@@ -7,7 +7,7 @@ from visual_servo_epipolar.core.cameras.equidistant import Equidistant, WIDEST
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera, CAMERAS, with_intrinsics
 from visual_servo_epipolar.core.settings import fixed, setting, Settings
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,3 +114,7 @@ class CameraSettings(Settings):
             left=self.mount_left,
             yaw=self.mount_yaw,
         )
+
+    def fixed_rig(self) -> FixedRig:
+        """Return the rig of a camera that is screwed to the robot."""
+        return FixedRig(self.camera, self.mount, self.jitter, self.seed)

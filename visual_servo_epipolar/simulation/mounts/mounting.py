@@ -1,4 +1,4 @@
-"""Camera mount: where the camera sits on the robot, and how an uneven floor shakes it."""
+"""Camera mount: where the camera sits on the robot, how an uneven floor shakes it, a fixed rig."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -7,8 +7,15 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, frozen
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
+from visual_servo_epipolar.simulation.mounts.simulated_rig import (
+    CameraPose,
+    LensPlacement,
+    ONE_LENS,
+)
 
 BLOCK = 64  # frames drawn at once: starting a random generator costs more than drawing
 
@@ -66,3 +73,33 @@ def floor_jitter(deviation: float, seed: int, frame: int) -> tuple[float, float]
 def _bumps(seed: int, block: int) -> FloatArray:
     """Return tilt and roll of a block of frames, unit deviation, shape (BLOCK, 2)."""
     return frozen(np.random.default_rng((seed, 4, block)).standard_normal((BLOCK, 2)))
+
+
+@dataclass(frozen=True, slots=True)
+class FixedRig:
+    """
+    A camera on its mount; ``jitter`` is the deviation [rad] of what the floor adds, seeded.
+
+    Where it has several ``lenses``, their placements are on the camera.
+    """
+
+    camera: CameraModel
+    mount: CameraMount = CameraMount()
+    jitter: float = 0.0
+    seed: int = 0
+    lenses: tuple[LensPlacement, ...] = ONE_LENS
+
+    @property
+    def views(self) -> tuple['FixedRig']:
+        """The rig as it is, alone."""
+        return (self,)
+
+    def turned(self, joints: Joints) -> 'FixedRig':
+        """Return the rig as it is: no joint turns it."""
+        return self
+
+    def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
+        """Return where the camera is with the robot at ``pose``; frame None is a level floor."""
+        tilt, roll = (0.0, 0.0) if frame is None else floor_jitter(self.jitter, self.seed, frame)
+        axes = self.mount.R_world_camera(pose, tilt=tilt, roll=roll)
+        return CameraPose(axes, self.mount.centre(pose))

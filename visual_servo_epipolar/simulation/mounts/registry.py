@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.fixed import fixed_rig
 from visual_servo_epipolar.simulation.mounts.pan_tilt import pan_tilt_rig, PanTiltSettings
 from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings
 from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
@@ -26,7 +25,7 @@ class SimulatedRigModel(NamedTuple):
 
 
 SIMULATED_RIGS: dict[str, SimulatedRigModel] = {
-    'fixed': SimulatedRigModel(CameraSettings, fixed_rig, turns=False),
+    'fixed': SimulatedRigModel(CameraSettings, CameraSettings.fixed_rig, turns=False),
     'pan_tilt': SimulatedRigModel(PanTiltSettings, pan_tilt_rig),
     'two_lenses': SimulatedRigModel(TwoLensSettings, two_lens_rig, turns=False),
 }

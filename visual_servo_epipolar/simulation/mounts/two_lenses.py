@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from visual_servo_epipolar.core.settings import fixed, Settings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.fixed import fixed_rig, FixedRig
+from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.mounts.simulated_rig import LensPlacement
 
 
@@ -36,4 +36,4 @@ def two_lens_rig(settings: TwoLensSettings) -> FixedRig:
     half = 0.5 * settings.lens_baseline
     ahead = LensPlacement(1, (0.0, 0.0, half))
     behind = LensPlacement(-1, (0.0, 0.0, -half), settings.lens_rotation)
-    return replace(fixed_rig(settings), lenses=(ahead, behind))
+    return replace(settings.fixed_rig(), lenses=(ahead, behind))

@@ -112,7 +112,12 @@ class Renderer:
         They are NaN where there is no surface.
         """
         (axes, centre), scene = self.rig.camera_pose(pose, frame), self.scene
-        directions = _vectors(self.camera, as_points(pixels, 'pixels')) @ axes.T
+        pixels, planar = as_points(pixels, 'pixels'), self.camera.planar
+        if planar is None:
+            vectors = self.camera.rays(pixels)
+        else:
+            vectors = np.column_stack([planar.image_points(pixels), np.ones(len(pixels))])
+        directions = vectors @ axes.T
         origins = scene.corners[:, 0] - centre
         with np.errstate(divide='ignore', invalid='ignore'):
             depths = (origins * scene.normals).sum(axis=1) / (directions @ scene.normals.T)
@@ -135,13 +140,6 @@ class Renderer:
         nearest = self.trace(pixels, pose)
         distance = np.linalg.norm(points - self.rig.camera_pose(pose).centre, axis=1)
         return np.asarray(np.linalg.norm(nearest - points, axis=1) <= SAME_PLACE * distance)
-
-
-def _vectors(camera: CameraModel, pixels: FloatArray) -> FloatArray:
-    """Return vectors along what ``pixels`` show, shape (N, 3): of a pinhole with z = 1."""
-    if camera.planar is not None:
-        return np.column_stack([camera.planar.image_points(pixels), np.ones(len(pixels))])
-    return camera.rays(pixels)
 
 
 def _whole(camera: PlanarCamera) -> Face:

@@ -83,22 +83,20 @@ class PaintedRoom:
     def by(self, light: str, thing: RoomChange) -> Scene:
         """Return the room by the light of that name, with a thing; the last few are kept."""
         key = light, thing
-        kept = key in self._scenes
-        self._scenes[key] = (
-            self._scenes.pop(key) if kept else self._build(light, thing.name, thing.has_changed)
-        )
+        scene = self._scenes.pop(key, None) or self._build(light, thing)
+        self._scenes[key] = scene
         if len(self._scenes) > KEPT:
             del self._scenes[next(iter(self._scenes))]
-        return self._scenes[key]
+        return scene
 
-    def _build(self, name: str, thing: str, has_changed: bool) -> Scene:
+    def _build(self, name: str, thing: RoomChange) -> Scene:
         base = self._builder
         light = LIGHTS[name].in_room(base.end)
         surfaces = base.surfaces(light)
-        if thing in CHANGES:
+        if thing.name in CHANGES:
             # By chance of its own, so that the room around it is the same.
-            extra = Builder(np.random.default_rng(int(has_changed)), base.lamps, base.end)
-            CHANGES[thing][has_changed](extra)
+            extra = Builder(np.random.default_rng(int(thing.has_changed)), base.lamps, base.end)
+            CHANGES[thing.name][thing.has_changed](extra)
             surfaces += extra.surfaces(light, base.boxes)
         return Scene((*surfaces, *base.panes(light)))
 
