@@ -61,7 +61,7 @@ def test_the_interval_of_the_ratio_ends_at_one_plus_both_gains(ratio: float) -> 
     gain = GAINS.k1 * GAINS.k2 / ratio
     damping = (1.0 + GAINS.k1 + GAINS.k2) / ratio - 1.0
     decays = np.roots([1.0, damping, gain]).real.max() < 0.0
-    assert decays == (ratio < GAINS.largest_ratio)
+    assert decays == (ratio < 1.0 + GAINS.k1 + GAINS.k2)
 
 
 @given(delta=angles, phi=angles, distance=st.floats(0.3, 8.0))

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     yaw_from_quaternion,
 )
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
-from visual_servo_epipolar.core.perception.observation import Observation, observe, observe_each
+from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo.session import Session
@@ -131,8 +131,8 @@ def look(loops: Sequence[Loop]) -> list[RobotView]:
         group = [loops[k] for k in indices]
         views, poses = [loop.view for loop in group], [loop.pose for loop in group]
         features = views[0].observe_each(views, poses, [loop.frame for loop in group])
-        observations = observe_each(features, camera, [loop.now_ns for loop in group])
-        for k, observation in zip(indices, observations, strict=True):
+        for k, seen in zip(indices, features, strict=True):
+            observation = observe(seen, camera, loops[k].now_ns)
             robot_views[k] = loops[k].robot_view(observation)
     return [robot_view for robot_view in robot_views if robot_view is not None]
 

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.perception.measures import (
     feature_difference,
     usual_difference,
 )
-from visual_servo_epipolar.core.perception.observation import observe, observe_each, OTHER_LENS
+from visual_servo_epipolar.core.perception.observation import observe, OTHER_LENS
 from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
@@ -49,17 +49,6 @@ def test_what_the_lens_cannot_place_is_dropped_from_both_views() -> None:
     resolution = FOLDING.resolution(observation.desired)
     np.testing.assert_array_equal(observation.resolution[:, 1], resolution)
     assert np.isfinite(observation.resolution).all()
-
-
-def test_many_views_are_dropped_from_as_each_alone() -> None:
-    views = [features(50, 0), features(8, 1), Features(), features(30, 2)]
-    each = observe_each(views, FOLDING, [1, 2, 3, 4])
-    for view, observation, stamp_ns in zip(views, each, [1, 2, 3, 4], strict=True):
-        alone = observe(view, FOLDING, stamp_ns)
-        assert (alone.dropped, alone.stamp_ns) == (observation.dropped, observation.stamp_ns)
-        np.testing.assert_array_equal(alone.current, observation.current)
-        np.testing.assert_array_equal(alone.desired, observation.desired)
-        np.testing.assert_array_equal(alone.resolution, observation.resolution)
 
 
 def test_of_a_lens_that_places_all_nothing_is_dropped() -> None:

@@ -110,14 +110,10 @@ def update_search(
         return replace(search, reason=measurement.reason)
     seen = observation.corrected(perception.memory.lens)
     now = KeyView(place, seen, measurement.bearings, measurement.parallax)
-    if search.last is not None and _is_another_run(search.last, now):
+    last = search.last
+    if last and (last.place.epoch != place.epoch or now.is_of_another_photograph(last)):
         search = DockSearch(memory=perception.memory, frame=search.frame)
     return _publish(_solve(search, now, perception.memory, settings), now, settings)
-
-
-def _is_another_run(last: KeyView, now: KeyView) -> bool:
-    """Return whether nothing seen so far goes together with what is seen now."""
-    return last.place.epoch != now.place.epoch or now.is_of_another_photograph(last)
 
 
 def _solve(

@@ -1,9 +1,4 @@
-"""
-Decisions of a step: what the machine of the law makes of a measurement in the phase of the servo.
-
-A measurement becomes an event, the event a phase, the phase a nominal twist, before limits, ramps
-and the dead band.
-"""
+"""Decisions of a step: what the machine of the law makes of a measurement in a phase."""
 
 import math
 

@@ -1,5 +1,5 @@
 """
-What features tell without epipoles: D of eq. (23), distances, margins of the view.
+Measures: what features and a validated estimate tell of the goal, D of eq. (23) and margins.
 
 D alone is of the image plane: with a unit ray (x, y, z), |p|^2 = (x^2 + y^2) / z^2 = 1 / z^2 - 1.
 It is taken over the features that both views have well in front; all else is of rays. |p|^2 has no
@@ -9,14 +9,134 @@ small angles it is |p|^2, it grows as |p|^2 does when the camera comes closer, a
 counts by what it tells, one behind the camera as well.
 """
 
+import math
+from typing import Any
+
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians, packed
+from visual_servo_epipolar.core.arrays import (
+    are_among,
+    BoolArray,
+    FloatArray,
+    median,
+    medians,
+    packed,
+)
+from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
+from visual_servo_epipolar.core.geometry.lens import spurious_parallax
 from visual_servo_epipolar.core.geometry.rays import dot
+from visual_servo_epipolar.core.geometry.rotation import RotationFit
+from visual_servo_epipolar.core.perception.measurement import Measurement, UNBOUNDED
+from visual_servo_epipolar.core.perception.memory import PerceptionMemory
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.perception.validated import ValidatedEstimate
 
 APART, NEGLIGIBLE = 6.0, 5e-4  # times the median distance of features, plus rad
 FULL_CIRCLE = 2.0 * np.pi - 1e-6  # between the edges of an image [rad]
 IN_FRONT = 0.2  # least z of a ray that has an image-plane point: 78 deg off the axis
+
+
+def measured(
+    observation: Observation,
+    rotation: RotationFit,
+    estimate: ValidatedEstimate,
+    settings: PerceptionSettings,
+) -> Measurement:
+    """Return the measurement of one observation, by its best ``rotation`` and its ``estimate``."""
+    geometry, quality, bearings = estimate.estimate, estimate.quality, estimate.bearings
+    heading_error = rotation.heading_error if bearings is None else bearings.heading_error
+    counted = usual_matches(observation, estimate)
+    keep = settings.keep_features
+    reach, present = margins(observation.current, counted, observation, keep)
+    known: dict[str, Any] = {}
+    if geometry is not None and quality is not None:
+        known = {
+            'deviation': quality.deviation,
+            'covariance': geometry.whole_covariance * quality.growth**2,
+            'jump': geometry.jump,
+            'confidence': geometry.confidence,
+            'inliers': quality.inliers,
+        }
+    if not estimate.memory.two_view_skip:
+        known |= differences(
+            observation, rotation, heading_error, counted, estimate.memory, settings
+        )
+    return Measurement(
+        observation.stamp_ns,
+        len(observation),
+        observation.focal,
+        estimate.memory.noise,
+        bearings=bearings,
+        parallax=_parallax(observation, rotation, heading_error, estimate.memory, settings),
+        heading_error=heading_error,
+        rotation_heading=rotation.heading_error,
+        feature_error=median(distances(observation.current, observation.desired)),
+        view_margins=reach,
+        present_margins=present,
+        reason=estimate.reason,
+        **known,
+    )
+
+
+def margins(
+    current: FloatArray, counted: BoolArray, observation: Observation, keep: int
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the margins of all that a head can reach, and of where it looks now."""
+    edges, head = observation.edges, observation.head
+    if head is None:
+        return view_margins(current, counted, edges, keep), UNBOUNDED
+    ahead = 0.5 * (edges[0] + edges[1])
+    return (
+        view_margins(current, counted, head.reach, keep, ahead),
+        view_margins(current, counted, edges, keep, ahead),
+    )
+
+
+def usual_matches(observation: Observation, estimate: ValidatedEstimate) -> BoolArray:
+    """Return which matches, (N,), nobody holds for wrong."""
+    if estimate.estimate is not None:
+        return estimate.estimate.inliers
+    wrong = estimate.memory.wrong
+    if observation.ids is None or not wrong:
+        return np.ones(len(observation), bool)
+    return np.asarray(~are_among(observation.ids, np.array(wrong)))
+
+
+def _parallax(
+    observation: Observation,
+    rotation: RotationFit,
+    heading_error: float,
+    memory: PerceptionMemory,
+    settings: PerceptionSettings,
+) -> float:
+    """Return the parallax beyond what a lens that is not known may show in a turn."""
+    if settings.calibrated:
+        return rotation.parallax
+    spurious = float(spurious_parallax(observation.desired, heading_error, memory.lens.root))
+    return math.sqrt(max(rotation.parallax * rotation.parallax - spurious * spurious, 0.0))
+
+
+def differences(
+    observation: Observation,
+    rotation: RotationFit,
+    heading_error: float,
+    counted: BoolArray,
+    memory: PerceptionMemory,
+    settings: PerceptionSettings,
+) -> dict[str, float]:
+    """Return D, of features turned as the goal is where settings say so, and its deviation."""
+    current, desired, wide = observation.current, observation.desired, observation.wide
+    if settings.compensates:
+        # Pitch and roll of an uneven floor are those of the best rotation, the heading is better.
+        better = rotation_desired_current(heading_error - rotation.heading_error)
+        level = turned(current, better @ rotation.rotation)
+        difference = usual_difference(level, desired, wide, counted)
+    else:
+        difference = feature_difference(current, desired, wide)
+    noise = memory.noise / observation.focal
+    deviation = difference_deviation(current, desired, noise, wide)
+    return {'difference': float(difference), 'difference_deviation': float(deviation)}
 
 
 def feature_difference(current: FloatArray, desired: FloatArray, wide: bool = False) -> FloatArray:
@@ -37,8 +157,7 @@ def usual_difference(
     ``among``, shape (..., N), says which agree on one geometry: the others are not counted.
     """
     distance = distances(current, desired)
-    median = medians(distance)
-    usual = (distance <= APART * median[..., None] + NEGLIGIBLE) & among
+    usual = (distance <= APART * medians(distance)[..., None] + NEGLIGIBLE) & among
     return _difference(current, desired, usual & _counted(current, desired, wide), wide)
 
 

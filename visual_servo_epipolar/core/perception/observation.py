@@ -1,13 +1,11 @@
 """Observations: tracked features as rays, with the distortion of the camera removed."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
-from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+from visual_servo_epipolar.core.arrays import FloatArray, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel, changes_lens
 from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
@@ -134,46 +132,30 @@ def observe(features: Features, camera: CameraModel, stamp_ns: int) -> Observati
 
     A feature whose ray does not lead back to its pixel, in either view, is dropped.
     """
-    return observe_each([features], camera, [stamp_ns])[0]
-
-
-def observe_each(
-    features: Sequence[Features], camera: CameraModel, stamps_ns: Sequence[int]
-) -> list[Observation]:
-    """Back-project the features of many views through alike cameras, in one call."""
-    if not features:
-        return []
-    pixels = np.concatenate([side for view in features for side in (view.current, view.desired)])
+    count, ids = len(features), features.ids
+    pixels = np.concatenate([features.current, features.desired])
     rays = camera.rays(pixels)
     usable = camera.round_trips(pixels, rays)
-    counts = [len(view) for view in features]
-    kept, ids = counts, np.concatenate([view.ids for view in features])
     if not usable.all():
-        whole = _in_both_views(usable, counts)
-        kept = [int(part.sum()) for part in np.split(whole, np.cumsum(counts)[:-1])]
-        both = _for_both_views(whole, counts)
+        whole = usable[:count] & usable[count:]
+        both = np.concatenate([whole, whole])
         rays, pixels, ids = rays[both], pixels[both], ids[whole]
-    rays = _frozen(rays)
-    resolution = camera.resolution(rays)
-    observations, first = [], 0
-    passing = [passing_rays(view.passing, camera) for view in features]
-    columns = zip(counts, kept, stamps_ns, passing, strict=True)
-    for count, left, stamp_ns, others in columns:
-        view = slice(first, first + 2 * left)
-        observations.append(
-            _observation(
-                rays[view],
-                pixels[view],
-                resolution[view],
-                camera,
-                stamp_ns,
-                dropped=count - left,
-                ids=ids[first // 2 : first // 2 + left],
-                passing=others,
-            )
-        )
-        first = view.stop
-    return observations
+    rays.flags.writeable = False
+    kept = len(ids)
+    angles = camera.resolution(rays).reshape(2, kept).T.copy()
+    angles[changes_lens(camera, pixels[:kept], pixels[kept:])] *= OTHER_LENS
+    return Observation(
+        stamp_ns,
+        rays[:kept],
+        rays[kept:],
+        camera.focal,
+        camera.edges,
+        angles,
+        dropped=count - kept,
+        wide=camera.wide,
+        ids=ids,
+        passing=passing_rays(features.passing, camera),
+    )
 
 
 def passing_rays(passing: Passing, camera: CameraModel) -> PassingRays | None:
@@ -184,48 +166,3 @@ def passing_rays(passing: Passing, camera: CameraModel) -> PassingRays | None:
     usable = camera.round_trips(passing.current, rays)
     rays = rays[usable]
     return PassingRays(passing.ids[usable], rays, camera.resolution(rays)) if len(rays) else None
-
-
-def _in_both_views(usable: BoolArray, counts: Sequence[int]) -> BoolArray:
-    """Return which features are usable in both views: rows are current and desired, by turns."""
-    parts, first = [], 0
-    for count in counts:
-        current, desired = usable[first : first + count], usable[first + count : first + 2 * count]
-        parts.append(current & desired)
-        first += 2 * count
-    return np.concatenate(parts)
-
-
-def _for_both_views(whole: BoolArray, counts: Sequence[int]) -> BoolArray:
-    """Return the rows, current and desired by turns, of the features that are ``whole``."""
-    parts = np.split(whole, np.cumsum(counts)[:-1])
-    return np.concatenate([part for each in parts for part in (each, each)])
-
-
-def _observation(
-    rays: FloatArray,
-    pixels: FloatArray,
-    resolution: FloatArray,
-    camera: CameraModel,
-    stamp_ns: int,
-    **others: Any,
-) -> Observation:
-    """Return the observation of as many current rays as desired ones, one after the other."""
-    count = len(rays) // 2
-    angles = resolution.reshape(2, count).T.copy()
-    angles[changes_lens(camera, pixels[:count], pixels[count:])] *= OTHER_LENS
-    return Observation(
-        stamp_ns,
-        rays[:count],
-        rays[count:],
-        camera.focal,
-        camera.edges,
-        angles,
-        wide=camera.wide,
-        **others,
-    )
-
-
-def _frozen(array: FloatArray) -> FloatArray:
-    array.flags.writeable = False
-    return array

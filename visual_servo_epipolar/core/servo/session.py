@@ -1,9 +1,4 @@
-"""
-Session: what node, replay and simulation do around each step, from order to order.
-
-A session is started and stopped, admits images that prove the time that passes, keeps the camera
-and the goal that a run began with, and holds the state after the last step.
-"""
+"""Session: what node, replay and simulation do around each step, from order to order."""
 
 from dataclasses import dataclass, replace
 from enum import Enum

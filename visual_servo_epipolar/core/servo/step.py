@@ -105,11 +105,10 @@ def _trusted_heading(
     state: ServoState, measurement: Measurement, settings: ServoSettings
 ) -> float:
     """Return the heading error of the last trusted image by which it drove [rad]."""
-    if not state.phase.drives or is_untrusted(measurement, settings):
-        return state.view.trusted_heading
-    return (
-        state.view.trusted_heading if has_turned(state, measurement) else measurement.heading_error
-    )
+    trusted = state.phase.drives and not is_untrusted(measurement, settings)
+    if trusted and not has_turned(state, measurement):
+        return measurement.heading_error
+    return state.view.trusted_heading
 
 
 def step(

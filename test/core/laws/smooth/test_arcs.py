@@ -8,9 +8,8 @@ import pytest
 from strategies import floats
 
 from visual_servo_epipolar.core.laws.smooth.arcs import Bounds, GoalOffset, misses, moved, way_back
-from visual_servo_epipolar.core.laws.smooth.steering import Gains
 
-GAINS, BOUNDS = Gains(), Bounds(1.667, 0.6, 0.6)
+BOUNDS = Bounds(1.667, 0.6, 0.6)
 
 
 def at(x: float, y: float, heading: float) -> GoalOffset:
@@ -18,7 +17,7 @@ def at(x: float, y: float, heading: float) -> GoalOffset:
 
 
 def missed(x: float, y: float, heading: float, bounds: Bounds = BOUNDS) -> float:
-    return float(misses(at(x, y, heading), heading, bounds, GAINS)[0])
+    return float(misses(at(x, y, heading), heading, bounds)[0])
 
 
 def test_a_motion_along_the_axis_ends_at_the_goal() -> None:
@@ -46,11 +45,11 @@ def test_the_mirrored_motion_misses_as_much(x: float, y: float, heading: float) 
 def test_after_the_way_back_one_motion_ends_at_the_goal(
     x: float, y: float, heading: float
 ) -> None:
-    backing = way_back((x, y, heading), 0.0, BOUNDS, GAINS)
+    backing = way_back((x, y, heading), 0.0, BOUNDS)
     assert abs(backing.curvature) <= BOUNDS.curvature
     there = moved(at(x, y, heading), np.array([-backing.way]), np.array([backing.curvature]))
-    assert float(misses(there, heading, BOUNDS, GAINS)[0]) <= 1.0
+    assert float(misses(there, heading, BOUNDS)[0]) <= 1.0
 
 
 def test_nobody_backs_off_without_need() -> None:
-    assert way_back((0.2, -2.0, 0.0), 0.0, BOUNDS, GAINS).way == 0.0
+    assert way_back((0.2, -2.0, 0.0), 0.0, BOUNDS).way == 0.0

@@ -8,7 +8,7 @@ import pytest
 from servo_states import sight
 
 from visual_servo_epipolar.core.laws.smooth.approach import approach, back_off
-from visual_servo_epipolar.core.laws.smooth.steering import aim, Gains, polar_pose, visible_aim
+from visual_servo_epipolar.core.laws.smooth.steering import aim, polar_pose, visible_aim
 from visual_servo_epipolar.core.laws.smooth.wide_view import (
     goes_around_in_view,
     leads_around,
@@ -22,7 +22,7 @@ from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import from_document
 from visual_servo_epipolar.simulation.views import points_of
 
-GAINS, STEP = Gains(), 1e-3
+STEP = 1e-3
 PINHOLE, HEAD = (0.35, 0.35), (2.2, 2.2)  # margins of a view that faces the goal [rad]
 FREE = ServoSettings(law='smooth')
 CAR = replace(FREE, base='car', max_curvature=1.667)
@@ -40,7 +40,7 @@ def driven_straight(phi: float, heading: float) -> float:
     x, y = -math.sin(phi), -math.cos(phi)
     for _ in range(4000):
         pose = polar_pose(x, y, heading)
-        if pose.delta < aim(pose.phi, GAINS):
+        if pose.delta < aim(pose.phi):
             return pose.distance
         x, y = x - STEP * math.sin(heading), y + STEP * math.cos(heading)
     return math.nan
@@ -49,9 +49,9 @@ def driven_straight(phi: float, heading: float) -> float:
 @pytest.mark.parametrize(('degrees', 'edge'), [(70.0, 100.0), (90.0, 115.0), (60.0, 95.0)])
 def test_what_is_left_of_the_distance_is_that_of_a_straight_line(degrees, edge) -> None:
     phi, edge = math.radians(degrees), math.radians(edge)
-    share = share_left(phi, GAINS, (-edge, edge))
+    share = share_left(phi, (-edge, edge))
     assert share == pytest.approx(driven_straight(phi, -edge), abs=5e-3)
-    assert share == share_left(-phi, GAINS, (-edge, edge))
+    assert share == share_left(-phi, (-edge, edge))
 
 
 def test_a_head_leads_around_from_beside_and_not_from_ahead_of_the_goal() -> None:

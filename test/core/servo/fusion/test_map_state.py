@@ -60,11 +60,6 @@ def test_uncertain_bearings_of_the_memory_are_none() -> None:
     assert sharpened(blind, reading(), SETTINGS).bearings == MEMORY
 
 
-def test_without_a_memory_nothing_changes() -> None:
-    seen = measurement()
-    assert sharpened(seen, None, SETTINGS) is seen
-
-
 @pytest.mark.parametrize(('pixels', 'seen'), [(1.0, False), (3.0, True), (math.nan, True)])
 def test_no_memory_overrules_an_image_that_looks_another(pixels: float, seen: bool) -> None:
     """Through a lens that is told wrong it may have a geometry that is not there."""

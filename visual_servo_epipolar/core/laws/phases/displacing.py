@@ -1,9 +1,4 @@
-"""
-Displacing: the turn in place that brings e_au to where step 1 can begin.
-
-The paper turns it away from zero alone (section IV-B, remarks); a discordant turn brings it to the
-side of e_au where the distance shrinks in step 1.
-"""
+"""Displacing: the turn in place that brings e_au to where step 1 can begin."""
 
 import math
 

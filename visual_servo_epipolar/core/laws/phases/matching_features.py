@@ -1,8 +1,4 @@
-"""
-Matching features: step 2, which drives straight until the features match, eqs. (21)-(22).
-
-The law says which departures are taken (``law.Law``).
-"""
+"""Matching features: step 2, which drives straight until the features match, eqs. (21)-(22)."""
 
 import math
 

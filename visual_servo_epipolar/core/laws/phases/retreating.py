@@ -47,16 +47,11 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
     return Twist(0.0 if turning else -settings.retreat_speed, settled_turn(angle, state, settings))
 
 
-def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
-    """Return ``state`` without the leg that ranges the goal in step 1."""
-    return state.changed(leg=None)
-
-
 RETREATING = PhaseRow(
     phase=Phase.RETREATING,
     words='backs off, to come in from behind',
     colour='#E69F00',
     classify=_classify,
     command=_command,
-    begin=_begin,
+    begin=lambda state, *_: state.changed(leg=None),  # which ranges the goal in step 1
 )

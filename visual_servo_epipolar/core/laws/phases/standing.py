@@ -1,8 +1,4 @@
-"""
-Phases in which the robot stands: before a run, after it, and while it cannot go on.
-
-WAITING and HOLDING survey the situation, and lead to where a run begins or goes on.
-"""
+"""Phases in which the robot stands: before a run, after it, and while it cannot go on."""
 
 import math
 
@@ -44,17 +40,13 @@ def _resume(state: ServoState, measurement: Measurement, settings: ServoSettings
     return survey(state, measurement, settings)
 
 
-def _is_trusted(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    return not is_untrusted(measurement, settings)
-
-
 WAITING = PhaseRow(phase=Phase.WAITING, words='stands', colour='#B0B0B0', classify=survey)
 HOLDING = PhaseRow(
     phase=Phase.HOLDING,
     words='stands until its tracks are back and trusted',
     colour='#F0E442',  # faint on white: the robot stands
     classify=_resume,
-    is_settled=_is_trusted,
+    is_settled=lambda _, measurement, settings: not is_untrusted(measurement, settings),
 )
 ARRIVED = PhaseRow(phase=Phase.ARRIVED, words='stands at the goal', colour='#44337A')
 FAILED = PhaseRow(phase=Phase.FAILED, words='stands, the run is over', colour='#D55E00')

@@ -1,8 +1,4 @@
-"""
-Zeroing epipoles: step 1, which drives the robot onto the axis of the photograph, eqs. (16)-(17).
-
-The law says which departures are taken (``law.Law``).
-"""
+"""Zeroing epipoles: step 1, onto the axis of the photograph, eqs. (16)-(17)."""
 
 import math
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
-from visual_servo_epipolar.core.laws.smooth.steering import aim, Gains, PolarPose
+from visual_servo_epipolar.core.laws.smooth.steering import aim, PolarPose
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 NEAR, TURNED = 0.35, 0.7  # [m], [rad]: within both the line to the goal is followed,
@@ -41,17 +41,17 @@ def line_share(x: float, y: float) -> float:
     return min(max(2.0 * (1.0 + abs(x) / y), 0.0), 1.0) if y < 0.0 else 0.0
 
 
-def on_nearer_side(pose: PolarPose, gains: Gains) -> PolarPose:
+def on_nearer_side(pose: PolarPose) -> PolarPose:
     """Return ``pose`` with the phi, of the two ahead of the goal, whose aim is the nearer one."""
     if abs(pose.phi) <= BEHIND_IT:
         return pose
     other = pose._replace(phi=pose.phi - math.copysign(math.tau, pose.phi))
-    return min(pose, other, key=lambda each: abs(off_aim(each, gains)))
+    return min(pose, other, key=lambda each: abs(off_aim(each)))
 
 
-def off_aim(pose: PolarPose, gains: Gains) -> float:
+def off_aim(pose: PolarPose) -> float:
     """Return by how much delta is off its aim [rad]."""
-    return wrap_angle(pose.delta - aim(pose.phi, gains))
+    return wrap_angle(pose.delta - aim(pose.phi))
 
 
 def driving_share(delta: float, off: float, *, in_place: float = IN_PLACE) -> float:

@@ -28,12 +28,12 @@ from visual_servo_epipolar.core.laws.smooth.all_round import (
 from visual_servo_epipolar.core.laws.smooth.steering import (
     aim,
     curvature,
+    GAINS,
     polar_pose,
     PolarPose,
     visible_aim,
 )
 from visual_servo_epipolar.core.laws.smooth.wide_view import (
-    GAINS,
     goes_around_in_view,
     heading_window,
     IN_PLACE,
@@ -101,14 +101,14 @@ def _aimed_pose(sight: Sight, look_ahead: float, around: bool) -> PolarPose:
     ahead = max(GAINS.look_aheads * look_ahead + min(sight.y, 0.0), 0.0)
     if not around:
         return polar_pose(*sight, ahead=ahead)
-    return on_nearer_side(polar_pose(*sight, ahead=line_share(sight.x, sight.y) * ahead), GAINS)
+    return on_nearer_side(polar_pose(*sight, ahead=line_share(sight.x, sight.y) * ahead))
 
 
 def _around(pose: PolarPose, speed: float, turn: float, settings: ServoSettings) -> Twist:
     """Return the velocity of who goes around the goal: far off its aim it turns in place first."""
     if not turns_in_place(settings.drive):
         return Twist(speed, turn)
-    off = off_aim(pose, GAINS)
+    off = off_aim(pose)
     share = driving_share(pose.delta, off)
     return Twist(share * speed, share * turn - (1.0 - share) * off / TURN_S)
 
@@ -119,7 +119,7 @@ def _around_in_view(
     """Return the velocity around the goal of a wide view: far off its aim it turns in place."""
     low, high = heading_window(measurement, RESERVE)
     # Headings from -180 to 180 deg: a turn to one in the window is never the way around the back.
-    wanted = aim(pose.phi, GAINS) - pose.phi
+    wanted = aim(pose.phi) - pose.phi
     target = min(max(wanted, low), high)
     left, right = measurement.view_margins
     heading = wrap_angle(pose.delta - pose.phi)
@@ -127,7 +127,7 @@ def _around_in_view(
     middle = heading + 0.5 * (left - right)
     off = heading + wrap_angle(middle) - middle - target
     held = None if target == wanted else pose.phi + target
-    kappa = curvature(pose, GAINS, delta_held=held)
+    kappa = curvature(pose, delta_held=held)
     share = driving_share(pose.delta, off, in_place=IN_PLACE)
     speed = min(speed, _steerable(kappa, settings))
     turn = share * kappa * speed - (1.0 - share) * off / TURN_S
@@ -137,8 +137,8 @@ def _around_in_view(
 def _visible_curvature(pose: PolarPose, measurement: Measurement) -> float:
     """Return the curvature of the path from ``pose`` [1/m] that keeps features in view."""
     left, right = measurement.view_margins
-    held = visible_aim(aim(pose.phi, GAINS), pose.delta, (left - RESERVE, right - RESERVE))
-    return curvature(pose, GAINS, delta_held=held)
+    held = visible_aim(aim(pose.phi), pose.delta, (left - RESERVE, right - RESERVE))
+    return curvature(pose, delta_held=held)
 
 
 def way_left(measurement: Measurement, state: ServoState) -> float:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.laws.smooth.steering import Gains
+from visual_servo_epipolar.core.laws.smooth.steering import GAINS
 
 STEP, LEAST_STEP = 0.06, 0.006  # of a way ahead in thought: part of the distance, at least [m]
 STEPS = 110
@@ -52,7 +52,7 @@ def moved(place: GoalOffset, way: FloatArray, kappa: FloatArray) -> GoalOffset:
     )
 
 
-def misses(place: GoalOffset, heading: float, bounds: Bounds, gains: Gains) -> FloatArray:
+def misses(place: GoalOffset, heading: float, bounds: Bounds) -> FloatArray:
     """
     Return by how much the motion from each ``place`` misses the goal: 1 is what it may.
 
@@ -68,23 +68,23 @@ def misses(place: GoalOffset, heading: float, bounds: Bounds, gains: Gains) -> F
         )
         if not way.any():
             break
-        wanted = _curvature(place, low, high, gains)
+        wanted = _curvature(place, low, high)
         place = moved(place, way, np.clip(wanted, -bounds.curvature, bounds.curvature))
     error = np.hypot(place.x / ASIDE, place.heading / TURNED)
     return np.where(lost | (place.y < -LEAST_STEP), np.inf, error)
 
 
-def _curvature(place: GoalOffset, low: float, high: float, gains: Gains) -> FloatArray:
+def _curvature(place: GoalOffset, low: float, high: float) -> FloatArray:
     """Return what ``steering`` asks for at each ``place`` [1/m], with features in view."""
     ahead = np.maximum(LEAST_AHEAD + place.y, 0.0)
     distance = np.hypot(place.x, ahead - place.y)
     phi = 0.5 * np.pi - np.arctan2(ahead - place.y, -place.x)
     delta = place.heading + phi
-    aim = np.arctan(-gains.k1 * phi)
+    aim = np.arctan(-GAINS.k1 * phi)
     held = np.clip(aim, low + phi, high + phi)
-    rate = gains.k1 / (1.0 + (gains.k1 * phi) ** 2)
+    rate = GAINS.k1 / (1.0 + (GAINS.k1 * phi) ** 2)
     damping = np.where(held == aim, (1.0 + rate) * np.sin(delta), 0.0)
-    return np.asarray(-(gains.k2 * (delta - held) + damping) / distance)
+    return np.asarray(-(GAINS.k2 * (delta - held) + damping) / distance)
 
 
 class Backing(NamedTuple):
@@ -94,9 +94,7 @@ class Backing(NamedTuple):
     way: float
 
 
-def way_back(
-    place: tuple[float, float, float], kappa: float, bounds: Bounds, gains: Gains
-) -> Backing:
+def way_back(place: tuple[float, float, float], kappa: float, bounds: Bounds) -> Backing:
     """
     Return the shortest arc backward from ``place`` after which one motion ends at the goal.
 
@@ -107,7 +105,7 @@ def way_back(
     )
     start = GoalOffset(*(np.full(len(ways), value) for value in place))
     behind = moved(start, -ways, bends)
-    missed = misses(behind, place[2], bounds, gains)
+    missed = misses(behind, place[2], bounds)
     cost = 2.0 * ways + 0.1 * np.abs(bends - kappa) * (ways > 0.0) + np.hypot(behind.x, behind.y)
     cost[missed > 1.0] = np.inf
     best = int(np.argmin(cost))

@@ -28,7 +28,7 @@ from visual_servo_epipolar.core.laws.smooth.phases import (
     ONE_MOTION,
     retreating,
 )
-from visual_servo_epipolar.core.laws.smooth.wide_view import GAINS, RESERVE
+from visual_servo_epipolar.core.laws.smooth.wide_view import RESERVE
 from visual_servo_epipolar.core.laws.two_steps.laws import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
@@ -85,7 +85,7 @@ def _with_way_back(
     backing = None
     if sight is not None:
         bounds = _bounds(measurement, settings, SPARED)
-        backing = way_back(sight, _present_curvature(state), bounds, GAINS)
+        backing = way_back(sight, _present_curvature(state), bounds)
     return state.changed(backing=backing)
 
 
@@ -100,7 +100,7 @@ def _misses(sight: Sight, measurement: Measurement, settings: ServoSettings) -> 
     """Return by how much the motion from here misses the goal: 1 is what it may."""
     place = GoalOffset(*(np.array([value]) for value in sight))
     bounds = _bounds(measurement, settings, 1.0)
-    return float(misses(place, sight.heading, bounds, GAINS)[0])
+    return float(misses(place, sight.heading, bounds)[0])
 
 
 def _bounds(measurement: Measurement, settings: ServoSettings, part: float) -> Bounds:

@@ -187,11 +187,6 @@ def is_close(state: ServoState, measurement: Measurement, settings: ServoSetting
     return known and is_through(state, measurement, settings, trial_of(state, spent=True))
 
 
-def begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
-    """Return ``state`` where one motion begins."""
-    return with_new_leg(state, measurement)
-
-
 def retreating(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     """Return the event of backing off: whether the goal lies ahead by now."""
     if is_untrusted(measurement, settings):
@@ -236,7 +231,7 @@ APPROACHING = PhaseRow(
     command=approach,
     is_settled=_ends,
     is_close=is_close,
-    begin=begin,
+    begin=lambda state, measurement, _: with_new_leg(state, measurement),
 )
 ONE_MOTION = StateMachine(
     (

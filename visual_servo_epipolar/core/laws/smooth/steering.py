@@ -40,10 +40,8 @@ class Gains(NamedTuple):
         # kappa = x / L^2 - (1 + k1 + k2) heading / d there, with L = d / sqrt((1 + k1) (1 + k2)).
         return math.sqrt((1.0 + self.k1) * (1.0 + self.k2))
 
-    @property
-    def largest_ratio(self) -> float:
-        """Largest d_hat / d, if constant, with which delta and phi decay: see docs/theory.md."""
-        return 1.0 + self.k1 + self.k2
+
+GAINS = Gains()
 
 
 def polar_pose(x: float, y: float, heading_error: float, *, ahead: float = 0.0) -> PolarPose:
@@ -59,12 +57,12 @@ def polar_pose(x: float, y: float, heading_error: float, *, ahead: float = 0.0) 
     return PolarPose(distance, wrap_angle(heading_error + phi), phi)
 
 
-def aim(phi: float, gains: Gains) -> float:
+def aim(phi: float, gains: Gains = GAINS) -> float:
     """Return the delta on which phi decays: atan(-k_1 phi) [rad]."""
     return math.atan(-gains.k1 * phi)
 
 
-def curvature(pose: PolarPose, gains: Gains, *, delta_held: float | None = None) -> float:
+def curvature(pose: PolarPose, gains: Gains = GAINS, *, delta_held: float | None = None) -> float:
     """
     Return kappa = -(1/d) [k_2 (delta - aim) + (1 + k_1 / (1 + (k_1 phi)^2)) sin(delta)] [1/m].
 

@@ -13,10 +13,9 @@ import math
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.laws.machine import ServoSettings
-from visual_servo_epipolar.core.laws.smooth.steering import aim, Gains, PolarPose
+from visual_servo_epipolar.core.laws.smooth.steering import aim, GAINS, PolarPose
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
-GAINS = Gains()
 RESERVE = 0.05  # of the margins of the view [rad]
 WIDE_RESERVE = 0.3  # of those by which the way is chosen [rad]
 WIDE = 1.0  # of a window of headings to either side, from where on it is wide [rad]
@@ -44,18 +43,18 @@ def is_wide(window: tuple[float, float]) -> bool:
     return low < -WIDE and high > WIDE and math.isfinite(high - low)
 
 
-def share_left(phi: float, gains: Gains, window: tuple[float, float]) -> float:
+def share_left(phi: float, window: tuple[float, float]) -> float:
     """Return the share of the distance that is left where the aim of delta is within a window."""
     edge = -window[0] if phi > 0.0 else window[1]  # by symmetry of one to the right
     phi = abs(phi)
-    if phi - aim(phi, gains) <= edge:
+    if phi - aim(phi) <= edge:
         return 1.0
     if phi >= edge:
         return 0.0  # it leads past the goal
     within = 0.5 * edge
     for _ in range(STEPS):
-        slope = 1.0 + gains.k1 / (1.0 + (gains.k1 * within) ** 2)
-        within -= (within - aim(within, gains) - edge) / slope
+        slope = 1.0 + GAINS.k1 / (1.0 + (GAINS.k1 * within) ** 2)
+        within -= (within - aim(within) - edge) / slope
     return math.sin(edge - phi) / math.sin(edge - within)
 
 
@@ -73,7 +72,7 @@ def leads_around(
     """
     window = heading_window(measurement, WIDE_RESERVE)
     wide = turns_in_place(settings.drive) and is_wide(window)
-    return wide and share_left(pose.phi, GAINS, window) >= least
+    return wide and share_left(pose.phi, window) >= least
 
 
 def goes_around_in_view(

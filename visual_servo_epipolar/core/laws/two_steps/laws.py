@@ -1,8 +1,4 @@
-"""
-Two steps: the laws of the paper, which zero the epipoles, then match the features.
-
-They share phases and transitions, and differ in the departures that they take.
-"""
+"""Two steps: the laws of the paper, which zero the epipoles, then match the features."""
 
 from visual_servo_epipolar.core.laws.law import DEPARTURES, Law
 from visual_servo_epipolar.core.laws.machine import StateMachine

@@ -51,8 +51,11 @@ def fuse(
         encoder_noise=state.check.head.noise,
     )
     measurement = measurement_of(perception, reading, after, settings)
-    if needs_two_view(perception, measurement, settings):
-        perception = reestimate(state, perception, settings)
+    memory, seen = perception.memory, perception.observation
+    needed = measurement.bearings is None and not measurement.parallax <= settings.near_parallax
+    if needed and memory.two_view_skip and seen is not None:  # the estimate that was skipped
+        memory = changed(memory, two_view_skip=0, wrong=None)
+        perception = perceive(seen, settings, state.view.frame, memory)
         measurement = measurement_of(perception, reading, after, settings)
     memory = two_view_skip(perception.memory, measurement, reading, after)
     return Fusion(measurement, memory, after, reading)
@@ -99,19 +102,3 @@ def with_wrong_matches(
         return memory
     wrong = after.views.wrong
     return memory if wrong == memory.wrong else changed(memory, wrong=wrong)
-
-
-def needs_two_view(
-    perception: Perception, measurement: Measurement, settings: ServoSettings
-) -> bool:
-    """Return whether the estimate that was skipped might tell bearings that are needed."""
-    needed = not measurement.parallax <= settings.near_parallax
-    return bool(perception.memory.two_view_skip) and measurement.bearings is None and needed
-
-
-def reestimate(state: ServoState, perception: Perception, settings: ServoSettings) -> Perception:
-    """Return a ``perception`` whose estimate was skipped with one."""
-    if perception.observation is None:
-        return perception
-    memory = changed(perception.memory, two_view_skip=0, wrong=None)
-    return perceive(perception.observation, settings, state.view.frame, memory)

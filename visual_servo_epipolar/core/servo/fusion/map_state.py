@@ -183,7 +183,7 @@ def measurement_of(
 
 
 def sharpened(
-    measurement: Measurement, reading: MapMeasurement | None, settings: ServoSettings
+    measurement: Measurement, reading: MapMeasurement, settings: ServoSettings
 ) -> Measurement:
     """
     Return ``measurement`` with what the memory knows better, by deviations.
@@ -191,8 +191,6 @@ def sharpened(
     Of two that know a bearing about as well it is the memory's: two views do not know how wrong
     the lens is, and where now the one and then the other counts, bearings leap.
     """
-    if reading is None:
-        return measurement
     bearings: dict[str, Any] = {}
     before = measurement.deviation if measurement.bearings is not None else math.inf
     most = min(PREFERENCE * before, settings.max_deviation)

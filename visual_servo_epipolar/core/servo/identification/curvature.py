@@ -44,7 +44,8 @@ class Curvature:
         late by an unknown part of LATENCY_S, so that a change of u_2 counts as heading noise.
         """
         change = max(abs(twist.angular - self.last_angular), CHANGE_DECAY * self.change)
-        if previous is None or not _both_have_bearings(previous, measurement) or dt == 0.0:
+        driven = dt != 0.0 and measurement.bearings is not None
+        if previous is None or previous.bearings is None or not driven:
             return Curvature(self.value, self.variance, change, twist.angular)
         travel = twist.linear * dt
         turn = math.remainder(measurement.heading_error - previous.heading_error, 2.0 * math.pi)
@@ -64,10 +65,6 @@ def heading_deviation(measurement: Measurement) -> float:
     if measurement.bearings is None:
         return math.inf
     return math.sqrt(max(heading_variance(measurement), LEAST_HEADING_VARIANCE))
-
-
-def _both_have_bearings(previous: Measurement, measurement: Measurement) -> bool:
-    return previous.bearings is not None and measurement.bearings is not None
 
 
 def heading_variance(measurement: Measurement) -> float:

@@ -101,6 +101,8 @@ class DeadBand:
         settings: ServoSettings,
     ) -> 'DeadBand':
         """Return the dead band after ``twist`` led to a ``measurement`` in ``dt`` [s]."""
+        if not learns(settings):
+            return DeadBand()
         turning = max(abs(twist.angular), self.angular.value)
         creeps = abs(twist.linear) <= max(CREEPING, MOST_WAY * turning)
         along, place = self.along, None

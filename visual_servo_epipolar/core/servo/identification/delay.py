@@ -68,7 +68,7 @@ class Delay:
         self, measurement: Measurement, sent: CommandsSent, settings: ServoSettings
     ) -> 'Delay':
         """Return the delay after one more image."""
-        if heading_deviation(measurement) > MOST_DEVIATION:
+        if not settings.options.anticipation or heading_deviation(measurement) > MOST_DEVIATION:
             return self
         now_ns, heading = measurement.stamp_ns, measurement.heading_error
         by_memory = measurement.offset is not None

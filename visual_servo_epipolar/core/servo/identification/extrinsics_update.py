@@ -1,8 +1,4 @@
-"""
-Extrinsics update: when what bearings tell of the mount is learnt, and when it is believed.
-
-Bearings that commands do not explain begin the path anew, or contradict what was driven.
-"""
+"""Extrinsics update: when what bearings tell of the mount is learnt, and when it is believed."""
 
 import math
 
@@ -79,13 +75,8 @@ def update_extrinsics(
     if not is_plausible(after):
         anew = placed(unplaced(before.told, before.deviations), bearings, deviation)
         return changed(anew, contradictions=before.contradictions + FAULT)
-    return _confirmed(after, max(before.contradictions - 1, 0), missed)
-
-
-def _confirmed(belief: Extrinsics, contradictions: int, missed: bool) -> Extrinsics:
-    """Return the ``belief`` after a plausible update, believed once it is significant."""
-    believed = belief.believed or is_significant(belief, missed)
-    return changed(belief, contradictions=contradictions, believed=believed)
+    believed = after.believed or is_significant(after, missed)
+    return changed(after, contradictions=max(before.contradictions - 1, 0), believed=believed)
 
 
 def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:

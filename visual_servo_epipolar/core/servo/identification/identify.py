@@ -7,8 +7,6 @@ from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.servo.dead_reckoning import DrivenInterval
 from visual_servo_epipolar.core.servo.fusion.fuse import disproved, Fusion
-from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand, learns
-from visual_servo_epipolar.core.servo.identification.delay import Delay
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics
 from visual_servo_epipolar.core.servo.identification.extrinsics_update import update_extrinsics
 from visual_servo_epipolar.core.servo.identification.straight_leg import straight_on
@@ -52,8 +50,10 @@ def identify(
         curvature=before.curvature.updated(
             state.measurement, measurement, acted.twist, acted.dt, drift=settings.curvature_drift
         ),
-        dead_band=_dead_band(before.dead_band, fusion, drive, settings),
-        delay=_delay(state, measurement, settings),
+        dead_band=before.dead_band.updated(
+            measurement, fusion.reading, acted.longest, acted.dt, settings
+        ),
+        delay=before.delay.updated(measurement, state.motion.sent, settings),
         odometry=odometry,
         # Another scale is another place: a leg cannot go on from one to the other.
         straight=straight if odometry.trusted is before.odometry.trusted else None,
@@ -97,21 +97,3 @@ def _without_bias(measurement: Measurement, bias: float) -> Measurement:
         return measurement
     heading = math.remainder(measurement.rotation_heading + bias, 2.0 * math.pi)
     return changed(measurement, heading_error=heading)
-
-
-def _dead_band(
-    before: DeadBand, fusion: Fusion, drive: DrivenInterval, settings: ServoSettings
-) -> DeadBand:
-    """Return what the base does not follow, by the command that acted for longest."""
-    if not learns(settings):
-        return DeadBand()
-    acted = drive.acted
-    return before.updated(fusion.measurement, fusion.reading, acted.longest, acted.dt, settings)
-
-
-def _delay(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Delay:
-    """Return how late the base obeys, after one more turn that was seen."""
-    before = state.identified.delay
-    if not settings.options.anticipation:
-        return before
-    return before.updated(measurement, state.motion.sent, settings)
