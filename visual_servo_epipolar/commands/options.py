@@ -194,7 +194,11 @@ def add_route(parser: ArgumentParser) -> None:
         '--camera FILE': f'use this instead of camera_info: {CAMERA}',
     }
     add_words(teach, words)
-    add_words(teach, {'--odometry NAME': 'topic of the odometry (default odom)'}, default='')
+    add_words(
+        teach,
+        {'--odometry NAME': 'topic of the odometry (default: the one whose name ends in odom)'},
+        default='',
+    )
     add_flags(teach, {'--rectified': 'images are rectified: use P of camera_info'})
     add_json(teach)
     again.add_argument('bag', metavar='BAG', help=BAG)

@@ -61,8 +61,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         '--nodes',
         choices=LATENCY_NODES,
         default=LATENCY_NODES[0],
-        help='processes that latency starts: all four, or tracker and servo only, as on a robot '
-        '(default all)',
+        metavar='LIST',
+        help=f'processes that latency starts: {" or ".join(LATENCY_NODES)}, as on a robot; '
+        'default the first',
     )
     seconds = 'duration of each row of latency (default 60), or of soak (default 1800)'
     add_words(parser, {'--seconds S': seconds}, type=duration)
