@@ -219,7 +219,7 @@ def _add_route_demo(demo: ArgumentParser) -> None:
         '--way', choices=WAYS, default='short', help='the way through the storey (default short)'
     )
     add_words(demo, {'--runs N': 'repetitions (default 1)'}, type=count, default=1)
-    laps = 'laps of each, of a way that closes (default 1)'
+    laps = 'laps per repetition, for a route that closes (default 1)'
     add_words(demo, {'--laps N': laps}, type=_number_of('laps'), default=1)
     add_words(
         demo, {'--kidnaps N': 'starts beside the route (default 20)'}, type=count, default=20
@@ -234,9 +234,9 @@ def _add_route_demo(demo: ArgumentParser) -> None:
         '--world',
         choices=WORLDS,
         default=WORLDS[0],
-        help='what is another when it is repeated, by the seed of each run: lamps, windows and '
-        'tones (light), a third of the pictures, furniture, people who walk by, all of these; '
-        'dim: 8 %% of the light is left (default same)',
+        help="what has changed at the repetition, drawn by each run's seed: lamps, windows "
+        'and tones (light), a third of the pictures, furniture, people who walk by, all '
+        'of these; dim: 8 %% of the light is left (default same)',
     )
     renew = 'photographs of other light that a key view keeps, from arrivals (default 0)'
     add_words(demo, {'--renewals N': renew}, type=_number_of('renewals'), default=0)

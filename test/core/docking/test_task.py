@@ -244,7 +244,7 @@ def test_an_end_is_final() -> None:
 def test_a_servo_whose_order_has_lapsed_has_not_seen_the_photograph() -> None:
     task = on_armed(running(), 1.0)
     assert (task.outcome, task.heard) == (None, 1.0)
-    task = heard(task, Phase.WAITING, reason='the order to start has lapsed')
+    task = heard(task, Phase.WAITING, reason='~/start has expired')
     assert (task.state, task.retries, task.orders) == (State.RETRY, 1, (ServoOrder.STOP,))
     task = heard(on_armed(again(task, 2.0), 2.0), Phase.WAITING, reason='it has lapsed', now=3.0)
     assert (task.outcome.error, task.outcome.message) == (

@@ -88,7 +88,7 @@ def test_every_departure_has_its_setting() -> None:
 @pytest.mark.parametrize('name', DEPARTURES)
 def test_a_setting_tells_of_its_departure_in_the_words_of_the_table(name: str) -> None:
     (item,) = (item for item in fields(ServoSettings) if item.name == name)
-    assert range_of(item).text == f'False: no law may {DEPARTURES[name]}'
+    assert range_of(item).text == f'Whether laws may {DEPARTURES[name]}'
 
 
 @given(EXPRESSIONS, st.sets(st.sampled_from(sorted(DEPARTURES))))

@@ -133,7 +133,7 @@ def test_a_servo_that_is_not_there_is_an_unknown_error(bench) -> None:
     client = Client(bench)
     _, result = client.ask()
     assert client.outcome(result)[1] == [0, int(Error.UNKNOWN), 0]
-    assert bench.logged('nobody serves /servo_node/stop')
+    assert bench.logged('service /servo_node/stop is not available')
     client.close()
 
 

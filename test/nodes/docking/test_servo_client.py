@@ -88,5 +88,5 @@ def test_an_order_that_lapses_is_told_with_its_reason(bench: Bench, servo: Any) 
     assert it.told == []
     it.say(Phase.WAITING)
     assert it.told == []
-    it.explain(Phase.WAITING, 'the order to start has lapsed')
-    assert it.told == [(Phase.WAITING, 'the order to start has lapsed')]
+    it.explain(Phase.WAITING, '~/start has expired')
+    assert it.told == [(Phase.WAITING, '~/start has expired')]

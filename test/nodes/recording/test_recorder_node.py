@@ -250,7 +250,9 @@ def test_a_disk_that_ends_stops_the_robot_where_that_is_wanted(bench, tmp_path) 
 def test_a_servo_that_is_not_there_is_an_error(bench, tmp_path) -> None:
     Failing(bench, tmp_path, on_error='stop_servo', servo='other_servo')
     bench.until(
-        lambda: bench.logged('the robot is not stopped: nobody serves /other_servo/stop'),
+        lambda: bench.logged(
+            'the robot is not stopped: service /other_servo/stop is not available'
+        ),
         'an error that says so',
     )
 

@@ -136,7 +136,7 @@ def test_a_photograph_out_of_view_arms_it_for_a_while(bench) -> None:
     rig = Armed(bench)
     rig.show(Features())
     answer = rig.order()
-    text = 'armed, drives as soon as this is over: no feature of the photograph is in view'
+    text = 'armed, will drive once this is resolved: no feature of the photograph is in view'
     assert (answer.success, answer.message) == (True, f'{text}; the order lapses after 10 s')
     rig.show(Features())
     rig.says('armed')
@@ -152,7 +152,7 @@ def test_features_that_the_photograph_does_not_show_are_none_of_it(bench) -> Non
     ids = 2**24 + np.arange(len(current))
     rig.show(Features(passing=Passing(ids, current, np.ones(len(current)))))
     unseen = 'no feature of the photograph is in view'
-    assert rig.order().message.startswith(f'armed, drives as soon as this is over: {unseen}')
+    assert rig.order().message.startswith(f'armed, will drive once this is resolved: {unseen}')
     rig.let_time_pass(10.1)
     bench.until(lambda: bool(bench.logged(f'in time ({unseen})')), 'the log')
 
@@ -165,10 +165,10 @@ def test_an_order_lapses_by_which_no_run_has_begun_in_time(bench, timeout) -> No
     rig.let_time_pass(timeout + 0.1)
     rig.says('waiting')
     rig.stands()
-    text = 'waiting: the order to start has lapsed, the robot did not begin to drive in time'
+    text = 'waiting: ~/start has expired, the robot did not begin to drive in time'
     bench.until(lambda: rig.message.startswith(text), 'the diagnostics')
     assert rig.message.endswith('stands until /servo_node/start is called')
-    bench.until(lambda: bool(bench.logged('the order to start has lapsed')), 'the log')
+    bench.until(lambda: bool(bench.logged('~/start has expired')), 'the log')
     assert rig.order().success
     rig.show()
     assert rig.twists()[-1] != STANDSTILL
@@ -197,7 +197,7 @@ def test_another_photograph_ends_an_order(bench, seen) -> None:
         rig.show(goal=OTHER)
     assert rig.commands == []
     rig.says('waiting')
-    assert 'the order to start has lapsed, the photograph has changed' in rig.message
+    assert '~/start has expired, the photograph has changed' in rig.message
 
 
 def test_a_photograph_that_goes_ends_an_order(bench) -> None:
@@ -207,7 +207,7 @@ def test_a_photograph_that_goes_ends_an_order(bench) -> None:
     rig.show(Features(), goal=0)
     rig.stands()
     rig.says('waiting')
-    assert 'the order to start has lapsed, the photograph is gone' in rig.message
+    assert '~/start has expired, the photograph is gone' in rig.message
 
 
 def test_a_clock_that_comes_minutes_later_sets_nothing_moving(bench) -> None:

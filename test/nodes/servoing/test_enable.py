@@ -41,7 +41,7 @@ def test_without_a_heartbeat_no_run_begins_and_that_is_said(bench) -> None:
     rig.see()
     assert (rig.phase, rig.commands) == ('waiting', [])
     answer = bench.call('servo_node/start')
-    text = 'armed, drives as soon as this is over: no message has come on /enable yet'
+    text = 'armed, will drive once this is resolved: no message has come on /enable yet'
     assert text in answer.message
     rig.drive()
 

@@ -13,7 +13,7 @@ from visual_servo_epipolar.nodes.servoing.camera import NO_CAMERA
 def test_without_a_camera_that_is_the_reason_though_tracks_stay_away_too(bench) -> None:
     rig = Rig(bench, calibrated=False, stale_timeout=0.1)
     bench.until(lambda: rig.node._is_stale, 'tracks to stay away')
-    assert rig.node._standstill() == (f'drives as soon as this is over: {NO_CAMERA}', True)
+    assert rig.node._standstill() == (f'will drive once this is resolved: {NO_CAMERA}', True)
     assert rig.phase == 'waiting'
 
 

@@ -152,14 +152,14 @@ def test_diagnostics_tell_of_each_interruption(bench, monkeypatch) -> None:
     rig.see()
     rig.node._on_idle()
     rig.node._run.report()
-    told(WARN, 'armed, drives as soon as this is over: camera_info cannot be used')
+    told(WARN, 'armed, will drive once this is resolved: camera_info cannot be used')
 
 
 def test_an_idle_servo_says_once_a_second_why_it_stands(bench, monkeypatch) -> None:
     monkeypatch.setattr(servo_node, 'IDLE_PERIOD_S', 0.05)
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, stale_timeout=0.1)
-    text = 'armed, drives as soon as this is over: no tracks have come yet'
+    text = 'armed, will drive once this is resolved: no tracks have come yet'
     bench.until(
         lambda: [a for a, b in statuses(diagnostics) if text in b][:3] == [WARN] * 3, 'its reports'
     )

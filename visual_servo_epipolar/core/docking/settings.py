@@ -45,13 +45,16 @@ class DockPoseSettings(PerceptionSettings):
         0.01, 'Deviation of the scale of all driven ways', low=0.0, high=0.5
     )
     publish_deviation: float = setting(
-        0.05, 'Deviation of the place below which it is published [m]', low=1e-4, high=10.0
+        0.05,
+        'Largest standard deviation of the position that is published [m]',
+        low=1e-4,
+        high=10.0,
     )
     publish_heading: float = setting(
         0.02, 'Deviation of the heading below which it is published [rad]', low=1e-4, high=3.0
     )
     key_views: int = fixed(10, 'Views along the path that are kept', low=3, high=40)
-    key_travel: float = setting(0.05, 'Way after which a view is kept [m]', low=0.005, high=5.0)
+    key_travel: float = setting(0.05, 'Distance between kept views [m]', low=0.005, high=5.0)
     key_turn: float = setting(0.1, 'Turn after which a view is kept [rad]', low=0.01, high=3.0)
 
     @property
@@ -97,9 +100,7 @@ class DockTaskSettings(Settings):
     servo_timeout: float = setting(
         5.0, 'Longest silence of the servo while it should drive [s]', low=0.2, high=600.0
     )
-    wait_for_charge: bool = fixed(
-        False, 'Docked is what charges, by battery_state; false: what has arrived'
-    )
+    wait_for_charge: bool = fixed(False, 'Docked means charging (battery_state); false: arrived')
     charging_threshold: float = setting(
         0.5, 'Current of battery_state above which it charges [A]', low=0.0, high=1000.0
     )

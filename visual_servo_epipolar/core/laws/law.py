@@ -45,7 +45,7 @@ class Law:
     contact_braking: bool = departure('slow down by the time to contact at the end of step 1')
     compensate_rotation: bool = departure('take D from features turned to the desired heading')
     line_following: bool = departure("steer along the goal's axis in step 2, not u_2 = 0")
-    slope_gain: bool = departure('close in at a rate in step 2, by the slope that D shows')
+    slope_gain: bool = departure('scale the gain of step 2 by the measured slope of D')
     speed_ramps: bool = departure('limit accelerations, and brake by them')
     curvature_feedforward: bool = departure('counter the turn that unequal wheels add')
     new_attempts: bool = departure('back off and repeat both steps after a miss (IX-2)')

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.settings import fixed, setting, Settings
 
 def departure_setting(name: str) -> Any:
     """Declare a setting that leaves a departure from the paper out of any law."""
-    return setting(True, f'False: no law may {DEPARTURES[name]}')
+    return setting(True, f'Whether laws may {DEPARTURES[name]}')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,8 @@ class ControlSettings(Settings):
 
     gains: str = setting(
         'given',
-        'Gains of both steps: given (as set below), derived (section IV-C, where step 1 begins)',
+        'Gains of both steps: given (as set below), derived (section IV-C, computed when step '
+        '1 begins)',
         choices=('given', 'derived'),
     )
     nearest_distance: float = setting(
@@ -57,7 +58,7 @@ class ControlSettings(Settings):
     )
     scene_depth: float = setting(
         3.0,
-        'Derived gains: depth of the nearest features, until D shows its slope [m]',
+        'Derived gains: depth of the nearest features, used until the slope of D is measured [m]',
         low=0.1,
         high=99,
     )
@@ -84,8 +85,8 @@ class ControlSettings(Settings):
     )
     approach_rate: float = setting(
         1.0,
-        'Step 2: rate at which it closes in at most, as the slope of D has it; with speed ramps '
-        'it brakes, and ends up to 4 times as sharply [1/s]',
+        'Step 2: largest closing rate, from the measured slope of D; with speed ramps the end '
+        'brakes, up to 4 times as sharply [1/s]',
         low=0.01,
         high=50.0,
     )
@@ -93,11 +94,11 @@ class ControlSettings(Settings):
         1.0, 'Step 2: factor of its gain at D = 0; 1 is constant', low=0.1, high=10.0
     )
     gain_slope: float = setting(
-        20.0, 'Step 2: how fast that factor falls with |D| at first', low=0.0, high=1e4
+        20.0, 'Step 2: initial decrease of that factor with |D|', low=0.0, high=1e4
     )
     turn_gain: float = setting(
         0.8,
-        'Gain of turns in place and of holding e_au; with speed ramps turns brake, and end 4 '
+        'Gain of turns in place and of holding e_au; with speed ramps turns end by braking, 4 '
         'times as sharply [1/s]',
         low=0,
         high=5,
@@ -107,7 +108,8 @@ class ControlSettings(Settings):
     )
     curvature_drift: float = setting(
         0.01,
-        'Curvature feed-forward: change in a metre of the turn that was not commanded [rad/m]',
+        'Curvature feed-forward: how much the curvature from unequal wheels may change per '
+        'metre [rad/m]',
         low=0.0,
         high=1.0,
     )
@@ -136,11 +138,12 @@ class ControlSettings(Settings):
         0.2, 'Step 1: deceleration to end it with [m/s^2]', low=0.01, high=20.0
     )
     spiral_ratio: float = setting(
-        0.4, 'Step 1: part of the distance that its spiral leaves for step 2', low=0.05, high=0.95
+        0.4, 'Step 1: fraction of the distance that remains after the spiral', low=0.05, high=0.95
     )
     least_spiral_ratio: float = setting(
         0.15,
-        'Step 1: part of the distance below which its spiral ends too near; the robot backs off',
+        'Step 1: least remaining fraction of the distance after the spiral; below it the '
+        'robot backs off',
         low=0.01,
         high=0.95,
     )
@@ -155,7 +158,7 @@ class ControlSettings(Settings):
     )
     singular_epipole: float = setting(
         0.02,
-        'Step 1: bearing of e_au below which the paper displaces it first [rad]',
+        'Step 1: bearing of e_au below which law paper displaces it first [rad]',
         low=0,
         high=0.5,
     )
@@ -178,7 +181,7 @@ class ControlSettings(Settings):
     max_angular: float = setting(0.5, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
     max_speed_ratio: float = setting(
         1.0,
-        'Part of both speeds that is used; a change on the way follows the ramps',
+        'Factor on both speed limits; changes follow the ramps',
         low=0.01,
         high=1.0,
     )

@@ -32,7 +32,7 @@ class PerceptionSettings(Settings):
         high=3.0,
     )
     compensate_rotation: bool = setting(
-        True, 'False: no law may take D from features turned to the desired heading'
+        True, 'Whether laws may take D from features turned to the desired heading'
     )
     min_parallax: float = setting(
         2.5,
@@ -51,14 +51,16 @@ class PerceptionSettings(Settings):
         0.1, 'Standard deviation of a bearing above which it is not trusted [rad]', low=0, high=3
     )
     max_leap: float = setting(
-        0.15, 'Change of a bearing in one frame that is rejected at first [rad]', low=0.0, high=4.0
+        0.15,
+        'Largest change of a bearing per frame; larger ones are accepted once three '
+        'frames confirm them [rad]',
+        low=0.0,
+        high=4.0,
     )
     min_spread: float = setting(
         0.03, 'Least spread of the features that agree [rad]', low=0.0, high=1.0
     )
-    pixel_noise: float = setting(
-        0.3, 'Deviation of a tracked coordinate before residuals show it [px]', low=0.01, high=10
-    )
+    pixel_noise: float = setting(0.3, 'Prior noise of tracked coordinates [px]', low=0.01, high=10)
     camera_tilt: float = fixed(
         0.0, 'Tilt of the camera, down positive, as far as it is known [rad]', low=-0.8, high=0.8
     )

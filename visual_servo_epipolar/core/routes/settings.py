@@ -13,14 +13,17 @@ class TeachSettings(Settings):
 
     min_shared: float = setting(
         0.55,
-        'Share of the features of a key view below which the next is taken',
+        'A new key view is taken below this share of remaining features',
         low=0.1,
         high=0.9,
     )
     max_spacing: float = setting(1.5, 'Longest way between key views [m]', low=0.1, high=10.0)
     max_turn: float = setting(0.35, 'Largest turn between key views [rad]', low=0.05, high=1.0)
     overlap: float = setting(
-        0.35, 'Way by which key views know more than the way between them [m]', low=0.0, high=2.0
+        0.35,
+        'How far the structure of a key view extends beyond its neighbours [m]',
+        low=0.0,
+        high=2.0,
     )
     pause: float = setting(
         3.0, 'Standstill that marks a station; 0 = none does [s]', low=0.0, high=60.0
@@ -35,16 +38,14 @@ class FollowSettings(Settings):
     max_speed: float = setting(0.5, 'Largest speed [m/s]', low=0.01, high=5.0)
     max_turn_rate: float = setting(1.0, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
     steering_length: float = setting(
-        0.5, 'Way in which an offset from the path fades [m]', low=0.05, high=5.0
+        0.5, 'Distance over which an offset from the path decays [m]', low=0.05, high=5.0
     )
     steering: str = setting(
         STRUCTURE,
         'Steered by: the structure of the key views, or the epipole of the next (Becerra 2014)',
         choices=STEERINGS,
     )
-    reverse: bool = setting(
-        False, 'Drive the way backward, seeing what was seen when it was taught'
-    )
+    reverse: bool = setting(False, 'Drive the route backward, facing as when it was taught')
     station: int = setting(
         -1,
         'Station at which it ends, counted from 0 along the way; -1 = that at its end',
@@ -53,7 +54,7 @@ class FollowSettings(Settings):
     )
     laps: int = setting(
         1,
-        'Times the way is driven, from its end to its beginning in sight of it',
+        'Number of laps; the end must be in sight of the beginning',
         low=1,
         high=1000,
     )
@@ -62,13 +63,12 @@ class FollowSettings(Settings):
     )
     renewals: int = setting(
         0,
-        'Photographs of other light that a key view keeps beside its first one, from repetitions '
-        'that arrived; 0 = none',
+        'Further photographs per key view in other light, from successful repetitions; 0 = none',
         low=0,
         high=10,
     )
     lost_timeout: float = setting(
-        10.0, 'Time to look for the route where it is lost [s]', low=0.1, high=600.0
+        10.0, 'Longest search for the route when lost [s]', low=0.1, high=600.0
     )
 
     def __post_init__(self) -> None:

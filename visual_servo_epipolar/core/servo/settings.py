@@ -63,7 +63,7 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     )
     odometry: bool = fixed(
         False,
-        'Take the way between images from odom, not from commands, while nothing contradicts it',
+        'Use odom instead of commands for the motion between images, unless images contradict it',
     )
     autostart: bool = fixed(False, 'Start by itself once there are tracks; false: on ~/start')
     latch_engage: float = setting(
@@ -83,13 +83,14 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     )
     arrival_position: float = setting(
         0.0,
-        'Position error within which it has arrived; 0 = as near as it can [m]',
+        'Position error within which it has arrived; 0 = as precisely as possible [m]',
         low=0.0,
         high=0.5,
     )
     arrival_heading: float = setting(
         6e-4,
-        'Heading error within which it faces the goal; 0.0006 or less = as well as it can [rad]',
+        'Heading error within which it faces the goal; 0.0006 or less = as precisely as '
+        'possible [rad]',
         low=1e-5,
         high=0.1,
     )
@@ -121,14 +122,14 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     retreat_speed: float = setting(0.2, 'Speed of backing off [m/s]', low=0.01, high=2.0)
     max_retreat: float = setting(
         20.0,
-        'Distance driven backward at which the run fails, attempts and all; 0 = it never backs '
+        'Largest distance driven backward in a run, all attempts together; 0 = it never backs '
         'off [m]',
         low=0.0,
         high=100.0,
     )
     max_excursion: float = setting(
         1.3,
-        'Distance in steps 1 and 2 over their first at which the run fails; 0 = off',
+        'Largest distance from the goal in steps 1 and 2, relative to their start; 0 = off',
         low=0,
         high=10,
     )
@@ -137,10 +138,12 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     )
     phase_timeout: float = setting(120.0, 'Longest stay in one phase [s]', low=1.0, high=3600.0)
     run_timeout: float = setting(600.0, 'Longest run [s]', low=1.0, high=86400.0)
-    holding_timeout: float = setting(5.0, 'Longest wait for lost tracks [s]', low=0.1, high=600.0)
+    holding_timeout: float = setting(
+        5.0, 'Longest hold before the run fails [s]', low=0.1, high=600.0
+    )
     few_features_timeout: float = setting(
         15.0,
-        'Longest drive by the memory of views on fewer than min_features; 0 = none [s]',
+        'Longest drive on the memory of views alone, with fewer than min_features; 0 = none [s]',
         low=0.0,
         high=600.0,
     )

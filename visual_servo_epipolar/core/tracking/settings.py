@@ -15,7 +15,7 @@ class TrackerSettings(Settings):
         40, 'Features below which the image is matched anew', low=1, high=1000
     )
     rematch_period: int = setting(
-        11, 'Least number of frames between two matchings', low=1, high=10000
+        11, 'Fewest frames between two whole-image matches', low=1, high=10000
     )
     window: int = setting(21, 'Side of the Lucas-Kanade window [px]', low=5, high=101)
     levels: int = setting(4, 'Pyramid levels above the full image', low=0, high=8)
@@ -29,9 +29,7 @@ class TrackerSettings(Settings):
     min_correlation: float = setting(
         0.85, 'Correlation with the desired patch to be kept', low=0.0, high=1.0
     )
-    candidates: int = setting(
-        240, 'Features kept in mind, to be found again when they come into view', low=8, high=5000
-    )
+    candidates: int = setting(240, 'Candidate features that can be reacquired', low=8, high=5000)
     search_per_frame: int = setting(
         8, 'Most lost features looked for in one frame', low=0, high=200
     )

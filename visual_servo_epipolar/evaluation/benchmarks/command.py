@@ -70,7 +70,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     model = 'network that matching measures beside SIFT'
     add_words(parser, {'--matcher-model FILE.onnx': model}, default='')
     add_json(parser)
-    history = 'append the figures to FILE, and tell which got worse on this machine'
+    history = 'append the figures to FILE, and report regressions on this machine'
     add_words(parser, {'--history FILE': history})
     parser.set_defaults(run=run)
 

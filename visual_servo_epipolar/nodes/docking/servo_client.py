@@ -67,7 +67,9 @@ class ServoClient:
         client = self._clients[order]
         if not client.service_is_ready():
             service = self._node.resolve_service_name(client.srv_name)
-            refusal = f'nobody serves {service}; run the servo, or set servo to its name'
+            refusal = (
+                f'service {service} is not available; run the servo, or set servo to its name'
+            )
             self._on_answer(order, refusal)
             return
         future = client.call_async(Trigger.Request())

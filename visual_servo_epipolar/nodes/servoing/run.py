@@ -19,7 +19,7 @@ from visual_servo_epipolar.nodes.servoing.freshness import Freshness
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 
 QUIET_S = 1.0  # without any tracks: then silence is what is wrong
-WAITS_FOR_END = 'drives as soon as this is over: '  # of what an armed servo lacks
+WAITS_FOR_END = 'will drive once this is resolved: '  # of what an armed servo lacks
 Standstill = Callable[[], tuple[str, bool]]
 
 
@@ -129,7 +129,7 @@ class Run:
 
     def lapse(self, why: str) -> None:
         """Let an order to start come to nothing: the robot stands until the next."""
-        self.active, self.lapsed = False, f'the order to start has lapsed, {why}'
+        self.active, self.lapsed = False, f'~/start has expired, {why}'
         self._logger.warning(self.lapsed)
         self.report()
 

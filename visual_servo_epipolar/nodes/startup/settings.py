@@ -24,9 +24,7 @@ def _path_source(metres: str) -> Any:
 
 
 def _mount_from_tf() -> Any:
-    return fixed(
-        False, 'Take how the camera is mounted from /tf_static, where no camera_ setting tells it'
-    )
+    return fixed(False, 'Take the mount from /tf_static unless a camera_ setting is set')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,13 +84,14 @@ class DriverNodeSettings(CalibrationSettings):
     )
     max_latency: float = setting(
         0.5,
-        'Age of an image, by the clock of the node, above which it is not driven by; 0 = off [s]',
+        "Largest age of an image, by the node's clock; older images make the robot hold; 0 = "
+        'off [s]',
         low=0.0,
         high=60.0,
     )
     enable_timeout: float = fixed(
         0.0,
-        'Age of the last true on enable at which the robot is stopped; 0 = none is needed [s]',
+        'Largest age of the last true on enable; 0 = enable not used [s]',
         low=0.0,
         high=10.0,
     )
@@ -107,13 +106,13 @@ class ServoNodeSettings(DriverNodeSettings):
 
     arming_timeout: float = setting(
         10.0,
-        'Time within which the robot must begin to drive after ~/start, or the order lapses [s]',
+        '~/start expires if the robot cannot begin to drive within this time [s]',
         low=0.1,
         high=3600.0,
     )
     resume: str = setting(
         'automatic',
-        'After a hold the run goes on: automatic, by itself; manual, anew and on ~/start alone',
+        'After a hold: automatic = continue; manual = only ~/start begins a new run',
         choices=RESUMES,
     )
     pan_joint: str = fixed('pan_joint', 'Joint of joint_states that pans the head to the left')
@@ -303,7 +302,7 @@ class DockNodeSettings(CalibrationSettings):
     serve_action: bool = fixed(
         False, 'Serve the action dock_robot of nav2_msgs: requests start the servo'
     )
-    servo: str = fixed('servo_node', 'Whose ~/start and ~/stop are called')
+    servo: str = fixed('servo_node', 'Name of the servo node')
     dock_backwards: bool = fixed(
         False, 'The camera looks back: take cmd_vel_reversed of the servo, publish it turned round'
     )

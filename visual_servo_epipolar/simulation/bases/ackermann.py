@@ -20,7 +20,7 @@ class AckermannSettings(PioneerSettings):
         1.0, 'Car: how fast they are steered [rad/s]', low=0.01, high=50.0
     )
     steering_offset: float = setting(
-        0.0, 'Car: angle of the wheels that are told to be straight [rad]', low=-0.3, high=0.3
+        0.0, 'Car: steering offset at a command of zero [rad]', low=-0.3, high=0.3
     )
 
 

@@ -115,7 +115,7 @@ def _charges(record: Record, bounds: SafetyBounds, blind: str) -> list[tuple[Run
     elif record.phase == Phase.ARRIVED.value:
         charges.append((RunVerdict.WRONG_ARRIVAL, _arrival_error(record, bounds)))
     elif not record.why:
-        text = f'stands in {record.phase}, and nobody says why'
+        text = f'stands in {record.phase}, and no node says why'
         charges.append((RunVerdict.UNEXPLAINED, text))
     return charges
 
