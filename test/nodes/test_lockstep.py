@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+from durations import few_of
 import pytest
 
 from visual_servo_epipolar.core.arrays import Image
@@ -133,7 +134,7 @@ def test_nodes_turn_the_same_head_as_the_loop_in_memory() -> None:
     assert expected.samples[-1].twist != STANDSTILL
 
 
-@pytest.mark.parametrize('rig', ['car', 'dual_fisheye'])
+@pytest.mark.parametrize('rig', few_of(['car', 'dual_fisheye']))
 def test_nodes_of_a_rig_drive_exactly_as_the_loop_in_memory(rig: str) -> None:
     scenario = load(None, CONFIG / f'rigs/{rig}.yaml')
     ratio = 320 / scenario.camera.height

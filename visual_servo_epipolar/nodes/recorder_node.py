@@ -162,8 +162,8 @@ class RecorderNode(ManagedNode):
     def _stop_robot(self) -> None:
         service = self.resolve_service_name(f'{self._node_settings.servo}/stop')
         if not self._servo_stop.service_is_ready():
-            trouble = f'service {service} is not available'
-            self.get_logger().error(f'the robot is not stopped: {trouble}')
+            trouble = f'the robot is not stopped: service {service} is not available'
+            self.get_logger().error(trouble)
             return
         answer = self._servo_stop.call_async(Trigger.Request())
         answer.add_done_callback(

@@ -170,6 +170,7 @@ def test_messages_reach_nodes_through_cdr_and_hooks_do_not_stay() -> None:
     assert Publisher.publish is before
 
 
+@pytest.mark.long
 def test_a_base_that_stands_is_watched_until_the_run_fails_for_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -2,6 +2,7 @@
 
 import math
 
+from durations import few_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -205,7 +206,10 @@ def test_a_peer_that_loses_its_features_holds_and_then_fails(name: str) -> None:
 
 @pytest.mark.parametrize(
     ('name', 'fate'),
-    [('ours', 'reached'), ('position-based', 'reached'), ('image-based', 'missed')],
+    few_of(
+        [('ours', 'reached'), ('position-based', 'reached'), ('image-based', 'missed')],
+        keep=(0, 2),
+    ),
 )
 def test_a_run_is_judged_by_ground_truth(name: str, fate: str) -> None:
     run = laws.one_run(name, (0.4, -2.2, 3.0), 1)
