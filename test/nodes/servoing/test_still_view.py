@@ -48,7 +48,7 @@ def test_a_robot_that_stands_may_see_the_same_for_as_long_as_it_likes(bench) -> 
     rig = Rig(bench, autostart=False)
     for _ in range(3):
         hang(rig)
-    rig.node._run.active = True
+    assert bench.call('servo_node/start').success
     rig.drive()
 
 
@@ -82,7 +82,7 @@ def test_new_images_are_driven_by_again_only_after_a_while(bench) -> None:
 def test_a_robot_that_stands_may_see_what_came_before(bench) -> None:
     rig = Rig(bench, autostart=False)
     show(rig, 7)
-    rig.node._run.active = True
+    assert bench.call('servo_node/start').success
     rig.drive()
 
 
