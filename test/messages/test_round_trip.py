@@ -10,7 +10,7 @@ from rosbags.typesys import get_typestore, Stores
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.tracking.features import Features, Passing
+from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures, Features
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.simulation.closed_loop import published
 
@@ -33,7 +33,7 @@ def feature_sets(draw: st.DrawFn) -> Features:
     whole = arrays(np.int64, count, elements=st.integers(0, 2**32 - 1))
     more = draw(st.integers(0, 3))
     numbers = arrays(np.int64, more, elements=st.integers(0, 2**32 - 1))
-    passing = Passing(
+    auxiliary = AuxiliaryFeatures(
         draw(numbers), draw(arrays(np.float64, (more, 2), elements=finite)), draw(numbers)
     )
     return Features(
@@ -42,7 +42,7 @@ def feature_sets(draw: st.DrawFn) -> Features:
         desired=draw(pixels),
         ages=draw(whole),
         errors=draw(arrays(np.float64, count, elements=finite)),
-        passing=passing,
+        auxiliary=auxiliary,
     )
 
 
@@ -55,8 +55,8 @@ def from_bag(message):
 def assert_same_features(actual: Features, expected: Features) -> None:
     for name in ('ids', 'current', 'desired', 'ages', 'errors'):
         np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name), name)
-    for name in Passing.__slots__:
-        both = [getattr(each.passing, name) for each in (actual, expected)]
+    for name in AuxiliaryFeatures.__slots__:
+        both = [getattr(each.auxiliary, name) for each in (actual, expected)]
         np.testing.assert_array_equal(*both, name)
 
 

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.cameras.equirectangular import of_size
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.tracking.features import Features, Passing
+from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures, Features
 from visual_servo_epipolar.core.tracking.photographs import photographs
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -44,9 +44,9 @@ def test_a_feature_may_lie_a_pixel_outside_and_no_more(u, count, of_desired) -> 
 def test_one_that_the_photograph_does_not_show_must_lie_in_the_image_as_well() -> None:
     shown = features(10.0, of_desired=False)
     for u, count in ((30.0, 1), (642.0, 0)):
-        more = replace(shown, passing=Passing([2**24], [[u, 10.0]], [0]))
+        more = replace(shown, auxiliary=AuxiliaryFeatures([2**24], [[u, 10.0]], [0]))
         taken, warning = checked_features(more, CAMERA)
-        assert len(taken.passing) == count
+        assert len(taken.auxiliary) == count
         assert warning.startswith('tracks refused: 1 of 3 features lie') == (count == 0)
 
 
@@ -54,9 +54,9 @@ def test_one_that_the_photograph_does_not_show_must_lie_in_the_image_as_well() -
 def test_ids_that_stand_twice_are_refused(ids) -> None:
     shown = replace(features(10.0, of_desired=False), ids=ids[0])
     taken, warning = checked_features(
-        replace(shown, passing=Passing(ids[1], [[30.0, 10.0]], [0])), CAMERA
+        replace(shown, auxiliary=AuxiliaryFeatures(ids[1], [[30.0, 10.0]], [0])), CAMERA
     )
-    assert len(taken) == len(taken.passing) == 0
+    assert len(taken) == len(taken.auxiliary) == 0
     assert warning.startswith('tracks refused: of 3 ids 2 differ')
 
 

@@ -93,18 +93,20 @@ def test_tracks_are_those_of_the_core(rig, photograph, view) -> None:
 def test_features_that_the_photograph_does_not_show_come_last(
     bench, simulator, photograph, view
 ) -> None:
-    rig = Rig(bench, simulator, passing_features=5).calibrated().taught(photograph)
+    rig = Rig(bench, simulator, auxiliary_features=5).calibrated().taught(photograph)
     features = rig.track(view)
     assert len(features) >= 40
-    assert 1 <= len(features.passing) <= 5
+    assert 1 <= len(features.auxiliary) <= 5
     assert not rig.clouds[-1].is_dense
     rows = np.frombuffer(bytes(rig.clouds[-1].data), write.TRACK_LAYOUT)
     assert np.isnan(rows['desired_u']).tolist() == [False] * len(features) + [True] * len(
-        features.passing
+        features.auxiliary
     )
-    expected = Tracker(TrackerSettings(passing_features=5))
+    expected = Tracker(TrackerSettings(auxiliary_features=5))
     expected.set_desired(photograph)
-    np.testing.assert_array_equal(features.passing.current, expected.track(view).passing.current)
+    np.testing.assert_array_equal(
+        features.auxiliary.current, expected.track(view).auxiliary.current
+    )
 
 
 def test_each_image_gives_one_cloud_with_its_stamp(rig, photograph, view) -> None:

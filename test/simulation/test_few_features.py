@@ -10,12 +10,12 @@ import pytest
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.perception.observation import Observation, observe, PassingRays
+from visual_servo_epipolar.core.perception.observation import AuxiliaryRays, Observation, observe
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
-from visual_servo_epipolar.core.tracking.features import Features, FIRST_PASSING
+from visual_servo_epipolar.core.tracking.features import Features, FIRST_AUXILIARY
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
@@ -42,27 +42,27 @@ def shuffled(seen: Observation) -> Observation:
     return replace(few, current=np.roll(few.current, 3, axis=0))
 
 
-def passing(seen: Observation) -> Observation:
+def auxiliary(seen: Observation) -> Observation:
     """Return every third feature as one that the photograph does not show."""
     rows = np.flatnonzero(seen.ids % 3 == 0)
     others = of_rows(seen, np.flatnonzero(seen.ids % 3 > 0))
-    rays = PassingRays(
-        FIRST_PASSING + seen.ids[rows], seen.current[rows], seen.resolution[rows, 0]
+    rays = AuxiliaryRays(
+        FIRST_AUXILIARY + seen.ids[rows], seen.current[rows], seen.resolution[rows, 0]
     )
-    return replace(others, passing=rays)
+    return replace(others, auxiliary=rays)
 
 
 def nothing_of_the_photograph(seen: Observation) -> Observation:
     """Leave what passes."""
-    return replace(of_rows(seen, np.arange(0)), passing=seen.passing)
+    return replace(of_rows(seen, np.arange(0)), auxiliary=seen.auxiliary)
 
 
 def people(seen: Observation) -> Observation:
     """Leave what passes, each where another is: somebody walks before it."""
     left = nothing_of_the_photograph(seen)
-    assert left.passing is not None
-    rays = np.roll(left.passing.current, 3, axis=0)
-    return replace(left, passing=replace(left.passing, current=rays))
+    assert left.auxiliary is not None
+    rays = np.roll(left.auxiliary.current, 3, axis=0)
+    return replace(left, auxiliary=replace(left.auxiliary, current=rays))
 
 
 def of_rows(seen: Observation, rows: np.ndarray) -> Observation:
@@ -122,7 +122,7 @@ def test_eight_remembered_features_are_enough_to_drive_on(count: int, scenario: 
 
 @pytest.mark.parametrize('scenario', few_of(['realistic', 'nominal', 'flat']))
 def test_what_the_photograph_does_not_show_is_enough_to_drive_on(scenario: str) -> None:
-    summary, states = driven(nothing_of_the_photograph, 6.0, scenario=scenario, always=passing)
+    summary, states = driven(nothing_of_the_photograph, 6.0, scenario=scenario, always=auxiliary)
     assert summary['outcome'] == 'arrived'
     assert float(str(summary['position_error_m'])) < 0.004
     assert {state.phase for state in states}.isdisjoint({Phase.HOLDING, Phase.FAILED})
@@ -130,7 +130,7 @@ def test_what_the_photograph_does_not_show_is_enough_to_drive_on(scenario: str) 
 
 
 def test_who_walks_by_carries_nobody_on() -> None:
-    summary, states = driven(people, 4.0, always=passing)
+    summary, states = driven(people, 4.0, always=auxiliary)
     assert all(state.twist == STANDSTILL for state in states)
     assert {state.phase for state in states} == {Phase.HOLDING}
     assert summary['outcome'] == 'arrived'
@@ -139,7 +139,7 @@ def test_who_walks_by_carries_nobody_on() -> None:
 def test_at_the_goal_it_waits_for_the_photograph_s_features() -> None:
     """Hidden until the end: where nothing else tells, it is no arrival, and none is missed."""
     summary, states = driven(
-        nothing_of_the_photograph, 1e3, always=passing, few_features_timeout=60.0
+        nothing_of_the_photograph, 1e3, always=auxiliary, few_features_timeout=60.0
     )
     assert summary['outcome'] == 'failed'
     assert summary['attempts'] == 1
@@ -150,7 +150,7 @@ def test_at_the_goal_it_waits_for_the_photograph_s_features() -> None:
 def test_once_they_are_back_at_the_goal_it_has_arrived() -> None:
     """What was not seen of the photograph in between is no parallax."""
     summary, states = driven(
-        nothing_of_the_photograph, 35.0, always=passing, few_features_timeout=60.0
+        nothing_of_the_photograph, 35.0, always=auxiliary, few_features_timeout=60.0
     )
     assert states[-1].phase is Phase.MATCHING_FEATURES
     assert summary['outcome'] == 'arrived', summary['reason']
@@ -160,10 +160,10 @@ def test_once_they_are_back_at_the_goal_it_has_arrived() -> None:
 
 @pytest.mark.parametrize('count', few_of([5, 3, 1], keep=()))
 def test_a_few_of_the_photograph_s_decide_nothing_at_the_goal(count: int) -> None:
-    def few_and_passing(seen: Observation) -> Observation:
-        return replace(of_rows(seen, np.arange(count)), passing=seen.passing)
+    def few_and_auxiliary(seen: Observation) -> Observation:
+        return replace(of_rows(seen, np.arange(count)), auxiliary=seen.auxiliary)
 
-    summary, states = driven(few_and_passing, 1e3, always=passing, few_features_timeout=60.0)
+    summary, states = driven(few_and_auxiliary, 1e3, always=auxiliary, few_features_timeout=60.0)
     assert summary['outcome'] == 'failed'
     assert Phase.ARRIVED not in {state.phase for state in states}
     assert float(str(summary['position_error_m'])) < 0.02

@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_qua
 from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.tracking.features import Features, Passing
+from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures, Features
 from visual_servo_epipolar.messages.images.encodings import GrayReader
 
 NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
@@ -168,17 +168,17 @@ def features(message: Any) -> Features:
         )
     every = np.frombuffer(message.data, layout, count=count)
     unshown = np.isnan(every['desired_u']) & np.isnan(every['desired_v'])
-    rows, passing = every[~unshown], every[unshown]
+    rows, auxiliary = every[~unshown], every[unshown]
     return Features(
         ids=rows['id'].astype(np.int64),
         current=np.stack([rows['u'], rows['v']], axis=1).astype(np.float64),
         desired=np.stack([rows['desired_u'], rows['desired_v']], axis=1).astype(np.float64),
         ages=rows['age'].astype(np.int64),
         errors=rows['error'].astype(np.float64),
-        passing=Passing(
-            passing['id'].astype(np.int64),
-            np.stack([passing['u'], passing['v']], axis=1).astype(np.float64),
-            passing['age'].astype(np.int64),
+        auxiliary=AuxiliaryFeatures(
+            auxiliary['id'].astype(np.int64),
+            np.stack([auxiliary['u'], auxiliary['v']], axis=1).astype(np.float64),
+            auxiliary['age'].astype(np.int64),
         ),
         goal=_of_first_row(message, 'goal') or NO_GOAL,
     )

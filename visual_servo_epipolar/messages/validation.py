@@ -66,7 +66,7 @@ def checked_tracks(message: Any, camera: CameraModel) -> tuple[Features, str]:
 
 def checked_features(features: Features, camera: CameraModel) -> tuple[Features, str]:
     """Return ``features``; none, and a warning, if they cannot come from ``camera``."""
-    ids = np.concatenate([features.ids, features.passing.ids])
+    ids = np.concatenate([features.ids, features.auxiliary.ids])
     different = len(set(ids.tolist()))
     if different < len(ids):
         return Features(), (
@@ -77,8 +77,8 @@ def checked_features(features: Features, camera: CameraModel) -> tuple[Features,
     shown = camera.contains(current, margin=-BORDER_PX) & camera.contains(
         desired, margin=-BORDER_PX
     )
-    passing = camera.contains(features.passing.current, margin=-BORDER_PX)
-    inside = np.concatenate([shown, passing])
+    auxiliary = camera.contains(features.auxiliary.current, margin=-BORDER_PX)
+    inside = np.concatenate([shown, auxiliary])
     if inside.all():
         return features, ''
     return Features(), (

@@ -190,21 +190,21 @@ def features(
     its goal. ``repeats``: how many images in a row have been the very same; ``back``: how many
     images ago it came last, 0 if it is new.
     """
-    passing = value.passing
-    rows = np.empty(len(value) + len(passing), TRACK_LAYOUT)
+    auxiliary = value.auxiliary
+    rows = np.empty(len(value) + len(auxiliary), TRACK_LAYOUT)
     shown, unshown = rows[: len(value)], rows[len(value) :]
     shown['id'], shown['age'], shown['error'] = value.ids, value.ages, value.errors
     shown['u'], shown['v'] = value.current.T
     shown['desired_u'], shown['desired_v'] = value.desired.T
-    if len(passing):
-        unshown['id'], unshown['age'] = passing.ids, passing.ages
-        unshown['u'], unshown['v'] = passing.current.T
+    if len(auxiliary):
+        unshown['id'], unshown['age'] = auxiliary.ids, auxiliary.ages
+        unshown['u'], unshown['v'] = auxiliary.current.T
         unshown['desired_u'] = unshown['desired_v'] = unshown['error'] = np.nan
     rows['goal'], rows['repeats'], rows['back'] = value.goal, repeats, back
     height = int(value.goal != NO_GOAL or len(rows) > 0)
     message = PointCloud2(header=header(stamp_ns, frame_id), height=height, width=len(rows))
     message.fields = [PointField(**field) for field in TRACK_FIELDS]
-    message.is_dense, message.point_step = not len(passing), TRACK_LAYOUT.itemsize
+    message.is_dense, message.point_step = not len(auxiliary), TRACK_LAYOUT.itemsize
     message.row_step = message.point_step * len(rows)
     message.data.frombytes(rows.tobytes())
     return message

@@ -207,9 +207,9 @@ class ServoNode(ManagedNode):
         unusable = foreign or refused
         if unusable:
             self._warn(unusable)
-        seen = self._wheels.told(observe(features, camera, stamp_ns))
+        seen = self._wheels.with_odometry(observe(features, camera, stamp_ns))
         # The mount may have become known since: the rig of these settings, as a replay has it.
-        observation = self._head.told(seen, self._settings.carrier)
+        observation = self._head.with_joints(seen, self._settings.carrier)
         session = session.decide(
             observation,
             self._settings,

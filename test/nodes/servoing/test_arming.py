@@ -11,7 +11,7 @@ from servo_rig import AWAY, CAMERA, HandSetClock, Rig, STAMP_NS, WORLD
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.tracking.features import Features, Passing
+from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures, Features
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 
@@ -150,7 +150,7 @@ def test_features_that_the_photograph_does_not_show_are_none_of_it(bench) -> Non
     rig = Armed(bench)
     current = WORLD.observe(AWAY, 0).current
     ids = 2**24 + np.arange(len(current))
-    rig.show(Features(passing=Passing(ids, current, np.ones(len(current)))))
+    rig.show(Features(auxiliary=AuxiliaryFeatures(ids, current, np.ones(len(current)))))
     unseen = 'no feature of the photograph is in view'
     assert rig.order().message.startswith(f'armed, will drive once this is resolved: {unseen}')
     rig.let_time_pass(10.1)

@@ -121,8 +121,8 @@ def test_a_mount_that_becomes_known_is_that_of_the_head_as_well(bench) -> None:
     tilted = replace(rig.node._settings, camera_tilt=0.3)
     rig.node._settings = tilted
     seen = []
-    inner = rig.node._head.told
-    rig.node._head.told = lambda *given: seen.append(given[1]) or inner(*given)
+    inner = rig.node._head.with_joints
+    rig.node._head.with_joints = lambda *given: seen.append(given[1]) or inner(*given)
     rig.see_with_angles()
     assert seen == [tilted.carrier]
 

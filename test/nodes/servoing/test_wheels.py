@@ -66,7 +66,7 @@ class Bed:
 
     def at(self, seconds: float) -> Pose | None:
         seen = Observation(round(seconds * S), *2 * [None], 700.0)
-        return self.wheels.told(seen).odometry
+        return self.wheels.with_odometry(seen).odometry
 
 
 def off(pose: Pose | None, expected: Pose) -> float:

@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 from visual_servo_epipolar.core.rigs.rig import HeadView, Joints, Rig
-from visual_servo_epipolar.core.tracking.features import Features, Passing
+from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures, Features
 
 # Of the angle of a pixel, where another lens sees a feature than in the photograph: its centre is
 # elsewhere, by what nobody tells.
@@ -19,7 +19,7 @@ OTHER_LENS = 8.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PassingRays:
+class AuxiliaryRays:
     """
     Features that the photograph does not show: ``ids``, shape (M,), and unit rays, (M, 3).
 
@@ -41,8 +41,9 @@ class Observation:
     without distortion. ``focal`` [px] only turns pixel thresholds into angles and back. ``edges``
     are the bearings of the left and the right edge of the image [rad], right positive. ``dropped``
     is the number of features left out, for the lens cannot say where they are. ``wide`` is a lens
-    that sees farther off its axis than a plane can hold. ``passing`` does not count. ``odometry``
-    is where the wheels say that the base was then, in any frame; None where they do not say.
+    that sees farther off its axis than a plane can hold. ``auxiliary`` does not count.
+    ``odometry`` is where the wheels say that the base was then, in any frame; None where they do
+    not say.
     ``head`` tells that the rays are in axes of its rig; None without a head.
     """
 
@@ -55,7 +56,7 @@ class Observation:
     dropped: int = 0
     wide: bool = False
     ids: IntArray | None = None
-    passing: PassingRays | None = None
+    auxiliary: AuxiliaryRays | None = None
     odometry: Pose | None = None
     head: HeadView | None = None
 
@@ -80,14 +81,14 @@ class Observation:
         """Return the observation of an image in which nothing is to be trusted."""
         nothing = np.empty((0, 3))
         return replace(
-            self, current=nothing, desired=nothing, pixel_angles=None, ids=None, passing=None
+            self, current=nothing, desired=nothing, pixel_angles=None, ids=None, auxiliary=None
         )
 
     def on_rig(self, rig: Rig, joints: Joints) -> 'Observation':
         """Return the observation in axes of a ``rig``; ``joints`` are its angles at the image."""
-        passing = self.passing
-        if passing is not None:
-            passing = replace(passing, current=rig.rays(passing.current, joints))
+        auxiliary = self.auxiliary
+        if auxiliary is not None:
+            auxiliary = replace(auxiliary, current=rig.rays(auxiliary.current, joints))
         return replace(
             self,
             current=rig.rays(self.current, joints),
@@ -95,7 +96,7 @@ class Observation:
             edges=rig.edges(self.edges, joints),
             pixel_angles=self.resolution,  # those of the camera, wherever it looks
             wide=True,  # seen from the base, features lie on any side
-            passing=passing,
+            auxiliary=auxiliary,
             head=HeadView(joints, rig.reach(self.edges), rig),
         )
 
@@ -114,7 +115,7 @@ class Observation:
             focal=self.focal / ratio,
             edges=(left, right),
             pixel_angles=self.resolution * np.stack([growth_current, growth_desired], axis=1),
-            passing=None,  # for memories, which have none of a lens that is being learnt
+            auxiliary=None,  # for memories, which have none of a lens that is being learnt
         )
 
 
@@ -154,15 +155,17 @@ def observe(features: Features, camera: CameraModel, stamp_ns: int) -> Observati
         dropped=count - kept,
         wide=camera.wide,
         ids=ids,
-        passing=passing_rays(features.passing, camera),
+        auxiliary=auxiliary_rays(features.auxiliary, camera),
     )
 
 
-def passing_rays(passing: Passing, camera: CameraModel) -> PassingRays | None:
+def auxiliary_rays(auxiliary: AuxiliaryFeatures, camera: CameraModel) -> AuxiliaryRays | None:
     """Return the rays of features that the photograph does not show; None where there are none."""
-    if not len(passing):
+    if not len(auxiliary):
         return None
-    rays = camera.rays(passing.current)
-    usable = camera.round_trips(passing.current, rays)
+    rays = camera.rays(auxiliary.current)
+    usable = camera.round_trips(auxiliary.current, rays)
     rays = rays[usable]
-    return PassingRays(passing.ids[usable], rays, camera.resolution(rays)) if len(rays) else None
+    return (
+        AuxiliaryRays(auxiliary.ids[usable], rays, camera.resolution(rays)) if len(rays) else None
+    )

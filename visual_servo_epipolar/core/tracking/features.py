@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.arrays import (
 )
 from visual_servo_epipolar.core.goal import NO_GOAL
 
-FIRST_PASSING = 1 << 24  # least id of a feature that no photograph shows
+FIRST_AUXILIARY = 1 << 24  # least id of a feature that no photograph shows
 
 
 def _no_points() -> FloatArray:
@@ -41,7 +41,7 @@ def _freeze_columns(features: Any, names: Sequence[str]) -> None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Passing:
+class AuxiliaryFeatures:
     """
     Features of the current image that the photograph does not show, rows are features.
 
@@ -59,12 +59,12 @@ class Passing:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def take(self, rows: BoolArray) -> 'Passing':
+    def take(self, rows: BoolArray) -> 'AuxiliaryFeatures':
         """Return the rows chosen by a mask, shape (M,)."""
-        return Passing(self.ids[rows], self.current[rows], self.ages[rows])
+        return AuxiliaryFeatures(self.ids[rows], self.current[rows], self.ages[rows])
 
 
-NOTHING_PASSING = Passing()
+NO_AUXILIARY = AuxiliaryFeatures()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +75,7 @@ class Features:
     ``ids``, shape (N,), never change their meaning within one desired view. ``current`` and
     ``desired``, shape (N, 2), are pixels (u, v) in the two images; ``ages``, shape (N,), frames
     since (re)detection; ``errors``, shape (N,), residuals of the alignment [grey levels].
-    ``passing`` are features that the photograph does not show; they do not count. ``goal`` is the
+    ``auxiliary`` features are not in the photograph; they do not count. ``goal`` is the
     id of the goal to which all of them belong.
     """
 
@@ -84,7 +84,7 @@ class Features:
     desired: FloatArray = field(default_factory=_no_points)
     ages: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     errors: FloatArray = field(default_factory=lambda: np.empty(0))
-    passing: Passing = NOTHING_PASSING
+    auxiliary: AuxiliaryFeatures = NO_AUXILIARY
     goal: int = NO_GOAL
 
     def __post_init__(self) -> None:
@@ -98,7 +98,7 @@ class Features:
         desired: FloatArray,
         ages: IntArray,
         errors: FloatArray,
-        passing: Passing = NOTHING_PASSING,
+        auxiliary: AuxiliaryFeatures = NO_AUXILIARY,
         goal: int = NO_GOAL,
     ) -> 'Features':
         """
@@ -109,7 +109,7 @@ class Features:
         features, columns = object.__new__(cls), (ids, current, desired, ages, errors)
         for column in columns:
             column.setflags(write=False)
-        for name, value in zip(cls.__slots__, (*columns, passing, goal), strict=True):
+        for name, value in zip(cls.__slots__, (*columns, auxiliary, goal), strict=True):
             object.__setattr__(features, name, value)
         return features
 

@@ -1,6 +1,8 @@
 """Settings of the tracker."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
@@ -9,6 +11,8 @@ from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 @dataclass(frozen=True, kw_only=True)
 class TrackerSettings(Settings):
     """How many features, how carefully they are tracked, when they are given up."""
+
+    RENAMED: ClassVar[Mapping[str, str]] = {'passing_features': 'auxiliary_features'}
 
     max_features: int = setting(60, 'Features tracked at a time', low=8, high=1000)
     min_features: int = setting(
@@ -40,7 +44,7 @@ class TrackerSettings(Settings):
         low=0.0,
         high=60.0,
     )
-    passing_features: int = setting(
+    auxiliary_features: int = setting(
         0, 'Features tracked that the photograph does not show, for the memory', low=0, high=1000
     )
     matcher: str = setting(

@@ -21,13 +21,13 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
     inside_border,
 )
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
+from visual_servo_epipolar.core.tracking.auxiliary import AuxiliaryTracker
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.canvas import Canvas
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.flow import flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView
-from visual_servo_epipolar.core.tracking.passing import PassingFeatures
 from visual_servo_epipolar.core.tracking.photographs.photographs import Photographs, Rematching
 from visual_servo_epipolar.core.tracking.photographs.tied_view import TiedView
 from visual_servo_epipolar.core.tracking.reacquisition import Predictions, reacquire
@@ -61,7 +61,7 @@ class Tracker:
         self._tracked = Tracks.empty()
         self._candidates: Candidates | None = None
         self._predictions, self._is_prepared = Predictions(), True
-        self._passing = PassingFeatures()
+        self._auxiliary = AuxiliaryTracker()
         self._frame = 0
         self.goal: Goal[None] = Goal()
         self._rematching = Rematching()
@@ -175,7 +175,7 @@ class Tracker:
         self._previous = None
         self._rematching.forget()
         self._begin(0)
-        self._passing.forget()
+        self._auxiliary.forget()
 
     def _begin(self, photograph: int) -> None:
         """Begin to track that number of ``photograph``, of which no feature is known."""
@@ -207,7 +207,7 @@ class Tracker:
             tracked = self._tracked_in(frame)
             self._tracked = replace(tracked, warps=self.canvas.own(tracked.warps))
             known = self._tracked.warps.current
-            passing = self._passing.follow(
+            auxiliary = self._auxiliary.follow(
                 self._previous, frame, known, self.settings, self.canvas
             )
         except (OpenCVError, np.linalg.LinAlgError) as error:
@@ -216,8 +216,8 @@ class Tracker:
             return Features()
         self._previous, self._is_prepared = frame, False
         shown = self._tracked.take(self.canvas.shows(self._tracked.warps.current))
-        passing = passing.take(self.canvas.shows(passing.current))
-        return self._tied.features(shown, passing, self.goal.id)
+        auxiliary = auxiliary.take(self.canvas.shows(auxiliary.current))
+        return self._tied.features(shown, auxiliary, self.goal.id)
 
     def _check_size(self, height: int, width: int) -> None:
         """Raise ValueError for an image that is not as large as the desired one [px]."""

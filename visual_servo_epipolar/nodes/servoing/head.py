@@ -58,7 +58,7 @@ class Head:
             )
         return self._history.trouble(last_ns if stamp_ns is None else stamp_ns)
 
-    def told(self, observation: Observation, rig: Rig) -> Observation:
+    def with_joints(self, observation: Observation, rig: Rig) -> Observation:
         """Return ``observation`` in axes of the base, by the angles at its image and the rig."""
         joints = self._history.at(observation.stamp_ns) if self.is_there else None
         return observation if joints is None else observation.on_rig(rig, joints)

@@ -51,7 +51,7 @@ class Wheels:
         """Forget where the base was."""
         self._path, self._frame, self._leapt = Path(command_timeout=AHEAD_S), '', False
 
-    def told(self, observation: Observation) -> Observation:
+    def with_odometry(self, observation: Observation) -> Observation:
         """Return ``observation`` with where the wheels had the base, where they tell."""
         if not self._listens:
             return observation

@@ -47,14 +47,14 @@ def draw_overlay(
     epipole_current: float | None = None,
     horizon: float | None = None,
     fundamental: FloatArray | None = None,
-    passing_pixels: FloatArray | None = None,
+    auxiliary_pixels: FloatArray | None = None,
     size: tuple[int, int] | None = None,
 ) -> Image:
     """
     Return a colour picture, BGR, of the features drawn over a grey ``image``, shape (H, W).
 
     ``current_pixels`` and ``desired_pixels``, (N, 2), are the same features row by row;
-    ``passing_pixels``, (M, 2), are those that the photograph does not show. The header has the
+    ``auxiliary_pixels``, (M, 2), are those that the photograph does not show. The header has the
     ``phase``, or any other text. ``epipole_current`` is the abscissa of the epipole from the left
     border, drawn in the row ``horizon`` if it lies in the image. With ``fundamental``, F such that
     p_desired^T F p_current = 0, a few epipolar lines are drawn. All are in pixels of the image;
@@ -72,9 +72,9 @@ def draw_overlay(
     unit = _unit(picture)
     if fundamental is not None:
         _draw_epipolar_lines(picture, shown.fundamental(fundamental), desired, unit)
-    if passing_pixels is not None:
-        passing = as_points(passing_pixels, 'passing_pixels')
-        _draw_passing(picture, shown.points(passing), unit)
+    if auxiliary_pixels is not None:
+        auxiliary = as_points(auxiliary_pixels, 'auxiliary_pixels')
+        _draw_auxiliary(picture, shown.points(auxiliary), unit)
     _draw_features(picture, current, desired, unit)
     if epipole_current is not None and 0.0 <= epipole_current < gray.shape[1]:
         row = 0.5 * gray.shape[0] if horizon is None else horizon
@@ -147,7 +147,7 @@ def _draw_features(picture: Image, current: FloatArray, desired: FloatArray, uni
     draw_lines(picture, crosses, RED, bold)
 
 
-def _draw_passing(picture: Image, pixels: FloatArray, unit: float) -> None:
+def _draw_auxiliary(picture: Image, pixels: FloatArray, unit: float) -> None:
     squares = pixels[:, None] + 5.0 * unit * SQUARE
     for colour, width in ((DARK, 3), (LINE, 1)):
         draw_lines(picture, squares, colour, width, closed=True)

@@ -131,17 +131,17 @@ def _localized(
 
 
 def observations_of(observation: Observation, noise_px: float) -> FeatureObservations:
-    """Return what an observation shows, passing features as well; of deviation ``noise_px``."""
+    """Return what an observation shows, auxiliary features as well; of deviation ``noise_px``."""
     noise = np.maximum(noise_px * observation.resolution, LEAST_NOISE)
-    current, desired, passing = observation.current, observation.desired, observation.passing
+    current, desired, auxiliary = observation.current, observation.desired, observation.auxiliary
     ids = np.arange(len(observation)) if observation.ids is None else observation.ids
-    if passing is None:
+    if auxiliary is None:
         return FeatureObservations.owning(ids, current, desired, noise)
-    new = ~are_among(passing.ids, ids)
-    own = np.maximum(max(noise_px, DRIFT_PX) * passing.resolution[new], LEAST_NOISE)
+    new = ~are_among(auxiliary.ids, ids)
+    own = np.maximum(max(noise_px, DRIFT_PX) * auxiliary.resolution[new], LEAST_NOISE)
     return FeatureObservations.owning(
-        np.concatenate([ids, passing.ids[new]]),
-        np.concatenate([current, passing.current[new]]),
+        np.concatenate([ids, auxiliary.ids[new]]),
+        np.concatenate([current, auxiliary.current[new]]),
         np.concatenate([desired, np.full((int(new.sum()), 3), np.nan)]),
         np.concatenate([noise, np.stack([own, own], axis=1)]),
     )

@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.goal import goal_id
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
-from visual_servo_epipolar.core.tracking.features import FIRST_PASSING
+from visual_servo_epipolar.core.tracking.features import FIRST_AUXILIARY
 from visual_servo_epipolar.core.tracking.matchers.base import Matcher
 from visual_servo_epipolar.core.tracking.matching import (
     CurrentView,
@@ -113,7 +113,7 @@ class Photographs:
         So that a memory never takes its features for those of one that was left out, nor after
         a start that has other photographs than the last one.
         """
-        slots, taken = FIRST_PASSING // IDS - 1, {view.first_id for view in self.views}
+        slots, taken = FIRST_AUXILIARY // IDS - 1, {view.first_id for view in self.views}
         slot = goal_id(image) % slots
         while IDS * (1 + slot) in taken:
             slot = (slot + 1) % slots

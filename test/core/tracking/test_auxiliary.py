@@ -1,4 +1,4 @@
-"""Passing features: followed where the photograph's are not, renewed before they drift away."""
+"""Auxiliary features: followed where the photograph's are not, renewed before they drift away."""
 
 from dataclasses import replace
 
@@ -6,23 +6,23 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Pose, Twist
-from visual_servo_epipolar.core.tracking.features import FIRST_PASSING, Passing
-from visual_servo_epipolar.core.tracking.flow import Frame
-from visual_servo_epipolar.core.tracking.passing import (
+from visual_servo_epipolar.core.tracking.auxiliary import (
+    AuxiliaryTracker,
     BORDER,
     LAST_ID,
     OLD,
-    PassingFeatures,
     PERIOD,
     SPACING,
     TWIN_PX,
 )
+from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures, FIRST_AUXILIARY
+from visual_servo_epipolar.core.tracking.flow import Frame
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 
 LIMIT = 20
-SETTINGS = TrackerSettings(passing_features=LIMIT)
+SETTINGS = TrackerSettings(auxiliary_features=LIMIT)
 NOWHERE = np.empty((0, 2))
 
 
@@ -47,9 +47,9 @@ def test_they_stay_on_their_points(world: CameraSimulator, drive) -> None:
     first: dict[int, tuple[Pose, np.ndarray]] = {}
     errors = []
     for (pose, _), features in zip(drive, found, strict=True):
-        assert len(features.passing) <= LIMIT
+        assert len(features.auxiliary) <= LIMIT
         for number, pixel in zip(
-            features.passing.ids.tolist(), features.passing.current, strict=True
+            features.auxiliary.ids.tolist(), features.auxiliary.current, strict=True
         ):
             if number not in first:
                 first[number] = pose, pixel
@@ -64,19 +64,19 @@ def test_they_stay_on_their_points(world: CameraSimulator, drive) -> None:
 
 def test_they_are_none_of_the_photograph_s_and_stand_apart(world: CameraSimulator, drive) -> None:
     for features in tracked(world, drive)[:8]:
-        passing = features.passing
-        assert (passing.ids >= FIRST_PASSING).all()
-        assert not set(passing.ids.tolist()) & set(features.ids.tolist())
-        apart = np.hypot(*(passing.current[:, None] - features.current).T)
+        auxiliary = features.auxiliary
+        assert (auxiliary.ids >= FIRST_AUXILIARY).all()
+        assert not set(auxiliary.ids.tolist()) & set(features.ids.tolist())
+        apart = np.hypot(*(auxiliary.current[:, None] - features.current).T)
         assert apart.min() >= TWIN_PX
-        assert (passing.current > BORDER).all()
+        assert (auxiliary.current > BORDER).all()
 
 
 def test_the_photograph_s_features_are_the_same_with_and_without(world, drive) -> None:
     with_them = tracked(world, drive)
-    without = tracked(world, drive, replace(SETTINGS, passing_features=0))
+    without = tracked(world, drive, replace(SETTINGS, auxiliary_features=0))
     for one, other in zip(with_them, without, strict=True):
-        assert len(other.passing) == 0
+        assert len(other.auxiliary) == 0
         for name in ('ids', 'current', 'desired', 'ages', 'errors'):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
@@ -84,29 +84,29 @@ def test_the_photograph_s_features_are_the_same_with_and_without(world, drive) -
 def test_the_old_are_let_go_one_at_a_time_and_only_where_others_are_seen(drive) -> None:
     frame = Frame(drive[0][1])
     for known in (np.full((SETTINGS.min_features, 2), 5.0), NOWHERE):
-        follower, before, let_go = PassingFeatures(), set[int](), 0
+        follower, before, let_go = AuxiliaryTracker(), set[int](), 0
         for _ in range(OLD + 4 * PERIOD):
-            passing = set(follower.follow(frame, frame, known, SETTINGS).ids.tolist())
-            assert len(passing) > LIMIT // 2
-            assert len(before - passing) <= 1
-            let_go, before = let_go + len(before - passing), passing
+            auxiliary = set(follower.follow(frame, frame, known, SETTINGS).ids.tolist())
+            assert len(auxiliary) > LIMIT // 2
+            assert len(before - auxiliary) <= 1
+            let_go, before = let_go + len(before - auxiliary), auxiliary
         assert (let_go > 0) == (len(known) > 0)
-    assert not len(follower.follow(frame, frame, NOWHERE, replace(SETTINGS, passing_features=0)))
+    assert not len(follower.follow(frame, frame, NOWHERE, replace(SETTINGS, auxiliary_features=0)))
 
 
 def test_they_are_spread_and_leave_the_photograph_s_features_alone(drive) -> None:
     frame = Frame(drive[0][1])
     known = np.array([[200.0, 240.0], [440.0, 240.0]])
-    passing = PassingFeatures().follow(None, frame, known, SETTINGS)
+    auxiliary = AuxiliaryTracker().follow(None, frame, known, SETTINGS)
     height, width = frame.image.shape
     spacing = SPACING * np.sqrt(height * width / LIMIT)
-    apart = np.hypot(*(passing.current[:, None] - passing.current).T)
-    assert apart[~np.eye(len(passing), dtype=bool)].min() >= spacing - 1.0
-    assert np.hypot(*(passing.current[:, None] - known).T).min() >= 0.5 * spacing - 1.0
+    apart = np.hypot(*(auxiliary.current[:, None] - auxiliary.current).T)
+    assert apart[~np.eye(len(auxiliary), dtype=bool)].min() >= spacing - 1.0
+    assert np.hypot(*(auxiliary.current[:, None] - known).T).min() >= 0.5 * spacing - 1.0
 
 
 def test_another_stream_begins_anew(drive) -> None:
-    follower, frame = PassingFeatures(), Frame(drive[0][1])
+    follower, frame = AuxiliaryTracker(), Frame(drive[0][1])
     before = follower.follow(None, frame, NOWHERE, SETTINGS)
     follower.forget()
     assert len(before) > LIMIT // 2
@@ -114,17 +114,17 @@ def test_another_stream_begins_anew(drive) -> None:
 
 
 def test_numbers_begin_again_before_they_are_too_large_for_a_row(drive) -> None:
-    follower, frame = PassingFeatures(), Frame(drive[0][1])
+    follower, frame = AuxiliaryTracker(), Frame(drive[0][1])
     follower._next_id = LAST_ID - 1
-    passing = follower.follow(None, frame, NOWHERE, SETTINGS)
-    assert passing.ids.min() == FIRST_PASSING
-    assert passing.ids.max() < LAST_ID
+    auxiliary = follower.follow(None, frame, NOWHERE, SETTINGS)
+    assert auxiliary.ids.min() == FIRST_AUXILIARY
+    assert auxiliary.ids.max() < LAST_ID
 
 
 def test_who_begins_anew_gives_other_numbers(drive) -> None:
     streams = [drive[number][1] for number in (0, 5)]
     first, second, again = (
-        set(PassingFeatures().follow(None, Frame(image), NOWHERE, SETTINGS).ids.tolist())
+        set(AuxiliaryTracker().follow(None, Frame(image), NOWHERE, SETTINGS).ids.tolist())
         for image in (*streams, streams[0])
     )
     assert not first & second
@@ -133,9 +133,9 @@ def test_who_begins_anew_gives_other_numbers(drive) -> None:
 
 def test_an_image_without_corners_has_none() -> None:
     grey = Frame(np.full((480, 640), 90, np.uint8))
-    assert len(PassingFeatures().follow(None, grey, NOWHERE, SETTINGS)) == 0
+    assert len(AuxiliaryTracker().follow(None, grey, NOWHERE, SETTINGS)) == 0
 
 
 def test_rows_that_do_not_fit_are_refused() -> None:
     with pytest.raises(ValueError, match='ages must have 2 rows to match ids, got 1'):
-        Passing([1, 2], np.zeros((2, 2)), [3])
+        AuxiliaryFeatures([1, 2], np.zeros((2, 2)), [3])
