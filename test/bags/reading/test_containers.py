@@ -366,3 +366,18 @@ def test_a_topic_that_is_left_out_is_not_denied(ros, tmp_path, capsys) -> None:
     assert main(['replay', str(path), '--topics', 'image=/poses']) == 2
     shown = capsys.readouterr().err
     assert "no topic '/poses'; it has /camera_info" in shown and NO_ROS[0] in shown
+
+
+def test_a_damaged_definition_of_a_type_without_topics_does_no_harm(
+    tiny, expected, tmp_path
+) -> None:
+    bag = write_bag(tmp_path / 'bag', tiny, storage=SQLITE3)
+    db = sqlite3.connect(bag / 'bag.db3')
+    db.execute(
+        'INSERT INTO message_definitions (topic_type, encoding, encoded_message_definition, '
+        "type_description_hash) VALUES ('own_msgs/msg/Other', 'ros2msg', "
+        "CAST(x'ff80' AS TEXT), '')"
+    )
+    db.commit()
+    db.close()
+    assert read(bag)[0] == expected

@@ -72,16 +72,19 @@ def _scanned(path: Path) -> StorageFile:
     channels: dict[int, Channel] = {}
     schemas: dict[int, Schema] = {}
     counts: Counter[int] = Counter()
-    stamps: list[int] = []
+    first = last = 0
+    in_order = True
     for record in _records(path):
         if isinstance(record, Schema):
             schemas[record.id] = record
         elif isinstance(record, Channel):
             channels[record.id] = record
         elif isinstance(record, Message):
+            if not counts:
+                first = last = record.log_time
             counts[record.channel_id] += 1
-            stamps.append(record.log_time)
-    in_order = stamps == sorted(stamps)
+            in_order = in_order and record.log_time >= last
+            first, last = min(first, record.log_time), max(last, record.log_time)
 
     def messages(ids: Collection[int]) -> Iterator[StoredMessage]:
         records: Iterable[Message] = (
@@ -91,7 +94,7 @@ def _scanned(path: Path) -> StorageFile:
             yield record.channel_id, record.log_time, record.data
 
     topics = _topics(channels, schemas, counts)
-    return StorageFile(topics, min(stamps, default=0), max(stamps, default=0), messages)
+    return StorageFile(topics, first, last, messages)
 
 
 def _records(path: Path) -> Iterator[McapRecord]:

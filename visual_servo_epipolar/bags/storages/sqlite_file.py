@@ -69,7 +69,8 @@ def _topics(db: sqlite3.Connection, counts: Mapping[int, int]) -> list[StoredTop
     definitions: dict[str, tuple[str, str]] = {}
     if 'encoded_message_definition' in columns(db, 'message_definitions'):
         for kind, text, schema in db.execute(
-            'SELECT topic_type, encoded_message_definition, encoding FROM message_definitions'
+            'SELECT topic_type, encoded_message_definition, encoding FROM message_definitions '
+            'WHERE topic_type IN (SELECT type FROM topics)'  # others may be damaged
         ):
             definitions.setdefault(kind, (text, schema))
     cursor = db.cursor()

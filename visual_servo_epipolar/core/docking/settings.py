@@ -20,13 +20,15 @@ class DockPoseSettings(PerceptionSettings):
 
     camera_yaw: float = fixed(
         0.0,
-        'Yaw of the camera on the base, to the left, 3.14 looks back, as told [rad]',
+        'Yaw of the camera on the base, to the left, 3.14 looks back, as configured [rad]',
         low=-3.15,
         high=3.15,
     )
-    camera_forward: float = fixed(0.0, 'Camera ahead of the axle, as told [m]', low=-2.0, high=2.0)
+    camera_forward: float = fixed(
+        0.0, 'Camera ahead of the axle, as configured [m]', low=-2.0, high=2.0
+    )
     camera_left: float = fixed(
-        0.0, 'Camera to the left of the middle of the axle, as told [m]', low=-2.0, high=2.0
+        0.0, 'Camera to the left of the middle of the axle, as configured [m]', low=-2.0, high=2.0
     )
     camera_yaw_deviation: float = fixed(0.02, 'Deviation of that yaw [rad]', low=0.0, high=0.5)
     camera_forward_deviation: float = fixed(

@@ -62,16 +62,16 @@ class PerceptionSettings(Settings):
     )
     pixel_noise: float = setting(0.3, 'Prior noise of tracked coordinates [px]', low=0.01, high=10)
     camera_tilt: float = fixed(
-        0.0, 'Tilt of the camera, down positive, as far as it is known [rad]', low=-0.8, high=0.8
+        0.0, 'Tilt of the camera, down positive, as configured [rad]', low=-0.8, high=0.8
     )
     camera_roll: float = fixed(
-        0.0, 'Roll of the camera, clockwise, as far as it is known [rad]', low=-0.8, high=0.8
+        0.0, 'Roll of the camera, clockwise, as configured [rad]', low=-0.8, high=0.8
     )
     camera_tilt_deviation: float = fixed(
-        0.26, 'Deviation of that tilt, which is learnt while driving [rad]', low=0.0017, high=0.5
+        0.26, 'Deviation of that tilt, estimated while driving [rad]', low=0.0017, high=0.5
     )
     camera_roll_deviation: float = fixed(
-        0.09, 'Deviation of that roll, which is learnt while driving [rad]', low=0.0017, high=0.5
+        0.09, 'Deviation of that roll, estimated while driving [rad]', low=0.0017, high=0.5
     )
     floor_jitter: float = setting(
         0.0017, 'Deviation of tilt and of roll by the floor, view by view [rad]', low=0, high=0.1

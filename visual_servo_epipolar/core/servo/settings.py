@@ -46,20 +46,22 @@ class ServoSettings(PerceptionSettings, ControlSettings):
         high=1.5,
     )
     camera_yaw: float = fixed(
-        0.0, 'Yaw of the camera on the base, to the left, as told [rad]', low=-1.6, high=1.6
+        0.0, 'Yaw of the camera on the base, to the left, as configured [rad]', low=-1.6, high=1.6
     )
-    camera_forward: float = fixed(0.0, 'Camera ahead of the axle, as told [m]', low=-2.0, high=2.0)
+    camera_forward: float = fixed(
+        0.0, 'Camera ahead of the axle, as configured [m]', low=-2.0, high=2.0
+    )
     camera_left: float = fixed(
-        0.0, 'Camera to the left of the middle of the axle, as told [m]', low=-2.0, high=2.0
+        0.0, 'Camera to the left of the middle of the axle, as configured [m]', low=-2.0, high=2.0
     )
     camera_yaw_deviation: float = fixed(
-        0.09, 'Deviation of that yaw, which is learnt while driving [rad]', low=0.0, high=0.5
+        0.09, 'Deviation of that yaw, estimated while driving [rad]', low=0.0, high=0.5
     )
     camera_forward_deviation: float = fixed(
-        0.15, 'Deviation of that offset ahead, which is learnt [m]', low=0.0, high=1.0
+        0.15, 'Deviation of that offset ahead, estimated while driving [m]', low=0.0, high=1.0
     )
     camera_left_deviation: float = fixed(
-        0.07, 'Deviation of that offset aside, which is learnt [m]', low=0.0, high=1.0
+        0.07, 'Deviation of that offset aside, estimated while driving [m]', low=0.0, high=1.0
     )
     odometry: bool = fixed(
         False,
