@@ -153,6 +153,7 @@ MISSING = (
     *('duration_s', 'path_length_m', 'max_distance_ratio', 'min_visible_features'),
     *('max_linear_speed', 'max_angular_speed', 'wrong_geometry_s', 'least_time_s', 'time_ratio'),
     *('standstills', 'phase_changes', 'peak_jerk_m_s3', 'peak_jerk_rad_s3'),
+    *('standing_s', 'reversals'),
 )
 
 

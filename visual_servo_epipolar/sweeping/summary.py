@@ -19,7 +19,13 @@ SPREADS = (  # of the runs that arrived
     *('standstills', 'phase_changes', 'peak_jerk_m_s3', 'peak_jerk_rad_s3'),
 )
 # Of all runs, not of those that arrived: a robot that drives off must not be left out.
-SAFETY = {'wrong_geometry_s': 'wrong_geometry_s', 'excursion': 'max_distance_ratio'}
+SAFETY = {
+    'wrong_geometry_s': 'wrong_geometry_s',
+    'excursion': 'max_distance_ratio',
+    'standing_s': 'standing_s',
+    'reversals_v': 'v',
+    'reversals_w': 'w',
+}
 # An arrival with a larger error is wrong, and the robot did not say so.
 WRONG_POSITION_M, WRONG_HEADING_DEG = 0.05, 2.0
 Z = 1.959963984540054  # of the standard normal: 95 % lie within
@@ -62,6 +68,7 @@ def defective(result: Result) -> bool:
 def summary_of(runs: Sequence[Result]) -> dict[str, Any]:
     """Return rates, errors and efforts of runs of one law, as the JSON of a sweep has them."""
     arrivals = [run for run in runs if arrived(run)]
+    every = [{**run, **(run.get('reversals') or {})} for run in runs]
     return {
         'success_rate': len(arrivals) / len(runs),
         'success_interval': list(wilson(len(arrivals), len(runs))),
@@ -70,7 +77,7 @@ def summary_of(runs: Sequence[Result]) -> dict[str, Any]:
         'defects': sum(map(defective, runs)),
         'failure_reasons': reasons(run for run in runs if not arrived(run)),
         **{name: _spread(arrivals, name) for name in SPREADS},
-        **{key: _spread(runs, name) for key, name in SAFETY.items()},
+        **{key: _spread(every, name) for key, name in SAFETY.items()},
         'runs': list(runs),
     }
 

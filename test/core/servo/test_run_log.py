@@ -1,5 +1,6 @@
 """Least time: what a base needs at least, and how a run's figures compare with it."""
 
+from dataclasses import replace
 import math
 
 from hypothesis import given
@@ -52,6 +53,25 @@ def test_a_standstill_on_the_way_counts_and_a_cusp_and_the_end_do_not() -> None:
     drive, stand = [0.4] * 10, [0.0] * 5
     assert summarise(run([*drive, *stand, *drive, *stand]))['standstills'] == 1
     assert summarise(run([*drive, 0.0, 0.0, *drive]))['standstills'] == 0
+
+
+def test_a_robot_at_the_goal_that_neither_arrives_nor_fails_counts_its_time_there() -> None:
+    away = run([0.02, -0.02] * 10)
+    there = [replace(it, pose=replace(it.pose, y=it.pose.y + 10.015)) for it in away.samples]
+    arrived = [replace(it, phase=Phase.ARRIVED) for it in there]
+    assert summarise(away)['standing_s'] == 0.0
+    assert summarise(replace(away, samples=there))['standing_s'] == pytest.approx(1.9)
+    ended = replace(away, samples=[*there[:6], *arrived[6:]])
+    assert summarise(ended)['standing_s'] == pytest.approx(0.6)
+
+
+def test_a_reversal_is_a_change_of_sign_of_commands_that_move_something() -> None:
+    log = run([0.3, 0.009, -0.009, 0.0, 0.3, -0.02, 0.0, 0.02])
+    turning = [
+        replace(it, twist=Twist(it.twist.linear, w))
+        for it, w in zip(log.samples, [0.1, -0.04, 0.1, -0.1, 0, 0, 0, -0.1], strict=True)
+    ]
+    assert summarise(replace(log, samples=turning))['reversals'] == {'v': 2, 'w': 1}
 
 
 def test_jerk_is_the_second_difference_of_commands() -> None:

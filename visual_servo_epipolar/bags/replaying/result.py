@@ -24,6 +24,7 @@ FROM_TRUTH = (
     'path_length_m',
     'max_distance_ratio',
     'standstills',
+    'standing_s',
     'least_time_s',
     'time_ratio',
 )

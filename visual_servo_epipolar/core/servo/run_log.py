@@ -19,6 +19,8 @@ SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it h
 # Who stands on its way does so below this speed [m/s], for longer than a cusp takes [s], farther
 # from its last place than this [m].
 STANDING, LEAST_STANDSTILL_S, ENDING_M = 0.01, 0.3, 0.01
+AT_GOAL_M = 0.02  # a robot this near the goal has arrived, for whoever watches it
+LEAST_REVERSED = {'v': 0.01, 'w': 0.05}  # slower commands are no motion to and fro [m/s, rad/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +190,8 @@ def _smoothness(log: RunLog) -> dict[str, Any]:
         'least_time_s': least,
         'time_ratio': end_s(log) / least if least else None,
         'standstills': standstills(log),
+        'standing_s': standing_s(log),
+        'reversals': reversals(log),
         'phase_changes': len(phase_spans(log)) - 1,
         'peak_jerk_m_s3': _peak_jerk(times, [sample.twist.linear for sample in samples]),
         'peak_jerk_rad_s3': _peak_jerk(times, [sample.twist.angular for sample in samples]),
@@ -205,6 +209,31 @@ def standstills(log: RunLog) -> int:
 
     spans = [list(span) for stood, span in groupby(range(len(times)), stands) if stood]
     return sum(times[span[-1]] - times[span[0]] >= LEAST_STANDSTILL_S for span in spans)
+
+
+def standing_s(log: RunLog) -> float:
+    """Return the longest time that a robot within AT_GOAL_M of the goal did not end [s]."""
+    times, longest, since = seconds(log), 0.0, None
+    for time, sample in zip(times, log.samples, strict=True):
+        if since is not None:
+            longest = max(longest, time - since)
+        if not (sample.phase.runs and sample.pose.distance <= AT_GOAL_M):
+            since = None
+        elif since is None:
+            since = time
+    return longest
+
+
+def reversals(log: RunLog) -> dict[str, int]:
+    """Return how often commands of at least LEAST_REVERSED changed sign: v and w."""
+    counts = {}
+    for name, speeds in (
+        ('v', [sample.twist.linear for sample in log.samples]),
+        ('w', [sample.twist.angular for sample in log.samples]),
+    ):
+        signs = [speed > 0.0 for speed in speeds if abs(speed) > LEAST_REVERSED[name]]
+        counts[name] = sum(one != other for one, other in pairwise(signs))
+    return counts
 
 
 def _peak_jerk(times: Sequence[float], speeds: Sequence[float]) -> float:
