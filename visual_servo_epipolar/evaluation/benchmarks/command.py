@@ -40,10 +40,16 @@ BENCHMARKS: Mapping[str, str] = {
     'mounts': f'{HERE}.arrivals.mounts',
     'mounts_images': f'{HERE}.arrivals.mounts:ON_IMAGES',
     'real': f'{HERE}.estimation.real',
+    'routes': f'{HERE}.estimation.routes',
 }
 LATENCY_NODES = ('unicycle,camera,tracker,servo', 'tracker,servo')
 # Too long to be run unless they are named.
-ON_REQUEST = ('mounts_images', 'soak', 'real', 'matching')
+ON_REQUEST = ('mounts_images', 'soak', 'real', 'routes', 'matching')
+# Functions that read the FOLDER after the name of a benchmark, by the option that it becomes.
+FOLDERS = {
+    'real': ('photographs', f'{HERE}.estimation.real:read_pairs'),
+    'routes': ('clips', f'{HERE}.estimation.routes:read_clips'),
+}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +59,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs='*',
         metavar='WHICH',
         help=f'any of {", ".join(BENCHMARKS)} (default all but {", ".join(ON_REQUEST)}); after '
-        'real the FOLDER of photographs with truth.json, else simulated photographs are taken',
+        'real, else of simulated photographs, and after routes the FOLDER with truth.json',
     )
     add_flags(parser, {'--quick': 'run a few trials only, to see that it works'})
     add_seed(parser)
@@ -83,7 +89,8 @@ def run(options: argparse.Namespace) -> int:
         raise InputError('--history needs the name of a file, got -; name one')
     check_json(options.history)
     earlier = history.read(Path(options.history)) if options.history else []
-    options.photographs = _photographs(options.which)
+    for name, (option, reader) in FOLDERS.items():
+        setattr(options, option, _folder(options.which, name, reader))
     unknown = sorted(set(options.which) - set(BENCHMARKS))
     if unknown:
         raise InputError(
@@ -110,14 +117,12 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _photographs(which: list[str]) -> Any:
-    """Return the pairs of the folder that follows ``real``, and take it out of ``which``."""
-    place = which.index('real') + 1 if 'real' in which else len(which)
+def _folder(which: list[str], name: str, reader: str) -> Any:
+    """Return what the folder after ``name`` holds, None of none, taken out of ``which``."""
+    place = which.index(name) + 1 if name in which else len(which)
     if place == len(which) or which[place] in BENCHMARKS:
         return None
-    from visual_servo_epipolar.evaluation.benchmarks.estimation.real import read_pairs
-
-    return read_pairs(which.pop(place))
+    return resolve_name(reader)(which.pop(place))
 
 
 def _benchmark(name: str) -> Any:

@@ -121,7 +121,7 @@ def _row(
 ) -> dict[str, Any]:
     """Return errors [deg] of a pair, ours in the frame that is named; ``truths`` are of both."""
     told = np.array([found.bearing_current, found.bearing_desired, found.rotation])
-    away = _errors(told, truths[0] if found.ground else truths[1])
+    away = angle_errors(told, truths[0] if found.ground else truths[1])
     return {
         'trusted': found.trusted,
         'reason': found.reason,
@@ -131,30 +131,36 @@ def _row(
         'rotation_error_deg': away[2],
         'deviation_deg': math.degrees(found.deviation),
         'peers_deg': {
-            name: _peer(rays, truths[1], focal, method) for name, method in PEERS.items()
+            name: float(
+                angle_errors(opencv_motion(rays, PEER_PX / focal, method), truths[1])[:2].max()
+            )
+            for name, method in PEERS.items()
         },
     }
 
 
-def _errors(found: FloatArray, true: FloatArray) -> FloatArray:
+def angle_errors(found: FloatArray, true: FloatArray) -> FloatArray:
     """Return the sizes of differences of angles [deg]."""
     return np.degrees(np.abs(np.remainder(found - true + np.pi, 2.0 * np.pi) - np.pi))
 
 
-def _peer(rays: Rays, true: FloatArray, focal: float, method: int) -> float:
-    """Return the larger error of the bearings of OpenCV's essential matrix [deg]; nan of none."""
+def _peer(rays: Rays, true: FloatArray, noise: float, method: int) -> float:
+    return float(angle_errors(opencv_motion(rays, noise, method), true)[:2].max())
+
+
+def opencv_motion(rays: Rays, noise: float, method: int) -> FloatArray:
+    """Return bearings and heading by OpenCV's essential matrix, (3,); nan of none; noise [rad]."""
     front = np.minimum(rays[0][:, 2], rays[1][:, 2]) > LEAST_FORWARD
     points = image_points(rays[0][front]), image_points(rays[1][front])
     cv2.setRNGSeed(0)
     try:
-        essential, mask = cv2.findEssentialMat(*points, np.eye(3), method, 0.999, PEER_PX / focal)
+        essential, mask = cv2.findEssentialMat(*points, np.eye(3), method, 0.999, noise)
     except cv2.error:  # of too few matches
-        return math.nan
+        return np.full(3, math.nan)
     if essential is None or essential.shape != (3, 3):
-        return math.nan
+        return np.full(3, math.nan)
     _, rotation, centre, _ = cv2.recoverPose(essential, *points, np.eye(3), mask=mask)
-    bearings = bearings_of(Motions(rotation[None], centre.ravel()[None]))[0]
-    return float(_errors(bearings, true)[:2].max())
+    return np.asarray(bearings_of(Motions(rotation[None], centre.ravel()[None]))[0])
 
 
 def table(document: Mapping[str, Any]) -> str:

@@ -1,0 +1,62 @@
+"""Recorded ways with truth: what is learnt of them, and whether frames of them are found."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from visual_servo_epipolar.commands.main import main
+
+DONKEY = Path(__file__).parent / 'donkey'
+REAL = Path(__file__).resolve().parents[5] / 'shared' / 'real_clips'
+
+
+def bench(folder: Path, result: Path) -> tuple[int, dict[str, Any]]:
+    code = main(['bench', 'routes', str(folder), '--json', str(result)])
+    return code, json.loads(result.read_text())['routes'] if result.exists() else {}
+
+
+def count(document: dict[str, Any], outcome: str) -> int:
+    return sum(it['outcome'] == outcome for way in document['ways'] for it in way['frames'])
+
+
+def test_a_way_of_a_race_car_is_taught_and_no_frame_is_found_elsewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, document = bench(DONKEY, tmp_path / 'result.json')
+    assert code == 0 and document['ways'][0]['taught']
+    assert (count(document, 'found'), count(document, 'wrong')) == (3, 0)
+    assert not any(row['trusted'] for row in document['bearings'])  # 1 px of parallax
+    assert 'donkey_route' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        (None, 'No such file'),
+        ('{', 'must be JSON'),
+        ('[]', 'must name recorded ways'),
+        ('{"hall": {"kind": "clip"}}', 'hall must have kind, camera, two frames or more'),
+    ],
+)
+def test_a_folder_without_recorded_ways_is_bad_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str | None, words: str
+) -> None:
+    if text is not None:
+        (tmp_path / 'truth.json').write_text(text)
+    code, _ = bench(tmp_path, tmp_path / 'result.json')
+    errors = capsys.readouterr().err
+    assert code == 2 and words in errors and errors.count('\n') == 1
+
+
+def test_routes_without_a_folder_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['bench', 'routes']) == 2
+    assert 'must be followed by the FOLDER' in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason=f'{REAL.name} is not there: not to be committed')
+def test_no_frame_of_a_real_way_is_found_where_it_was_not_taken(tmp_path: Path) -> None:
+    code, document = bench(REAL, tmp_path / 'result.json')
+    assert code == 0 and count(document, 'wrong') == 0
+    assert all(way['elsewhere']['found'] == 0 for way in document['ways'] if way['taught'])
