@@ -208,3 +208,23 @@ def test_the_drift_is_fixed_by_the_seed_and_leaves_the_truth_alone() -> None:
     assert one.odometry == same.odometry
     assert one.odometry != other.odometry
     assert one.pose == other.pose
+
+
+@pytest.mark.parametrize(('asked', 'obeyed'), [(0.234, 0.23), (0.004, 0.0), (-0.006, -0.01)])
+def test_speeds_come_in_steps(asked: float, obeyed: float) -> None:
+    robot = driven(base(step_linear=0.01, step_angular=0.01), Twist(asked, asked), 2.0)
+    assert (robot.twist.linear, robot.twist.angular) == pytest.approx((obeyed, obeyed))
+
+
+def test_casters_push_the_base_aside_once_after_a_reversal() -> None:
+    robot = driven(base(caster_kick=0.02), Twist(-0.2, 0.0), 2.0)
+    assert robot.pose.theta == 0.0
+    driven(robot, Twist(0.2, 0.0), 4.0)
+    assert abs(robot.pose.theta) == pytest.approx(0.02)
+    assert abs(driven(robot, Twist(0.3, 0.0), 1.0).pose.theta) == pytest.approx(0.02)
+    turns = set()
+    for sign in (-1.0, 1.0) * 6:
+        before = robot.pose.theta
+        driven(robot, Twist(sign * 0.2, 0.0), 4.0)
+        turns.add(round(robot.pose.theta - before, 6))
+    assert turns == {-0.02, 0.02}

@@ -48,7 +48,9 @@ def test_another_seed_gives_another_room(rooms: dict[int, Scene]) -> None:
 
 
 def test_an_unknown_kind_is_refused() -> None:
-    with pytest.raises(ValueError, match="room, wall, plain, got 'cave'"):
+    with pytest.raises(
+        ValueError, match="room, wall, plain, nearwall, nearwall_boxes, got 'cave'"
+    ):
         room(0, 'cave')
 
 
@@ -110,3 +112,12 @@ def test_a_surface_must_be_a_rectangle() -> None:
 def test_a_scene_without_surfaces_is_refused() -> None:
     with pytest.raises(ValueError, match='at least one surface'):
         Scene(())
+
+
+def test_a_near_wall_is_a_dock_of_one_plane_and_boxes_stand_before_it() -> None:
+    _, points = keypoint_places(room(0, 'nearwall'))
+    np.testing.assert_allclose(points[:, 1], 0.7, atol=1e-6)
+    _, points = keypoint_places(room(0, 'nearwall_boxes'))
+    before = points[:, 1] < 0.69
+    assert points[before, 1].min() > 0.3
+    assert 0.05 < before.mean() < 0.6

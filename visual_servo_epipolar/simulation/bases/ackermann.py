@@ -5,7 +5,7 @@ import math
 
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.settings import setting
-from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
+from visual_servo_epipolar.simulation.bases.pioneer import obeyed, Pioneer, PioneerSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +44,7 @@ class Ackermann(Pioneer):
         """Return the speed [m/s] and the steering angle [rad] that ``twist`` asks for."""
         limits = self.settings
         speed = min(max(twist.linear, -limits.max_linear), limits.max_linear)
-        if abs(speed) < limits.dead_zone_linear:
-            speed = 0.0
+        speed = obeyed(speed, limits.dead_zone_linear, limits.step_linear)
         angle = 0.0
         if twist.linear:
             angle = math.atan(limits.wheelbase * twist.angular / twist.linear)

@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 SUBSTEP_S = 0.01  # accelerations are held constant this long
+SWIVEL_M = 0.08  # way on which casters swivel after the direction of travel has reversed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +53,15 @@ class PioneerSettings(Settings):
         0.0, 'Angular speed below which the motors stand [rad/s]', low=0.0, high=2.0
     )
     command_delay: float = setting(0.0, 'Delay from command to motors [s]', low=0.0, high=2.0)
+    step_linear: float = setting(
+        0.0, 'Linear speeds are multiples of it; 0 = any speed [m/s]', low=0.0, high=0.5
+    )
+    step_angular: float = setting(
+        0.0, 'Angular speeds are multiples of it; 0 = any speed [rad/s]', low=0.0, high=1.0
+    )
+    caster_kick: float = setting(
+        0.0, 'Turn by which casters that swivel push the base aside [rad]', low=0.0, high=0.5
+    )
 
 
 class Pioneer:
@@ -74,6 +84,9 @@ class Pioneer:
         self._pending: deque[tuple[int, Twist]] = deque()
         self._command_ns: int | None = None
         self._rng = np.random.default_rng((seed, 1))
+        self._kicks = np.random.default_rng((seed, 9))
+        self._kick = 0.0  # curvature of casters that swivel [1/m]
+        self._swivelled, self._direction = SWIVEL_M, 0.0  # way since the reversal [m], its sign
         self._odometry = Pose(0.0, 0.0, 0.0)
         self._unread = array('d')  # wheels, time and noise of each step that odometry lacks
 
@@ -132,6 +145,7 @@ class Pioneer:
                 twist, self._wheels = self._true(*wheels), wheels
             if twist != (0.0, 0.0):
                 x, y, theta = arc(x, y, theta, *twist, dt)
+                theta += self._swivel(twist[0] * dt)
             self._unread.extend((*wheels, dt, noise))
             self.now_ns = start_ns + (now_ns - start_ns) * number // steps
         self.pose, self.twist = Pose(x, y, theta), Twist(*twist)
@@ -156,8 +170,8 @@ class Pioneer:
         limits = self.settings
         twist = saturate(twist, max_linear=limits.max_linear, max_angular=limits.max_angular)
         return (
-            0.0 if abs(twist.linear) < limits.dead_zone_linear else twist.linear,
-            0.0 if abs(twist.angular) < limits.dead_zone_angular else twist.angular,
+            obeyed(twist.linear, limits.dead_zone_linear, limits.step_linear),
+            obeyed(twist.angular, limits.dead_zone_angular, limits.step_angular),
         )
 
     def _accelerated(self, aim: float, turn: float, dt: float) -> tuple[float, float]:
@@ -177,6 +191,19 @@ class Pioneer:
         change = self.settings.deceleration if slower else self.settings.acceleration
         return linear + min(max(aim - linear, -change * dt), change * dt)
 
+    def _swivel(self, way: float) -> float:
+        """Return the turn [rad] that casters add on ``way`` [m], ahead or back."""
+        direction = math.copysign(1.0, way) if way else self._direction
+        if direction == -self._direction and self.settings.caster_kick > 0.0:
+            self._swivelled = 0.0
+            self._kick = self.settings.caster_kick / SWIVEL_M * self._kicks.choice((-1.0, 1.0))
+        self._direction = direction
+        left = SWIVEL_M - self._swivelled
+        if left <= 0.0:
+            return 0.0
+        self._swivelled += abs(way)
+        return self._kick * min(abs(way), left)
+
     def _true(self, linear: float, angular: float) -> tuple[float, float]:
         """Return the true velocities of wheels that are unequal and slip."""
         settings = self.settings
@@ -184,3 +211,10 @@ class Pioneer:
         ratio = math.sqrt(settings.wheel_ratio)
         left, right = (linear - half * angular) / ratio, (linear + half * angular) * ratio
         return grip * 0.5 * (left + right), grip * (right - left) / settings.track
+
+
+def obeyed(speed: float, dead_zone: float, step: float) -> float:
+    """Return the speed that motors make of ``speed``: none below ``dead_zone``, in steps."""
+    if abs(speed) < dead_zone:
+        return 0.0
+    return step * round(speed / step) if step else speed

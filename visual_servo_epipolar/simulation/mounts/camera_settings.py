@@ -42,7 +42,11 @@ class CameraSettings(Settings):
     )
     frame_rate: float = fixed(11.0, 'Frames a second [Hz]', low=0.1, high=200.0)
     encoding: str = fixed('mono8', 'Encoding of the images', choices=('mono8', 'bgr8'))
-    scene: str = fixed('room', 'What is seen', choices=('room', 'wall', 'plain', 'storey'))
+    scene: str = fixed(
+        'room',
+        'What is seen',
+        choices=('room', 'wall', 'plain', 'storey', 'nearwall', 'nearwall_boxes'),
+    )
     scene_seed: int = fixed(1, 'Seed of the scene', low=0, high=2**31 - 1)
     seed: int = fixed(0, 'Seed of noise and jitter', low=0, high=2**31 - 1)
     mount_height: float = fixed(0.6, 'Height above the floor [m]', low=0.01, high=2.4)
@@ -55,6 +59,13 @@ class CameraSettings(Settings):
     roll: float = fixed(0.0, 'Roll, clockwise [rad]', low=-0.5, high=0.5)
     jitter: float = setting(
         0.0, 'Deviation of tilt and of roll by an uneven floor [rad]', low=0.0, high=0.1
+    )
+    bumps: float = setting(
+        0.0,
+        'Height of the bumps of the floor, 1.2 to 2.4 m long and each in its place: 5 mm lean the '
+        'robot by up to 1 to 1.5 deg [m]',
+        low=0.0,
+        high=0.05,
     )
     noise: float = fixed(2.0, 'Noise, standard deviation [grey levels]', low=0.0, high=50.0)
     gain_drift: float = fixed(0.0, 'Amplitude of the drift of the gain', low=0.0, high=0.9)
@@ -117,4 +128,4 @@ class CameraSettings(Settings):
 
     def fixed_rig(self) -> FixedRig:
         """Return the rig of a camera that is screwed to the robot."""
-        return FixedRig(self.camera, self.mount, self.jitter, self.seed)
+        return FixedRig(self.camera, self.mount, self.jitter, self.seed, self.bumps)

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from functools import lru_cache
 import math
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, frozen
@@ -18,6 +20,7 @@ from visual_servo_epipolar.simulation.mounts.simulated_rig import (
 )
 
 BLOCK = 64  # frames drawn at once: starting a random generator costs more than drawing
+WAVES, WAVELENGTHS_M = 4, (1.2, 2.4)  # of a floor: 5 mm lean a robot by up to 1 to 1.5 deg
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +78,61 @@ def _bumps(seed: int, block: int) -> FloatArray:
     return frozen(np.random.default_rng((seed, 4, block)).standard_normal((BLOCK, 2)))
 
 
+class Wave(NamedTuple):
+    """One wave of the floor, of unit height: its ``vector`` [rad/m], and its phase at the goal."""
+
+    vector: tuple[float, float]
+    phase: float
+
+
+@lru_cache(maxsize=64)
+def _waves(seed: int) -> tuple[Wave, ...]:
+    rng = np.random.default_rng((seed, 10))
+    numbers = 2.0 * math.pi / rng.uniform(*WAVELENGTHS_M, WAVES)
+    directions, phases = rng.uniform(0.0, 2.0 * math.pi, (2, WAVES))
+    vectors = numbers[:, None] * np.stack([np.cos(directions), np.sin(directions)], axis=1)
+    return tuple(
+        Wave((x, y), phase)
+        for (x, y), phase in zip(vectors.tolist(), phases.tolist(), strict=True)
+    )
+
+
+def on_bumps(camera: CameraPose, pose: Pose, bumps: float, seed: int) -> CameraPose:
+    """
+    Return ``camera`` of a robot that stands at ``pose`` on the bumps of a floor, by its seed.
+
+    They are up to ``bumps`` [m] high, smooth, and where they are for ever; a robot rises and leans
+    with them as a whole.
+    """
+    if bumps == 0.0:
+        return camera
+    height, slope_x, slope_y = 0.0, 0.0, 0.0
+    for (x, y), phase in _waves(seed):
+        angle, amplitude = x * pose.x + y * pose.y + phase, bumps / math.sqrt(WAVES)
+        height += amplitude * math.sin(angle)
+        slope_x += amplitude * x * math.cos(angle)
+        slope_y += amplitude * y * math.cos(angle)
+    return leaned(camera, pose, (slope_y, -slope_x, 0.0), height)
+
+
+def leaned(
+    camera: CameraPose, pose: Pose, turn: tuple[float, float, float], rise: float = 0.0
+) -> CameraPose:
+    """
+    Return ``camera`` on a robot at ``pose`` that leans by a ``turn`` about world axes [rad].
+
+    It leans about the middle of its axle, on the floor, which is higher by ``rise`` [m].
+    """
+    R_leaned = np.asarray(cv2.Rodrigues(np.array(turn))[0])
+    foot = np.array([pose.x, pose.y, 0.0])
+    centre = foot + R_leaned @ (camera.centre - foot) + (0.0, 0.0, rise)
+    return CameraPose(R_leaned @ camera.R_world_camera, centre)
+
+
 @dataclass(frozen=True, slots=True)
 class FixedRig:
     """
-    A camera on its mount; ``jitter`` is the deviation [rad] of what the floor adds, seeded.
+    A camera on its mount, on a floor with ``jitter`` [rad] and ``bumps`` [m], both seeded.
 
     Where it has several ``lenses``, their placements are on the camera.
     """
@@ -87,6 +141,7 @@ class FixedRig:
     mount: CameraMount = CameraMount()
     jitter: float = 0.0
     seed: int = 0
+    bumps: float = 0.0
     lenses: tuple[LensPlacement, ...] = ONE_LENS
 
     @property
@@ -102,4 +157,5 @@ class FixedRig:
         """Return where the camera is with the robot at ``pose``; frame None is a level floor."""
         tilt, roll = (0.0, 0.0) if frame is None else floor_jitter(self.jitter, self.seed, frame)
         axes = self.mount.R_world_camera(pose, tilt=tilt, roll=roll)
-        return CameraPose(axes, self.mount.centre(pose))
+        bumps = 0.0 if frame is None else self.bumps
+        return on_bumps(CameraPose(axes, self.mount.centre(pose)), pose, bumps, self.seed)

@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Joints
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, floor_jitter
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, floor_jitter, on_bumps
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
 from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings
 from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
@@ -34,6 +34,7 @@ class PanTiltRig:
     mount: CameraMount = CameraMount()
     jitter: float = 0.0
     seed: int = 0
+    bumps: float = 0.0
     lever: float = 0.0
     pan_limit: float = 0.0
     rest: Joints = AT_REST
@@ -57,7 +58,8 @@ class PanTiltRig:
         axes = self.mount.R_world_camera(panned, tilt=joints.tilt + tilt, roll=roll)
         looks = panned.theta + self.mount.yaw
         lever = self.lever * np.array([math.cos(looks), math.sin(looks), 0.0])
-        return CameraPose(axes, self.mount.centre(pose) + lever)
+        camera = CameraPose(axes, self.mount.centre(pose) + lever)
+        return on_bumps(camera, pose, 0.0 if frame is None else self.bumps, self.seed)
 
 
 def pan_tilt_rig(settings: PanTiltSettings) -> PanTiltRig:
@@ -67,6 +69,7 @@ def pan_tilt_rig(settings: PanTiltSettings) -> PanTiltRig:
         settings.mount,
         settings.jitter,
         settings.seed,
+        settings.bumps,
         settings.head_lever,
         settings.head_pan_limit,
         Joints(-settings.head_encoder_offset),

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 import math
 from typing import NamedTuple
 
@@ -56,6 +56,11 @@ PLAIN_PIECES: Sequence[Piece] = (  # a third of the furnished room
     ('dresser', 1.5, 7.0, (1.1, 0.45, 1.9), m.cupboard, m.smooth, 0.0),
     ('low case', -2.6, 6.6, (1.2, 0.35, 1.4), m.cupboard, m.smooth, 0.0),
 )
+BOXES_BEFORE_WALL: Sequence[Piece] = (
+    ('left box', -0.26, 0.46, (0.24, 0.16, 0.62), m.crate, m.crate, 0.0),
+    ('right box', 0.3, 0.5, (0.2, 0.15, 0.5), m.crate, m.crate, 0.0),
+)
+NEAR_DENSITY = 700.0  # of a wall that fills the image from 0.7 m: texels a metre
 PLAIN_WALLS = {'front': 'bbpbdbb', 'left': 'bbbpbbdbbbpb', 'right': 'bbpbbbbbbdbb', 'rear': 'bdb'}
 ASIDE = (m.bookcase, m.cupboard, m.crate, m.noticeboard)  # fronts along the side walls
 
@@ -67,9 +72,10 @@ def room(
     Return a room; all arguments together fix every texel of it. The last room is kept.
 
     A 'room' has furniture 3-8 m ahead of the goal (0, 0), looking along +y; a 'wall' is full of
-    pictures 5 m ahead, over a floor with little texture; a 'plain' room has painted walls, few
-    pictures, little furniture, all of weak contrast. It is painted once for all in LIGHTS, and lit
-    once for each. Raises ValueError if the kind is unknown.
+    pictures 5 m ahead, over a floor with little texture, a 'nearwall' the same 0.7 m ahead,
+    'nearwall_boxes' with two boxes before it; a 'plain' room has painted walls, few pictures,
+    little furniture, all of weak contrast. It is painted once for all in LIGHTS, and lit once for
+    each. Raises ValueError if the kind is unknown.
     """
     return painted_room(seed, kind).by(light, thing)
 
@@ -128,13 +134,16 @@ def _furnish(builder: Builder) -> None:
         builder.stand(piece)
 
 
-def _build_walls(builder: Builder) -> None:
-    """Build an empty room whose front wall is a gallery."""
-    builder.wall('front', lambda sheet: m.wall(sheet, pictures=2.6), density=240.0)
+def _build_walls(builder: Builder, density: float = 240.0, pieces: Sequence[Piece] = ()) -> None:
+    """Build a room, empty but for ``pieces``, whose front wall is a gallery."""
+    builder.wall('front', lambda sheet: m.wall(sheet, pictures=2.6), density=density)
     for side in ('left', 'right', 'rear'):
         builder.wall(side, m.wall, density=128.0)
-    builder.floor(m.concrete, ())
+    furniture = _ahead(pieces, builder.rng)
+    builder.floor(m.concrete, furniture)
     builder.ceiling(lambda sheet: m.ceiling(sheet, _on_ceiling(builder), plain=True))
+    for piece in furniture:
+        builder.stand(piece, density=density)
 
 
 def _furnish_plainly(builder: Builder) -> None:
@@ -217,4 +226,8 @@ KINDS = {
     'room': RoomKind(8.0, _furnish),
     'wall': RoomKind(5.0, _build_walls),
     'plain': RoomKind(8.0, _furnish_plainly),
+    'nearwall': RoomKind(0.7, partial(_build_walls, density=NEAR_DENSITY)),
+    'nearwall_boxes': RoomKind(
+        0.7, partial(_build_walls, density=NEAR_DENSITY, pieces=BOXES_BEFORE_WALL)
+    ),
 }
