@@ -135,6 +135,13 @@ def test_it_goes_on_when_time_runs_backwards(camera) -> None:
     assert camera.stamps() == [100 * PERIOD_NS, 0, PERIOD_NS]
 
 
+def test_an_image_that_is_late_is_stamped_when_it_comes(bench) -> None:
+    camera = Camera(bench, stamp_delay=1.5 * PERIOD_NS * 1e-9)
+    for number in range(4):
+        camera.see(number * PERIOD_NS)
+    assert camera.stamps() == [2 * PERIOD_NS, 3 * PERIOD_NS]
+
+
 def test_bgr8_is_the_same_picture_in_colour(bench) -> None:
     camera = Camera(bench, encoding='bgr8')
     camera.see(0)

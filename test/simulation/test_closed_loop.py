@@ -22,6 +22,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.closed_loop import published, run, run_many
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
+from visual_servo_epipolar.simulation.mounts.shutter import Receipt
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.run_monitor import (
     LoopSettings,
@@ -285,6 +286,28 @@ def test_runs_side_by_side_end_each_in_its_own_time() -> None:
     settings = [LoopSettings(start=MANY[0], max_duration=limit) for limit in (1.0, 3.0, 2.0)]
     logs = run_many([(each, points(), CAMERA) for each in settings])
     assert [len(log.samples) for log in logs] == [11, 33, 22]
+
+
+def test_late_images_show_where_the_robot_was_and_carry_the_time_they_came() -> None:
+    class Watched(OneByOne):
+        poses: list[Pose] = []
+
+        def observe(self, pose: Pose, frame: int) -> Features:
+            self.poses.append(pose)
+            return super().observe(pose, frame)
+
+    receipt = Receipt(0.12, 0.015, 3)
+    settings = LoopSettings(start=STARTS[0], max_duration=6.0, receipt=receipt)
+    samples = run(settings, Watched(points()), CAMERA).samples
+    stamps = np.array([sample.stamp_ns for sample in samples])
+    exposed = np.arange(len(stamps)) * period_ns(settings.frame_rate)
+    late = (stamps - exposed) * 1e-9
+    assert late.mean() == pytest.approx(0.12, abs=0.01)
+    assert late.std() == pytest.approx(0.015, rel=0.4)
+    shown = [pose.y for pose in Watched.poses]
+    driven_to = np.interp(exposed, stamps, [sample.pose.y for sample in samples])
+    np.testing.assert_allclose(shown, driven_to, atol=2e-3)  # arcs against straight lines
+    assert abs(shown[-1] - samples[-1].pose.y) > 0.02
 
 
 def test_no_runs_are_no_records() -> None:

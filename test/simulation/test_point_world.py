@@ -11,11 +11,12 @@ from strategies import CAMERA, poses_behind_the_goal
 
 from visual_servo_epipolar.core.estimators.machinery.eight_point import image_sampson_distance
 from visual_servo_epipolar.core.geometry.epipolar import fundamental_from_pose
-from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose, Twist
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
+from visual_servo_epipolar.simulation.mounts.shutter import Shutter
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene, Surface
@@ -148,7 +149,33 @@ def test_points_are_seen_as_a_camera_in_a_room_sees_them(pose: Pose, frame: int)
     np.testing.assert_allclose(pixels[visible], expected[visible], atol=1e-9)
 
 
+def test_a_camera_that_turns_shears_the_points_by_readout_and_rate() -> None:
+    rolling, still = (
+        PointWorld(EXACT, FixedRig(CAMERA), seed=0, shutter=Shutter(readout))
+        for readout in (0.03, 0.0)
+    )
+    rolling.move(Twist(0.0, 1.0))
+    sheared, upright = (each.project(DESIRED_POSE, 0)[0] for each in (rolling, still))
+    rays, seen = CAMERA.rays(upright), CAMERA.rays(sheared)
+    turned = np.arctan2(seen[:, 0], seen[:, 2]) - np.arctan2(rays[:, 0], rays[:, 2])
+    np.testing.assert_allclose(turned, 0.03 * sheared[:, 1] / CAMERA.height, atol=1e-5)
+
+
+def test_a_camera_that_rolls_and_stands_sees_what_another_does() -> None:
+    rolling = PointWorld(EXACT, FixedRig(CAMERA), seed=0, shutter=Shutter(0.03))
+    expected, pixels = world().project(BEHIND, 3)[0], rolling.project(BEHIND, 3)[0]
+    np.testing.assert_allclose(pixels, expected, atol=1e-9)
+
+
+def test_a_focus_that_breathes_moves_points_about_the_principal_point() -> None:
+    breathing = PointWorld(EXACT, FixedRig(CAMERA), seed=0, shutter=Shutter(0.0, 0.0, 0.01, 40.0))
+    centre = [CAMERA.cx, CAMERA.cy]
+    expected, pixels = world().project(BEHIND, 10)[0], breathing.project(BEHIND, 10)[0]
+    np.testing.assert_allclose(pixels - centre, 1.01 * (expected - centre), atol=1e-9)
+
+
 LENSES = (
+    {'readout': 0.03, 'breathing': 0.01},
     {},
     {'distortion': [-0.3, 0.1, 0.001, 0.0, 0.0]},
     {'focal_length': 420.0, 'jitter': 0.01, 'tilt': 0.05},
@@ -167,6 +194,8 @@ def test_many_worlds_at_once_see_to_the_bit_what_each_sees_alone(
     scenario = from_document({'camera': lens, 'points': {'noise': 0.3}}, 'test')
     worlds = [points_of(scenario, seed) for seed in range(len(poses))]
     frames = [frame + k for k in range(len(poses))]
+    for number, each in enumerate(worlds):
+        each.move(Twist(0.3, 0.5 - number))
     together = PointWorld.observe_each(worlds, poses, frames)
     for world, pose, number, features in zip(worlds, poses, frames, together, strict=True):
         alone = world.observe(pose, number)

@@ -1,5 +1,6 @@
 """A simulated camera: ground truth in, images of a room out."""
 
+from collections import deque
 import sys
 from typing import Any
 
@@ -25,6 +26,7 @@ from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSetti
 from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import head_settings, rig_settings
+from visual_servo_epipolar.simulation.mounts.shutter import PoseHistory
 from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings, SimulatedHead
 from visual_servo_epipolar.simulation.mounts.two_lenses import LensSettings
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
@@ -53,7 +55,8 @@ class CameraNode(Node):
         self._info = self._settings.nominal_camera
         self._joint_names = self._rig.pan_joint, self._rig.tilt_joint
         self._simulator = CameraSimulator(self._on_rig(), self._disturbances, self._light)
-        self._frame = 0
+        self._frame, self._history = 0, PoseHistory()
+        self._pending: deque[tuple[int, int]] = deque()  # frames: when received, when exposed
         self._last_ns: int | None = None
         self._image_pub = self.create_publisher(Image, 'image_raw', qos.STREAM)
         self._info_pub = self.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
@@ -125,12 +128,25 @@ class CameraNode(Node):
     def _on_truth(self, message: Odometry) -> None:
         try:
             stamp_ns, pose = read.stamp_ns(message.header), read.pose(message)
+            twist = read.twist(message.twist)
         except ValueError as error:
             self.get_logger().error(str(error), throttle_duration_sec=WARN_PERIOD_S)
             return
         self._turn_head(stamp_ns)
-        if not self._is_due(stamp_ns):
-            return
+        self._history.add(stamp_ns, pose, twist)
+        if self._pending and stamp_ns < self._pending[-1][1]:  # time runs backwards
+            self._pending.clear()
+        if self._is_due(stamp_ns):
+            number = self._frame + len(self._pending)
+            late_ns = self._settings.receipt.delay_ns(number)
+            self._pending.append((stamp_ns + late_ns, stamp_ns))
+        while self._pending and self._pending[0][0] <= stamp_ns:
+            self._take(self._pending.popleft()[1], stamp_ns)
+
+    def _take(self, exposed_ns: int, stamp_ns: int) -> None:
+        """Publish the image that was exposed then, and is received now."""
+        pose, twist = self._history.at(exposed_ns)
+        self._simulator.move(twist)
         image = self._simulator.capture(pose, self._frame)
         self._frame += 1
         info = write.camera_info(self._info, stamp_ns, self._names.camera)

@@ -4,7 +4,7 @@ from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -23,6 +23,7 @@ from visual_servo_epipolar.simulation.mounts.sensor import (
     SensorSettings,
 )
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
+from visual_servo_epipolar.simulation.rendering.exposures import Exposures
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms.scene import painted_room, room
@@ -53,13 +54,15 @@ class CameraSimulator:
         self.camera = rig.camera
         self._room = painted_room(settings.scene_seed, settings.scene)
         self.light = LightSettings() if light is None else light
-        self._exposure = Exposure(self.light, has_colours=settings.encoding == 'bgr8')
+        has_colours = settings.encoding == 'bgr8'
+        self._exposure = Exposure(self.light, settings.row_timing, has_colours=has_colours)
         scene = self._scene(self.light.light_of(settings.seed), has_changed=True)
         self.renderer = Renderer(scene, rig)
+        self._exposures, self._twist = Exposures(self.renderer), STANDSTILL
         if self.light.passing_light != SAME:  # lit beforehand: that takes a second or two
             self._scene(LIGHTS[self.light.passing_light], has_changed=True)
         self._sensors: dict[float, Sensor] = {}  # by noise
-        self._last: tuple[bytes, Scene, Image] | None = None
+        self._last: tuple[tuple[object, ...], Scene, Image] | None = None
         self.disturb(DisturbanceSettings() if disturbances is None else disturbances)
 
     @property
@@ -70,12 +73,16 @@ class CameraSimulator:
     @settings.setter
     def settings(self, settings: CameraSettings) -> None:
         rig = new_rig(settings)
-        self._settings = settings
+        self._settings, self._exposure.shutter = settings, settings.row_timing
         self.renderer.rig = rig if self._joints is None else rig.turned(self._joints)
 
     def turn(self, joints: Joints) -> None:
         """Let the head that carries the camera have its joints at these angles from now on."""
         self._joints, self.renderer.rig = joints, self.renderer.rig.turned(joints)
+
+    def move(self, twist: Twist) -> None:
+        """Let the base have this velocity from now on, where an exposure is no instant."""
+        self._twist = twist
 
     def disturb(self, settings: DisturbanceSettings) -> None:
         """Disturb the images from now on as ``settings`` say."""
@@ -144,11 +151,13 @@ class CameraSimulator:
 
     def _render(self, pose: Pose, frame: int) -> Image:
         """Return the image before the sensor: the last one, read-only, of a camera that stands."""
-        placed = self.renderer.rig.camera_pose(pose, frame)
-        place = placed.centre.tobytes() + placed.R_world_camera.tobytes()
-        scene = self.renderer.scene
+        placed, shutter = self.renderer.rig.camera_pose(pose, frame), self._settings.row_timing
+        moves = frame != DESIRED_FRAME and not shutter.is_instant
+        twist, scene = self._twist if moves else STANDSTILL, self.renderer.scene
+        axes, centre = placed.R_world_camera.tobytes(), placed.centre.tobytes()
+        place = axes, centre, twist, shutter.zoom(frame)
         if self._last is None or self._last[0] != place or self._last[1] is not scene:
-            image = self.renderer.render(pose, frame)
+            image = self._exposures.render(pose, frame, twist, shutter)
             image.setflags(write=False)
             self._last = place, scene, image
         return self._last[2]
@@ -183,6 +192,10 @@ class ImageView(View):
     def turn(self, joints: Joints) -> None:
         """Let the head have its joints at these angles."""
         self.simulator.turn(joints)
+
+    def move(self, twist: Twist) -> None:
+        """Let the base have this velocity while rows are exposed."""
+        self.simulator.move(twist)
 
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the features seen from ``pose`` in frame number ``frame``."""

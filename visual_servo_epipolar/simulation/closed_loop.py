@@ -21,6 +21,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance, update_map
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
 from visual_servo_epipolar.simulation.bases.registry import new_base
+from visual_servo_epipolar.simulation.mounts.shutter import PoseHistory
 from visual_servo_epipolar.simulation.mounts.simulated_head import SimulatedHead
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, period_ns, RunMonitor
 from visual_servo_epipolar.simulation.view import View
@@ -50,8 +51,11 @@ class Loop:
         if settings.head is not None:
             self._head = SimulatedHead(settings.head, seed=settings.seed)
         self._session = Session(camera=camera, started=True)
-        self._period_ns = period_ns(settings.frame_rate)
+        self._period_ns, self._receipt = period_ns(settings.frame_rate), settings.receipt
+        self._history = PoseHistory()
         self.pose = published(self._base.pose)
+        self._history.add(self.now_ns, self.pose, self._base.twist)
+        self._advance()
 
     @property
     def frame(self) -> int:
@@ -76,7 +80,7 @@ class Loop:
     def decide_by(self, control: Control | None) -> None:
         """Look, and let the servo take it in, or another ``control``."""
         self.turn()
-        features = self.view.observe(self.pose, self.frame)
+        features = self.view.observe(self.exposed_at, self.frame)
         seen = self._reckoned(observe(features, self.camera, self.now_ns))
         if control is not None:
             state = control(self._session.state, seen, self._servo)
@@ -84,8 +88,14 @@ class Loop:
             return
         self._session = self._session.decide(seen, self._servo, goal=features.goal).update_map()
 
+    @property
+    def exposed_at(self) -> Pose:
+        """Where the image was exposed that comes next: where the robot is, unless it is late."""
+        return self._history.at(self._exposed_ns)[0]
+
     def turn(self) -> None:
-        """Let the camera look where the head has turned it to."""
+        """Let the camera look where the head has turned it to, and move as the base does."""
+        self.view.move(self._history.at(self._exposed_ns)[1])
         if self._head is not None:
             self.view.turn(self._head.joints)
 
@@ -112,12 +122,20 @@ class Loop:
     def drive(self) -> None:
         """Obey for one period."""
         self._base.command(self._session.state.command)
-        now_ns = self._base.now_ns + self._period_ns
-        self._base.advance(now_ns)
         if self._head is not None:
             self._head.command(self._session.state.command.head)
+        self._advance()
+
+    def _advance(self) -> None:
+        """Move until the next image is received: at once the first one, if it is not late."""
+        self._exposed_ns = self.frame * self._period_ns
+        # One image after the other, however late the one before.
+        now_ns = max(self._exposed_ns + self._receipt.delay_ns(self.frame), self.now_ns)
+        self._base.advance(now_ns)
+        if self._head is not None:
             self._head.advance(now_ns)
         self.pose = published(self._base.pose)
+        self._history.add(now_ns, self.pose, self._base.twist)
 
 
 def look(loops: Sequence[Loop]) -> list[RobotView]:
@@ -129,7 +147,7 @@ def look(loops: Sequence[Loop]) -> list[RobotView]:
         groups.setdefault((loop.view.alike, loop.camera), []).append(k)
     for (_, camera), indices in groups.items():
         group = [loops[k] for k in indices]
-        views, poses = [loop.view for loop in group], [loop.pose for loop in group]
+        views, poses = [loop.view for loop in group], [loop.exposed_at for loop in group]
         features = views[0].observe_each(views, poses, [loop.frame for loop in group])
         for k, seen in zip(indices, features, strict=True):
             observation = observe(seen, camera, loops[k].now_ns)

@@ -7,13 +7,20 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.geometry.motion import (
+    DESIRED_POSE,
+    integrate,
+    Pose,
+    STANDSTILL,
+    Twist,
+)
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
+from visual_servo_epipolar.simulation.mounts.shutter import INSTANT, interpolated, Shutter
 from visual_servo_epipolar.simulation.mounts.simulated_rig import (
     lenses_of,
     LensPlacement,
@@ -26,6 +33,7 @@ MIN_DEPTH_M = 0.3
 BLOCK = 32  # frames drawn at once: starting a random generator costs more than drawing
 MAX_RAY = 4.0  # farther from the axis no pinhole sees anything (76 deg)
 TRIES = 200
+ROUNDS = 3  # to find the row that a point is read out with
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +62,8 @@ class PointWorld(View):
     """
     A cloud that fills the goal's image; ``observe`` gives what a good tracker would.
 
-    The camera of ``rig`` is the true one. What ``disturbances`` put before the scene hides points;
-    light and blur do nothing here.
+    The camera of ``rig`` is the true one, its rows are exposed as ``shutter`` has it. What
+    ``disturbances`` put before the scene hides points; light and blur do nothing here.
     """
 
     def __init__(
@@ -65,8 +73,10 @@ class PointWorld(View):
         *,
         seed: int,
         disturbances: Disturbances | None = None,
+        shutter: Shutter = INSTANT,
     ) -> None:
         camera = rig.camera
+        self._shutter, self._twist = shutter, STANDSTILL
         self.settings, self.rig, self.camera, self._seed = settings, rig, camera, seed
         self._disturbances = disturbances
         rng = np.random.default_rng((seed, 2))
@@ -82,6 +92,10 @@ class PointWorld(View):
         """Let the head have its joints at these angles."""
         self.rig = self.rig.turned(joints)
 
+    def move(self, twist: Twist) -> None:
+        """Let the base have this velocity while rows are read out."""
+        self._twist = twist
+
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the features in view from ``pose``; ``frame``, 0, 1, ..., fixes their noise."""
         pixels, visible = self.project(pose, frame)
@@ -90,7 +104,7 @@ class PointWorld(View):
     @property
     def alike(self) -> Hashable:
         """The true camera, with its lenses, and the number of points."""
-        return PointWorld, self.camera, len(self.points), lenses_of(self.rig)
+        return PointWorld, self.camera, len(self.points), lenses_of(self.rig), self._shutter
 
     @classmethod
     def observe_each(
@@ -98,11 +112,10 @@ class PointWorld(View):
     ) -> list[Features]:
         """Return the features of each of alike worlds from its pose in its frame."""
         each = list(zip(views, poses, frames, strict=True))
-        places = [world.rig.camera_pose(pose, frame) for world, pose, frame in each]
-        axes = np.array([place.R_world_camera for place in places])
-        centres = np.array([place.centre for place in places])
-        points = (np.array([world.points for world in views]) - centres[:, None]) @ axes
-        pixels, visible = through(lenses_of(views[0].rig), points, views[0].camera)
+        points = np.stack([world.seen(pose, frame) for world, pose, frame in each], axis=1)
+        zooms = np.array([world._shutter.zoom(frame) for world, _, frame in each])
+        first = views[0]
+        pixels, visible = first.rolling(points, zooms[:, None, None])
         return [
             world.tracked(pixels[row], visible[row], frame)
             for row, (world, _, frame) in enumerate(each)
@@ -126,8 +139,35 @@ class PointWorld(View):
 
     def project(self, pose: Pose, frame: int = DESIRED_FRAME) -> tuple[FloatArray, BoolArray]:
         """Return the true pixels, shape (N, 2), and which of them are in view, shape (N,)."""
-        axes, centre = self.rig.camera_pose(pose, frame)
-        return through(lenses_of(self.rig), (self.points - centre) @ axes, self.camera)
+        return self.rolling(self.seen(pose, frame), self._shutter.zoom(frame))
+
+    def seen(self, pose: Pose, frame: int) -> FloatArray:
+        """
+        Return the points in axes of the camera, shape (M, N, 3).
+
+        M = 3 are at the readout of the first, the middle and the last row, 1 where rows share it.
+        """
+        rolls = self._shutter.readout > 0.0 and frame != DESIRED_FRAME
+        times = [self._shutter.readout * share for share in (0.0, 0.5, 1.0)] if rolls else [0.0]
+        poses = [integrate(pose, self._twist, time) if time else pose for time in times]
+        places = [self.rig.camera_pose(pose, frame) for pose in poses]
+        return np.stack([(self.points - centre) @ axes for axes, centre in places])
+
+    def rolling(
+        self, points: FloatArray, zoom: float | FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Return pixels, (..., N, 2), and which are in view, (..., N), of what was ``seen``."""
+        lenses, camera = lenses_of(self.rig), self.camera
+        pixels, visible = through(lenses, points[len(points) // 2], camera)
+        for _ in range(ROUNDS if len(points) > 1 else 0):
+            rows = np.clip(np.nan_to_num(pixels[..., 1]) / camera.height, 0.0, 1.0)
+            pixels, visible = through(lenses, interpolated(points, rows), camera)
+        if not np.all(zoom == 1.0):
+            centre = np.array([camera.cx, camera.cy])
+            pixels = centre + zoom * (pixels - centre)
+            inside = camera.contains(pixels.reshape(-1, 2)).reshape(visible.shape)
+            visible = visible & inside
+        return pixels, visible
 
     def taken_for(self, frame: int) -> IntArray | None:
         """Return which point each feature is taken for, shape (N,); None: each for itself."""

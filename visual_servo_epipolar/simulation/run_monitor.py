@@ -19,6 +19,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.simulation.mounts.shutter import Receipt
 from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings
 from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig, true_geometry
 
@@ -34,6 +35,7 @@ class LoopSettings:
     start: tuple[float, float, float]
     seed: int = 0
     frame_rate: float = 11.0
+    receipt: Receipt = Receipt()
     max_duration: float = 300.0
     servo: ServoSettings = field(default_factory=ServoSettings)
     base: Settings = field(default_factory=PioneerSettings)

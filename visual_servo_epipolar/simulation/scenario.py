@@ -86,6 +86,7 @@ class Scenario:
             start=start,
             seed=seed,
             frame_rate=self.camera.frame_rate,
+            receipt=self.camera.receipt._replace(seed=seed),
             max_duration=self.run.max_duration,
             servo=self.servo,
             base=self.base,

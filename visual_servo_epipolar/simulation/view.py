@@ -3,7 +3,7 @@
 from collections.abc import Hashable, Sequence
 from typing import Protocol, TypeVar
 
-from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.tracking.features import Features
 
@@ -19,6 +19,9 @@ class View(Protocol):
     def turn(self, joints: Joints) -> None:
         """Let the head that carries the camera have its joints at these angles from now on."""
         raise ValueError(f'{type(self).__name__} has no head to turn; simulate a fixed rig')
+
+    def move(self, twist: Twist) -> None:
+        """Let the base have this velocity while images are exposed; an instant shows none."""
 
     @property
     def alike(self) -> Hashable:

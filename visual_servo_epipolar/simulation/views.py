@@ -26,5 +26,9 @@ def points_of(scenario: Scenario, seed: int) -> PointWorld:
         size = camera.width, camera.height
         disturbances = Disturbances(size, scenario.disturbances, seed)
     return PointWorld(
-        scenario.points, new_rig(replace(camera, seed=seed)), seed=seed, disturbances=disturbances
+        scenario.points,
+        new_rig(replace(camera, seed=seed)),
+        seed=seed,
+        disturbances=disturbances,
+        shutter=camera.row_timing,
     )

@@ -9,6 +9,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.simulation.light.lights import Light
 from visual_servo_epipolar.simulation.light.settings import LightSettings
+from visual_servo_epipolar.simulation.mounts.shutter import INSTANT, Shutter
 
 STOP = 12  # steps in which the exposure is set, a factor of two [1]
 LEAST = -6 * STOP  # the shortest exposure: 1/64 of the fixed one
@@ -74,8 +75,10 @@ class Exposure:
     camera has colours or not; what it takes is grey.
     """
 
-    def __init__(self, settings: LightSettings, *, has_colours: bool = False) -> None:
-        self.settings = settings
+    def __init__(
+        self, settings: LightSettings, shutter: Shutter = INSTANT, *, has_colours: bool = False
+    ) -> None:
+        self.settings, self.shutter = settings, shutter
         self.balance = WhiteBalance() if has_colours else None
         self._steps: int | None = None  # in STOPs, None as long as there was no image
 
@@ -97,7 +100,9 @@ class Exposure:
         exposure = self.factor if self.settings.exposure == 'auto' else 1.0
         taken = brightened(view.image, light * exposure, glare=glare)
         self._follow(view.image, light, glare)
-        taken = flicker(taken, self.settings, view.time, min(exposure, 1.0))
+        open_s = self.shutter.exposure * min(exposure, 1.0)
+        shutter = self.shutter._replace(exposure=open_s)
+        taken = flicker(taken, self.settings, view.time, shutter)
         return taken, max(exposure, 1.0)
 
     def _balanced(self, light: Light, *, settle: bool) -> float:
@@ -153,19 +158,19 @@ def toned(image: Image, gamma: float) -> Image:
     return np.asarray(cv2.LUT(image, np.rint(levels).astype(np.uint8)))
 
 
-def flicker(image: Image, settings: LightSettings, time: float, exposure: float) -> Image:
+def flicker(image: Image, settings: LightSettings, time: float, shutter: Shutter) -> Image:
     """
     Return ``image``, shape (H, W), whose first row opens at ``time`` [s], as the light flickers.
 
-    A shutter open for a whole period sees nothing of it; a shorter one, by ``exposure`` of the
-    set time, takes what it meets: all rows alike, or bands where they are read out one by one.
+    A ``shutter`` open for a whole period sees nothing of it; a shorter one takes what it meets:
+    all rows alike, or bands where they are read out one by one.
     """
-    depth, rate, shutter = settings.flicker, settings.flicker_rate, settings.shutter * exposure
+    depth, rate, (readout, exposure, *_) = settings.flicker, settings.flicker_rate, shutter
     if depth == 0.0:
         return image
-    seen = depth * np.sinc(rate * shutter)  # the mean of a wave over the shutter
-    rows = len(image) if settings.readout else 1
-    middle = time + 0.5 * shutter + settings.readout * np.arange(rows) / rows
+    seen = depth * np.sinc(rate * exposure)  # the mean of a wave over the exposure
+    rows = len(image) if readout else 1
+    middle = time + 0.5 * exposure + readout * np.arange(rows) / rows
     factors = (1.0 + seen * np.cos(2.0 * math.pi * rate * middle))[:, None]
     if rows == 1:
         return np.asarray(cv2.convertScaleAbs(image, alpha=float(factors[0, 0])), np.uint8)

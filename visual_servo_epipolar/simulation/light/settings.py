@@ -64,10 +64,6 @@ class LightSettings(Settings):
     )
     flicker: float = setting(0.0, 'Share of the light that flickers', low=0.0, high=1.0)
     flicker_rate: float = setting(100.0, 'Rate of the flicker [Hz]', low=1.0, high=1000.0)
-    shutter: float = setting(0.01, 'Time of the fixed exposure [s]', low=1e-5, high=1.0)
-    readout: float = setting(
-        0.0, 'Time from the first row to the last; 0: global shutter [s]', low=0.0, high=0.1
-    )
 
     def thing(self, *, has_changed: bool) -> RoomChange:
         """Return what changes, and whether it has, in the photograph or in the run."""

@@ -8,6 +8,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera, CAMERAS, with_intrinsics
 from visual_servo_epipolar.core.settings import fixed, setting, Settings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
+from visual_servo_epipolar.simulation.mounts.shutter import Receipt, Shutter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +74,34 @@ class CameraSettings(Settings):
     jpeg: int = fixed(
         0, 'Quality of the JPEG that images come as; 0 = as they are', low=0, high=100
     )
+    shutter: float = setting(
+        0.0,
+        'Time that a row is exposed: motion blurs it, and light that flickers is averaged; '
+        '0 = an instant [s]',
+        low=0.0,
+        high=1.0,
+    )
+    readout: float = setting(
+        0.0,
+        'Rolling shutter: time from the first row, exposed at the stamp, to the last; '
+        '0 = global shutter [s]',
+        low=0.0,
+        high=0.1,
+    )
+    breathing: float = setting(
+        0.0, 'Share by which the focus changes the focal length, up and down', low=0.0, high=0.2
+    )
+    breathing_period: float = setting(
+        2.0, 'Period of that change of the focal length [s]', low=0.1, high=100.0
+    )
+    stamp_delay: float = setting(
+        0.0,
+        'Time from the exposure to the receipt, when the image is stamped; 0 = stamped as exposed '
+        '[s]',
+        low=0.0,
+        high=1.0,
+    )
+    stamp_jitter: float = setting(0.0, 'Standard deviation of that time [s]', low=0.0, high=0.2)
     believed_focal_ratio: float = fixed(
         1.0, 'Focal length in camera_info over the true one', low=0.1, high=10.0
     )
@@ -125,6 +154,21 @@ class CameraSettings(Settings):
             left=self.mount_left,
             yaw=self.mount_yaw,
         )
+
+    @property
+    def row_timing(self) -> Shutter:
+        """When rows are exposed, and by which focal length."""
+        return Shutter(
+            self.readout,
+            self.shutter,
+            self.breathing,
+            self.breathing_period * self.frame_rate,
+        )
+
+    @property
+    def receipt(self) -> Receipt:
+        """When images are received, and stamped."""
+        return Receipt(self.stamp_delay, self.stamp_jitter, self.seed)
 
     def fixed_rig(self) -> FixedRig:
         """Return the rig of a camera that is screwed to the robot."""

@@ -1,0 +1,97 @@
+"""Shutter: when each row of an image is exposed, at which focal length; when it is stamped."""
+
+from collections import deque
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.motion import integrate, motion_between, Pose, Twist
+from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
+
+ENTRIES = 256  # of the history of a base: more than the longest delay takes
+
+
+class Shutter(NamedTuple):
+    """
+    Row v of H is exposed for ``exposure`` [s], around v / H * ``readout`` [s] after the first one.
+
+    The photograph is taken at rest. ``breathing`` is the amplitude of the focal length as a share,
+    with a period of ``frames``.
+    """
+
+    readout: float = 0.0
+    exposure: float = 0.0
+    breathing: float = 0.0
+    frames: float = 1.0
+
+    def zoom(self, frame: int | None) -> float:
+        """Return the focal length of ``frame`` over that of the photograph, frame -1."""
+        if self.breathing == 0.0 or frame is None or frame == DESIRED_FRAME:
+            return 1.0
+        return 1.0 + self.breathing * math.sin(2.0 * math.pi * frame / self.frames)
+
+    @property
+    def is_instant(self) -> bool:
+        """Whether a camera in motion sees what one at rest does."""
+        return self.readout == self.exposure == 0.0
+
+
+INSTANT = Shutter()
+
+
+class Receipt(NamedTuple):
+    """Images are received ``delay`` [s] after they were due, with ``jitter``, and stamped then."""
+
+    delay: float = 0.0
+    jitter: float = 0.0
+    seed: int = 0
+
+    def delay_ns(self, frame: int) -> int:
+        """Return how late ``frame``, 0, 1, ..., is received [ns], never before it was due."""
+        chance = 0.0
+        if self.jitter > 0.0:
+            chance = float(np.random.default_rng((self.seed, 8, frame)).standard_normal())
+        return max(round((self.delay + self.jitter * chance) * NANOSECONDS), 0)
+
+
+class PoseHistory:
+    """Where a base was of late, and its velocity; between two entries it drove an arc."""
+
+    def __init__(self) -> None:
+        self._entries: deque[tuple[int, Pose, Twist]] = deque(maxlen=ENTRIES)
+
+    def add(self, stamp_ns: int, pose: Pose, twist: Twist) -> None:
+        """Take in pose and true velocity at ``stamp_ns``; time that runs backwards begins anew."""
+        if self._entries and self._entries[-1][0] >= stamp_ns:
+            self._entries.clear()
+        self._entries.append((stamp_ns, pose, twist))
+
+    def at(self, stamp_ns: int) -> tuple[Pose, Twist]:
+        """Return pose and velocity at ``stamp_ns``, of the nearest entry where there is none."""
+        after_ns, pose, twist = self._entries[-1]
+        for before_ns, before, begun in reversed(self._entries):
+            if before_ns <= stamp_ns < after_ns:
+                gap, (way, turn) = (
+                    seconds_between(before_ns, after_ns),
+                    motion_between(before, pose),
+                )
+                arc = Twist(way / gap, turn / gap)
+                return integrate(before, arc, seconds_between(before_ns, stamp_ns)), arc
+            after_ns, pose, twist = before_ns, before, begun
+            if after_ns <= stamp_ns:
+                break
+        return pose, twist
+
+
+def interpolated(nodes: FloatArray, share: FloatArray) -> FloatArray:
+    """Return the parabola through ``nodes``, (3, ..., D), of 0, 1/2 and 1, at ``share``, (...)."""
+    s = share[..., None]
+    start, middle, end = nodes
+    return np.asarray(
+        (2.0 * s - 1.0) * (s - 1.0) * start
+        + 4.0 * s * (1.0 - s) * middle
+        + s * (2.0 * s - 1.0) * end
+    )
