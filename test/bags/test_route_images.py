@@ -9,24 +9,40 @@ from rclpy.serialization import serialize_message
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.route_images import RecordedWay
-from visual_servo_epipolar.core.cameras.registry import calibrated_camera
+from visual_servo_epipolar.core.cameras.equirectangular import of_size
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_intrinsics
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.messages import write
 
 CAMERA = calibrated_camera((64, 48), (50.0, 0.0, 31.5, 0.0, 50.0, 23.5, 0.0, 0.0, 1.0), ())
-KINDS = {'/odom': 'nav_msgs/msg/Odometry', '/other/odom': 'nav_msgs/msg/Odometry'}
+COLOR, DEPTH = '/cam/color/image_raw', '/cam/depth/camera_info'
+KINDS = {
+    '/odom': 'nav_msgs/msg/Odometry',
+    '/other/odom': 'nav_msgs/msg/Odometry',
+    COLOR: 'sensor_msgs/msg/Image',
+    DEPTH: 'sensor_msgs/msg/CameraInfo',
+}
 SECOND = 10**9
 
 
-def images() -> list[Message]:
-    rng = np.random.default_rng(1)
-    messages = [('/camera_info', 0, bytes(serialize_message(write.camera_info(CAMERA, 0, 'c'))))]
+def calibrations(*cameras: CameraModel, topic: str = '/camera_info', frame: str = 'c'):
+    told = [write.camera_info(camera, k, frame) for k, camera in enumerate(cameras)]
+    return [(topic, k, bytes(serialize_message(info))) for k, info in enumerate(told)]
+
+
+def views(topic: str = '/image_raw', frame: str = 'c', rows: int = 48) -> list[Message]:
+    rng, messages = np.random.default_rng(1), []
     for k in range(4):
         stamp = SECOND + k * SECOND // 2
-        image = write.image(rng.integers(0, 255, (48, 64), np.uint8), 'mono8', stamp, 'c')
-        messages.append(('/image_raw', stamp, bytes(serialize_message(image))))
+        image = write.image(rng.integers(0, 255, (rows, 64), np.uint8), 'mono8', stamp, frame)
+        messages.append((topic, stamp, bytes(serialize_message(image))))
     return messages
+
+
+def images() -> list[Message]:
+    return calibrations(CAMERA) + views()
 
 
 def odometry(topic: str) -> list[Message]:
@@ -81,3 +97,56 @@ def test_two_odometries_are_a_choice(tmp_path: Path) -> None:
         with pytest.raises(InputError, match='say --odometry NAME'):
             RecordedWay(bag, {})
         assert len(list(RecordedWay(bag, {}, odometry='/other/odom').images())) == 4
+
+
+@pytest.mark.parametrize('factor', [1.0000001, 1.2])
+def test_a_camera_info_that_changes_is_refused_as_in_the_node(tmp_path, factor: float) -> None:
+    other = with_intrinsics(CAMERA, fx=50.0 * factor)
+    parts = calibrations(CAMERA, CAMERA, other), views(), odometry('/odom')
+    with Bag(bag_of(tmp_path, *parts)) as bag:
+        change = f'has changed while recording: fx 50 -> {50.0 * factor:.8g}, rays up to'
+        with pytest.raises(InputError, match=change):
+            RecordedWay(bag, {})
+        assert RecordedWay(bag, {}, camera=CAMERA).camera == CAMERA
+
+
+@pytest.mark.parametrize('rows', [32, 20])
+def test_a_panorama_without_camera_info_has_a_projection(tmp_path: Path, rows: int) -> None:
+    with Bag(bag_of(tmp_path, views(rows=rows), odometry('/odom'))) as bag:
+        with pytest.raises(InputError, match='no camera_info; .* or say --projection'):
+            RecordedWay(bag, {})
+        way = RecordedWay(bag, {}, projection='equirectangular')
+        assert way.camera == of_size(64, rows)
+        assert [' 64x20 px are taken for panoramas' in note for note in way.notes] == (
+            [True] if rows == 20 else []
+        )
+
+
+@pytest.mark.parametrize(
+    ('frames', 'words'),
+    [
+        (('c', 'c'), 'by their frame_id alone'),
+        (('c', ''), 'no frame_id confirms that'),
+        (('', ''), 'no frame_id confirms that'),
+    ],
+)
+def test_the_camera_info_of_another_namespace_is_noted(tmp_path, frames, words) -> None:
+    calibration = calibrations(CAMERA, topic=DEPTH, frame=frames[1])
+    parts = views(COLOR, frames[0]), calibration, odometry('/odom')
+    with Bag(bag_of(tmp_path, *parts)) as bag:
+        assert RecordedWay(bag, {}).notes == [f'{DEPTH} is taken for {COLOR}: {words}']
+        assert RecordedWay(bag, {'camera_info': DEPTH}).notes == []
+
+
+def test_the_camera_info_of_another_frame_too_must_be_named(tmp_path: Path) -> None:
+    parts = views(COLOR, 'a'), calibrations(CAMERA, topic=DEPTH, frame='b'), odometry('/odom')
+    with Bag(bag_of(tmp_path, *parts)) as bag:
+        with pytest.raises(InputError, match=f'say which: --topics camera_info={DEPTH}'):
+            RecordedWay(bag, {})
+        assert RecordedWay(bag, {'camera_info': DEPTH}).camera == CAMERA
+
+
+def test_one_beside_its_images_of_another_frame_is_noted_as_by_a_node(tmp_path: Path) -> None:
+    with Bag(bag_of(tmp_path, views(frame='a'), calibrations(CAMERA), odometry('/odom'))) as bag:
+        note = '/camera_info is taken for /image_raw: the frames are c and a'
+        assert RecordedWay(bag, {}).notes == [note]

@@ -357,16 +357,18 @@ def test_a_camera_info_of_another_camera_is_asked_about(
 
 @pytest.mark.parametrize(
     ('frames', 'noted'),
-    [(('color', ''), True), (('', ''), True), (('color', '/color'), False)],
+    [
+        (('color', ''), 'no frame_id confirms that'),
+        (('', ''), 'no frame_id confirms that'),
+        (('color', '/color'), 'by their frame_id alone'),
+    ],
 )
 def test_one_that_nothing_tells_apart_is_noted(
     small_run, tmp_path, capsys, photograph, frames, noted
 ) -> None:
     path = two_cameras(small_run, tmp_path, *frames)
     _, result = shown_json(capsys, path, '--desired', photograph)
-    taken = 'camera_info is taken for /cam/color/image_raw'
-    note = f'{taken}, and no frame_id confirms that it is theirs'
-    assert any(note in text for text in result['notes']) == noted
+    assert f'/cam/depth/camera_info is taken for /cam/color/image_raw: {noted}' in result['notes']
 
 
 @pytest.fixture

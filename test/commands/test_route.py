@@ -5,12 +5,13 @@ import math
 from pathlib import Path
 
 from bagmaker import write_bag
+import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 from routes import key_view, route_of
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
@@ -65,6 +66,22 @@ def test_a_report_on_a_damaged_route_says_so(
 def test_a_bag_that_is_not_there_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['route', 'teach', '/no/such/bag']) == 2
     assert 'visual_servo route: ' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('projection', 'code', 'reason'),
+    [('equirectangular', 1, 'shows 0 features'), ('pinhole', 2, 'projection must be one of')],
+)
+def test_a_projection_stands_for_a_camera_info(tmp_path, capsys, projection, code, reason) -> None:
+    messages = []
+    for stamp in (1, 10**9):
+        image = write.image(np.zeros((32, 64), np.uint8), 'mono8', stamp, 'c')
+        command = write.twist(Twist(0.1, 0.0))
+        for topic, message in (('/cmd_vel', command), ('/image_raw', image)):
+            messages.append((topic, stamp, bytes(serialize_message(message))))
+    bag = str(write_bag(tmp_path / 'bag', messages))
+    assert main(['route', 'teach', bag, '--projection', projection]) == code
+    assert reason in capsys.readouterr().err
 
 
 @pytest.mark.long

@@ -5,10 +5,13 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from visual_servo_epipolar.bags.reading.bag import Bag, BagTopic
-from visual_servo_epipolar.bags.reading.run import usable
-from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_note
+from visual_servo_epipolar.bags.reading.run import image_size, usable
+from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_notes
 from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.cameras.equirectangular import Equirectangular
 from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.plausibility import differences
+from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose
 from visual_servo_epipolar.messages import read
@@ -21,8 +24,10 @@ class RecordedWay:
     """
     Way in a bag: its ``camera``, and its images with poses of the base, by odometry or commands.
 
-    ``requested`` are names of topics by role, ``odometry`` that of the odometry. Raises InputError
-    if the bag lacks what is needed.
+    ``requested`` are names of topics by role, ``odometry`` that of the odometry. Without a
+    ``camera``, or a ``projection`` by which the size of images tells it, it is that of camera_info
+    for images of a ``kind`` (rectified, cropped). Raises InputError if the bag lacks what is
+    needed.
     """
 
     def __init__(
@@ -32,17 +37,22 @@ class RecordedWay:
         *,
         odometry: str = '',
         camera: CameraModel | None = None,
-        rectified: bool = False,
+        projection: str = CAMERA_INFO,
+        **kind: bool,
     ) -> None:
-        self._bag, self._topics = bag, assign_roles(bag, requested)
+        told = camera is None and projection == CAMERA_INFO
+        roles = ('image', 'camera_info', 'cmd_vel') if told else ('image', 'cmd_vel')
+        self._bag, self._topics = bag, assign_roles(bag, requested, roles=roles)
         if 'image' not in self._topics:
             raise InputError(
                 f'{bag.path}: no images to learn a route from; it has '
                 f'{", ".join(bag.topics) or "no topics"}: name them with --topics image=NAME'
             )
-        note = camera_note(bag, self._topics)
-        self.notes = [note] if note else []
-        self.camera = self._recorded_camera(rectified) if camera is None else camera
+        self.notes = [*bag.notes]
+        self.notes += camera_notes(bag, self._topics, requested)
+        self.camera = camera or (
+            self._recorded_camera(kind) if told else self._projected_camera(projection)
+        )
         self._stamps, self._poses = self._driven(odometry)
 
     def images(self) -> Iterator[tuple[Image, int, Pose]]:
@@ -54,16 +64,39 @@ class RecordedWay:
                 pose = [float(np.interp(stamp_ns, self._stamps, each)) for each in self._poses.T]
                 yield image, stamp_ns, Pose(*pose)
 
-    def _recorded_camera(self, rectified: bool) -> CameraModel:
-        topic = self._topics.get('camera_info')
-        item = None if topic is None else next(iter(self._bag.messages([topic.name])), None)
-        if item is None:
+    def _recorded_camera(self, kind: Mapping[str, bool]) -> CameraModel:
+        topic, camera = self._topics.get('camera_info'), None
+        for item in () if topic is None else self._bag.messages([topic.name]):
+            with usable(self._bag.path, item):
+                another = read.camera(item.message, **kind)
+            if camera is not None and camera != another:
+                raise InputError(
+                    f'{self._bag.path}: {item.topic} has changed while recording: '
+                    f'{differences(camera, another)}; record the way anew, or give a camera file: '
+                    '--camera FILE.yaml'
+                )
+            camera = another
+        if camera is None:
             raise InputError(
                 f'{self._bag.path}: no camera_info; name its topic with --topics '
-                'camera_info=NAME, or give a camera file: --camera FILE.yaml'
+                'camera_info=NAME, give a camera file: --camera FILE.yaml, or say --projection '
+                'of a camera that sees all around'
             )
-        with usable(self._bag.path, item):
-            return read.camera(item.message, rectified=rectified)
+        return camera
+
+    def _projected_camera(self, projection: str) -> CameraModel:
+        """Return the camera that the size of the first image tells."""
+        size = image_size(self._bag, self._topics) or (0, 0)
+        try:
+            camera = camera_of_size(projection, size)
+        except ValueError as error:
+            raise InputError(f'{self._bag.path}: {error}') from None
+        if isinstance(camera, Equirectangular) and camera.is_cut:
+            self.notes.append(
+                f'images of {size[0]}x{size[1]} px are taken for panoramas with as many rows cut '
+                'above as below; if not, record camera_info with the row of the horizon in K[5]'
+            )
+        return camera
 
     def _driven(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Return stamps [ns], (M,), and poses of the base, (M, 3), headings unwrapped."""

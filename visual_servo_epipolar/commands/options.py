@@ -189,17 +189,17 @@ def add_route(parser: ArgumentParser) -> None:
     )
     teach.add_argument('bag', metavar='BAG', help=BAG)
     add_lists(teach, {'--topics ROLE=NAME': f'{TOPICS}: image, camera_info, cmd_vel'})
-    words = {
-        '--out DIR': 'folder of the route (default BAG_route)',
-        '--camera FILE': f'use this instead of camera_info: {CAMERA}',
-    }
-    add_words(teach, words)
+    add_words(teach, {'--out DIR': 'folder of the route (default BAG_route)'})
+    cameras = teach.add_mutually_exclusive_group()
+    add_words(cameras, {'--camera FILE': f'use this instead of camera_info: {CAMERA}'})
+    projection = 'camera of 360 deg without camera_info, such as equirectangular'
+    add_words(cameras, {'--projection NAME': projection}, default='camera_info')
     add_words(
         teach,
         {'--odometry NAME': 'topic of the odometry (default: the one whose name ends in odom)'},
         default='',
     )
-    add_flags(teach, {'--rectified': 'images are rectified: use P of camera_info'})
+    add_flags(teach, {'--rectified': 'images are rectified: use P of camera_info', **CROPPED})
     add_json(teach)
     again.add_argument('bag', metavar='BAG', help=BAG)
     add_words(again, {'--route FOLDER': 'folder of the route (default that of the node)'})

@@ -79,6 +79,21 @@ def test_a_lower_image_is_cut_above_and_below() -> None:
     np.testing.assert_allclose(band.rays(band.pixels(ray(0.5, 0.8))), ray(0.5, 0.8), atol=1e-12)
 
 
+@pytest.mark.parametrize('horizon', [130.0, 299.5, 450.0])
+def test_k_of_a_cut_one_says_where_the_horizon_is(horizon: float) -> None:
+    k = [1920 / math.tau, 0.0, 9.0, 0.0, 1920 / math.tau, horizon, 0.0, 0.0, 1.0]
+    cut = calibrated_camera((1920, 600), k, (), 'equirectangular')
+    np.testing.assert_allclose(cut.rays(np.array([[959.5, horizon]])), ray(0.0, 0.0), atol=1e-12)
+    assert calibrated_camera((1920, 600), cut.matrix.ravel(), (), 'equirectangular') == cut
+
+
+@pytest.mark.parametrize('horizon', [600.0, -1.0])
+def test_rows_beyond_a_pole_are_refused_with_what_is_needed(horizon: float) -> None:
+    k = [1920 / math.tau, 0.0, 959.5, 0.0, 1920 / math.tau, horizon, 0.0, 0.0, 1.0]
+    with pytest.raises(ValueError, match=r'between the poles.*set K\[5\] .* region of interest'):
+        calibrated_camera((1920, 600), k, (), 'equirectangular')
+
+
 @pytest.mark.parametrize('size', [(1920, 1080), (960, 960)])
 def test_an_image_that_is_too_high_is_refused_in_one_sentence(size: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match=r'at most half as high as wide, got (1920|960)x'):

@@ -21,7 +21,7 @@ from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.tracking import camera_subscriptions
 
 OTHER = replace(CAMERA, fx=1000.0, fy=1000.0)
-CHANGED = 'camera_info has changed in mid-run, to a pinhole lens of 1000.0 px'
+CHANGED = 'camera_info has changed in mid-run: fx 769.2 -> 1000, fy 769.2 -> 1000, rays'
 
 
 def test_another_camera_in_mid_run_stops_the_robot_at_once_and_for_good(bench) -> None:

@@ -119,7 +119,7 @@ def test_a_photograph_of_another_camera_leads_nowhere(bench, simulator, tmp_path
     rig = Rig(bench, simulator, photograph=str(path))
     assert len(rig.see()) == 0
     bench.until(
-        lambda: bench.logged('the photograph was taken with another camera, a pinhole lens of'),
+        lambda: bench.logged('the photograph was taken with another camera: fx 150 ->'),
         'the complaint',
     )
     assert rig.capture().success  # it is of this camera now

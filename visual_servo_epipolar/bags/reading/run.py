@@ -130,6 +130,17 @@ def usable(path: Path, item: RecordedMessage) -> Iterator[None]:
         raise InputError(f'{path}: a message of {item.topic} cannot be used: {error}') from None
 
 
+def image_size(bag: Bag, topics: Mapping[str, BagTopic]) -> tuple[int, int] | None:
+    """Return the size of the images of the bag [px]; None where it has none."""
+    topic = topics.get('image')
+    item = None if topic is None else next(iter(bag.messages([topic.name])), None)
+    if item is None:
+        return None
+    with usable(bag.path, item):
+        height, width = read.gray(item.message).shape
+    return width, height
+
+
 def read_run(
     bag: Bag, topics: Mapping[str, BagTopic], namespace: Namespace | None = None
 ) -> Recording:

@@ -133,17 +133,20 @@ def _is_in(topic: str, namespace: str) -> bool:
 
 
 def assign_roles(
-    bag: Bag, requested: Mapping[str, str], namespace: Namespace | None = None
+    bag: Bag,
+    requested: Mapping[str, str],
+    namespace: Namespace | None = None,
+    roles: Iterable[str] = ROLES,
 ) -> dict[str, BagTopic]:
     """
-    Return the topic of each role that the bag has one for.
+    Return the topic of each of ``roles`` that the bag has one for.
 
     Those that are ``requested``, names by role, are taken; others are inferred, first in the
     ``namespace``, then from what belongs to no other robot. Raises InputError if a topic is
     missing, has a type that its role cannot use, or if there is a choice.
     """
     topics: dict[str, BagTopic] = {}
-    for role in ROLES:
+    for role in roles:
         name = requested.get(role)
         if name is not None:
             topic: BagTopic | None = _find_requested(bag, role, name)
@@ -169,25 +172,33 @@ def _as_transported(bag: Bag, topics: Mapping[str, BagTopic]) -> BagTopic:
     return image
 
 
-def camera_note(bag: Bag, topics: Mapping[str, BagTopic]) -> str:
+def camera_notes(
+    bag: Bag, topics: Mapping[str, BagTopic], requested: Mapping[str, str]
+) -> list[str]:
     """
-    Return what to note of a camera_info from another namespace than its images, or ''.
+    Return what to note of a camera_info that is not beside its images, or not of their frame.
 
-    Raises InputError if it is of another frame than they are: another camera's. Some drivers
-    leave it empty.
+    Raises InputError if it is neither: another camera's. Some drivers leave the frame empty, and
+    the user may have ``requested`` it.
     """
     image, info = topics.get('image'), topics.get('camera_info')
-    if image is None or info is None or _beside(image, [info], or_all=False):
-        return ''
-    frames = [_frame(bag, item) for item in (image, info)]
-    if not all(frames):
-        return f'{info.name} is taken for {image.name}, and no frame_id confirms that it is theirs'
-    if frames[0] == frames[1]:
-        return ''
-    raise InputError(
-        f'{bag.path}: {info.name} is of the frame {frames[1]}, {image.name} of {frames[0]}: it is '
-        f"another camera's; say which: --topics camera_info={info.name}, or --camera FILE.yaml"
-    )
+    if image is None or info is None or 'camera_info' in requested:
+        return []
+    is_beside = bool(_beside(image, [info], or_all=False))
+    frames = [_frame(bag, item) for item in (info, image)]
+    differ = all(frames) and frames[0] != frames[1]
+    if differ and not is_beside:
+        raise InputError(
+            f'{bag.path}: {info.name} is of the frame {frames[0]}, {image.name} of {frames[1]}: '
+            f"it is another camera's; say which: --topics camera_info={info.name}, or --camera "
+            'FILE.yaml'
+        )
+    if is_beside and not differ:
+        return []
+    why = f'the frames are {frames[0]} and {frames[1]}'
+    if not differ:
+        why = 'by their frame_id alone' if all(frames) else 'no frame_id confirms that'
+    return [f'{info.name} is taken for {image.name}: {why}']
 
 
 def _frame(bag: Bag, topic: BagTopic) -> str:

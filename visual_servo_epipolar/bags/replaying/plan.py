@@ -215,17 +215,6 @@ def _photographs(
     return [(None, run.photographs[0][1]), *run.photographs[1:]]
 
 
-def image_size(bag: Bag, run: Recording) -> tuple[int, int] | None:
-    """Return the size of the images of the bag [px]; None where it has none."""
-    topic = run.topics.get('image')
-    item = None if topic is None else next(iter(bag.messages([topic.name])), None)
-    if item is None:
-        return None
-    with usable(bag.path, item):
-        height, width = read.gray(item.message).shape
-    return width, height
-
-
 def _image_at(bag: Bag, run: Recording, moment: Moment) -> Image:
     """Return the image of the bag that was taken nearest to ``moment``."""
     best: RecordedMessage | None = None

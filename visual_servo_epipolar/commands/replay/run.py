@@ -15,10 +15,10 @@ import numpy as np
 from visual_servo_epipolar.bags.containers import ADVICE
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.history import Happening, happenings
-from visual_servo_epipolar.bags.reading.run import read_run, Recording
+from visual_servo_epipolar.bags.reading.run import image_size, read_run, Recording
 from visual_servo_epipolar.bags.reading.topics import (
     assign_roles,
-    camera_note,
+    camera_notes,
     namespace_of,
     parse,
 )
@@ -31,7 +31,6 @@ from visual_servo_epipolar.bags.replaying.comparison import (
 )
 from visual_servo_epipolar.bags.replaying.plan import (
     effective_changes,
-    image_size,
     Moment,
     plan,
     ReplayOverrides,
@@ -183,7 +182,7 @@ def _camera(bag: Bag, run: Recording, options: argparse.Namespace) -> CameraMode
     """Return the camera of a file, of the size of the images of the bag where it says none."""
     if options.camera is None:
         return None
-    size = image_size(bag, run)
+    size = image_size(bag, run.topics)
     kind = {'rectified': options.rectified, 'cropped': options.cropped}
     return read_camera(options.camera, size=size, **kind)
 
@@ -245,10 +244,8 @@ def _notes_on_topics(bag: Bag, run: Recording, options: argparse.Namespace) -> I
     """Yield which topics are taken; raises InputError for the camera_info of another camera."""
     if run.namespace is not None and run.namespace.note:
         yield run.namespace.note
-    if options.camera is None and 'camera_info' not in parse(options.topics):
-        note = camera_note(bag, run.topics)
-        if note:
-            yield note
+    if options.camera is None:
+        yield from camera_notes(bag, run.topics, parse(options.topics))
 
 
 def _goal_of(text: str | None) -> Image | Moment | None:

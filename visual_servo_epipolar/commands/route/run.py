@@ -40,14 +40,16 @@ def teach(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.bags.route_images import RecordedWay
     from visual_servo_epipolar.commands.files.camera import read_camera
 
-    camera = None if options.camera is None else read_camera(options.camera)
+    kind = {'rectified': options.rectified, 'cropped': options.cropped}
+    camera = None if options.camera is None else read_camera(options.camera, **kind)
     with Bag(Path(options.bag)) as bag:
         way = RecordedWay(
             bag,
             parse(options.topics),
             odometry=options.odometry,
             camera=camera,
-            rectified=options.rectified,
+            projection=options.projection,
+            **kind,
         )
         teacher = Teacher(way.camera)
         try:
@@ -58,7 +60,7 @@ def teach(options: argparse.Namespace) -> int:
             raise InputError(f'{options.bag}: no route can be learnt: {error}') from None
     folder = Path(options.out or f'{Path(options.bag).name}_route')
     write_route(route, folder)
-    result = summary_of(route, folder)
+    result = {**summary_of(route, folder), 'notes': way.notes}
     lines = [*way.notes, _sentence(result), f'written to {folder}']
     publish(result, '\n'.join(lines), options.json)
     return 0

@@ -2,11 +2,12 @@
 Equirectangular image of 360 deg, as drivers of 360-degree cameras publish it.
 
 No CameraInfo names it, and none is needed: all 360 deg lie over the width, as many pixels per rad
-along the height, and the horizon in the middle row. Its left edge is its right one. One that is
-stitched from two lenses shows what lies behind from another centre than what lies ahead.
+along the height, and the horizon in the middle row, unless K of one that was cut has another. Its
+left edge is its right one. One that is stitched from two lenses shows what lies behind from
+another centre than what lies ahead.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -45,6 +46,22 @@ class Equirectangular(ImageIntrinsics):
                 f'an equirectangular image must have all 360 deg over its width, got {size} and '
                 f'{span:.0f} px around; publish it whole, neither cut nor stretched'
             )
+        if max(self.cy, self.height - 1.0 - self.cy) + 0.5 > 0.25 * span + SLACK:
+            raise ValueError(
+                f'rows of an equirectangular image must lie between the poles, got {size} with '
+                f'the horizon in row {self.cy:g}; set K[5] of camera_info to the row of the '
+                'horizon, or publish K of the whole image with the crop as region of interest'
+            )
+
+    def with_horizon(self, fx: float, cy: float) -> 'Equirectangular':
+        """Return the panorama by its own K where it was cut: of another, K tells nothing."""
+        is_own = abs(fx - self.fx) * math.tau <= SLACK
+        return replace(self, cy=cy) if is_own and self.is_cut else self
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether rows are missing above and below: which, the size does not tell."""
+        return self.height < 0.5 * self.width - SLACK
 
     def rays(self, pixels: FloatArray) -> FloatArray:
         """Return unit rays, (N, 3), of ``pixels``, (N, 2)."""

@@ -22,6 +22,8 @@ MOST_OBLONG = 4.0  # pixel: binned in one direction, or every other line
 SAMPLES = 24  # a row and a column, over the image
 AXIS = np.array([[0.0, 0.0, 1.0]])
 CALIBRATION_DEG = 1.0  # that a ray may differ from one calibration to another
+NUMBERS = ('fx', 'fy', 'cx', 'cy', 'skew', *(f'D[{k}]' for k in range(14)))
+NAMED = 4  # numbers that differ, in a message
 
 
 def refuse_implausible(camera: CameraModel, *, cropped: bool = False) -> None:
@@ -74,13 +76,37 @@ def doubtful_tilt(camera: CameraModel, tilt: float) -> str:
 
 def are_alike(one: CameraModel, other: CameraModel) -> bool:
     """Return whether both see the same directions: one camera, maybe calibrated anew."""
+    return _apart(one, other) < CALIBRATION_DEG
+
+
+def differences(one: CameraModel, other: CameraModel) -> str:
+    """Return in words which numbers of two cameras differ, with the digits that show it."""
     if (one.width, one.height) != (other.width, other.height):
-        return False
+        return f'{one.width}x{one.height} -> {other.width}x{other.height} px'
+    words = [f'{one.lens} -> {other.lens} lens'] if one.lens != other.lens else []
+    for name, before, after in zip(NUMBERS, _numbers(one), _numbers(other), strict=False):
+        if before != after:
+            digits = next(n for n in range(4, 18) if f'{before:.{n}g}' != f'{after:.{n}g}') + 1
+            words.append(f'{name} {before:.{digits}g} -> {after:.{digits}g}')
+    more = f' and {len(words) - NAMED} more numbers' if len(words) > NAMED else ''
+    return f'{", ".join(words[:NAMED])}{more}, rays up to {_apart(one, other):.2g} deg apart'
+
+
+def _numbers(camera: CameraModel) -> tuple[float, ...]:
+    lens = (*camera.distortion, *[0.0] * len(NUMBERS))
+    return (camera.fx, camera.fy, camera.cx, camera.cy, camera.skew, *lens)
+
+
+def _apart(one: CameraModel, other: CameraModel) -> float:
+    """Return the largest angle between what both see at one pixel [deg], inf of other images."""
+    if (one.width, one.height) != (other.width, other.height):
+        return math.inf
     pixels = _samples(one)
     rays, others = one.rays(pixels), other.rays(pixels)
     known = np.isfinite(rays).all(axis=1) & np.isfinite(others).all(axis=1)
-    cosines = (rays[known] * others[known]).sum(axis=1)
-    return bool(known.any() and cosines.min() > math.cos(math.radians(CALIBRATION_DEG)))
+    chords = np.linalg.norm(rays[known] - others[known], axis=1)
+    chord = min(float(chords.max(initial=0.0)), 2.0)
+    return math.degrees(2.0 * math.asin(0.5 * chord)) if known.any() else math.inf
 
 
 def _samples(camera: CameraModel) -> FloatArray:

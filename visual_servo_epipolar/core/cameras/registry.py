@@ -81,7 +81,8 @@ def calibrated_camera(
     """
     Return the camera of an image ``size`` [px], K by rows (nine numbers) and a named lens.
 
-    Zeros beyond the coefficients of the lens are left out.
+    Zeros beyond the coefficients of the lens are left out. Of a panorama that was cut above and
+    below, K tells the row of the horizon.
 
     Raises
     ------
@@ -92,7 +93,10 @@ def calibrated_camera(
     name = lens_name(distortion_model)
     row = CAMERAS[name] if name in CAMERAS else UNKNOWN
     if row.of_size is not None and (row.is_told_by_size or not any(k)):
-        return row.of_size(*size)
+        camera = row.of_size(*size)
+        if isinstance(camera, equirectangular.Equirectangular):
+            return camera.with_horizon(k[0], k[5])
+        return camera
     (fx, skew, cx), (_, fy, cy), _ = checked_matrix(k).tolist()
     kept = _fitting(distortion, row.coefficients)
     return row.factory(*size, fx, fy, cx, cy, kept, name, skew=skew)

@@ -5,6 +5,7 @@ from enum import Enum
 import math
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.plausibility import differences
 from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.machine import interruption
@@ -122,7 +123,12 @@ class Session:
 
     def other_camera(self, camera: CameraModel) -> str:
         """Return in words that ``camera`` is not that of the run; or ''."""
-        return '' if camera == self.camera else camera_changed(camera)
+        if self.camera is None or camera == self.camera:
+            return ''
+        return (
+            f'camera_info has changed in mid-run: {differences(self.camera, camera)}; the '
+            'photograph is of another camera; publish the one it began with, or reset'
+        )
 
     def other_goal(self, goal: int | None) -> str:
         """Return in words that features of ``goal`` are not of the goal of the run; or ''."""
@@ -178,12 +184,3 @@ def change_goal(state: ServoState, goal: int) -> ServoState:
         view = ViewState(goal=after, period=view.period, frame=view.frame)
         return state.changed(view=view, known=None)
     return state.changed(goal=after)
-
-
-def camera_changed(camera: CameraModel) -> str:
-    """Return in words that a run, begun with another camera, sees through ``camera`` now."""
-    return (
-        f'camera_info has changed in mid-run, to a {camera.lens} lens of {camera.focal:.1f} px, '
-        f'{camera.width}x{camera.height}: the photograph is of another; publish the one it began '
-        'with, or reset'
-    )

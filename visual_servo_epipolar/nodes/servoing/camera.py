@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import doubts
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.session import camera_changed, Session
+from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
@@ -73,7 +73,7 @@ class ServoCamera:
             return ''
         camera, heard_ns = self._other
         recent = abs(seconds_between(heard_ns, stamp_ns)) <= DISTRUST_S
-        return camera_changed(camera) if recent and self.model == session.camera else ''
+        return session.other_camera(camera) if recent and self.model == session.camera else ''
 
     def mounted(self, frame_id: str, state: ServoState, settings: ServoSettings) -> ServoSettings:
         """Return ``settings`` with the mount of /tf_static, before a run that was told none."""

@@ -8,7 +8,7 @@ from rclpy.clock import Clock, ClockType
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.cameras.plausibility import are_alike
+from visual_servo_epipolar.core.cameras.plausibility import are_alike, differences
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.photographs.averaging import at_rest, averaged
@@ -116,8 +116,6 @@ class Photographer:
         if are_alike(taken_with, camera):
             return ''
         return (
-            f'the photograph was taken with another camera, a {taken_with.lens} lens of '
-            f'{taken_with.focal:.1f} px, {taken_with.width}x{taken_with.height}, and this is a '
-            f'{camera.lens} lens of {camera.focal:.1f} px, {camera.width}x{camera.height}; '
-            'capture it anew'
+            'the photograph was taken with another camera: '
+            f'{differences(taken_with, camera)}; capture it anew'
         )
