@@ -21,32 +21,23 @@ REACHED_S = 0.1  # from now, when a trajectory is to be there
 SHOWN = 6  # names of joints in a message
 
 
-def read_joints(message: Any, names: tuple[str, str]) -> Joints | None:
+def read_joints(message: Any, names: Sequence[str]) -> dict[str, float]:
     """
-    Return the angles in a sensor_msgs/JointState of the joints ``names``, pan and tilt.
+    Return the angles in a sensor_msgs/JointState of those of the joints ``names`` that it has.
 
-    None of a message that has neither: many publish on one topic. A head without tilt is at zero.
-    Raises ValueError for one that cannot be used.
+    Many publish on one topic, each of them some joints. Raises ValueError for a message with one
+    of these that cannot be used.
     """
-    pan, tilt = names
-    known = list(message.name)
-    if pan not in known and (not tilt or tilt not in known):
-        return None
-    if pan not in known:
+    present = list(message.name)
+    if not set(names) & set(present):
+        return {}
+    if len(message.position) != len(present):
         raise ValueError(
-            f'joint_states must have the joint {pan} (pan_joint), got {listed(known)}; set '
-            'pan_joint to its name'
-        )
-    if len(message.position) != len(known):
-        raise ValueError(
-            f'joint_states must have a position for each of its {len(known)} joints, got '
+            f'joint_states must have a position for each of its {len(present)} joints, got '
             f'{len(message.position)}; look at who publishes them'
         )
-    angles = dict(zip(known, map(float, message.position), strict=True))
-    found = Joints(angles[pan], angles.get(tilt, 0.0))
-    if not all(map(math.isfinite, found)):
-        raise ValueError(f'joint angles must be finite, got {found.pan} and {found.tilt}')
-    return found
+    angles = dict(zip(present, map(float, message.position), strict=True))
+    return {name: angles[name] for name in names if name in angles}
 
 
 def listed(names: Sequence[str]) -> str:
@@ -56,9 +47,10 @@ def listed(names: Sequence[str]) -> str:
 
 
 def joint_states(joints: Joints, names: tuple[str, str], stamp_ns: int) -> JointState:
-    """Return angles as a sensor_msgs/JointState."""
+    """Return angles as a sensor_msgs/JointState; an empty name has no joint."""
+    rows = [(name, float(angle)) for name, angle in zip(names, joints, strict=True) if name]
     message = JointState(header=header(stamp_ns, ''))
-    message.name, message.position = list(names), [float(angle) for angle in joints]
+    message.name, message.position = (list(column) for column in zip(*rows, strict=True))
     return message
 
 
@@ -102,10 +94,11 @@ def read_head_command(message: Any, names: tuple[str, str]) -> HeadCommand:
     else:
         known, angles, rates = list(message.name), list(message.position), list(message.velocity)
     values = angles or rates
-    if names[0] not in known or len(values) != len(known) or not all(map(math.isfinite, values)):
+    lacks = not {name for name in names if name} <= set(known)
+    if lacks or len(values) != len(known) or not all(map(math.isfinite, values)):
         raise ValueError(
-            f'head/command must have finite angles or rates of {names[0]}, got {listed(known)} '
-            f'with {values}; set pan_joint of servo and head alike'
+            f'head/command must have finite angles or rates of {listed(names)}, got '
+            f'{listed(known)} with {values}; set pan_joint and tilt_joint of servo and head alike'
         )
     given = dict(zip(known, map(float, values), strict=True))
     pan, tilt = given[names[0]], given.get(names[1], 0.0)

@@ -69,7 +69,7 @@ class ServoNode(ManagedNode):
         self._camera = ServoCamera(self, self._node_settings, self._warn)
         # Before tracks: where both have come, the pose is taken first.
         self._wheels = Wheels(self, self._settings, self._node_settings, self._warn)
-        self._head = Head(self, self._settings.carrier, self._node_settings, self._warn)
+        self._head = Head(self, self._settings, self._node_settings, self._warn)
         self._commands = Commands(
             self, self._node_settings, self._head, wheelbase=self._settings.wheelbase
         )

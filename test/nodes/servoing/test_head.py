@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 from sensor_msgs.msg import JointState
 from servo_rig import AWAY, PERIOD_NS, Rig, tracks
 from trajectory_msgs.msg import JointTrajectory
@@ -9,6 +10,9 @@ from trajectory_msgs.msg import JointTrajectory
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.messages.joints import joint_states
+from visual_servo_epipolar.messages.write import header
+from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.servo_node import ServoNode
 
 NAMES = 'pan_joint', 'tilt_joint'
 
@@ -85,6 +89,62 @@ def test_other_names_are_told_with_those_that_are_there(bench) -> None:
     assert rig.phase == 'waiting'
 
 
+@pytest.mark.parametrize(
+    ('names', 'words'),
+    [
+        (('pan_joint', 'head_tilt'), 'no angle of tilt_joint on /joint_states (it has pan_joint'),
+        (('head_pan', 'tilt_joint'), 'no angle of pan_joint on /joint_states (it has head_pan'),
+    ],
+)
+def test_a_joint_of_another_name_keeps_the_robot_standing(bench, names, words) -> None:
+    rig = Headed(bench)
+    for _ in range(10):
+        rig.see_with_angles(names=names)
+    assert rig.phase == 'waiting' and words in rig.trouble
+
+
+def test_joints_in_messages_of_their_own_are_merged(bench) -> None:
+    rig = Headed(bench)
+    for _ in range(8):
+        for number, name in enumerate(NAMES):
+            rig.angles(
+                JointState(header=header(rig.stamp_ns, ''), name=[name], position=[0.1 * number])
+            )
+        bench.settle()
+        rig.see()
+    assert rig.twists()[-1] != STANDSTILL
+    assert rig.node._state.view.joints == Joints(0.0, 0.1)
+
+
+@pytest.mark.parametrize('silent', NAMES)
+def test_joints_that_stay_away_one_by_one_stop_the_robot(bench, silent: str) -> None:
+    rig = Headed(bench).drive()
+    for _ in range(4):
+        rig.say(rig.stamp_ns, ['' if name == silent else name for name in NAMES])
+        rig.see()
+    assert rig.twists()[-1] == STANDSTILL and rig.phase == 'holding'
+    assert f'angles of {silent} are' in rig.trouble and 'older than the image' in rig.trouble
+    assert rig.drive().phase == 'approaching'
+
+
+@pytest.mark.parametrize('angle', [45.0, 2045.0])
+def test_degrees_and_ticks_are_asked_about(bench, angle: float) -> None:
+    rig = Headed(bench)
+    for _ in range(10):
+        rig.angles(joint_states(Joints(angle, 0.0), NAMES, rig.stamp_ns))
+        bench.settle()
+        rig.see()
+    assert rig.phase == 'waiting'
+    assert f'within -1.745 to 1.745 rad, got {angle:g}: degrees, or ticks?' in rig.trouble
+
+
+@pytest.mark.parametrize('values', [{'pan_joint': ''}, {'pan_joint': 'a', 'tilt_joint': 'a'}])
+@pytest.mark.parametrize('kind', [ServoNode, CameraNode])
+def test_names_that_are_no_two_joints_are_refused_at_start(bench, kind, values) -> None:
+    with pytest.raises(ValueError, match='pan_joint must be the name of a joint other than'):
+        bench.start(kind, **values)
+
+
 def test_the_other_usual_names_and_a_trajectory(bench) -> None:
     names = 'head_pan_joint', 'head_tilt_joint'
     rig = Headed(
@@ -135,4 +195,4 @@ def test_an_encoder_that_slips_stops_the_robot_until_it_is_reset(bench) -> None:
         rig.see()
     assert rig.twists()[-1] == STANDSTILL and 'leap by 0.40 rad' in rig.trouble
     rig.node._on_reset()
-    assert not rig.node._head._history.last_ns
+    assert rig.node._head._history.missing == [*NAMES]

@@ -126,6 +126,19 @@ class ServoNodeSettings(DriverNodeSettings):
         choices=HEAD_COMMANDS,
     )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _refuse_joints(self.pan_joint, self.tilt_joint)
+
+
+def _refuse_joints(pan: str, tilt: str) -> None:
+    """Raise ValueError for names that are not those of two joints; there may be no tilt."""
+    if not pan or pan == tilt:
+        raise ValueError(
+            f'pan_joint must be the name of a joint other than tilt_joint, got {pan!r} and '
+            f"{tilt!r}; set both to their names in joint_states, tilt_joint: '' without a tilt"
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class RouteNodeSettings(DriverNodeSettings, ImageSettings):
@@ -232,6 +245,10 @@ class CameraRig(Settings):
         'Takes on head/command, as the servo sends them: position, velocity, trajectory',
         choices=HEAD_COMMANDS,
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _refuse_joints(self.pan_joint, self.tilt_joint)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -218,6 +218,23 @@ def _apart(scene: StruckRun) -> None:
     )
 
 
+def _one_by_one(scene: StruckRun) -> None:
+    """Let one joint be missing in the angles, later the other one, for good or not."""
+
+    def leave_out(number: int, seconds: float) -> None:
+        def change(message: Any) -> None:
+            del message.name[number : number + 1], message.position[number : number + 1]
+
+        scene.alter(ANGLES, change, seconds)
+
+    first = int(scene.rng.integers(2))
+    scene.notes.append(f'{("pan", "tilt")[first]} first')
+    seconds = scene.draw(0.3, 3.0)
+    leave_out(first, seconds)
+    last = scene.spell(0.3, 3.0)
+    scene.later(seconds + scene.draw(0.0, 3.0), lambda: leave_out(1 - first, last))
+
+
 @striking
 def _turned(scene: StruckRun, low: float, high: float) -> None:
     """Let the encoder of the pan joint be off by an angle from now on."""
@@ -240,6 +257,7 @@ ENCODERS: Faults = {
     'head_silent': always(
         'no angles of the head, a while or for good', lost(ANGLES, 0.3, 8.0), on_a_head
     ),
+    'head_one_by_one': always('joints stay away one by one', _one_by_one, on_a_head),
     'head_names': at_first('joints have other names', prepare=partial(on_a_head, names=OTHER)),
     'head_stamps': always('angles and images 0.2 to 3 s apart', _apart, on_a_head),
     'head_dropped': Fault('up to half of the angles are lost', drop_some(ANGLES), on_a_head),
