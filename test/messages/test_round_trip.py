@@ -107,6 +107,16 @@ def test_the_heading_survives_its_quaternion_to_rounding(x, theta) -> None:
     assert read.pose(message).theta == pytest.approx(theta, abs=1e-15)
 
 
+@given(theta=st.floats(-3.14, 3.14), pitch=st.floats(-0.5, 0.5), rate=finite)
+def test_a_body_that_nods_has_the_heading_of_one_that_does_not(theta, pitch, rate) -> None:
+    still = Twist(0.0, 0.0)
+    message = write.odometry(
+        Pose(0.0, 0.0, theta), still, STAMP_NS, 'world', 'base', pitch=(pitch, rate)
+    )
+    assert read.pose(message).theta == pytest.approx(theta, abs=1e-12)
+    assert read.pitch(from_bag(message)) == pytest.approx((pitch, rate), abs=1e-12)
+
+
 @given(linear=finite, angular=finite)
 def test_a_twist_comes_back_exactly(linear, angular) -> None:
     twist = Twist(linear, angular)

@@ -11,6 +11,7 @@ from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.simulation.closed_loop import published
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.nod import LEVEL, Nod
 from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 TINY = {
@@ -140,6 +141,17 @@ def test_an_image_that_is_late_is_stamped_when_it_comes(bench) -> None:
     for number in range(4):
         camera.see(number * PERIOD_NS)
     assert camera.stamps() == [2 * PERIOD_NS, 3 * PERIOD_NS]
+
+
+def test_the_image_leans_with_the_body_of_the_truth(camera) -> None:
+    nod = Nod(0.1, 0.2)
+    camera.tell(write.odometry(POSE, STANDSTILL, 0, 'world', 'base_link', pitch=nod))
+    simulator, images = camera.node._simulator, []
+    for body in (LEVEL, nod):
+        simulator.move(STANDSTILL, body)
+        images.append(simulator.capture(published(POSE), 0))
+    np.testing.assert_array_equal(read.gray(camera.images[0]), images[1])
+    assert (images[0] != images[1]).mean() > 0.3
 
 
 def test_bgr8_is_the_same_picture_in_colour(bench) -> None:

@@ -11,12 +11,21 @@ from strategies import CAMERA, poses_behind_the_goal
 
 from visual_servo_epipolar.core.estimators.machinery.eight_point import image_sampson_distance
 from visual_servo_epipolar.core.geometry.epipolar import fundamental_from_pose
-from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose, Twist
+from visual_servo_epipolar.core.geometry.motion import (
+    DESIRED_POSE,
+    HALF_PI,
+    Pose,
+    STANDSTILL,
+    Twist,
+)
+from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.shutter import Shutter
+from visual_servo_epipolar.simulation.mounts.simulated_rig import pitched
+from visual_servo_epipolar.simulation.nod import Nod
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene, Surface
@@ -159,6 +168,20 @@ def test_a_camera_that_turns_shears_the_points_by_readout_and_rate() -> None:
     rays, seen = CAMERA.rays(upright), CAMERA.rays(sheared)
     turned = np.arctan2(seen[:, 0], seen[:, 2]) - np.arctan2(rays[:, 0], rays[:, 2])
     np.testing.assert_allclose(turned, 0.03 * sheared[:, 1] / CAMERA.height, atol=1e-5)
+
+
+@pytest.mark.parametrize('readout', [0.0, 0.03])
+def test_a_body_that_nods_shows_points_as_an_image_has_them(readout: float) -> None:
+    cloud = PointWorld(EXACT, FixedRig(CAMERA), seed=0, shutter=Shutter(readout))
+    nod = Nod(0.01, 0.3)
+    cloud.move(STANDSTILL, nod)
+    pixels, visible = cloud.project(BEHIND, 3)
+    for point, pixel in zip(cloud.points[visible][:5], pixels[visible][:5], strict=True):
+        pitch = nod.pitch + nod.rate * readout * pixel[1] / CAMERA.height
+        axes, centre = pitched(FixedRig(CAMERA).camera_pose(BEHIND), BEHIND, pitch)
+        np.testing.assert_allclose(
+            CAMERA.pixels(normalised(((point - centre) @ axes)[None])), pixel[None], atol=1e-2
+        )
 
 
 def test_a_camera_that_rolls_and_stands_sees_what_another_does() -> None:

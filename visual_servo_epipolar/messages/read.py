@@ -121,6 +121,13 @@ def pose(message: Any) -> Pose:
     return Pose(float(position.x), float(position.y), yaw)
 
 
+def pitch(message: Any) -> tuple[float, float]:
+    """Return the pitch of a nav_msgs/Odometry, nose down positive [rad], and its rate [rad/s]."""
+    turn = message.pose.pose.orientation
+    sine = 2.0 * (turn.w * turn.y - turn.z * turn.x)
+    return math.asin(min(max(sine, -1.0), 1.0)), float(message.twist.twist.angular.y)
+
+
 def odometry(message: Any) -> Pose:
     """Return the pose in the plane that wheels tell by a nav_msgs/Odometry."""
     turn = message.pose.pose.orientation

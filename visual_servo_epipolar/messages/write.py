@@ -139,18 +139,30 @@ def odometry(
     frame_id: str,
     child_frame_id: str,
     *,
+    pitch: tuple[float, float] = (0.0, 0.0),
     pose_covariance: FloatArray | None = None,
     twist_covariance: FloatArray | None = None,
 ) -> Odometry:
     """
     Return a nav_msgs/Odometry: pose in ``frame_id``, velocity in ``child_frame_id``.
 
+    ``pitch``, nose down positive [rad], and its rate [rad/s] are those of a body that nods.
     Covariances, (3, 3) of x, y [m], yaw [rad] and (2, 2) of linear [m/s], angular [rad/s], leave
     the other axes unmeasured; None is the truth, exact in all of them.
     """
     message = Odometry(header=header(stamp_ns, frame_id), child_frame_id=child_frame_id)
     message.pose.pose = planar_pose(pose.x, pose.y, pose.theta)
     message.twist.twist = twist(velocity)
+    message.twist.twist.angular.y = pitch[1]
+    if pitch[0]:
+        turn, half = message.pose.pose.orientation, 0.5 * pitch[0]
+        sine, cosine = math.sin(half), math.cos(half)
+        turn.x, turn.y, turn.z, turn.w = (
+            -sine * turn.z,
+            sine * turn.w,
+            cosine * turn.z,
+            cosine * turn.w,
+        )
     if pose_covariance is not None:
         message.pose.covariance = covariance(pose_covariance)
     if twist_covariance is not None:

@@ -26,9 +26,10 @@ from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSetti
 from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import head_settings, rig_settings
-from visual_servo_epipolar.simulation.mounts.shutter import PoseHistory
+from visual_servo_epipolar.simulation.mounts.shutter import BodyState, PoseHistory
 from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings, SimulatedHead
 from visual_servo_epipolar.simulation.mounts.two_lenses import LensSettings
+from visual_servo_epipolar.simulation.nod import Nod
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.run_monitor import period_ns
 
@@ -127,13 +128,13 @@ class CameraNode(Node):
 
     def _on_truth(self, message: Odometry) -> None:
         try:
-            stamp_ns, pose = read.stamp_ns(message.header), read.pose(message)
-            twist = read.twist(message.twist)
+            stamp_ns, nod = read.stamp_ns(message.header), Nod(*read.pitch(message))
+            body = BodyState(read.pose(message), read.twist(message.twist), nod)
         except ValueError as error:
             self.get_logger().error(str(error), throttle_duration_sec=WARN_PERIOD_S)
             return
         self._turn_head(stamp_ns)
-        self._history.add(stamp_ns, pose, twist)
+        self._history.add(stamp_ns, body)
         if self._pending and stamp_ns < self._pending[-1][1]:  # time runs backwards
             self._pending.clear()
         if self._is_due(stamp_ns):
@@ -145,8 +146,8 @@ class CameraNode(Node):
 
     def _take(self, exposed_ns: int, stamp_ns: int) -> None:
         """Publish the image that was exposed then, and is received now."""
-        pose, twist = self._history.at(exposed_ns)
-        self._simulator.move(twist)
+        pose, twist, nod = self._history.at(exposed_ns)
+        self._simulator.move(twist, nod)
         image = self._simulator.capture(pose, self._frame)
         self._frame += 1
         info = write.camera_info(self._info, stamp_ns, self._names.camera)

@@ -25,6 +25,7 @@ from visual_servo_epipolar.simulation.bases.dead_reckoning import (
 from visual_servo_epipolar.simulation.bases.registry import (
     model_settings,
     new_base,
+    nod_of,
     SimulatedBase,
 )
 from visual_servo_epipolar.simulation.run_monitor import period_ns
@@ -130,7 +131,8 @@ class UnicycleNode(Node):
         self._applied_pub.publish(write.twist_stamped(base.twist, stamp_ns, frame))
         self._odom_pub.publish(self._odometry(stamp_ns))
         self._send_transforms(stamp_ns)
-        self._truth_pub.publish(write.odometry(base.pose, base.twist, stamp_ns, world, frame))
+        truth = write.odometry(base.pose, base.twist, stamp_ns, world, frame, pitch=nod_of(base))
+        self._truth_pub.publish(truth)
 
     def _send_transforms(self, stamp_ns: int) -> None:
         """Send what a localiser would: the tree is right about base_link in the world."""

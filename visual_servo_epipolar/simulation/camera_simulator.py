@@ -22,6 +22,7 @@ from visual_servo_epipolar.simulation.mounts.sensor import (
     Sensor,
     SensorSettings,
 )
+from visual_servo_epipolar.simulation.nod import LEVEL, Nod
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.rendering.exposures import Exposures
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
@@ -58,7 +59,8 @@ class CameraSimulator:
         self._exposure = Exposure(self.light, settings.row_timing, has_colours=has_colours)
         scene = self._scene(self.light.light_of(settings.seed), has_changed=True)
         self.renderer = Renderer(scene, rig)
-        self._exposures, self._twist = Exposures(self.renderer), STANDSTILL
+        self._exposures = Exposures(self.renderer)
+        self._twist, self._nod = STANDSTILL, LEVEL
         if self.light.passing_light != SAME:  # lit beforehand: that takes a second or two
             self._scene(LIGHTS[self.light.passing_light], has_changed=True)
         self._sensors: dict[float, Sensor] = {}  # by noise
@@ -80,9 +82,9 @@ class CameraSimulator:
         """Let the head that carries the camera have its joints at these angles from now on."""
         self._joints, self.renderer.rig = joints, self.renderer.rig.turned(joints)
 
-    def move(self, twist: Twist) -> None:
-        """Let the base have this velocity from now on, where an exposure is no instant."""
-        self._twist = twist
+    def move(self, twist: Twist, nod: Nod = LEVEL) -> None:
+        """Let base and body move so from now on; an instant shows the pitch alone."""
+        self._twist, self._nod = twist, nod
 
     def disturb(self, settings: DisturbanceSettings) -> None:
         """Disturb the images from now on as ``settings`` say."""
@@ -154,10 +156,12 @@ class CameraSimulator:
         placed, shutter = self.renderer.rig.camera_pose(pose, frame), self._settings.row_timing
         moves = frame != DESIRED_FRAME and not shutter.is_instant
         twist, scene = self._twist if moves else STANDSTILL, self.renderer.scene
+        nod = LEVEL if frame == DESIRED_FRAME else self._nod
+        nod = nod if moves else Nod(nod.pitch)
         axes, centre = placed.R_world_camera.tobytes(), placed.centre.tobytes()
-        place = axes, centre, twist, shutter.zoom(frame)
+        place = axes, centre, twist, nod, shutter.zoom(frame)
         if self._last is None or self._last[0] != place or self._last[1] is not scene:
-            image = self._exposures.render(pose, frame, twist, shutter)
+            image = self._exposures.render(pose, frame, twist, shutter, nod)
             image.setflags(write=False)
             self._last = place, scene, image
         return self._last[2]
@@ -193,9 +197,9 @@ class ImageView(View):
         """Let the head have its joints at these angles."""
         self.simulator.turn(joints)
 
-    def move(self, twist: Twist) -> None:
-        """Let the base have this velocity while rows are exposed."""
-        self.simulator.move(twist)
+    def move(self, twist: Twist, nod: Nod = LEVEL) -> None:
+        """Let base and body move so while rows are exposed."""
+        self.simulator.move(twist, nod)
 
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the features seen from ``pose`` in frame number ``frame``."""

@@ -20,8 +20,8 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance, update_map
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
-from visual_servo_epipolar.simulation.bases.registry import new_base
-from visual_servo_epipolar.simulation.mounts.shutter import PoseHistory
+from visual_servo_epipolar.simulation.bases.registry import new_base, nod_of
+from visual_servo_epipolar.simulation.mounts.shutter import BodyState, PoseHistory
 from visual_servo_epipolar.simulation.mounts.simulated_head import SimulatedHead
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, period_ns, RunMonitor
 from visual_servo_epipolar.simulation.view import View
@@ -54,7 +54,7 @@ class Loop:
         self._period_ns, self._receipt = period_ns(settings.frame_rate), settings.receipt
         self._history = PoseHistory()
         self.pose = published(self._base.pose)
-        self._history.add(self.now_ns, self.pose, self._base.twist)
+        self._history.add(self.now_ns, self._body)
         self._advance()
 
     @property
@@ -91,11 +91,16 @@ class Loop:
     @property
     def exposed_at(self) -> Pose:
         """Where the image was exposed that comes next: where the robot is, unless it is late."""
-        return self._history.at(self._exposed_ns)[0]
+        return self._history.at(self._exposed_ns).pose
+
+    @property
+    def _body(self) -> BodyState:
+        return BodyState(self.pose, self._base.twist, nod_of(self._base))
 
     def turn(self) -> None:
         """Let the camera look where the head has turned it to, and move as the base does."""
-        self.view.move(self._history.at(self._exposed_ns)[1])
+        _, twist, nod = self._history.at(self._exposed_ns)
+        self.view.move(twist, nod)
         if self._head is not None:
             self.view.turn(self._head.joints)
 
@@ -135,7 +140,7 @@ class Loop:
         if self._head is not None:
             self._head.advance(now_ns)
         self.pose = published(self._base.pose)
-        self._history.add(now_ns, self.pose, self._base.twist)
+        self._history.add(now_ns, self._body)
 
 
 def look(loops: Sequence[Loop]) -> list[RobotView]:

@@ -25,8 +25,10 @@ from visual_servo_epipolar.simulation.mounts.simulated_rig import (
     lenses_of,
     LensPlacement,
     ONE_LENS,
+    pitched,
     SimulatedRig,
 )
+from visual_servo_epipolar.simulation.nod import LEVEL, Nod
 from visual_servo_epipolar.simulation.view import View
 
 MIN_DEPTH_M = 0.3
@@ -76,7 +78,7 @@ class PointWorld(View):
         shutter: Shutter = INSTANT,
     ) -> None:
         camera = rig.camera
-        self._shutter, self._twist = shutter, STANDSTILL
+        self._shutter, self._twist, self._nod = shutter, STANDSTILL, LEVEL
         self.settings, self.rig, self.camera, self._seed = settings, rig, camera, seed
         self._disturbances = disturbances
         rng = np.random.default_rng((seed, 2))
@@ -92,9 +94,9 @@ class PointWorld(View):
         """Let the head have its joints at these angles."""
         self.rig = self.rig.turned(joints)
 
-    def move(self, twist: Twist) -> None:
-        """Let the base have this velocity while rows are read out."""
-        self._twist = twist
+    def move(self, twist: Twist, nod: Nod = LEVEL) -> None:
+        """Let base and body move so while rows are read out."""
+        self._twist, self._nod = twist, nod
 
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the features in view from ``pose``; ``frame``, 0, 1, ..., fixes their noise."""
@@ -151,6 +153,9 @@ class PointWorld(View):
         times = [self._shutter.readout * share for share in (0.0, 0.5, 1.0)] if rolls else [0.0]
         poses = [integrate(pose, self._twist, time) if time else pose for time in times]
         places = [self.rig.camera_pose(pose, frame) for pose in poses]
+        if self._nod != LEVEL and frame != DESIRED_FRAME:
+            pitches = [self._nod.pitch + self._nod.rate * time for time in times]
+            places = [pitched(*each) for each in zip(places, poses, pitches, strict=True)]
         return np.stack([(self.points - centre) @ axes for axes, centre in places])
 
     def rolling(

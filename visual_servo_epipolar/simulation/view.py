@@ -6,6 +6,7 @@ from typing import Protocol, TypeVar
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.simulation.nod import LEVEL, Nod
 
 V = TypeVar('V', bound='View')
 
@@ -20,8 +21,8 @@ class View(Protocol):
         """Let the head that carries the camera have its joints at these angles from now on."""
         raise ValueError(f'{type(self).__name__} has no head to turn; simulate a fixed rig')
 
-    def move(self, twist: Twist) -> None:
-        """Let the base have this velocity while images are exposed; an instant shows none."""
+    def move(self, twist: Twist, nod: Nod = LEVEL) -> None:
+        """Let base and body move so while images are exposed; an instant shows the pitch alone."""
 
     @property
     def alike(self) -> Hashable:

@@ -11,6 +11,7 @@ from strategies import floats, twists
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
+from visual_servo_epipolar.simulation.nod import Nod, OVERSHOOT
 
 START = Pose(0.0, 0.0, 0.0)
 SUBSTEP = 0.01  # [s] velocities are held this long
@@ -214,6 +215,32 @@ def test_the_drift_is_fixed_by_the_seed_and_leaves_the_truth_alone() -> None:
 def test_speeds_come_in_steps(asked: float, obeyed: float) -> None:
     robot = driven(base(step_linear=0.01, step_angular=0.01), Twist(asked, asked), 2.0)
     assert (robot.twist.linear, robot.twist.angular) == pytest.approx((obeyed, obeyed))
+
+
+def test_a_body_nods_back_as_it_speeds_up_and_rings_at_three_hertz() -> None:
+    robot = base(nod=0.02, acceleration=0.5, max_linear=5.0)
+    robot.command(Command(Twist(2.5, 0.0)))
+    pitches = []
+    for _ in range(300):
+        robot.advance(robot.now_ns + ns(SUBSTEP))
+        pitches.append(robot.nodding.pitch)
+    rest = -0.02 / (1.0 + OVERSHOOT)
+    assert min(pitches) == pytest.approx(-0.02, rel=0.01)
+    crossings = np.flatnonzero(np.diff(np.sign(np.array(pitches[:120]) - rest)))
+    assert np.diff(crossings).mean() * SUBSTEP == pytest.approx(1.0 / 6.0, rel=0.03)
+    assert pitches[-1] == pytest.approx(rest, rel=0.05)
+
+
+@pytest.mark.parametrize('share', [0.0, 0.3, 1.0])
+def test_between_two_times_a_nod_is_smooth(share: float) -> None:
+    start, acceleration = Nod(0.01, -0.1), 0.4
+    states = [start]
+    for _ in range(40):
+        states.append(states[-1].after(acceleration, 0.001, largest=0.02))
+    between = start.towards(states[-1], share, 0.04)
+    expected = states[round(40 * share)]
+    assert between.pitch == pytest.approx(expected.pitch, abs=1e-4)
+    assert between.rate == pytest.approx(expected.rate, abs=0.01)
 
 
 def test_casters_push_the_base_aside_once_after_a_reversal() -> None:

@@ -15,8 +15,8 @@ from visual_servo_epipolar.simulation.mounts.mounting import (
     CameraMount,
     FixedRig,
     floor_jitter,
-    leaned,
 )
+from visual_servo_epipolar.simulation.mounts.simulated_rig import leaned
 
 CAMERA = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)
 

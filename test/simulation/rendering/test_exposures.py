@@ -8,6 +8,7 @@ import pytest
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.nod import LEVEL, Nod
 
 SMALL = CameraSettings(
     width=160, height=128, focal_length=96.2, principal_u=79.2, principal_v=63.8, noise=0.0
@@ -17,9 +18,11 @@ FISHEYE = replace(SMALL, distortion_model='equidistant', focal_length=60.0)
 HERE, READOUT = Pose.from_start(0.4, -2.0, 8.0), 0.033
 
 
-def taken(settings: CameraSettings, twist: Twist = STANDSTILL, pose: Pose = HERE) -> np.ndarray:
+def taken(
+    settings: CameraSettings, twist: Twist = STANDSTILL, pose: Pose = HERE, nod: Nod = LEVEL
+) -> np.ndarray:
     camera = CameraSimulator(settings)
-    camera.move(twist)
+    camera.move(twist, nod)
     return camera.capture(pose, 0).astype(float)
 
 
@@ -42,6 +45,19 @@ def test_each_row_is_what_is_seen_as_it_is_read_out(
         for readout in (0.0, READOUT - 0.006, READOUT, READOUT + 0.006)
     }
     assert min(misses, key=misses.__getitem__) == READOUT
+
+
+def test_each_row_leans_as_the_body_does_while_it_is_read_out() -> None:
+    nod = Nod(0.01, 1.0)
+    image = taken(replace(SMALL, readout=READOUT), nod=nod)
+    misses = [
+        sum(
+            np.abs(image[row] - taken(SMALL, nod=Nod(0.01 + late * row / 128))[row]).mean()
+            for row in (10, 60, 115)
+        )
+        for late in (0.0, READOUT - 0.006, READOUT, READOUT + 0.006)
+    ]
+    assert np.argmin(misses) == 2
 
 
 def test_a_shutter_that_is_open_blurs_along_the_motion() -> None:

@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.geometry.motion import (
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.simulation.nod import LEVEL
 
 SUBSTEP_S = 0.01  # accelerations are held constant this long
 SWIVEL_M = 0.08  # way on which casters swivel after the direction of travel has reversed
@@ -62,14 +63,20 @@ class PioneerSettings(Settings):
     caster_kick: float = setting(
         0.0, 'Turn by which casters that swivel push the base aside [rad]', low=0.0, high=0.5
     )
+    nod: float = setting(
+        0.0,
+        'Pitch of the body on its springs after a step of 0.5 m/s^2: it nods at 3 Hz [rad]',
+        low=0.0,
+        high=0.1,
+    )
 
 
 class Pioneer:
     """
     The base, advanced in simulated time [ns] by ``advance``; commands come in by ``command``.
 
-    ``pose`` is ground truth, ``twist`` the true velocity, ``odometry`` what the wheels report: it
-    starts at (0, 0, 0) and drifts.
+    ``pose`` is ground truth, ``twist`` the true velocity, ``nodding`` the pitch of the body,
+    ``odometry`` what the wheels report: it starts at (0, 0, 0) and drifts.
     """
 
     def __init__(
@@ -77,7 +84,7 @@ class Pioneer:
     ) -> None:
         self.settings = settings
         self.pose = pose
-        self.twist = STANDSTILL
+        self.twist, self.nodding = STANDSTILL, LEVEL
         self.now_ns = now_ns
         self.wanted = STANDSTILL
         self._wheels = (0.0, 0.0)  # what the motors turn, as seen by nominal wheels
@@ -141,6 +148,9 @@ class Pioneer:
                 self._receive()
                 aim, due_ns = self._limited(self.wanted), self._due_ns
             wheels = self._accelerated(*aim, dt)
+            if self.settings.nod > 0.0:
+                faster = (wheels[0] - self._wheels[0]) / dt
+                self.nodding = self.nodding.after(faster, dt, largest=self.settings.nod)
             if wheels is not self._wheels:
                 twist, self._wheels = self._true(*wheels), wheels
             if twist != (0.0, 0.0):

@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.simulation.bases.ackermann import Ackermann, AckermannSettings
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
+from visual_servo_epipolar.simulation.nod import LEVEL, Nod
 
 
 class SimulatedBase(Protocol):
@@ -70,6 +71,11 @@ SIMULATED_BASES: dict[str, SimulatedBaseModel] = {
     'pioneer': SimulatedBaseModel(PioneerSettings, Pioneer),
     'ackermann': SimulatedBaseModel(AckermannSettings, Ackermann),
 }
+
+
+def nod_of(base: SimulatedBase) -> Nod:
+    """Return the pitch of the body of a base that has one, as its ``nodding``."""
+    return getattr(base, 'nodding', LEVEL)
 
 
 def base_name(settings: Settings) -> str:

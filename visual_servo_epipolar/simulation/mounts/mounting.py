@@ -5,7 +5,6 @@ from functools import lru_cache
 import math
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, frozen
@@ -15,6 +14,7 @@ from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
 from visual_servo_epipolar.simulation.mounts.simulated_rig import (
     CameraPose,
+    leaned,
     LensPlacement,
     ONE_LENS,
 )
@@ -113,20 +113,6 @@ def on_bumps(camera: CameraPose, pose: Pose, bumps: float, seed: int) -> CameraP
         slope_x += amplitude * x * math.cos(angle)
         slope_y += amplitude * y * math.cos(angle)
     return leaned(camera, pose, (slope_y, -slope_x, 0.0), height)
-
-
-def leaned(
-    camera: CameraPose, pose: Pose, turn: tuple[float, float, float], rise: float = 0.0
-) -> CameraPose:
-    """
-    Return ``camera`` on a robot at ``pose`` that leans by a ``turn`` about world axes [rad].
-
-    It leans about the middle of its axle, on the floor, which is higher by ``rise`` [m].
-    """
-    R_leaned = np.asarray(cv2.Rodrigues(np.array(turn))[0])
-    foot = np.array([pose.x, pose.y, 0.0])
-    centre = foot + R_leaned @ (camera.centre - foot) + (0.0, 0.0, rise)
-    return CameraPose(R_leaned @ camera.R_world_camera, centre)
 
 
 @dataclass(frozen=True, slots=True)

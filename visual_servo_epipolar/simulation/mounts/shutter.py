@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import integrate, motion_between, Pose, Twist
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
+from visual_servo_epipolar.simulation.nod import LEVEL, Nod
 
 ENTRIES = 256  # of the history of a base: more than the longest delay takes
 
@@ -57,33 +58,40 @@ class Receipt(NamedTuple):
         return max(round((self.delay + self.jitter * chance) * NANOSECONDS), 0)
 
 
+class BodyState(NamedTuple):
+    """Where a base is, its velocity, and how its body nods."""
+
+    pose: Pose
+    twist: Twist
+    nod: Nod = LEVEL
+
+
 class PoseHistory:
-    """Where a base was of late, and its velocity; between two entries it drove an arc."""
+    """What a base did of late; between two entries it drove an arc."""
 
     def __init__(self) -> None:
-        self._entries: deque[tuple[int, Pose, Twist]] = deque(maxlen=ENTRIES)
+        self._entries: deque[tuple[int, BodyState]] = deque(maxlen=ENTRIES)
 
-    def add(self, stamp_ns: int, pose: Pose, twist: Twist) -> None:
-        """Take in pose and true velocity at ``stamp_ns``; time that runs backwards begins anew."""
+    def add(self, stamp_ns: int, state: BodyState) -> None:
+        """Take in the true ``state`` at ``stamp_ns``; time that runs backwards begins anew."""
         if self._entries and self._entries[-1][0] >= stamp_ns:
             self._entries.clear()
-        self._entries.append((stamp_ns, pose, twist))
+        self._entries.append((stamp_ns, state))
 
-    def at(self, stamp_ns: int) -> tuple[Pose, Twist]:
-        """Return pose and velocity at ``stamp_ns``, of the nearest entry where there is none."""
-        after_ns, pose, twist = self._entries[-1]
-        for before_ns, before, begun in reversed(self._entries):
+    def at(self, stamp_ns: int) -> BodyState:
+        """Return the state at ``stamp_ns``, that of the nearest entry where there is none."""
+        after_ns, after = self._entries[-1]
+        for before_ns, before in reversed(self._entries):
             if before_ns <= stamp_ns < after_ns:
-                gap, (way, turn) = (
-                    seconds_between(before_ns, after_ns),
-                    motion_between(before, pose),
-                )
-                arc = Twist(way / gap, turn / gap)
-                return integrate(before, arc, seconds_between(before_ns, stamp_ns)), arc
-            after_ns, pose, twist = before_ns, before, begun
+                gap = seconds_between(before_ns, after_ns)
+                way, turn = motion_between(before.pose, after.pose)
+                arc, since = Twist(way / gap, turn / gap), seconds_between(before_ns, stamp_ns)
+                nod = before.nod.towards(after.nod, since / gap, gap)
+                return BodyState(integrate(before.pose, arc, since), arc, nod)
+            after_ns, after = before_ns, before
             if after_ns <= stamp_ns:
                 break
-        return pose, twist
+        return after
 
 
 def interpolated(nodes: FloatArray, share: FloatArray) -> FloatArray:

@@ -21,6 +21,26 @@ class CameraPose(NamedTuple):
     centre: FloatArray
 
 
+def leaned(
+    camera: CameraPose, pose: Pose, turn: tuple[float, float, float], rise: float = 0.0
+) -> CameraPose:
+    """
+    Return ``camera`` on a robot at ``pose`` that leans by a ``turn`` about world axes [rad].
+
+    It leans about the middle of its axle, on the floor, which is higher by ``rise`` [m].
+    """
+    R_leaned = np.asarray(cv2.Rodrigues(np.array(turn))[0])
+    foot = np.array([pose.x, pose.y, 0.0])
+    centre = foot + R_leaned @ (camera.centre - foot) + (0.0, 0.0, rise)
+    return CameraPose(R_leaned @ camera.R_world_camera, centre)
+
+
+def pitched(camera: CameraPose, pose: Pose, pitch: float) -> CameraPose:
+    """Return ``camera`` on a robot at ``pose`` whose body leans ahead by ``pitch`` [rad]."""
+    sin, cos = math.sin(pose.theta), math.cos(pose.theta)
+    return leaned(camera, pose, (-pitch * sin, pitch * cos, 0.0))
+
+
 class LensPlacement(NamedTuple):
     """
     One lens of a camera: the ``side`` it sees, 1 ahead, -1 behind, 0 both; where its centre is.

@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.simulation.mounts.shutter import Shutter
+from visual_servo_epipolar.simulation.nod import LEVEL, Nod
 from visual_servo_epipolar.simulation.rendering.renderer import MAX_RAY, Renderer
 
 BORDER = 0.06  # of the width: what a turn during the readout brings into the image
@@ -33,31 +34,37 @@ class Exposures:
         self._ideal: Renderer | None = None  # without distortion, and wider
         self._rays: tuple[float, FloatArray] | None = None  # by the zoom
 
-    def render(self, pose: Pose, frame: int, twist: Twist, shutter: Shutter) -> Image:
+    def render(
+        self, pose: Pose, frame: int, twist: Twist, shutter: Shutter, nod: Nod = LEVEL
+    ) -> Image:
         """Return the image, shape (H, W), of ``frame``, whose first row is exposed at ``pose``."""
         zoom, camera = shutter.zoom(frame), self._renderer.camera
-        if zoom == 1.0 and (shutter.is_instant or twist == STANDSTILL):
+        self._renderer.pitch = nod.pitch
+        if zoom == 1.0 and (shutter.is_instant or (twist == STANDSTILL and nod.rate == 0.0)):
             return self._renderer.render(pose, frame)
         rays = self._rays_at(zoom)
         renderer = self._source()
-        samples = _samples(twist, shutter.exposure, camera)
+        samples = _samples(twist, nod, shutter.exposure, camera)
         opened = shutter.exposure * ((np.arange(samples) + 0.5) / samples - 0.5)
         times = opened[:, None] + np.arange(camera.height) / camera.height * shutter.readout
         first, last = float(times.min()), float(times.max())
         count = 1 + math.floor(abs(twist.linear) * (last - first) / STEP_M)
         middles = first + (np.arange(count) + 0.5) / count * (last - first)
         nearest = np.abs(times[..., None] - middles).argmin(axis=2)
-        up = renderer.rig.camera_pose(pose, frame).R_world_camera[2]
+        axes = renderer.rig.camera_pose(pose, frame).R_world_camera
+        left = np.array([-math.sin(pose.theta), math.cos(pose.theta), 0.0])
+        turn = (twist.angular * np.array([0.0, 0.0, 1.0]) + nod.rate * left) @ axes
         flags = cv2.INTER_LANCZOS4 if samples == 1 else cv2.INTER_LINEAR
         total = np.zeros((camera.height, camera.width), np.float32)
         for number, middle in enumerate(middles.tolist()):
+            renderer.pitch = nod.pitch + nod.rate * middle
             drawn = renderer.render(integrate(pose, twist, middle), frame)
             for sample in range(samples):
                 rows = np.flatnonzero(nearest[sample] == number)
                 if len(rows):
                     part = slice(rows[0], rows[-1] + 1)
-                    turns = twist.angular * (times[sample, part] - middle)
-                    maps = _maps(renderer.camera, _turned(rays[part], turns, up))
+                    since = times[sample, part] - middle
+                    maps = _maps(renderer.camera, _turned(rays[part], since, turn))
                     total[part] += cv2.remap(drawn, *maps, flags, None, cv2.BORDER_REPLICATE)
         return np.asarray(cv2.convertScaleAbs(total, alpha=1.0 / samples), np.uint8)
 
@@ -96,14 +103,16 @@ class Exposures:
         return self._ideal
 
 
-def _samples(twist: Twist, exposure: float, camera: CameraModel) -> int:
+def _samples(twist: Twist, nod: Nod, exposure: float, camera: CameraModel) -> int:
     """Return how many instants make up one exposure: about one a pixel of blur."""
-    moved = abs(twist.angular) + abs(twist.linear) / NEAREST_M
+    moved = math.hypot(twist.angular, nod.rate) + abs(twist.linear) / NEAREST_M
     return min(max(math.ceil(camera.focal * exposure * moved), 1), MOST_SAMPLES)
 
 
-def _turned(rays: FloatArray, turns: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return ``rays``, shape (H, W, 3), of each row turned about ``axis`` by ``turns``, (H,)."""
+def _turned(rays: FloatArray, times: FloatArray, turn: FloatArray) -> FloatArray:
+    """Return ``rays``, (H, W, 3), of each row after its time, (H,) [s], at a ``turn`` [rad/s]."""
+    rate = math.hypot(*turn.tolist())
+    axis, turns = turn / max(rate, 1e-12), rate * times
     sine, cosine = np.sin(turns)[:, None, None], np.cos(turns)[:, None, None]
     along = (rays @ axis)[..., None] * axis
     return np.asarray(cosine * (rays - along) + along + sine * np.cross(axis, rays))

@@ -14,6 +14,7 @@ from visual_servo_epipolar.simulation.mounts.simulated_rig import (
     lenses_of,
     LensPlacement,
     ONE_LENS,
+    pitched,
     SimulatedRig,
 )
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant, draw
@@ -58,6 +59,7 @@ class Renderer:
         self.scene, self.camera, self.rig = scene, rig.camera, rig
         self._first = scene
         self.assistant: Assistant | None = None
+        self.pitch = 0.0  # of the body in what is rendered, nose down [rad]
         planar = rig.camera.planar
         self._faces = (
             list(_faces(rig.camera, lenses_of(rig)))
@@ -69,6 +71,8 @@ class Renderer:
         """Return the image taken from ``pose``, shape (H, W); black where nothing is seen."""
         assistant = self.assistant if self.scene is self._first else None
         place = self.rig.camera_pose(pose, frame)
+        if self.pitch:
+            place = pitched(place, pose, self.pitch)
         image: Image = np.zeros((self.camera.height, self.camera.width), dtype=np.uint8)
         for face, lens in self._faces:
             axes, centre = place if lens is ONE_LENS[0] else lens.pose(place)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image, IntArray
-from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import setting, updated
@@ -19,6 +19,7 @@ from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.nod import LEVEL, Nod
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings, Scenario
 from visual_servo_epipolar.simulation.view import View
@@ -90,6 +91,10 @@ class SparseView(View):
         self._view, self._count = view, count
         self._ids: IntArray = np.empty(0, np.int64)
         self.history: list[Features] = []
+
+    def move(self, twist: Twist, nod: Nod = LEVEL) -> None:
+        """Let base and body move so while images are exposed."""
+        self._view.move(twist, nod)
 
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the few features visible from ``pose``."""
