@@ -205,7 +205,7 @@ def add_route(parser: ArgumentParser) -> None:
     add_words(again, {'--route FOLDER': 'folder of the route (default that of the node)'})
     lists = {
         '--set SECTION.NAME=VALUE': f'{SET} follow.steering_length=1 or servo.latency=0.1',
-        '--topics ROLE=NAME': 'name of the topic of images: image=NAME',
+        '--topics ROLE=NAME': f'{TOPICS}: image, camera_info',
     }
     add_lists(again, lists)
     most = {'--tolerance T': 'largest difference that counts as equal (default 0)'}

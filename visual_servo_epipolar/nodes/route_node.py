@@ -8,6 +8,7 @@ from typing import Any
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.cameras.plausibility import differences
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.core.estimators.base import Attitude
@@ -162,13 +163,16 @@ class RouteNode(ManagedNode):
         if camera is None:
             return self._missing if self._repetition.is_active else ''
         if recording is not None and camera != recording.camera:
-            recording.trouble = 'camera_info has changed while recording; record the way anew'
+            recording.trouble = (
+                'camera_info has changed while recording: '
+                f'{differences(recording.camera, camera)}; record the way anew'
+            )
         try:
             if run is not None:
-                run.route.check_camera(camera)
+                run.taught.check_camera(camera)
         except InputError as error:
             return str(error)
-        return ''
+        return '' if run is None else Session(camera=run.route.camera).other_camera(camera)
 
     def _on_image(self, message: Image | CompressedImage) -> None:
         self.received += 1
@@ -271,15 +275,17 @@ class RouteNode(ManagedNode):
         self._renewal.wait()
         folder = self._folder()
         route = read_route(folder)
-        assert self._camera.model is not None
-        route.check_camera(self._camera.model)
-        run = RouteRun(route, self._follow, self._servo)
+        camera = self._camera.model
+        run = RouteRun(route, self._follow, self._servo, camera=camera)
         self._reports.route(route)
         settings = (self._node_settings, self._servo, self._follow)
         self._repetition.begin(run, settings, route_hash(folder))
         self._renewal.follow(run, folder)
         end = route.views[run.target].way
-        return f'begun, to the station after {end:.2f} m; the robot looks where it is'
+        begun = f'begun, to the station after {end:.2f} m; the robot looks where it is'
+        if camera is None or camera == route.camera:
+            return begun
+        return f'{begun}; the camera was calibrated anew: {differences(route.camera, camera)}'
 
     def _refusal(self) -> str:
         """Return why no repetition may begin now; or ''."""

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from routes import CAMERA, key_view, route_of
 
+from visual_servo_epipolar.core.cameras.equirectangular import of_size
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_intrinsics
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.routes.route import Appearance, in_memory
+from visual_servo_epipolar.core.routes.route import Appearance, in_memory, Route
 from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
 
 
@@ -106,11 +107,28 @@ def test_a_calibration_that_was_changed_is_refused(folder: Path) -> None:
 
 def test_another_camera_or_resolution_is_refused(folder: Path) -> None:
     route = read_route(folder)
-    with pytest.raises(InputError, match='taught with another camera'):
+    with pytest.raises(InputError, match='another camera: fx 50 -> 60, fy 50 -> 60, rays up to'):
         route.check_camera(with_intrinsics(CAMERA, fx=60.0, fy=60.0, cx=31.5, cy=23.5))
     large = (100.0, 0.0, 63.5, 0.0, 100.0, 47.5, 0.0, 0.0, 1.0)
     with pytest.raises(InputError, match='taught at 64x48, the camera gives 128x96'):
         route.check_camera(calibrated_camera((128, 96), large, (), 'plumb_bob'))
+
+
+@pytest.mark.parametrize('changes', [{'fx': 50.000005}, {'cx': 32.0, 'fy': 50.2}])
+def test_a_camera_that_was_calibrated_anew_sees_the_learnt_rays(folder: Path, changes) -> None:
+    route, camera = read_route(folder), with_intrinsics(CAMERA, **changes)
+    seen = route.seen_by(camera)
+    for view, before in zip(seen.views, route.views, strict=True):
+        rays = CAMERA.rays(before.structure.pixels)
+        np.testing.assert_allclose(camera.rays(view.structure.pixels), rays, atol=1e-9)
+        assert view.keypoints is before.keypoints
+    assert route.seen_by(CAMERA) is route
+
+
+def test_a_panorama_cut_off_its_middle_comes_back(tmp_path: Path) -> None:
+    panorama = with_intrinsics(of_size(64, 32), height=20, cy=13.0)
+    write_route(Route(panorama, tuple(map(key_view, range(3)))), tmp_path / 'cut')
+    assert read_route(tmp_path / 'cut').camera == panorama
 
 
 def test_a_disk_that_is_full_leaves_the_earlier_route(

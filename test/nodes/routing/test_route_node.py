@@ -137,6 +137,13 @@ def test_a_camera_that_becomes_another_ends_the_run(driving) -> None:
     assert driving.node.phase == 'failed' and 'taught with another camera' in driving.reason
 
 
+def test_a_camera_that_is_calibrated_anew_in_mid_run_ends_it(driving) -> None:
+    driving.calibrate(with_intrinsics(CAMERA, fx=50.000005))
+    driving.bench.until(lambda: driving.stands, 'the order to stand')
+    assert driving.node.phase == 'failed'
+    assert 'changed in mid-run: fx 50 -> 50.000005' in driving.reason
+
+
 def test_a_stop_button_stops_and_keeps_from_starting(driving) -> None:
     press = driving.bench.talk(Bool, 'stop_button')
     press(Bool(data=True))
@@ -205,6 +212,13 @@ def test_a_foreign_camera_is_refused(bench, folder) -> None:
     rig.see(picture(0))
     success, text = rig.call('repeat')
     assert not success and 'taught with another camera' in text
+
+
+def test_a_camera_that_was_calibrated_anew_repeats_the_route(bench, folder) -> None:
+    rig = RouteRig(bench, folder, with_intrinsics(CAMERA, fx=50.000005))
+    rig.see(picture(0))
+    success, text = rig.call('repeat')
+    assert success and 'the camera was calibrated anew: fx 50 -> 50.000005' in text
 
 
 def test_images_that_are_not_those_of_camera_info_stop_the_robot(driving) -> None:

@@ -15,6 +15,7 @@ from std_msgs.msg import String
 
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.cameras.registry import with_intrinsics
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.routes.run import RouteStep
@@ -98,9 +99,13 @@ def test_a_repetition_in_a_bag_replays_to_the_last_bit(
             profile,
             raw=True,
         )
-    rig = RouteRig(bench, tmp_path / 'hall', scenario.camera.nominal_camera, **values)
+    camera = with_intrinsics(scenario.camera.nominal_camera, cx=321.0)  # calibrated anew
+    rig = RouteRig(bench, tmp_path / 'hall', camera, **values)
+    info = bytes(serialize_message(write.camera_info(camera, 0, 'camera')))
+    messages.append(('/camera_info', len(messages), info))
     base, simulator = new_base(scenario.base, start, seed=6), CameraSimulator(scenario.camera)
-    assert rig.call('repeat')[0]
+    begun, text = rig.call('repeat')
+    assert begun and 'the camera was calibrated anew: cx 319.5 -> 321, rays up to 0.22 deg' in text
     for k in range(16):
         image = simulator.capture(base.pose, k)
         if k == 10:

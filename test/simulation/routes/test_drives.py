@@ -61,6 +61,15 @@ def test_a_taught_way_is_repeated_to_millimetres(taught: Taught) -> None:
     assert log.turn_jump(SETTINGS.max_turn_rate) < 0.05
 
 
+def test_a_camera_that_was_calibrated_anew_repeats_as_exactly(taught: Taught) -> None:
+    """Its focus and its axis have changed by 0.6 deg at the edge, and camera_info says so."""
+    camera = replace(SCENARIO.camera, focal_length=387.0, principal_u=322.5, principal_v=237.5)
+    log = repeat(replace(SCENARIO, camera=camera).seeded(5), taught, SETTINGS)
+    assert log.outcome == 'arrived', log.reason
+    assert np.sqrt((log.offsets**2).mean()) < 4e-3
+    assert log.station[0] < 3e-3 and abs(log.station[1]) < np.radians(0.1)
+
+
 def test_a_way_is_repeated_backward(taught: Taught) -> None:
     log = repeat(SCENARIO.seeded(9), taught, replace(SETTINGS, reverse=True), start=MIDWAY)
     assert log.outcome == 'arrived', log.reason

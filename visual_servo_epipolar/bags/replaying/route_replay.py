@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from visual_servo_epipolar.bags.reading.bag import Bag
-from visual_servo_epipolar.bags.reading.run import EventQueue, usable
-from visual_servo_epipolar.bags.reading.topics import assign_roles
+from visual_servo_epipolar.bags.reading.run import EventQueue, read_run, usable
+from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_notes
 from visual_servo_epipolar.bags.replaying.comparison import compare_steps, Comparison, Value
 from visual_servo_epipolar.bags.replaying.plan import settings_in_time
 from visual_servo_epipolar.bags.replaying.replay import value_at
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings
@@ -32,9 +34,12 @@ class RecordedRepetition:
     Repetition of a route as its node told it: ``image`` is the topic that it drove by.
 
     ``steps`` is what each image led to, by its stamp [ns], with the phase where that is clear.
+    Without ``cameras`` in the bag it is the one that taught the route.
     """
 
     image: str
+    cameras: list[tuple[int | None, CameraModel | str]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     settings: list[tuple[int | None, NodeSettings]] = field(default_factory=list)
     events: list[Entry] = field(default_factory=list)
     steps: dict[int, dict[str, Value]] = field(default_factory=dict)
@@ -59,12 +64,16 @@ class RecordedRepetition:
         follow, servo = changes.get('follow', {}), changes.get('servo', {})
         follows = settings_in_time(FollowSettings(), self.settings, follow, [])
         servos = settings_in_time(ServoSettings(), self.settings, servo, [])
-        return RouteRun(route, value_at(follows, stamp_ns), value_at(servos, stamp_ns))
+        camera = value_at(self.cameras, stamp_ns) if self.cameras else None
+        if isinstance(camera, str):
+            raise InputError(f'camera_info cannot be used: {camera}')
+        settings = value_at(follows, stamp_ns)
+        return RouteRun(route, settings, value_at(servos, stamp_ns), camera=camera)
 
 
 def read_repetition(bag: Bag, requested: Mapping[str, str]) -> RecordedRepetition:
     """Return what a ``bag`` holds of repetitions but images; InputError if that is too little."""
-    node, topics = _node(bag), assign_roles(bag, requested)
+    node, topics = _node(bag), assign_roles(bag, requested, roles=('image', 'camera_info'))
     if node is None or 'image' not in topics:
         raise InputError(
             f'{bag.path}: no images and settings of a route_node to replay; record image_raw, '
@@ -90,6 +99,12 @@ def read_repetition(bag: Bag, requested: Mapping[str, str]) -> RecordedRepetitio
         raise InputError(
             f'{bag.path}: no steps of {node} to compare with; record {names[2]} beside the images'
         )
+    values = recorded.settings[-1][1].values if recorded.settings else {}
+    if 'camera_info' in topics and values.get('projection', CAMERA_INFO) == CAMERA_INFO:
+        recorded.notes.extend(camera_notes(bag, topics, requested))
+        run = read_run(bag, {'camera_info': topics['camera_info']})
+        kind = {name: values.get(name) is True for name in ('rectified', 'cropped')}
+        recorded.cameras.extend(run.cameras_of(**kind))
     for stamp_ns, step in recorded.steps.items():
         if len(phases.get(stamp_ns, ())) == 1:
             step['phase'] = next(iter(phases[stamp_ns]))

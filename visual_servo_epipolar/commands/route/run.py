@@ -85,14 +85,15 @@ def replay(options: argparse.Namespace) -> int:
             progress.say(f'{len(steps)} of {len(recorded.steps)} steps')
     comparison = route_replay.compare_repetition(recorded, steps, options.tolerance)
     versions = {'recorded': dict(recorded.versions), 'replayed': installed_versions()}
-    result = {
+    result: dict[str, Any] = {
         'comparison': as_document(comparison),
         'versions': versions,
         'changes': changes,
+        'notes': recorded.notes,
         'steps': {str(stamp_ns): step for stamp_ns, step in steps.items()},
     }
     phases = [f'  {phase}' for phase, _ in groupby(str(step['phase']) for step in steps.values())]
-    lines = [f'{len(steps)} steps by {folder}:', *phases]
+    lines = [*recorded.notes, f'{len(steps)} steps by {folder}:', *phases]
     lines += compared_words(result['comparison'], versions)
     publish(result, '\n'.join(lines), options.json)
     return 0 if comparison.equal else 1
@@ -135,7 +136,6 @@ def demo(options: argparse.Namespace) -> int:
     folder = Path(options.out) / FOLDER
     write_route(taught.route, folder)
     taught = replace(taught, route=read_route(folder))
-    taught.route.check_camera(scenario.camera.nominal_camera)
     progress.say('repeating ...')
     logs = []
     for seed in range(options.seed + 1, options.seed + 1 + options.runs):

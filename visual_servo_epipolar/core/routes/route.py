@@ -8,6 +8,11 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.plausibility import (
+    are_alike,
+    CALIBRATION_DEG,
+    differences,
+)
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.path import TaughtPath
 from visual_servo_epipolar.core.routes.structure import LocalStructure
@@ -134,19 +139,34 @@ class Route:
                     f'number {k}; teach the route again'
                 )
 
+    def seen_by(self, camera: CameraModel) -> 'Route':
+        """
+        Return the route with learnt features at the pixels where ``camera`` shows their rays.
+
+        Photographs and keypoints stay what the camera that taught it saw. Raises InputError if
+        that is another camera, not the same one calibrated anew.
+        """
+        self.check_camera(camera)
+        if camera == self.camera:
+            return self
+        views = []
+        for view in self.views:
+            pixels = camera.pixels(self.camera.rays(view.structure.pixels))
+            views.append(replace(view, structure=replace(view.structure, pixels=pixels)))
+        return Route(camera, tuple(views))
+
     def check_camera(self, camera: CameraModel) -> None:
-        """Raise InputError if the route was taught with another camera."""
+        """Raise InputError if the route was taught with another camera, by more than 1 deg."""
         mine, its = (self.camera.width, self.camera.height), (camera.width, camera.height)
         if mine != its:
             raise InputError(
                 f'the route was taught at {mine[0]}x{mine[1]}, the camera gives '
                 f'{its[0]}x{its[1]}; set that resolution, or teach the route anew'
             )
-        if camera != self.camera:
+        if not are_alike(self.camera, camera):
             raise InputError(
-                f'the route was taught with another camera, a {self.camera.lens} lens of '
-                f'{self.camera.focal:.2f} px, got a {camera.lens} lens of {camera.focal:.2f} px; '
-                'use the camera and the calibration of then, or teach the route anew'
+                f'the route was taught with another camera: {differences(self.camera, camera)}, '
+                f'{CALIBRATION_DEG:g} at most; use the camera of then, or teach the route anew'
             )
 
     @property

@@ -14,6 +14,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.bases.base import Base, turns_in_place
 from visual_servo_epipolar.core.bases.registry import base_of
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
@@ -65,8 +66,9 @@ class RouteRun:
     """
     Run along a ``route`` to the station that ``settings`` name; ``target`` is its key view.
 
-    It begins at ``way`` [m] where that is known, and wherever the robot is if it is None. Raises
-    InputError for a station that is not there, or that the direction cannot reach.
+    Images are of ``camera``; None: of the one that taught the route. It begins at ``way`` [m], and
+    wherever the robot is if that is None. Raises InputError for a station that is not there, or
+    that the direction cannot reach.
     """
 
     def __init__(
@@ -75,17 +77,22 @@ class RouteRun:
         settings: FollowSettings,
         servo: ServoSettings,
         *,
+        camera: CameraModel | None = None,
         way: float | None = None,
     ) -> None:
-        self.route, self.settings, self._servo = route, settings, servo
+        self.taught, self.settings, self._servo = route, settings, servo
+        self.route = route if camera is None else route.seen_by(camera)
         self.target = target_of(route, settings)
         self.base = _base(settings, servo)
-        self._finder = PlaceFinder(route)
+        self._finder = PlaceFinder(self.route)
+        # The end of the way, which may be its beginning, was seen by the camera that taught it.
+        finder = self._finder if self.route is route else PlaceFinder(route)
         ends = self.target == (0 if settings.reverse else len(route.views) - 1)
-        closing = closing_of(route, self._finder) if way is None or settings.laps > 1 else None
+        closing = closing_of(route, finder) if way is None or settings.laps > 1 else None
+        self._finder.lap, self._finder.reason = finder.lap, finder.reason
         self._closing = closing if ends else None
         self._follower: Follower | None = None
-        self._docking = Docking(route.camera, servo)
+        self._docking = Docking(self.route.camera, route.camera, servo)
         self._confirmed: dict[int, Confirmation] = {}
         self._searched, self._lost_ns, self.lap = 0, -1, 1
         self._look_around = LookAround()
@@ -165,16 +172,17 @@ class RouteRun:
         Those of key views that were confirmed on the way, and of the station, and only where none
         of a key view's photographs is like them.
         """
-        views = list(self.route.views)
+        views = list(self.taught.views)
         for number, seen in self._confirmed.items() if self.last.phase == ARRIVED else ():
-            tracker, features = KeyViewTracker(views[number], self.route.camera), seen.features
+            tracker = KeyViewTracker(self.route.views[number], self.route.camera)
+            features = seen.features
             if number == self.target:
                 tracker.locate(seen.image, np.zeros(3))
                 features = tracker.features
             if len(features) >= LEAST_CONFIRMED:
                 appearance = tracker.appearance(seen.image, features)
                 views[number] = views[number].renewed_by(appearance, self.settings.renewals)
-        return Route(self.route.camera, tuple(views))
+        return Route(self.taught.camera, tuple(views))
 
     def _localize(self, image: Image, stamp_ns: int) -> RouteStep:
         """Look for the robot on the route, every few images."""

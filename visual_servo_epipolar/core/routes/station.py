@@ -1,6 +1,7 @@
 """Station: the servo drives to its photographs; commands tell when what they show was moved."""
 
 from contextlib import suppress
+from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
@@ -24,11 +25,12 @@ class Docking:
     """
     Docking at a station, by the servo with its settings; ``features`` of the last image.
 
-    The servo goes by a photograph alone; commands tell when what is in it was moved.
+    Images are of ``camera``, photographs of the one that ``taught`` the route. The servo goes by a
+    photograph alone; commands tell when what is in it was moved.
     """
 
-    def __init__(self, camera: CameraModel, servo: ServoSettings) -> None:
-        self._camera, self._servo = camera, servo
+    def __init__(self, camera: CameraModel, taught: CameraModel, servo: ServoSettings) -> None:
+        self._camera, self._taught, self._servo = camera, taught, servo
         self._tracker = Tracker(TrackerSettings(), camera)
         self.features = Features()
         self._session: Session | None = None
@@ -73,6 +75,9 @@ class Docking:
         assert self._session is not None
         self._move(acted, stamp_ns)
         self.features = features = self._tracker.track(image)
+        if self._taught != self._camera:
+            desired = self._camera.pixels(self._taught.rays(features.desired))
+            features = replace(features, desired=desired)
         seen = observe(features, self._camera, stamp_ns)
         self._session = self._session.decide(seen, self._servo, goal=features.goal).update_map()
         return self._session.state

@@ -202,7 +202,8 @@ def repeat(
     base = new_base(scenario.base, start or taught.stations[begin], seed=scenario.camera.seed + 1)
     servo = replace(scenario.servo, latency=base.settings.command_delay)
     way = None if start else taught.route.views[begin].way
-    run = RouteRun(taught.route, settings, servo, way=way)
+    camera = scenario.camera.nominal_camera
+    run = RouteRun(taught.route, settings, servo, camera=camera, way=way)
     log, frame, near, rest = RepeatLog(), 0, -1, REST_FRAMES
     lap_s = LONGEST * taught.route.length / settings.max_speed + scenario.run.max_duration
     limit_s, lap = settings.laps * lap_s, 1
