@@ -45,6 +45,7 @@ compares the two.
   `disturbances`, and the names at the end of this page.
   `visual_servo replay --set servo.look_ahead=0.3` accepts those of servo and tracker.
 * Every node also takes `use_sim_time`, as all ROS nodes do.
+* `~` stands for the home folder in names of files and folders.
 """
 
 

@@ -182,12 +182,57 @@ def subcommands() -> list[str]:
     return list(action.choices)
 
 
+NEEDED = {
+    'simulate': START,
+    'sweep': ('--region', 'front', '--runs', '1'),
+    'inspect': ('a', 'b', '--camera', 'c'),
+    'replay': ('bag',),
+    'report': ('bag',),
+    'route': ('teach', 'bag'),
+}
+
+
+@pytest.mark.parametrize('option', ['--out', '--json', '--table', '--history'])
+@pytest.mark.parametrize('name', subcommands())
+def test_what_cannot_be_written_is_refused_before_anything_is_read(
+    capsys, tmp_path, monkeypatch, name, option
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'file').touch()
+    which = ('all',) if name == 'reproduce' else NEEDED.get(name, ())
+    with pytest.raises(SystemExit):
+        main([name, *which[: name == 'route'], '--help'])
+    if f'{option} ' not in capsys.readouterr().out:
+        return
+    out = ('--out', 'o') if name == 'reproduce' and option != '--out' else ()
+    error = one_line(capsys, name, *which, *out, option, 'file/x')
+    assert error.startswith(f'visual_servo {name}: file/x: ') and 'Not a directory' in error
+    assert [path.name for path in tmp_path.iterdir()] == ['file']
+
+
+@pytest.mark.parametrize('action', ['teach', 'demo'])
+@pytest.mark.parametrize('option', ['', '=~/mine'])
+def test_a_folder_of_something_else_is_no_place_for_a_route(
+    capsys, tmp_path, monkeypatch, action, option
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('HOME', str(tmp_path))
+    folder = tmp_path / (
+        {'teach': 'bag_route', 'demo': 'route_out/route'}[action]
+        if not option
+        else {'teach': 'mine', 'demo': 'mine/route'}[action]
+    )
+    folder.mkdir(parents=True)
+    (folder / 'thesis.tex').touch()
+    words = ['route', action, *(['bag'] if action == 'teach' else [])]
+    error = one_line(capsys, *words, *([f'--out{option}'] if option else []))
+    assert 'holds something else, thesis.tex; name another one' in error
+
+
 @pytest.mark.parametrize('name', subcommands())
 def test_an_unknown_option_names_its_subcommand(capsys, name) -> None:
-    needed = {'simulate': START, 'sweep': ('--region', 'front', '--runs', '1')}
-    needed |= {'inspect': ('a', 'b', '--camera', 'c'), 'reproduce': ('all', '--out', 'o')}
-    needed |= {'replay': ('bag',), 'report': ('bag',), 'route': ('demo',)}
-    error = one_line(capsys, name, *needed.get(name, ()), '--colour')
+    needed = ('all', '--out', 'o') if name == 'reproduce' else NEEDED.get(name, ())
+    error = one_line(capsys, name, *needed, '--colour')
     assert error == (
         f'visual_servo {name}: unrecognized arguments: --colour; see visual_servo {name} --help\n'
     )

@@ -13,8 +13,8 @@ from durations import few_of
 import pytest
 
 from visual_servo_epipolar.commands.ending import terminable, Terminated
-from visual_servo_epipolar.commands.files.output import write_whole
 from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.files import write_whole
 from visual_servo_epipolar.simulation import closed_loop
 
 ROOT = Path(__file__).parents[2]
@@ -259,16 +259,20 @@ def test_output_that_cannot_be_written_is_said_once() -> None:
     assert ended.stderr == ('visual_servo: output cannot be written: No space left on device\n')
 
 
-@pytest.mark.parametrize('option', ['--json', '--out'])
+@pytest.mark.parametrize(
+    ('option', 'name'),
+    [('--json', 'file/missing/result'), ('--out', 'file/missing/result'), ('--out', 'file')],
+)
 def test_where_nothing_can_be_written_nothing_runs(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     option: str,
+    name: str,
 ) -> None:
     monkeypatch.setattr(closed_loop, 'run', lambda *_, **__: pytest.fail('it ran'))
     (tmp_path / 'file').touch()
-    target = str(tmp_path / 'file' / 'missing' / 'result')
+    target = str(tmp_path / name)
     assert main(['simulate', *START, option, target]) == 2
     shown = capsys.readouterr()
     assert shown.err.startswith(f'visual_servo simulate: {target}: ')

@@ -39,7 +39,7 @@ DEMO = ('demo', *START, '--no-video', '--out', 'out')
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    from visual_servo_epipolar.commands.files.output import write_whole
+    from visual_servo_epipolar.files import write_whole
     from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
     from visual_servo_epipolar.simulation.scenario import load
 

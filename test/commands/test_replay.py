@@ -315,7 +315,7 @@ def test_a_bag_cut_short_is_refused_and_replayed_once_it_is_repaired(
         (['--desired', '77'], 'no image was taken at 77.000 s'),
         (['--tolerance', '-1'], "'-1' is negative"),
         (['--camera', 'nowhere.yaml'], 'nowhere.yaml: camera file cannot be read: No such file'),
-        (['--out', __file__], 'folder cannot be made or written to'),
+        (['--out', __file__], 'nothing can be written there: Not a directory'),
     ],
 )
 def test_bad_input_is_one_line(bag, capsys, arguments, reason) -> None:

@@ -32,6 +32,13 @@ class Sample(Settings):
     enabled: bool = setting(True, 'Whether at all', read_only=True)
     offset: tuple[float, ...] = setting((0.0, 1.0), 'Offset [m]', low=-5.0, high=5.0)
     names: tuple[str, ...] = setting(('a',), 'Names')
+    files: str = setting('', 'Files', path=True)
+
+
+def test_a_home_folder_is_written_out_in_paths(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('HOME', '/home/user')
+    assert Sample(files='~/a~b.png:~:c/~/d').files == '/home/user/a~b.png:/home/user:c/~/d'
+    assert Sample(names=('~/topic',)).names == ('~/topic',)
 
 
 @pytest.mark.parametrize(

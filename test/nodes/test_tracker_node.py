@@ -238,10 +238,13 @@ def test_a_refused_photograph_is_said_so_even_amid_other_complaints(rig, view) -
     rig.bench.until(lambda: rig.bench.logged('desired image refused'), 'the refusal')
 
 
-def test_the_photograph_may_be_a_file(bench, simulator, photograph, view, tmp_path) -> None:
+def test_the_photograph_may_be_a_file(
+    bench, simulator, photograph, view, tmp_path, monkeypatch
+) -> None:
     path = tmp_path / 'goal ä.png'
     path.write_bytes(cv2.imencode('.png', photograph)[1].tobytes())
-    rig = Rig(bench, simulator, desired_image=str(path))
+    monkeypatch.setenv('HOME', str(tmp_path))
+    rig = Rig(bench, simulator, desired_image='~/goal ä.png')
     assert len(rig.calibrated().track(view)) >= 40
     bench.until(lambda: bench.logged(f'desired image is {path}'), 'the file in the log')
 

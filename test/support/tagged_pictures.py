@@ -39,7 +39,7 @@ def tiff(image: np.ndarray, order: str = '<', *, wide: bool = False, tag: int = 
         (277, 1),
         (278, height),
         (279, image.nbytes),
-        (339, 3 if image.dtype.kind == 'f' else 1),
+        (339, {'u': 1, 'i': 2, 'f': 3}[image.dtype.kind]),
     ]
     head = struct.pack(f'{order}2sHHHQ', b'', 43, 8, 0, 16) if wide else b''
     head = head or struct.pack(f'{order}2sHI', b'', 42, 8)

@@ -7,9 +7,10 @@ import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from visual_servo_epipolar.commands.files.output import OutputFile
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.names import law_names
-from visual_servo_epipolar.core.settings import alike
+from visual_servo_epipolar.core.settings import alike, expanded
 from visual_servo_epipolar.files import config_folders, config_names
 from visual_servo_epipolar.simulation.choices import SOURCES
 
@@ -110,10 +111,10 @@ class StartAction(argparse.Action):
 
 
 def add_words(parser: Any, rows: Mapping[str, str], **more: Any) -> None:
-    """Add options that take words: name and placeholder -> help; ``more`` is for argparse."""
+    """Add options that take words or paths: name and placeholder -> help; ``more``: argparse's."""
     for names, text in rows.items():
         option, placeholder = names.split(' ', 1)
-        parser.add_argument(option, metavar=placeholder, help=text, **more)
+        parser.add_argument(option, metavar=placeholder, help=text, **{'type': expanded, **more})
 
 
 def add_lists(parser: argparse.ArgumentParser, rows: Mapping[str, str]) -> None:
@@ -179,7 +180,8 @@ def add_seed(parser: argparse.ArgumentParser) -> None:
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add --json."""
-    add_words(parser, {'--json FILE': 'write the result as JSON to FILE; - is standard output'})
+    text = 'write the result as JSON to FILE; - is standard output'
+    add_words(parser, {'--json FILE': text}, type=OutputFile)
 
 
 def scenario_of(options: argparse.Namespace) -> 'Scenario':

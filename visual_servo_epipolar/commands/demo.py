@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.console import Progress, summary, written_to
-from visual_servo_epipolar.commands.files.output import output_folder, publish
+from visual_servo_epipolar.commands.files.output import publish
 from visual_servo_epipolar.commands.files.run_folder import write_run
 from visual_servo_epipolar.commands.options import EXCLUDED
 from visual_servo_epipolar.core.arrays import Image
@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.files import made_folder
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.report.beside import Draughtsman
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
@@ -42,10 +43,11 @@ def demo(options: argparse.Namespace) -> int:
         require('rosbags', 'mcap', otherwise='--bag none', load=False)
     scenario = scenario_of(options)
     settings = scenario.loop(tuple(options.start), options.seed)
-    folder = output_folder(options.out)
+    folder = Path(options.out)
     _clear(folder / BAG)
     (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
     with ExitStack() as stack:
+        stack.enter_context(made_folder(folder))
         draughtsman = stack.enter_context(Draughtsman())
         progress = stack.enter_context(closing(Progress()))
         film = None if options.no_video else stack.enter_context(_film(scenario, settings, folder))

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph, scaled_to
-from visual_servo_epipolar.commands.files.output import publish, write_whole
+from visual_servo_epipolar.commands.files.output import publish
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
@@ -17,6 +17,7 @@ from visual_servo_epipolar.core.perception.inspection.judgement import Inspectio
 from visual_servo_epipolar.core.perception.inspection.photographs import inspect
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
+from visual_servo_epipolar.files import write_whole
 
 
 def inspect_and_report(options: argparse.Namespace) -> int:

@@ -18,7 +18,7 @@ from visual_servo_epipolar.commands.ending import (
     Terminated,
     unread,
 )
-from visual_servo_epipolar.commands.files.output import check_json, check_out
+from visual_servo_epipolar.commands.files.output import check_outputs
 from visual_servo_epipolar.commands.options import COMMANDS
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.nodes.startup.missing import remedy
@@ -112,8 +112,7 @@ def _run(options: argparse.Namespace) -> int:
     who = f'visual_servo {options.command}'
     try:
         with terminable():
-            check_json(options.json if 'json' in options else None)
-            check_out(options.out if 'out' in options else None)
+            check_outputs(options)
             return int(options.run(options))
     except (VisualServoError, OSError) as error:
         if isinstance(error, OSError) and reader_left(error):

@@ -21,9 +21,10 @@ from visual_servo_epipolar.commands.arguments import (
     tolerance,
     whole,
 )
+from visual_servo_epipolar.commands.files.output import OutputFile, OutputFolder
 from visual_servo_epipolar.core.laws.two_steps.gains import Circumstances
 from visual_servo_epipolar.core.routes.settings import FollowSettings, STEERINGS
-from visual_servo_epipolar.core.settings import range_of
+from visual_servo_epipolar.core.settings import expanded, range_of
 from visual_servo_epipolar.simulation.choices import REGIONS, WAYS, WORLDS
 
 DEMO_START = (1.0, -3.5, 8.0)
@@ -54,12 +55,8 @@ ROLES = (
 def add_demo(parser: ArgumentParser) -> None:
     """Add the options of ``demo``."""
     add_start(parser, DEMO_START)
-    parser.add_argument(
-        '--out',
-        metavar='DIR',
-        default=DEMO_FOLDER,
-        help=f'folder for result.json, figures, video and bag (default {DEMO_FOLDER})',
-    )
+    folder = f'folder for result.json, figures, video and bag (default {DEMO_FOLDER})'
+    add_words(parser, {'--out DIR': folder}, type=OutputFolder, default=DEMO_FOLDER)
     parser.add_argument(
         '--bag',
         choices=('none', *EXCLUDED),
@@ -80,7 +77,8 @@ def add_simulate(parser: ArgumentParser) -> None:
     """Add the options of ``simulate``."""
     add_start(parser, None)
     add_source(parser)
-    add_words(parser, {'--out DIR': 'folder for result, samples and figures'})
+    out = {'--out DIR': 'folder for result, samples and figures'}
+    add_words(parser, out, type=OutputFolder)
     add_run_options(parser)
 
 
@@ -105,22 +103,20 @@ def add_sweep(parser: ArgumentParser) -> None:
     add_words(where, {'--jobs J': 'worker processes (default one per core)'}, type=count)
     add_words(where, {'--scheduler ADDRESS': 'Dask scheduler, such as tcp://host:8786'})
     folder = f'folder for runs, tables and maps (default a new one in {SWEEP_FOLDER}/)'
-    add_words(parser, {'--out DIR': folder})
+    add_words(parser, {'--out DIR': folder}, type=OutputFolder)
 
 
 def add_inspect(parser: ArgumentParser) -> None:
     """Add the options of ``inspect``."""
-    parser.add_argument('desired', metavar='DESIRED.png', help='photograph taken at the goal')
-    parser.add_argument('current', metavar='CURRENT.png', help='photograph taken elsewhere')
+    _add_path(parser, 'desired', 'DESIRED.png', 'photograph taken at the goal')
+    _add_path(parser, 'current', 'CURRENT.png', 'photograph taken elsewhere')
     camera = f'{CAMERA}; it is scaled to the size of the photographs'
     add_words(parser, {'--camera FILE': camera}, required=True)
     rectified = 'photographs are rectified: use projection_matrix, ignore the distortion'
     add_flags(parser, {'--rectified': rectified, **CROPPED})
-    words = {
-        '--out OVERLAY.png': 'write a picture of the matches',
-        '--estimator NAME': 'estimator of the epipoles',
-    }
-    add_words(parser, words)
+    overlay = {'--out OVERLAY.png': 'write a picture of the matches'}
+    add_words(parser, overlay, type=OutputFile)
+    add_words(parser, {'--estimator NAME': 'estimator of the epipoles'})
     add_matcher(parser)
     angles = {
         '--tilt DEG': 'tilt of the camera [deg], down positive; without it tilt and roll are '
@@ -161,7 +157,8 @@ def add_gains(parser: ArgumentParser) -> None:
 def add_replay(parser: ArgumentParser) -> None:
     """Add the options of ``replay``."""
     _add_bag(parser, 'BAG', BAG)
-    add_words(parser, {'--out DIR': 'folder for replay.json and a figure of both runs'})
+    out = {'--out DIR': 'folder for replay.json and a figure of both runs'}
+    add_words(parser, out, type=OutputFolder)
     most = (
         'largest difference that counts as equal, in the unit of the number, relative above 1 '
         '(default 0 if telemetry of the servo was recorded, else any)'
@@ -177,7 +174,7 @@ def add_report(parser: ArgumentParser) -> None:
     folder = (
         'folder for report.html (default the folder of the run, or NAME_report beside bag NAME)'
     )
-    add_words(parser, {'--out DIR': folder})
+    add_words(parser, {'--out DIR': folder}, type=OutputFolder)
 
 
 def add_route(parser: ArgumentParser) -> None:
@@ -187,9 +184,10 @@ def add_route(parser: ArgumentParser) -> None:
         actions.add_parser(name, help=text, description=f'{text.capitalize()}.')
         for name, text in ACTIONS.items()
     )
-    teach.add_argument('bag', metavar='BAG', help=BAG)
+    _add_path(teach, 'bag', 'BAG', BAG)
     add_lists(teach, {'--topics ROLE=NAME': f'{TOPICS}: image, camera_info, cmd_vel'})
-    add_words(teach, {'--out DIR': 'folder of the route (default BAG_route)'})
+    out = {'--out DIR': 'folder of the route (default BAG_route)'}
+    add_words(teach, out, type=OutputFolder)
     cameras = teach.add_mutually_exclusive_group()
     add_words(cameras, {'--camera FILE': f'use this instead of camera_info: {CAMERA}'})
     projection = 'camera of 360 deg without camera_info, such as equirectangular'
@@ -201,7 +199,7 @@ def add_route(parser: ArgumentParser) -> None:
     )
     add_flags(teach, {'--rectified': 'images are rectified: use P of camera_info', **CROPPED})
     add_json(teach)
-    again.add_argument('bag', metavar='BAG', help=BAG)
+    _add_path(again, 'bag', 'BAG', BAG)
     add_words(again, {'--route FOLDER': 'folder of the route (default that of the node)'})
     lists = {
         '--set SECTION.NAME=VALUE': f'{SET} follow.steering_length=1 or servo.latency=0.1',
@@ -248,7 +246,7 @@ def _add_route_demo(demo: ArgumentParser) -> None:
         help='steer by the structure of key views, or by the epipole of the next',
     )
     out = f'folder for the route and result.json (default {ROUTE_FOLDER})'
-    add_words(demo, {'--out DIR': out}, default=ROUTE_FOLDER)
+    add_words(demo, {'--out DIR': out}, type=OutputFolder, default=ROUTE_FOLDER)
     add_run_options(demo)
 
 
@@ -260,8 +258,12 @@ def _number_of(name: str) -> Callable[[str], int]:
     return whole(int(limits.low), int(limits.high))
 
 
+def _add_path(parser: ArgumentParser, name: str, metavar: str, text: str) -> None:
+    parser.add_argument(name, metavar=metavar, help=text, type=expanded)
+
+
 def _add_bag(parser: ArgumentParser, metavar: str, kinds: str) -> None:
-    parser.add_argument('bag', metavar=metavar, help=kinds)
+    _add_path(parser, 'bag', metavar, kinds)
     lists = {
         '--set SECTION.NAME=VALUE': f'{SET} servo.k1=0.1 or tracker.max_features=80',
         '--topics ROLE=NAME': f'{TOPICS}; roles are {ROLES}',

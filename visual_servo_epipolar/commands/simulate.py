@@ -2,10 +2,11 @@
 
 import argparse
 from contextlib import closing
+from pathlib import Path
 
 from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.console import Progress, summary, written_to
-from visual_servo_epipolar.commands.files.output import output_folder, publish
+from visual_servo_epipolar.commands.files.output import publish
 from visual_servo_epipolar.commands.files.run_folder import write_run
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.simulation import closed_loop
@@ -27,7 +28,7 @@ def simulate(options: argparse.Namespace) -> int:
     result = verdict(log, new_rig(scenario.camera))
     text = summary(result)
     if options.out is not None:
-        written = write_run(log, scenario, output_folder(options.out))
+        written = write_run(log, scenario, Path(options.out))
         text += f'\n{written_to(options.out, written)}'
     publish(result, text, options.json)
     return 0 if log.outcome == 'arrived' else 1

@@ -13,10 +13,11 @@ from typing import Any
 
 from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.console import Progress, written_to
-from visual_servo_epipolar.commands.files.output import publish, write_whole
+from visual_servo_epipolar.commands.files.output import publish
 from visual_servo_epipolar.commands.options import SWEEP_FOLDER
 from visual_servo_epipolar.core.cameras.model import field_of_view
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.files import write_whole
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.sweeping.plan import SweepPlan

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, Field, field, fields, replace
 from difflib import get_close_matches
 import math
+import os
 from typing import Any, ClassVar, TypeVar
 
 LARGEST = 2**63  # what YAML and ROS parameters hold
@@ -17,13 +18,14 @@ SettingsT = TypeVar('SettingsT', bound='Settings')
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """What a setting may be: closed range, or a choice of words; and whether it may change."""
+    """What a setting may be: closed range, choice of words, a path; and whether it may change."""
 
     text: str
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
     read_only: bool = False
+    path: bool = False
 
 
 def setting(
@@ -34,9 +36,11 @@ def setting(
     high: float | None = None,
     choices: tuple[str, ...] = (),
     read_only: bool = False,
+    path: bool = False,
 ) -> Any:
     """Declare a settings field: default, one line of text with the unit, closed range."""
-    return field(default=default, metadata={'range': Range(text, low, high, choices, read_only)})
+    limits = Range(text, low, high, choices, read_only, path)
+    return field(default=default, metadata={'range': limits})
 
 
 def fixed(default: Any, text: str, **limits: Any) -> Any:
@@ -126,6 +130,11 @@ def alike(word: str, known: Sequence[str]) -> list[str]:
     return close[:ALIKE]
 
 
+def expanded(path: str) -> str:
+    """Return a path, or several with colons between them, with ~ as the folder it stands for."""
+    return os.pathsep.join(map(os.path.expanduser, path.split(os.pathsep)))
+
+
 def _renamed(renamed: Mapping[str, str], values: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Return ``values`` by today's names; no setting may be given by two names at once."""
     given: dict[str, str] = {}
@@ -161,7 +170,7 @@ def _checked(name: str, value: Any, item: 'Field[Any]') -> Any:
     for number in numbers:
         if isinstance(number, (int, float)) and not isinstance(number, bool):
             _check_number(name, float(number), limits)
-    return value
+    return expanded(value) if limits.path and isinstance(value, str) else value
 
 
 def _items(name: str, value: tuple[Any, ...], *, words: bool) -> tuple[Any, ...]:

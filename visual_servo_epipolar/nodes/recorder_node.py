@@ -127,7 +127,7 @@ class RecorderNode(ManagedNode):
             name = f'rosbag2_{datetime.fromtimestamp(now_ns / 1e9):%Y_%m_%d-%H_%M_%S}'
         elif self._bags:
             name = f'{name}_{self._bags}'
-        return Path(name).expanduser()
+        return Path(name)
 
     def _on_discovery(self) -> None:
         status = self.status()

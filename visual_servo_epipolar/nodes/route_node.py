@@ -20,7 +20,13 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.messages.images.encodings import GrayReader
-from visual_servo_epipolar.messages.routes.route_folder import read_route, route_hash, write_route
+from visual_servo_epipolar.messages.routes.route_folder import (
+    check_folder,
+    is_route,
+    read_route,
+    route_hash,
+    write_route,
+)
 from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.lifecycle.gates import carry_out, in_every_state, serve
@@ -108,8 +114,7 @@ class RouteNode(ManagedNode):
     def activate(self) -> None:
         """Show the route that is there, if any, and wait for a service, or drive at once."""
         self._driven.begin_anew()
-        folder = self._node_settings.route
-        if folder and (Path(folder).expanduser() / 'route.yaml').exists():
+        if self._node_settings.route and is_route(self._folder()):
             self._reports.route(read_route(self._folder()))
         self._reports.standing(self._repetition.last)
 
@@ -225,11 +230,11 @@ class RouteNode(ManagedNode):
         """Return the folder of the route; InputError if none is named."""
         if not self._node_settings.route:
             raise InputError(NAMELESS.format(name=self.get_fully_qualified_name()))
-        return Path(self._node_settings.route).expanduser()
+        return Path(self._node_settings.route)
 
     def _start_recording(self) -> str:
         """Begin to record; raises InputError where nothing could come of it."""
-        self._folder()
+        check_folder(self._folder())
         if self._repetition.is_active:
             raise InputError('a repetition is under way; ~/cancel it first')
         if self._recording is not None:

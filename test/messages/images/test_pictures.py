@@ -111,9 +111,10 @@ def test_the_end_of_a_thumbnail_is_not_that_of_the_picture(reader) -> None:
 
 
 @READERS
-def test_pixels_that_are_no_integers_are_refused(reader) -> None:
-    with pytest.raises(ValueError, match='pixels must be integers, got float32'):
-        reader(tiff(IMAGE.astype(np.float32)))
+@pytest.mark.parametrize('kind', ['float32', 'int32'])
+def test_pixels_of_other_types_are_refused(reader, kind) -> None:
+    with pytest.raises(ValueError, match=f'pixels must be uint8 or uint16, got {kind}'):
+        reader(tiff(IMAGE.astype(kind)))
 
 
 @pytest.mark.parametrize('start', [b'II*\0', b'MM\0*', b'II+\0', b'\x89PNG\r\n\x1a\n'])

@@ -1,7 +1,11 @@
 """The folder of a route: what is read is what was written, or one clear error."""
 
 from dataclasses import replace
+from itertools import count
+import os
 from pathlib import Path
+import signal
+import sys
 
 import numpy as np
 import pytest
@@ -11,7 +15,18 @@ from visual_servo_epipolar.core.cameras.equirectangular import of_size
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_intrinsics
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.route import Appearance, in_memory, Route
-from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
+from visual_servo_epipolar.files import COMPLETE, PARTIAL
+from visual_servo_epipolar.messages.routes.route_folder import (
+    check_folder,
+    read_route,
+    route_hash,
+    write_route,
+)
+
+STEPS = {'open', 'os.mkdir', 'os.rename', 'os.remove', 'os.rmdir', 'os.chmod'}
+
+
+LONGER = with_intrinsics(CAMERA, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 
 
 @pytest.fixture
@@ -45,11 +60,11 @@ def test_a_route_is_read_as_it_was_written(folder: Path) -> None:
 def test_photographs_of_other_days_are_kept_and_lose_nothing(folder: Path) -> None:
     route, rows = read_route(folder), np.array([1, 4])
     old = (folder / '000001.jpg').read_bytes()
-    for number, count in ((1, 2), (2, 1)):
+    for number, days in ((1, 2), (2, 1)):
         view = route.views[number]
         looks = [
             Appearance(in_memory(key_view(10 + k).image), view.keypoints.take(rows), rows)
-            for k in range(count)
+            for k in range(days)
         ]
         views = list(route.views)
         views[number] = replace(view, renewed=tuple(looks))
@@ -90,12 +105,138 @@ def test_a_photograph_that_is_missing_is_named(folder: Path) -> None:
         read_route(folder)
 
 
-def test_a_photograph_that_is_cut_off_is_named_when_it_is_needed(folder: Path) -> None:
+def without_hashes(folder: Path) -> None:
+    """Make it a folder as earlier versions wrote it."""
+    text = (folder / 'route.yaml').read_text()
+    begin, end = text.index('sha256:'), text.index('views:')
+    (folder / 'route.yaml').write_text(text[:begin] + text[end:])
+
+
+def test_a_folder_of_an_earlier_version_is_read_and_gets_hashes_when_it_is_written(
+    folder: Path,
+) -> None:
+    route = read_route(folder)
+    without_hashes(folder)
+    earlier = read_route(folder)
+    assert np.array_equal(earlier.views[1].image, route.views[1].image)
+    before = route_hash(folder)
+    write_route(earlier, folder)
+    assert 'sha256:' in (folder / 'route.yaml').read_text() and route_hash(folder) != before
+    assert np.array_equal(read_route(folder).views[1].image, route.views[1].image)
+
+
+def test_a_photograph_that_is_cut_off_is_named_at_once(folder: Path) -> None:
     data = (folder / '000001.jpg').read_bytes()
     (folder / '000001.jpg').write_bytes(data[:200])
+    with pytest.raises(InputError, match='000001.jpg: the photograph cannot be read'):
+        read_route(folder)
+    without_hashes(folder)
     route = read_route(folder)
     with pytest.raises(InputError, match='000001.jpg: the photograph cannot be read'):
         _ = route.views[1].image
+
+
+@pytest.mark.parametrize('name', ['route.yaml', 'camera.yaml', 'structure.npz', '000001.jpg'])
+def test_a_part_of_another_route_is_refused(folder: Path, tmp_path: Path, name: str) -> None:
+    other = replace(route_of(*map(key_view, (0, 3, 4))), camera=LONGER)
+    write_route(other, tmp_path / 'other')
+    (folder / name).write_bytes((tmp_path / 'other' / name).read_bytes())
+    with pytest.raises(InputError, match='hash'):
+        read_route(folder)
+
+
+def test_the_hash_of_a_route_is_that_of_all_its_parts(folder: Path, tmp_path: Path) -> None:
+    views = [key_view(k) for k in range(3)]
+    views[0] = replace(views[0], structure=replace(views[0].structure, jitter=0.02))
+    write_route(route_of(*views), tmp_path / 'other')
+    assert route_hash(tmp_path / 'other') != route_hash(folder)
+
+
+def test_a_kill_at_any_moment_leaves_one_route_and_the_files_of_the_user(folder: Path) -> None:
+    routes = [route_of(*map(key_view, numbers)) for numbers in ((0, 1, 2), (1, 2))]
+    own = {folder / 'notes.txt': b'turn left', folder / '.git' / 'HEAD': b'ref'}
+    (folder / '.git').mkdir()
+    for path, content in own.items():
+        path.write_bytes(content)
+    for step in count():
+        child = os.fork()
+        if not child:
+            kill_at(step)
+            write_route(routes[1], folder)
+            os._exit(0)
+        is_killed = os.WIFSIGNALED(os.waitpid(child, 0)[1])
+        found = read_route(folder)
+        (expected,) = (route for route in routes if len(route.views) == len(found.views))
+        for view, before in zip(found.views, expected.views, strict=True):
+            assert np.abs(view.image.astype(int) - before.image).max() < 60
+            assert np.array_equal(view.structure.pixels, before.structure.pixels)
+        write_route(routes[0], folder)
+        assert {path: path.read_bytes() for path in own} == own
+        assert sorted(item.name for item in folder.iterdir()) == sorted(
+            '.git 000000.jpg 000001.jpg 000002.png camera.yaml notes.txt route.yaml '
+            'structure.npz'.split()
+        )
+        if not is_killed:
+            break
+    assert step > 15 and len(found.views) == 2
+
+
+def kill_at(step: int) -> None:
+    """Kill this process at that step among those that change files."""
+    steps = count()
+
+    def see(event: str, _: object) -> None:
+        if event in STEPS and next(steps) == step:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.addaudithook(see)
+
+
+def test_a_first_write_that_was_killed_does_not_stand_in_the_way(tmp_path: Path) -> None:
+    (tmp_path / 'hall' / f'{PARTIAL}x').mkdir(parents=True)
+    (tmp_path / 'hall' / f'{PARTIAL}x' / '000000.jpg').touch()
+    write_route(route_of(*map(key_view, range(2))), tmp_path / 'hall')
+    assert not list((tmp_path / 'hall').glob('.*'))
+
+
+def test_a_file_of_the_user_is_not_replaced_by_a_photograph(folder: Path) -> None:
+    (folder / '000003.jpg').write_text('my own')
+    with pytest.raises(InputError, match='000003.jpg is no part of the route there'):
+        write_route(route_of(*map(key_view, range(4))), folder)
+    assert (folder / '000003.jpg').read_text() == 'my own' and len(read_route(folder).views) == 3
+    write_route(route_of(*map(key_view, range(2))), folder)
+    assert (folder / '000003.jpg').read_text() == 'my own'
+    assert not (folder / '000002.png').exists()
+
+
+def test_a_route_that_is_damaged_can_be_taught_anew(folder: Path) -> None:
+    (folder / 'route.yaml').write_text('version: 1')
+    (folder / 'notes.txt').touch()
+    write_route(route_of(*map(key_view, range(2))), folder)
+    assert len(read_route(folder).views) == 2 and (folder / 'notes.txt').exists()
+    assert not (folder / '000002.png').exists()
+
+
+@pytest.mark.parametrize('is_there', [True, False])
+def test_a_link_is_followed(folder: Path, tmp_path: Path, is_there: bool) -> None:
+    target, link = tmp_path / 'disk' / 'target', tmp_path / 'link'
+    link.symlink_to(target)
+    if is_there:
+        target.mkdir(parents=True)
+    check_folder(link)
+    write_route(route_of(*map(key_view, range(2))), link)
+    write_route(read_route(folder), link)
+    assert link.is_symlink() and len(read_route(target).views) == 3
+
+
+def test_a_path_through_a_file_is_named_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / 'file').touch()
+    for check in (
+        check_folder,
+        lambda path: write_route(route_of(key_view(0), key_view(1)), path),
+    ):
+        with pytest.raises(InputError, match='Not a directory; name another folder'):
+            check(tmp_path / 'file' / 'hall')
 
 
 def test_a_calibration_that_was_changed_is_refused(folder: Path) -> None:
@@ -108,7 +249,7 @@ def test_a_calibration_that_was_changed_is_refused(folder: Path) -> None:
 def test_another_camera_or_resolution_is_refused(folder: Path) -> None:
     route = read_route(folder)
     with pytest.raises(InputError, match='another camera: fx 50 -> 60, fy 50 -> 60, rays up to'):
-        route.check_camera(with_intrinsics(CAMERA, fx=60.0, fy=60.0, cx=31.5, cy=23.5))
+        route.check_camera(LONGER)
     large = (100.0, 0.0, 63.5, 0.0, 100.0, 47.5, 0.0, 0.0, 1.0)
     with pytest.raises(InputError, match='taught at 64x48, the camera gives 128x96'):
         route.check_camera(calibrated_camera((128, 96), large, (), 'plumb_bob'))
@@ -151,6 +292,13 @@ def test_a_folder_of_something_else_is_not_replaced(tmp_path: Path) -> None:
     with pytest.raises(InputError, match='holds something else'):
         write_route(route_of(*map(key_view, range(2))), tmp_path)
     assert (tmp_path / 'thesis.tex').exists()
+
+
+def test_what_was_complete_when_it_was_killed_is_the_route(folder: Path) -> None:
+    (folder / COMPLETE).mkdir()
+    for name in ('route.yaml', '000001.jpg'):
+        (folder / name).rename(folder / COMPLETE / name)
+    assert len(read_route(folder).views) == 3
 
 
 def test_a_folder_without_a_route_is_refused(tmp_path: Path) -> None:

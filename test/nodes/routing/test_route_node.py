@@ -193,9 +193,9 @@ def test_a_folder_that_is_not_whole_is_refused(rig, folder, name: str, match: st
 
 
 def test_a_photograph_that_cannot_be_read_on_the_way_ends_the_run(rig, folder) -> None:
-    (folder / '000001.jpg').write_bytes(b'nothing')
     rig.see(picture(0))
     assert rig.call('repeat')[0]
+    (folder / '000001.jpg').write_bytes(b'nothing')
     # What is in view is the key view whose photograph is broken.
     assert not rig.stands or rig.node.phase in ('waiting', 'localizing')
     with pytest.MonkeyPatch.context() as patch:

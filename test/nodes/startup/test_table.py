@@ -1,5 +1,6 @@
 """The table of the nodes: none is missing, and its rows say what the nodes really have."""
 
+from dataclasses import fields
 from importlib import import_module
 import inspect
 from pathlib import Path
@@ -7,6 +8,7 @@ import re
 
 import pytest
 
+from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.nodes.startup import executables
 from visual_servo_epipolar.nodes.startup.table import NODES, owner_of, settings_of
 
@@ -34,6 +36,18 @@ def node(request, bench, tmp_path, monkeypatch):
 def test_every_node_has_a_row() -> None:
     files = (ROOT / 'visual_servo_epipolar/nodes').glob('*_node.py')
     assert {file.stem for file in files} == set(NODES)
+
+
+def test_every_parameter_that_names_a_file_is_a_path() -> None:
+    paths = set()
+    for item in {item for name in NODES for kind in settings_of(name) for item in fields(kind)}:
+        limits = range_of(item)
+        if isinstance(item.default, str) and re.match(
+            r'(ONNX )?(file|folder)\b', limits.text, re.IGNORECASE
+        ):
+            assert limits.path, item.name
+            paths.add(item.name)
+    assert paths == {'bag', 'desired_image', 'matcher_model', 'photograph', 'route'}
 
 
 def test_every_row_is_an_executable() -> None:

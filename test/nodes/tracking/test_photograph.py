@@ -314,6 +314,8 @@ def test_a_folder_or_a_list_gives_several_photographs(simulator, tmp_path, monke
     assert list(read_photographs(os.pathsep.join(short), 4)) == short
     for name in short:
         os.remove(name)
+    (tmp_path / '._noon.png').write_bytes(b'what macOS keeps beside a file')
+    (tmp_path / 'old.png').mkdir()
     assert list(read_photographs(str(tmp_path), 4)) == sorted(names)
     (tmp_path / 'none').mkdir()
     with pytest.raises(ValueError, match='must be a folder with pictures, got .*none'):

@@ -8,6 +8,7 @@ from typing import Any
 
 from visual_servo_epipolar.commands.files.output import write_json
 from visual_servo_epipolar.core.servo.run_log import RunLog
+from visual_servo_epipolar.files import made_folder
 from visual_servo_epipolar.messages.settings_text import installed_versions
 from visual_servo_epipolar.report.run_file import RunFile, save_run
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
@@ -23,7 +24,7 @@ def write_run(
     log: RunLog, scenario: Scenario, folder: Path, *, draw: Draw | None = None
 ) -> list[str]:
     """
-    Write result, samples and figures into ``folder``, which must exist; return their names.
+    Write result, samples and figures into ``folder``; return their names.
 
     ``draw`` writes the figures; by default they are drawn here.
     """
@@ -33,13 +34,10 @@ def write_run(
         draw = figures.save_all
 
     result = verdict(log, new_rig(scenario.camera))
-    write_json(result, str(folder / 'result.json'))
-    written = [
-        folder / 'result.json',
-        save_run(RunFile(log, settings_of(scenario), versions()), folder),
-        *draw(log, folder),
-    ]
-    return [path.name for path in written]
+    with made_folder(folder):
+        write_json(result, str(folder / 'result.json'))
+        run = save_run(RunFile(log, settings_of(scenario), versions()), folder)
+        return ['result.json', *(path.name for path in (run, *draw(log, folder)))]
 
 
 def settings_of(scenario: Scenario) -> Mapping[str, Mapping[str, Any]]:

@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, ExitStack
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from functools import cached_property
 import math
@@ -45,12 +45,7 @@ from visual_servo_epipolar.bags.replaying.replay import (
 from visual_servo_epipolar.bags.replaying.result import document, has_truth, run_log
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph
-from visual_servo_epipolar.commands.files.output import (
-    all_at_once,
-    output_folder_for,
-    publish,
-    write_json,
-)
+from visual_servo_epipolar.commands.files.output import publish, write_json
 from visual_servo_epipolar.commands.replay.settings import Changes, changes_of
 from visual_servo_epipolar.commands.replay.text import in_words
 from visual_servo_epipolar.core.arrays import Image
@@ -58,6 +53,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import end_s, MotionLimits, RunLog
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+from visual_servo_epipolar.files import all_at_once
 from visual_servo_epipolar.messages.settings_text import installed_versions
 
 if TYPE_CHECKING:
@@ -123,21 +119,15 @@ class ReplayedBag:
 
 def replay_and_report(options: argparse.Namespace) -> int:
     """Replay, print, write; return 0 if nothing differs from what was recorded."""
-    with ExitStack() as stack:
-        folder = None
-        if options.out is not None:
-            folder = stack.enter_context(output_folder_for(Path(options.out)))
-        progress = stack.enter_context(closing(Progress()))
+    with closing(Progress()) as progress:
         replayed = replay_bag(options, tolerance=options.tolerance, watch=progress_watch(progress))
-        progress.close()
-        result = result_of(replayed, options)
-        if folder is not None:
-            from visual_servo_epipolar.report.figures import save
+    result = result_of(replayed, options)
+    if options.out is not None:
+        from visual_servo_epipolar.report.figures import save
 
-            figure = figure_of(replayed)
-            with all_at_once(folder) as scratch:
-                save(figure, scratch / 'replay.png')
-                write_json(result, str(scratch / 'replay.json'))
+        with all_at_once(Path(options.out)) as folder:
+            save(figure_of(replayed), folder / 'replay.png')
+            write_json(result, str(folder / 'replay.json'))
     publish(result, in_words(result), options.json)
     return 0 if replayed.comparison.equal else 1
 

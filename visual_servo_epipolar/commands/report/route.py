@@ -8,7 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.routes.chain import path_poses, seam
 from visual_servo_epipolar.core.routes.route import Route
-from visual_servo_epipolar.messages.routes.route_folder import read_route
+from visual_servo_epipolar.messages.routes.route_folder import folder_bytes, read_route
 from visual_servo_epipolar.report.canvas import GREY, new_figure
 from visual_servo_epipolar.report.page import (
     figure_html,
@@ -33,7 +33,7 @@ NEAREST = 0.1  # depth of a feature in the map, inverted [1/m]: those beyond 10 
 def report_route(folder: Path, path: Path) -> None:
     """Write the page on the route in ``folder``; raises InputError if that fails."""
     route = read_route(folder)
-    size_mb = 1e-6 * sum(file.stat().st_size for file in folder.iterdir())
+    size_mb = 1e-6 * folder_bytes(folder)
     seams = seam(route.views)
     verdict = Headline(
         f'{route.length:.2f} m, {len(route.views)} key views, {len(route.stations)} stations',

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.commands.files.output import output_folder_for
+from visual_servo_epipolar.commands.files.output import OutputFolder
 from visual_servo_epipolar.commands.files.run_folder import versions
 from visual_servo_epipolar.commands.report.tables import (
     parameter_section,
@@ -21,6 +21,8 @@ from visual_servo_epipolar.commands.report.tables import (
 )
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, seconds, summarise
+from visual_servo_epipolar.files import made_folder
+from visual_servo_epipolar.messages.routes.route_folder import is_route
 from visual_servo_epipolar.report import figures
 from visual_servo_epipolar.report.page import (
     figure_html,
@@ -45,7 +47,6 @@ SIGNALS = (
     'is no measurement: it begins at initial_distance, an upper bound, is carried on by the '
     'commands, and scales the speed of step 1, which works while it is not below the distance d.'
 )
-ROUTE_FILE = 'route.yaml'
 FOOTER = (
     'Plane of the paper: the goal lies in the origin and looks along +y; x to the right. Errors '
     'are against ground truth, which the servo never sees.'
@@ -60,14 +61,15 @@ def report(options: argparse.Namespace) -> int:
     source = Path(options.bag)
     if source.name == RUN_FILE and source.is_file():
         source = source.parent
-    is_run, is_route = ((source / name).is_file() for name in (RUN_FILE, ROUTE_FILE))
-    folder = _default_folder(source, is_run) if options.out is None else Path(options.out)
-    if is_run or is_route:
+    is_run, is_taught = (source / RUN_FILE).is_file(), is_route(source)
+    folder = Path(options.out or _default_folder(source, is_run))
+    OutputFolder(folder).check()
+    if is_run or is_taught:
         _refuse_bag_options(options)
-    with output_folder_for(folder):
+    with made_folder(folder):
         if is_run:
             report_run(source, folder / FILE)
-        elif is_route:
+        elif is_taught:
             from visual_servo_epipolar.commands.report.route import report_route
 
             report_route(source, folder / FILE)

@@ -19,7 +19,12 @@ from visual_servo_epipolar.core.routes.chain import seam
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
-from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
+from visual_servo_epipolar.messages.routes.route_folder import (
+    check_folder,
+    folder_bytes,
+    read_route,
+    write_route,
+)
 from visual_servo_epipolar.messages.settings_text import installed_versions
 
 if TYPE_CHECKING:
@@ -40,6 +45,8 @@ def teach(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.bags.route_images import RecordedWay
     from visual_servo_epipolar.commands.files.camera import read_camera
 
+    folder = Path(options.out or f'{Path(options.bag).name}_route')
+    check_folder(folder)
     kind = {'rectified': options.rectified, 'cropped': options.cropped}
     camera = None if options.camera is None else read_camera(options.camera, **kind)
     with Bag(Path(options.bag)) as bag:
@@ -58,7 +65,6 @@ def teach(options: argparse.Namespace) -> int:
             route = teacher.finish()
         except ValueError as error:
             raise InputError(f'{options.bag}: no route can be learnt: {error}') from None
-    folder = Path(options.out or f'{Path(options.bag).name}_route')
     write_route(route, folder)
     result = {**summary_of(route, folder), 'notes': way.notes}
     lines = [*way.notes, _sentence(result), f'written to {folder}']
@@ -108,7 +114,7 @@ def summary_of(route: Route, folder: Path) -> dict[str, Any]:
         'renewed': sum(len(view.renewed) for view in route.views),
         'seam_rms_m': _rms(seam(route.views)),
         'features': float(np.median([len(view.structure) for view in route.views])),
-        'folder_bytes': sum(file.stat().st_size for file in folder.iterdir()),
+        'folder_bytes': folder_bytes(folder),
     }
 
 
@@ -130,10 +136,11 @@ def demo(options: argparse.Namespace) -> int:
     settings = _follow_settings(options)
     scene = 1 if options.scene is None else options.scene
     scenario = drives.route_scenario(scenario_of(options), scene)
+    folder = Path(options.out) / FOLDER
+    check_folder(folder)
     progress = Progress()
     progress.say('building the storey, teaching ...')
     taught = drives.teach(scenario, way_named(options.way))
-    folder = Path(options.out) / FOLDER
     write_route(taught.route, folder)
     taught = replace(taught, route=read_route(folder))
     progress.say('repeating ...')

@@ -141,6 +141,11 @@ class Teacher:
 
     def finish(self) -> Route:
         """Return the route; its first and last key views are stations."""
+        if self._frames and self._frames[-1].way < LEAST_STEP:
+            raise DegenerateGeometryError(
+                f'the robot must drive while a route is taught, got {self._frames[-1].way:.2f} m '
+                'by its odometry: it stood; drive the way, or look which robot the odometry is of'
+            )
         self.station()
         self._end_key_view()
         if self._views:

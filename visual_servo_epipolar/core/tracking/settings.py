@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.settings import fixed, setting, Settings
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 
 
@@ -47,13 +47,12 @@ class TrackerSettings(Settings):
     auxiliary_features: int = setting(
         0, 'Features tracked that the photograph does not show, for the memory', low=0, high=1000
     )
-    matcher: str = setting(
+    matcher: str = fixed(
         'sift',
         'Matcher of whole images with the photograph: sift, onnx, or one of another package',
-        read_only=True,
     )
-    matcher_model: str = setting(
-        '', 'ONNX file of keypoints and descriptors, for the matcher onnx', read_only=True
+    matcher_model: str = fixed(
+        '', 'ONNX file of keypoints and descriptors, for the matcher onnx', path=True
     )
     overlay: bool = setting(True, 'Publish the image with features drawn on it')
 

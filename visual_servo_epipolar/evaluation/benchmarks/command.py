@@ -16,8 +16,9 @@ from visual_servo_epipolar.commands.arguments import (
     duration,
 )
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.files.output import check_json, write_json
+from visual_servo_epipolar.commands.files.output import OutputFile, write_json
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.settings import expanded
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
 # Each row names a module, or a name in one, with run(*, seed, quick, say) -> document and
@@ -58,6 +59,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'which',
         nargs='*',
         metavar='WHICH',
+        type=expanded,
         help=f'any of {", ".join(BENCHMARKS)} (default all but {", ".join(ON_REQUEST)}); after '
         'real, else of simulated photographs, and after routes the FOLDER with truth.json',
     )
@@ -77,7 +79,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_words(parser, {'--matcher-model FILE.onnx': model}, default='')
     add_json(parser)
     history = 'append the figures to FILE, and report regressions on this machine'
-    add_words(parser, {'--history FILE': history})
+    add_words(parser, {'--history FILE': history}, type=OutputFile)
     parser.set_defaults(run=run)
 
 
@@ -87,7 +89,6 @@ def run(options: argparse.Namespace) -> int:
 
     if options.history == '-':
         raise InputError('--history needs the name of a file, got -; name one')
-    check_json(options.history)
     earlier = history.read(Path(options.history)) if options.history else []
     for name, (option, reader) in FOLDERS.items():
         setattr(options, option, _folder(options.which, name, reader))

@@ -15,8 +15,9 @@ from visual_servo_epipolar.commands.arguments import (
     count,
 )
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.files.output import check_json, publish, write_whole
+from visual_servo_epipolar.commands.files.output import OutputFile, publish
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.files import write_whole
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.processes import cores
 
@@ -37,9 +38,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         '--only NAME,...': 'inject these faults only; simulated or processes stands for all of '
         'that kind',
         '--law LAW': 'law of the simulated runs (default full; those with a head have smooth)',
-        '--table FILE': 'write the table to FILE as well',
     }
     add_words(parser, words)
+    add_words(parser, {'--table FILE': 'write the table to FILE as well'}, type=OutputFile)
     add_flags(parser, {'--list': 'list the faults, and run nothing'})
     add_json(parser)
     parser.set_defaults(run=faults)
@@ -53,7 +54,6 @@ def faults(options: argparse.Namespace) -> int:
     if options.list:
         print('\n'.join(f'{name:<28} {what}' for name, what in campaign.WORDS.items()))
         return 0
-    check_json(options.table)  # now, not after an hour of runs
     names = _names(options.only)
     number = options.runs or len(names or campaign.NAMES)
     runs = campaign.plan(names, number, options.seed, options.law or '')

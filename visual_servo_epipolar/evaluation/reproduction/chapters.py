@@ -8,7 +8,6 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from visual_servo_epipolar.commands.files.output import write_whole
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thin
 from visual_servo_epipolar.evaluation.reproduction.experiment import figures as experiment_figures
@@ -134,10 +133,10 @@ def publish(chapters: Mapping[str, Chapter], folder: Path) -> None:
     for chapter in chapters.values():
         for name, figure in chapter.figures.items():
             save(figure, folder / f'{name}.png')
-    write_whole(folder / 'figures.json', one_line_each(data(chapters)).encode())
+    (folder / 'figures.json').write_text(one_line_each(data(chapters)), encoding='utf-8')
     tables = [markdown_of(c.title, c.statements) for c in chapters.values()]
     tables += [chapter.more for chapter in chapters.values() if chapter.more]
-    write_whole(folder / 'table.md', '\n'.join(tables).encode())
+    (folder / 'table.md').write_text('\n'.join(tables), encoding='utf-8')
 
 
 def data(chapters: Mapping[str, Chapter]) -> dict[str, Any]:

@@ -2,11 +2,13 @@
 
 import argparse
 from contextlib import closing
+from pathlib import Path
 
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.commands.arguments import add_json, add_words
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.files.output import output_folder, publish
+from visual_servo_epipolar.commands.files.output import OutputFolder, publish
+from visual_servo_epipolar.files import all_at_once
 
 PARTS = ('sim1', 'sim2', 'experiment')
 SUCCESS, FAILURE = 0, 1
@@ -17,7 +19,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'which', choices=(*PARTS, 'all'), help='simulation 1, simulation 2, experiment, or all'
     )
-    add_words(parser, {'--out DIR': 'folder for the figures and the table'}, required=True)
+    out = {'--out DIR': 'folder for the figures and the table'}
+    add_words(parser, out, required=True, type=OutputFolder)
     add_json(parser)
     parser.set_defaults(run=reproduce)
 
@@ -28,11 +31,11 @@ def reproduce(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.evaluation.reproduction.chapters import CHAPTERS, document, text
     from visual_servo_epipolar.evaluation.reproduction.chapters import publish as draw
 
-    folder = output_folder(options.out)
     parts = PARTS if options.which == 'all' else (options.which,)
     with closing(Progress()) as progress:
         chapters = {part: CHAPTERS[part](progress.say) for part in parts}
-    draw(chapters, folder)
-    words = f'{text(chapters)}\nfigures and table in {folder}'
+    with all_at_once(Path(options.out)) as folder:
+        draw(chapters, folder)
+    words = f'{text(chapters)}\nfigures and table in {options.out}'
     publish({'version': __version__, **document(chapters)}, words, options.json)
     return SUCCESS if all(chapter.succeeded for chapter in chapters.values()) else FAILURE

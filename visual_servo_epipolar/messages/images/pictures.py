@@ -63,7 +63,9 @@ def decode(data: bytes, name: str, *, largest: int = LARGEST) -> NDArray[Any]:
     if image is None:
         raise ValueError(f'{name}: not an image that can be decoded; give {EXPECTED}')
     if image.dtype not in (np.uint8, np.uint16):
-        raise ValueError(f'{name}: pixels must be integers, got {image.dtype}; give {EXPECTED}')
+        raise ValueError(
+            f'{name}: pixels must be uint8 or uint16, got {image.dtype}; give {EXPECTED}'
+        )
     return np.asarray(image)
 
 

@@ -4,100 +4,143 @@ Folder of a route: route.yaml, camera.yaml, structure.npz, and photographs 00000
 Photographs of stations are PNG, to the last bit; others are JPEG, at a fraction of the size. Those
 of other days are beside the first one of their key view: 000000_1.png, ...
 
-It is written beside its place and renamed, so that it is there whole or not at all; photographs
-are read when they are needed.
+It is written all at once, and route.yaml has the hashes of all parts: files of two routes are
+none. Other files in the folder are the user's, and stay. Images are read when they are needed.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
+import errno
 import hashlib
+import io
 import json
+import os
 from pathlib import Path
-import shutil
-from tempfile import mkdtemp
-from typing import Any
+import re
+from typing import Any, NamedTuple
 from zipfile import BadZipFile
 
 import cv2
 import numpy as np
 import yaml
 
-from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.path import TaughtPath
 from visual_servo_epipolar.core.routes.route import Appearance, Route, RouteView
 from visual_servo_epipolar.core.routes.structure import LocalStructure
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
+from visual_servo_epipolar.files import all_at_once, COMPLETE, FORMER, PARTIAL, place_of, try_out
 from visual_servo_epipolar.messages import camera_file
 from visual_servo_epipolar.messages.images import pictures
 
 VERSION = 1
 ROUTE, CAMERA, STRUCTURE = 'route.yaml', 'camera.yaml', 'structure.npz'
+PHOTOGRAPH = re.compile(r'\d{6}(_\d+)?\.(png|jpg)')
 ENCODING = {'.png': [cv2.IMWRITE_PNG_COMPRESSION, 6], '.jpg': [cv2.IMWRITE_JPEG_QUALITY, 90]}
 RENEWED = ('rows', 'pixels', 'sizes', 'angles', 'descriptors')
 AGAIN = 'copy the folder anew from where it is whole, or teach the route again'
+FULL = (errno.ENOSPC, errno.EDQUOT)
 Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+
+
+def is_route(folder: Path) -> bool:
+    """Return whether a route is in a ``folder``, damaged or not."""
+    return place_of(folder, ROUTE).is_file()
+
+
+def check_folder(folder: Path) -> None:
+    """
+    Raise InputError if no route can be written as ``folder``; leaves no trace.
+
+    It must be new or empty, but for leftovers of a kill, or hold a route, which is replaced.
+    """
+    place = Path(os.path.realpath(folder))
+    try:
+        names = [item.name for item in place.iterdir()] if place.exists() else []
+        others = sorted(name for name in names if not name.startswith((PARTIAL, COMPLETE)))
+        if others and not is_route(place):
+            raise InputError(
+                f'{folder} must be a new folder or one of a route, but holds something else, '
+                f'{others[0]}; name another one'
+            )
+        try_out(place)
+    except OSError as error:
+        raise _unwritable(folder, error) from None
 
 
 def write_route(route: Route, folder: Path) -> None:
     """
-    Write a ``route`` as ``folder``, in place of a route that is there.
+    Write a ``route`` as ``folder``, in place of a route that is there; other files stay.
 
     Raises InputError if it cannot be written, and leaves what was there as it was.
     """
-    _refuse_other(folder)
-    partial_folder = None
+    check_folder(folder)
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        partial_folder = Path(mkdtemp(dir=folder.parent, prefix=f'.{folder.name}.partial_'))
-        _write_files(route, partial_folder)
-        _replace(folder, partial_folder)
+        with all_at_once(folder) as new:
+            before = _own_files(folder)
+            parts = _write_files(route, new, folder)
+            foreign = [it for it in parts.keys() - before if os.path.lexists(folder / it)]
+            if foreign:
+                raise InputError(
+                    f'{folder / min(foreign)} is no part of the route there, which would replace '
+                    'it; move it elsewhere, or name another folder'
+                )
+            (new / FORMER).write_text('\n'.join(before - parts.keys()), encoding='utf-8')
     except OSError as error:
-        raise InputError(
-            f'{folder}: the route cannot be written: {error.strerror or error}; make room or name '
-            'another folder, nothing of an earlier route there is lost'
-        ) from None
-    finally:
-        if partial_folder is not None:
-            shutil.rmtree(partial_folder, ignore_errors=True)
+        raise _unwritable(folder, error) from None
 
 
-def _refuse_other(folder: Path) -> None:
-    is_free = not folder.exists() or folder.is_dir() and not any(folder.iterdir())
-    if not is_free and not (folder / ROUTE).is_file():
-        raise InputError(
-            f'{folder} must be a new folder or one of a route, but holds something else; name '
-            'another one'
-        )
+def _unwritable(folder: Path, error: OSError) -> InputError:
+    remedy = 'make room' if error.errno in FULL else 'name another folder'
+    return InputError(
+        f'{folder}: the route cannot be written: {error.strerror or error}; {remedy}, an earlier '
+        'route there is as it was'
+    )
 
 
-def _replace(folder: Path, new: Path) -> None:
-    """Put the ``new`` folder in place of the old one, which goes last."""
-    new.chmod(0o755)
-    if not folder.exists():
-        new.rename(folder)
-        return
-    old = Path(mkdtemp(dir=folder.parent, prefix=f'.{folder.name}.old_'))
-    folder.rename(old / 'route')
+def _own_files(folder: Path) -> set[str]:
+    """Return the names of the files of the route in ``folder``, none where there is none."""
+    if not is_route(folder):
+        return set()
     try:
-        new.rename(folder)
-    except OSError:
-        (old / 'route').rename(folder)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
+        names = _head(folder).photographs
+    except InputError:  # damaged: its photographs are known by their names alone
+        names = [item.name for item in folder.iterdir()]
+    return {ROUTE, CAMERA, STRUCTURE, *filter(PHOTOGRAPH.fullmatch, names)}
 
 
-def _write_files(route: Route, folder: Path) -> None:
+def folder_bytes(folder: Path) -> int:
+    """Return the size of the files of the route in ``folder``."""
+    return sum(place_of(folder, name).stat().st_size for name in _own_files(folder))
+
+
+def _write_files(route: Route, new: Path, folder: Path) -> dict[str, str]:
+    """Write into ``new`` what is not in ``folder`` as it is; return the hash of each part."""
+    parts: dict[str, str] = {}
     for number, view in enumerate(route.views):
         for name, appearance in zip(_photographs(number, view), view.appearances, strict=True):
-            _write_photograph(appearance.load, folder / name)
-    with open(folder / STRUCTURE, 'wb') as file:
-        np.savez_compressed(file, **_arrays(route.views))
-    document = camera_file.to_document(route.camera)
-    document['sha256'] = calibration_hash(route.camera)
-    (folder / CAMERA).write_text(yaml.safe_dump(document), encoding='utf-8')
+            load = appearance.load
+            if isinstance(load, StoredPhotograph) and load.name.endswith(name[-4:]):
+                content = load.read()  # as it is: to decode and encode it would lose something
+            else:
+                encoded = cv2.imencode(name[-4:], load(), ENCODING[name[-4:]])[1]
+                content = encoded.tobytes()
+            parts[name] = _hash(content)
+            if not isinstance(load, StoredPhotograph) or (load.folder, load.name) != (
+                folder,
+                name,
+            ):
+                (new / name).write_bytes(content)
+    file = io.BytesIO()
+    np.savez_compressed(file, **_arrays(route.views))
+    (new / STRUCTURE).write_bytes(file.getvalue())
+    camera = camera_file.to_document(route.camera)
+    camera['sha256'] = calibration_hash(route.camera)
+    (new / CAMERA).write_text(yaml.safe_dump(camera), encoding='utf-8')
+    parts |= {STRUCTURE: _hash(file.getvalue()), CAMERA: camera['sha256']}
     views = [
         {
             'photograph': _photographs(number, view)[0],
@@ -108,36 +151,34 @@ def _write_files(route: Route, folder: Path) -> None:
         }
         for number, view in enumerate(route.views)
     ]
-    head = f'version: {VERSION}\nlength: {route.length:.6f}  # [m]\ncamera: {CAMERA}\nviews:\n'
+    head = f'version: {VERSION}\nlength: {route.length:.6f}  # [m]\ncamera: {CAMERA}\n'
     # Lists of one line each, which are JSON as well as YAML.
     lines = [f'- {json.dumps(view)}\n' for view in views]
-    (folder / ROUTE).write_text(head + ''.join(lines), encoding='utf-8')
+    hashes = [f'  {json.dumps(name)}: {json.dumps(parts[name])}\n' for name in sorted(parts)]
+    text = ''.join([head, 'sha256:\n', *hashes, 'views:\n', *lines])
+    (new / ROUTE).write_text(text, encoding='utf-8')
+    return parts | {ROUTE: ''}
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def calibration_hash(camera: CameraModel) -> str:
     """Return the hash of what a calibration says, in hexadecimal digits."""
     text = json.dumps(camera_file.to_document(camera), sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return _hash(text.encode())
 
 
 def route_hash(folder: Path) -> str:
-    """Return the hash of a route in its folder, by which a bag knows it, in hexadecimal digits."""
-    return hashlib.sha256((folder / ROUTE).read_bytes()).hexdigest()
+    """Return the hash of a route in its folder with all parts, by which a bag knows it."""
+    return _hash(place_of(folder, ROUTE).read_bytes())
 
 
 def _photographs(number: int, view: RouteView) -> list[str]:
     """Return the names of the photographs of a key view, its first one first."""
     kind, count = 'png' if view.is_station else 'jpg', len(view.renewed)
     return [f'{number:06d}{"" if k == 0 else f"_{k}"}.{kind}' for k in range(1 + count)]
-
-
-def _write_photograph(load: Callable[[], Image], path: Path) -> None:
-    """Write a photograph; one that lies on the disk already is copied, and loses nothing."""
-    if isinstance(load, StoredPhotograph) and load.path.suffix == path.suffix:
-        shutil.copyfile(load.path, path)
-        return
-    _, encoded = cv2.imencode(path.suffix, load(), ENCODING[path.suffix])
-    path.write_bytes(encoded.tobytes())
 
 
 def _columns(view: RouteView) -> dict[str, Any]:
@@ -179,48 +220,70 @@ def _keypoint_columns(keypoints: Keypoints) -> dict[str, Any]:
     }
 
 
-def read_route(folder: Path) -> Route:
-    """Return the route in a ``folder``; raises InputError with what is wrong with it."""
-    with suppress(OSError):
-        if not (folder / ROUTE).exists():
-            raise InputError(
-                f'{folder} is no folder of a route, for it has no {ROUTE}; name one that '
-                'visual_servo route teach, route demo or route_node wrote'
-            )
-    document = _document(folder / ROUTE)
+class _Head(NamedTuple):
+    """Content of route.yaml: rows of key views, and hashes of all parts, none of early folders."""
+
+    names: list[list[str]]  # of the photographs of each key view
+    ways: list[float]
+    poses: FloatArray
+    stations: list[bool]
+    hashes: Mapping[str, str]
+
+    @property
+    def photographs(self) -> list[str]:
+        """The names of all photographs."""
+        return [name for names in self.names for name in names]
+
+
+def _head(folder: Path) -> _Head:
+    """Return what route.yaml says; raises InputError with what is wrong with it."""
+    document = _document(place_of(folder, ROUTE))
     try:
         version, rows = document['version'], list(document['views'])
-        names = [str(row['photograph']) for row in rows]
+        names = [
+            [str(name) for name in (row['photograph'], *row.get('renewed', ()))] for row in rows
+        ]
         poses = np.array([row['pose'] for row in rows], np.float64).reshape(len(rows), 3)
         ways, stations = [float(it['way']) for it in rows], [bool(it['station']) for it in rows]
-        renewed = [[str(name) for name in row.get('renewed', ())] for row in rows]
+        head = _Head(names, ways, poses, stations, dict(document.get('sha256', {})))
+        if head.hashes and head.hashes.keys() != {STRUCTURE, CAMERA, *head.photographs}:
+            raise ValueError('its hashes are not those of its parts')
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f'{folder / ROUTE} is cut off or damaged: {error!r}; {AGAIN}') from None
     if version != VERSION:
         raise InputError(
             f'{folder / ROUTE} is of version {version}, {VERSION} can be read; teach it anew'
         )
-    camera = _camera(folder / CAMERA)
-    every = [*names, *(name for each in renewed for name in each)]
-    _refuse_missing(folder, every)
-    parts = _parts(folder / STRUCTURE, [len(each) for each in renewed])
-    loads = {
-        name: StoredPhotograph(folder / name, (camera.height, camera.width)) for name in every
-    }
-    try:
-        views = [
-            _key_view([loads[name] for name in (first, *others)], *row)
-            for first, others, *row in zip(
-                names, renewed, parts, ways, poses, stations, strict=True
+    return head
+
+
+def read_route(folder: Path) -> Route:
+    """Return the route in a ``folder``; raises InputError with what is wrong with it."""
+    with suppress(OSError):
+        if not place_of(folder, ROUTE).exists():
+            raise InputError(
+                f'{folder} is no folder of a route, for it has no {ROUTE}; name one that '
+                'visual_servo route teach, route demo or route_node wrote'
             )
-        ]
-        return Route(camera, tuple(views))
+    head = _head(folder)
+    camera = _camera(place_of(folder, CAMERA), head.hashes.get(CAMERA))
+    _refuse_missing(folder, head.photographs)
+    renewed = [len(names) - 1 for names in head.names]
+    parts = _parts(place_of(folder, STRUCTURE), renewed, head.hashes.get(STRUCTURE))
+    shape = camera.height, camera.width
+    loads = [
+        [StoredPhotograph(folder, name, shape, head.hashes.get(name)) for name in names]
+        for names in head.names
+    ]
+    try:
+        rows = zip(loads, parts, head.ways, head.poses, head.stations, strict=True)
+        return Route(camera, tuple(_key_view(*row) for row in rows))
     except (KeyError, IndexError, ValueError) as error:
         raise InputError(f'{folder}: the route is damaged: {error}; {AGAIN}') from None
 
 
 def _refuse_missing(folder: Path, names: Sequence[str]) -> None:
-    missing = [name for name in names if not (folder / name).is_file()]
+    missing = [name for name in names if not place_of(folder, name).is_file()]
     if missing:
         raise InputError(
             f'{folder}: {len(missing)} of {len(names)} photographs are missing, the first is '
@@ -240,14 +303,14 @@ def _document(path: Path) -> Mapping[str, Any]:
     return document
 
 
-def _camera(path: Path) -> CameraModel:
+def _camera(path: Path, expected: str | None) -> CameraModel:
     document = dict(_document(path))
-    expected = document.pop('sha256', None)
+    told = document.pop('sha256', None)
     try:
         camera = camera_file.from_document(document)
     except ValueError as error:
         raise InputError(f'{path} cannot be used: {error}; {AGAIN}') from None
-    if calibration_hash(camera) != expected:
+    if calibration_hash(camera) != (expected or told):
         raise InputError(
             f'{path} is not the calibration that the route was taught with: its hash differs; '
             f'put it back as it was, or teach the route anew'
@@ -255,11 +318,11 @@ def _camera(path: Path) -> CameraModel:
     return camera
 
 
-def _parts(path: Path, renewed: Sequence[int]) -> list[dict[str, Any]]:
+def _parts(path: Path, renewed: Sequence[int], sha256: str | None) -> list[dict[str, Any]]:
     """Return the arrays of each key view, which was ``renewed`` so many times."""
     count = len(renewed)
     try:
-        with open(path, 'rb') as opened, np.load(opened, allow_pickle=False) as file:
+        with np.load(io.BytesIO(_read(path, sha256)), allow_pickle=False) as file:
             arrays = dict(file)
         looks = _renewed_parts(arrays, sum(renewed))
         features, samples = (np.cumsum(arrays.pop(f'{it}_count')) for it in ('pixels', 'path'))
@@ -286,19 +349,41 @@ def _renewed_parts(arrays: dict[str, Any], count: int) -> Iterator[dict[str, Any
     return iter([{name: parts[k] for name, parts in split.items()} for k in range(count)])
 
 
+def _read(path: Path, sha256: str | None) -> bytes:
+    """Return the content of a part; raises OSError, or ValueError if it has another hash."""
+    content = path.read_bytes()
+    if sha256 not in (None, _hash(content)):
+        raise ValueError(f'it is not that of this route, its hash in {ROUTE} differs')
+    return content
+
+
 @dataclass(frozen=True, slots=True)
 class StoredPhotograph:
-    """A photograph of ``shape`` (H, W) on the disk, read when it is called."""
+    """A photograph of ``shape`` (H, W) on the disk, decoded when it is called."""
 
-    path: Path
+    folder: Path
+    name: str
     shape: tuple[int, int]
+    sha256: str | None  # that it is compared with at once, so that no robot begins with another
+
+    def __post_init__(self) -> None:
+        if self.sha256 is not None:
+            self.read()
+
+    def read(self) -> bytes:
+        """Return the file as it is; InputError with what is wrong with it."""
+        path = place_of(self.folder, self.name)
+        try:
+            return _read(path, self.sha256)
+        except (OSError, ValueError) as error:
+            raise InputError(f'{path}: the photograph cannot be read: {error}; {AGAIN}') from None
 
     def __call__(self) -> Image:
         """Return the image; InputError with what is wrong with it."""
-        path, (height, width) = self.path, self.shape
+        path, (height, width) = self.folder / self.name, self.shape
         try:
-            image = pictures.decode(path.read_bytes(), str(path))
-        except (OSError, ValueError) as error:
+            image = pictures.decode(self.read(), str(path))
+        except ValueError as error:
             raise InputError(f'{path}: the photograph cannot be read: {error}; {AGAIN}') from None
         if image.shape != self.shape or image.dtype != np.uint8:
             raise InputError(

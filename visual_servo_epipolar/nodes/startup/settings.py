@@ -144,7 +144,9 @@ def _refuse_joints(pan: str, tilt: str) -> None:
 class RouteNodeSettings(DriverNodeSettings, ImageSettings):
     """Settings of the node: the folder of the route, and where images and metres come from."""
 
-    route: str = setting('', 'Folder of the route, which is repeated, or written after recording')
+    route: str = setting(
+        '', 'Folder of the route, which is repeated, or written after recording', path=True
+    )
     path_source: str = _path_source('Metres of a way that is recorded')
 
 
@@ -156,10 +158,12 @@ class TrackerNodeSettings(ImageSettings):
         '',
         'File of the photograph, or several of one pose: a folder, or files with colons between '
         'them; empty: wait for desired/image_raw or ~/capture_desired',
+        path=True,
     )
     photograph: str = fixed(
         '',
         'File where a captured photograph is kept with its camera, .yaml; empty: it is not kept',
+        path=True,
     )
     capture_frames: int = fixed(
         10, 'Images at rest of which a captured photograph is the mean', low=1, high=100
@@ -291,7 +295,9 @@ def frame_name(prefix: str, name: str) -> str:
 class RecorderNodeSettings(LifecycleSettings):
     """Settings of the node: what is recorded, where to, and what the robot does if that fails."""
 
-    bag: str = fixed('', 'Folder of the bag; empty: rosbag2_ and the date, where it was started')
+    bag: str = fixed(
+        '', 'Folder of the bag; empty: rosbag2_ and the date, where it was started', path=True
+    )
     topics: tuple[str, ...] = fixed(('*',), 'Topics to record: names, or patterns with * and ?')
     exclude: tuple[str, ...] = fixed(('*overlay/image_raw',), 'Topics not to record, likewise')
     autostart: bool = fixed(True, 'Begin as soon as the node is active, not on ~/start')

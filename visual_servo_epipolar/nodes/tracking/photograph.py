@@ -71,7 +71,7 @@ def _photograph_files(given: str) -> list[str]:
         several = os.pathsep in given and not os.path.exists(given)
         return given.split(os.pathsep) if several else [given]
     try:
-        files = sorted(f for f in Path(given).iterdir() if f.suffix.lower() in PICTURES)
+        files = sorted(it for it in Path(given).iterdir() if _is_picture(it))
     except OSError as error:
         raise ValueError(
             f'desired_image must be a folder that can be read, got {given!r}: {error.strerror}; '
@@ -83,6 +83,12 @@ def _photograph_files(given: str) -> list[str]:
             'put them there'
         )
     return list(map(str, files))
+
+
+def _is_picture(path: Path) -> bool:
+    """Return whether a file in a folder is a picture by its name; macOS puts ._NAME beside."""
+    is_shown = path.suffix.lower() in PICTURES and not path.name.startswith('.')
+    return is_shown and not path.is_dir()
 
 
 def _read_photograph(path: str) -> Image:
@@ -142,9 +148,11 @@ def keep(path: Path, photograph: Photograph) -> None:
         **({'more': [picture.name for picture in pictures[1:]]} if photograph.more else {}),
         **camera_file.to_document(photograph.camera),
     }
-    for picture, image in zip(pictures, images, strict=True):
-        _write(picture, cv2.imencode('.png', image)[1].tobytes())
-    _write(path, (HEAD + yaml.safe_dump(document, sort_keys=False)).encode())
+    encoded = [cv2.imencode('.png', image)[1].tobytes() for image in images]
+    text = HEAD + yaml.safe_dump(document, sort_keys=False)
+    for file, content in zip((*pictures, path), (*encoded, text.encode()), strict=True):
+        with whole(file) as partial:
+            partial.write_bytes(content)
     for former in path.parent.glob(f'{path.stem}-{"[0-9a-f]" * 8}.png'):
         if former not in pictures:
             former.unlink(missing_ok=True)
@@ -170,11 +178,3 @@ def _check_picture(image: Image | None, camera: CameraModel, document: Any) -> I
     if goal_id(image) != entry(document, 'goal'):
         raise ValueError(f'its picture {document["photograph"]} is another one')
     return image
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write a file, whole also after a power cut."""
-    with whole(path) as partial, partial.open('wb') as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())

@@ -46,7 +46,7 @@ class Photographer:
 
     def __init__(self, frames: int, path: str) -> None:
         self._recent: deque[Image] = deque(maxlen=frames)
-        self._path = Path(path).expanduser() if path else None
+        self._path = Path(path) if path else None
         self._seen_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
         self._photograph: Photograph | None = None
 
