@@ -62,7 +62,7 @@ NODES = {
 # simulation starts by itself, a robot must not.
 MEANT_TO_DIFFER = {
     'servo_node': {'camera_reliability', 'autostart'},
-    'route_node': {'law'},
+    'route_node': {'law', 'max_linear', 'max_angular'},  # as fast as routes are
 }
 
 

@@ -184,14 +184,15 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     add_words(parser, {'--json FILE': text}, type=OutputFile)
 
 
-def scenario_of(options: argparse.Namespace) -> 'Scenario':
-    """Return the scenario that the options ask for."""
+def scenario_of(options: argparse.Namespace, **servo: float) -> 'Scenario':
+    """Return the scenario that the options ask for; ``servo`` are settings that none of it has."""
     from visual_servo_epipolar.simulation.scenario import load
 
     scenario, rig = options.scenario, options.rig
     scenario = load(
         None if scenario is None else scenario_path(scenario),
         None if rig is None else rig_path(rig),
+        servo,
     )
     changes = {
         name: getattr(options, name)

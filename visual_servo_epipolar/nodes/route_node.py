@@ -66,8 +66,10 @@ class RouteNode(ManagedNode):
         self._teach = parameters.declare(self, TeachSettings)
         parameters.finish(self, options)
         refuse_ackermann(self._node_settings, self._servo)
-        for name in ('_node_settings', '_servo', '_follow', '_teach'):
-            parameters.watch(self, name)  # those of a repetition hold from the next on
+        parameters.watch(self, '_node_settings')
+        parameters.watch(self, '_teach')
+        parameters.watch(self, '_servo', self._use)
+        parameters.watch(self, '_follow', self._use)
         self._stop_button = StopButton(self, self._stop)
         self._begins = self._servo.autostart
         actions: dict[str, Callable[[], str]] = {
@@ -146,6 +148,11 @@ class RouteNode(ManagedNode):
         self._begins = False
         if self.is_configured:
             self._repetition.stop(reason)
+
+    def _use(self) -> None:
+        """Let a repetition that is under way go on by the settings in force."""
+        if self.is_configured:
+            self._repetition.use(self._follow, self._servo)
 
     def _on_odometry(self) -> None:
         if self._recording is not None:
@@ -283,7 +290,7 @@ class RouteNode(ManagedNode):
         camera = self._camera.model
         run = RouteRun(route, self._follow, self._servo, camera=camera)
         self._reports.route(route)
-        settings = (self._node_settings, self._servo, self._follow)
+        settings = self._node_settings, self._follow, self._servo
         self._repetition.begin(run, settings, route_hash(folder))
         self._renewal.follow(run, folder)
         end = route.views[run.target].way

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -121,14 +122,16 @@ CONNECTION = frozenset(
 )
 
 
-def from_document(document: Any, where: str, rig: Any = None) -> Scenario:
+def from_document(
+    document: Any, where: str, rig: Any = None, servo: Mapping[str, Any] = MappingProxyType({})
+) -> Scenario:
     """
     Build a scenario from a parsed YAML document: sections of settings, all optional.
 
     ``model`` in the section ``base`` and ``rig`` in the section ``camera`` say which one it is;
     its settings are the others of that section. Sections may as well be ROS parameters of their
     nodes: ``servo_node: {ros__parameters: {...}}``, and ``/**`` for servo and tracker. What a
-    ``rig`` sets, a document of the same form, wins.
+    ``rig`` sets, a document of the same form, wins; ``servo`` are settings where neither has any.
 
     Raises InputError if a section or a setting is unknown, given twice, of a wrong type, or
     out of range.
@@ -138,6 +141,8 @@ def from_document(document: Any, where: str, rig: Any = None) -> Scenario:
         given = document.get(section) or {}
         is_merged = isinstance(given, Mapping) and isinstance(values, Mapping)
         document[section] = {**given, **values} if is_merged else values
+    if servo and isinstance(document.get('servo') or {}, Mapping):
+        document['servo'] = {**servo, **(document.get('servo') or {})}
     names = [item.name for item in fields(Scenario)]
     unknown = sorted(str(key) for key in document if key not in names)
     if unknown:
@@ -229,7 +234,9 @@ def _section(name: str, values: Any, where: str) -> Settings:
     return updated(settings, values, where)
 
 
-def load(path: Path | None, rig: Path | None = None) -> Scenario:
+def load(
+    path: Path | None, rig: Path | None = None, servo: Mapping[str, Any] = MappingProxyType({})
+) -> Scenario:
     """Read a scenario file, and a rig of the same form; InputError if it cannot be used."""
     documents: dict[Path | None, Any] = {}
     for each in (rig, path):
@@ -237,7 +244,7 @@ def load(path: Path | None, rig: Path | None = None) -> Scenario:
             documents[each] = _read(each)
     where = ' with '.join(str(each) for each in (path, rig) if each is not None)
     try:
-        return from_document(documents.get(path), where, documents.get(rig))
+        return from_document(documents.get(path), where, documents.get(rig), servo)
     except InputError:
         for each, document in documents.items():  # what one of them says alone is its own mistake
             from_document(document, str(each))

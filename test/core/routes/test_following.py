@@ -8,6 +8,7 @@ import pytest
 from routes import key_view, route_of
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.bases.registry import base_of
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.routes.following.follower import Follower
@@ -84,7 +85,7 @@ def follower_on(path: TaughtPath, view: RouteView) -> Follower:
     follower = Follower(
         route_of(*views), SETTINGS, BASE, view=1, target=1, way=1.0, latency=0.1, at=SURE
     )
-    follower.twist = Twist(0.5, 0.5 * path.curvature_at(1.0))
+    follower.limiter = Limiter(Twist(0.5, 0.5 * path.curvature_at(1.0)))
     return follower
 
 
@@ -110,12 +111,22 @@ def test_a_place_farther_along_the_way_than_the_base_can_be_is_not_believed(
     assert progress.way == pytest.approx(1.1 + ahead * is_believed)
 
 
+def test_after_a_hold_the_robot_speeds_up_by_its_ramps(monkeypatch: pytest.MonkeyPatch) -> None:
+    follower = follower_on(straight(0.0), key_view(0))
+    place = seen(0.0, 0.0, 0.0, np.full(3, 1e-3))
+    follower._stamp_ns = 0
+    follower.halt(0, unsent=False)
+    monkeypatch.setattr(KeyViewTracker, 'locate', lambda *_: place)
+    follower.step(follower.route.views[0].image, 3 * 10**9)
+    assert follower.twist.linear == pytest.approx(0.15 * LIMITS.max_acceleration)
+
+
 def test_without_a_view_the_robot_slows_down_on_the_same_curve() -> None:
     arc = replace(straight(0.0), curvatures=np.full(21, 0.9))
     follower = follower_on(arc, key_view(0))
     image, twists = follower.route.views[0].image, [follower.twist]
     for follower.lost in (0.09, 0.18, 0.27, 0.36, 0.45):
-        follower.twist = follower._wanted(image, SURE, None, 0.09)
+        follower.limiter = Limiter(follower._wanted(image, SURE, None, 0.09))
         twists.append(follower.twist)
     speeds, turns = np.array([[twist.linear, twist.angular] for twist in twists]).T
     assert speeds[-1] < 0.3

@@ -49,9 +49,9 @@ def test_a_start_beyond_the_station_fails_with_what_to_do() -> None:
 def test_a_car_keeps_to_its_curvature() -> None:
     route = route_of(*map(key_view, range(3)))
     car = ServoSettings(base='car', law='smooth', max_curvature=1.5)
-    base = RouteRun(route, FollowSettings(), car).base
+    base = RouteRun(route, FollowSettings(max_speed=0.2), car).base
     assert base.max_curvature == car.drive.max_curvature == 1.5
-    assert base.limits.max_linear == FollowSettings().max_speed
+    assert (base.limits.max_linear, base.limits.max_angular) == (0.2, car.max_angular)
 
 
 def test_a_run_that_did_not_arrive_renews_nothing() -> None:

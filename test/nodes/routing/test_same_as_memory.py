@@ -8,6 +8,7 @@ from bagmaker import Message, write_bag
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
+from rclpy.parameter import Parameter as RosParameter
 from rclpy.serialization import serialize_message
 from route_rig import RouteRig
 from sensor_msgs.msg import JointState
@@ -86,7 +87,7 @@ def test_a_whole_way_is_the_one_of_memory_up_to_its_station(bench, tmp_path, tau
 def test_a_repetition_in_a_bag_replays_to_the_last_bit(
     bench, tmp_path: Path, taught, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Also where the robot was stopped on the way: by an image of another size."""
+    """Also where it was stopped by an image of another size, or slowed down by a parameter."""
     write_route(taught.route, tmp_path / 'hall')
     scenario, start = SCENARIO.seeded(5), taught.stations[0]
     values = {**asdict(scenario.servo), 'watchdog': False}
@@ -106,16 +107,22 @@ def test_a_repetition_in_a_bag_replays_to_the_last_bit(
     base, simulator = new_base(scenario.base, start, seed=6), CameraSimulator(scenario.camera)
     begun, text = rig.call('repeat')
     assert begun and 'the camera was calibrated anew: cx 319.5 -> 321, rays up to 0.22 deg' in text
+    speeds: list[float] = []
     for k in range(16):
         image = simulator.capture(base.pose, k)
         if k == 10:
             rig.see(image[::2, ::2], base.now_ns)
         else:
-            base.command(Command(rig.answered(image, base.now_ns)))
+            if k == 8:
+                rig.node.set_parameters([RosParameter('max_speed', value=0.06)])
+            told = rig.answered(image, base.now_ns)
+            speeds.append(told.linear)
+            base.command(Command(told))
             shown = write.image(image, 'mono8', base.now_ns, 'camera')
             messages.append(('/image_raw', len(messages), bytes(serialize_message(shown))))
         base.advance(base.now_ns + period_ns(scenario.camera.frame_rate))
     bench.until(lambda: sum(it[0] == '/route_node/progress' for it in messages) == 15, 'steps')
+    assert speeds[7] > 0.09 and max(speeds[8:]) <= 0.06  # from the next image on
     kinds = {'/route_node/progress': 'sensor_msgs/msg/JointState'}
     kinds |= {f'/route_node/{name}': 'std_msgs/msg/String' for name in ('settings', 'events')}
     bag = write_bag(tmp_path / 'bag', messages, kinds=kinds)

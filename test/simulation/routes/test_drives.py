@@ -1,5 +1,6 @@
 """A few metres, taught and repeated: on images, judged by ground truth alone."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 from durations import few_of
@@ -8,6 +9,7 @@ import pytest
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.routes.chain import seam
 from visual_servo_epipolar.core.routes.following.follower import RouteProgress
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
@@ -18,6 +20,7 @@ from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.routes.station import Docking
 from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.routes.drives import (
     repeat,
@@ -29,10 +32,11 @@ from visual_servo_epipolar.simulation.routes.drives import (
 )
 from visual_servo_epipolar.simulation.routes.ways import rounded, way_named
 from visual_servo_epipolar.simulation.routes.worlds import world_of
+from visual_servo_epipolar.simulation.run_monitor import period_ns
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 SCENARIO = route_scenario(Scenario(base=PioneerSettings(wheel_ratio=1.01)), 1).with_servo(
-    {'law': 'smooth'}
+    {'law': 'smooth', 'max_linear': 0.5, 'max_angular': 1.0}
 )
 SETTINGS = FollowSettings()
 MIDWAY = Pose(3.0, -2.2, 0.5 * np.pi)
@@ -173,6 +177,61 @@ def test_of_rooms_that_look_alike_only_one_nearby_is_believed(taught: Taught) ->
         place = finder.find(image, range(first, first + 5))
         assert place is not None, finder.reason
         assert place.way == pytest.approx(views[2].way + farther * (first > 0), abs=0.05)
+
+
+def commands(
+    taught: Taught, settings: FollowSettings, count: int = 40, **servo: float
+) -> Iterator[tuple[RouteRun, Twist]]:
+    """Yield a run along a route and each of its commands, from the beginning on."""
+    run = RouteRun(taught.route, settings, replace(SCENARIO.servo, **servo), way=0.0)
+    base = new_base(SCENARIO.base, taught.stations[0], seed=6)
+    simulator = CameraSimulator(SCENARIO.seeded(5).camera)
+    for k in range(count):
+        twist = run.step(simulator.capture(base.pose, k), base.now_ns).twist
+        base.command(Command(twist))
+        base.advance(base.now_ns + period_ns(SCENARIO.camera.frame_rate))
+        yield run, twist
+
+
+@pytest.mark.parametrize(
+    ('servo', 'settings', 'limit'),
+    [
+        ({'max_linear': 0.1}, SETTINGS, 0.1),
+        ({'max_speed_ratio': 0.2}, SETTINGS, 0.2 * SCENARIO.servo.max_linear),
+        ({}, replace(SETTINGS, max_speed=0.1), 0.1),
+    ],
+)
+def test_the_lowest_limit_of_speed_holds_on_the_way(
+    taught: Taught, servo: dict[str, float], settings: FollowSettings, limit: float
+) -> None:
+    speeds = [twist.linear for _, twist in commands(taught, settings, 15, **servo)]
+    assert max(speeds) == pytest.approx(limit)
+
+
+def test_a_speed_within_the_dead_band_is_driven_by_pulses(taught: Taught) -> None:
+    slow = replace(SETTINGS, max_speed=0.04)
+    twists = [twist for _, twist in commands(taught, slow, 80, dead_band_linear=0.06)]
+    speeds = np.array([twist.linear for twist in twists])
+    assert set(np.round(speeds, 9)) == {0.0, 0.06}
+    assert speeds[20:].mean() == pytest.approx(0.04, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ('changed', 'servo'), few_of([({'max_speed': 0.1}, {}), ({}, {'max_speed_ratio': 0.2})])
+)
+def test_a_limit_lowered_on_the_way_holds_from_the_next_image_on(
+    taught: Taught, changed: dict[str, float], servo: dict[str, float]
+) -> None:
+    speeds, offsets = [], []
+    for k, (run, twist) in enumerate(commands(taught, SETTINGS, 45)):
+        speeds.append(twist.linear)
+        if run.last.progress is not None:
+            offsets.append(run.last.progress.lateral)
+        if k == 30:
+            settings = FollowSettings(reverse=True, **changed)  # which is not for this run
+            run.use(settings, replace(SCENARIO.servo, **servo))
+    assert speeds[30] > 0.4 and max(speeds[31:]) == pytest.approx(0.1)
+    assert not run.settings.reverse and np.abs(offsets).max() < 0.01
 
 
 @pytest.mark.parametrize('moved', few_of([0.15, 0.0]))

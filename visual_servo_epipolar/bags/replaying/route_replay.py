@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from visual_servo_epipolar.bags.reading.bag import Bag
-from visual_servo_epipolar.bags.reading.run import EventQueue, read_run, usable
+from visual_servo_epipolar.bags.reading.run import EventQueue, History, read_run, usable
 from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_notes
 from visual_servo_epipolar.bags.replaying.comparison import compare_steps, Comparison, Value
 from visual_servo_epipolar.bags.replaying.plan import settings_in_time
@@ -54,7 +54,21 @@ class RecordedRepetition:
         """Return the folder of the route, as the node had it."""
         return Path(expanded(str(self.settings[-1][1].values.get('route', ''))))
 
-    def new_run(self, folder: Path, entry: Entry, stamp_ns: int, changes: Changes) -> RouteRun:
+    def timeline(self, changes: Changes) -> tuple[History[FollowSettings], History[ServoSettings]]:
+        """Return the settings of repetitions in their time, with ``changes`` in place."""
+        follow, servo = changes.get('follow', {}), changes.get('servo', {})
+        return (
+            settings_in_time(FollowSettings(), self.settings, follow, []),
+            settings_in_time(ServoSettings(), self.settings, servo, []),
+        )
+
+    def new_run(
+        self,
+        folder: Path,
+        entry: Entry,
+        stamp_ns: int,
+        settings: tuple[FollowSettings, ServoSettings],
+    ) -> RouteRun:
         """Return the run that ``entry`` begins; raises InputError if ``folder`` is another."""
         route = read_route(folder)
         if route_hash(folder) != entry.reason:
@@ -62,14 +76,10 @@ class RecordedRepetition:
                 f'{folder} is not the route that was repeated, or it was renewed since; give the '
                 'folder as it was then: --route FOLDER'
             )
-        follow, servo = changes.get('follow', {}), changes.get('servo', {})
-        follows = settings_in_time(FollowSettings(), self.settings, follow, [])
-        servos = settings_in_time(ServoSettings(), self.settings, servo, [])
         camera = value_at(self.cameras, stamp_ns) if self.cameras else None
         if isinstance(camera, str):
             raise InputError(f'camera_info cannot be used: {camera}')
-        settings = value_at(follows, stamp_ns)
-        return RouteRun(route, settings, value_at(servos, stamp_ns), camera=camera)
+        return RouteRun(route, *settings, camera=camera)
 
 
 def read_repetition(bag: Bag, requested: Mapping[str, str]) -> RecordedRepetition:
@@ -124,15 +134,18 @@ def replayed_steps(
     """
     events, reader, left = EventQueue(recorded.events), GrayReader(), {*recorded.steps}
     run: RouteRun | None = None
+    follows, servos = recorded.timeline(changes)
+    in_force = value_at(follows, 0), value_at(servos, 0)
     for item in bag.messages([recorded.image]):
         with usable(bag.path, item):
             stamp_ns, image = read.stamp_ns(item.message.header), read.gray(item.message, reader)
         if stamp_ns not in left:
             continue  # nobody drove by it
         left.remove(stamp_ns)
+        before, in_force = in_force, (value_at(follows, stamp_ns), value_at(servos, stamp_ns))
         for entry in events.due(stamp_ns):
             if entry.event == STARTED:
-                run = recorded.new_run(folder, entry, stamp_ns, changes)
+                run, before = recorded.new_run(folder, entry, stamp_ns, in_force), in_force
             else:
                 run = _after(run, entry)
         if run is None:
@@ -140,6 +153,8 @@ def replayed_steps(
                 f'{bag.path} begins within a repetition; record from before ~/repeat is called'
             )
         run.prepare()
+        if in_force != before:
+            run.use(*in_force)
         step = run.step(image, stamp_ns)
         yield stamp_ns, {'phase': step.phase, **telemetry(step)}
 

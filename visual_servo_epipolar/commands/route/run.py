@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from visual_servo_epipolar.simulation.routes.drives import RepeatLog, Taught
 
 FOLDER = 'route'  # within that of a demo
+# Of a base without limits of its own: the lower limit holds.
+AS_FAST = {'max_linear': FollowSettings.max_speed, 'max_angular': FollowSettings.max_turn_rate}
 
 
 def route(options: argparse.Namespace) -> int:
@@ -135,7 +137,7 @@ def demo(options: argparse.Namespace) -> int:
 
     settings = _follow_settings(options)
     scene = 1 if options.scene is None else options.scene
-    scenario = drives.route_scenario(scenario_of(options), scene)
+    scenario = drives.route_scenario(scenario_of(options, **AS_FAST), scene)
     folder = Path(options.out) / FOLDER
     check_folder(folder)
     progress = Progress()

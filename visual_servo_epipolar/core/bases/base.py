@@ -7,11 +7,15 @@ from typing import Protocol, TypeAlias
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 
+ROUNDING = 1e-15  # of a command within its limits
+
 
 @dataclass(frozen=True, slots=True)
 class BaseLimits:
     """
     Limits of a base as its settings have them: speeds, accelerations, dead bands [m, rad, s].
+
+    Jerks of 0 are unlimited.
 
     A base speeds up by its accelerations and slows down twice as fast; a speed within its dead
     band does not move it. One that steers has the largest curvature of its path [1/m], its
@@ -27,6 +31,9 @@ class BaseLimits:
     max_curvature: float = 0.0
     wheelbase: float = 0.33
     steering_rate: float = 1.0
+    max_jerk: float = 0.0
+    max_angular_jerk: float = 0.0
+    dead_band_mode: str = 'pulse'
 
 
 class Base(Protocol):
@@ -68,6 +75,13 @@ BaseFactory: TypeAlias = Callable[[BaseLimits], Base]
 def turns_in_place(base: Base) -> bool:
     """Whether a ``base`` turns without driving."""
     return base.max_curvature == 0.0
+
+
+def capped(base: Base, twist: Twist) -> Twist:
+    """Return a ``twist`` that obeyed the speed limits, or is scaled to those lowered since."""
+    limits = base.limits
+    excess = max(abs(twist.linear) / limits.max_linear, abs(twist.angular) / limits.max_angular)
+    return base.within_speed(twist) if excess > 1.0 + ROUNDING else twist
 
 
 def within_jerk(

@@ -3,10 +3,8 @@
 from dataclasses import dataclass
 import math
 
-from visual_servo_epipolar.core.bases.base import BaseLimits
+from visual_servo_epipolar.core.bases.base import BaseLimits, capped
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
-
-ROUNDING = 1e-15  # of a command within its limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,10 +33,7 @@ class DifferentialDrive:
             linear=limits.max_acceleration,
             angular=limits.max_angular_acceleration,
         )
-        excess = max(
-            abs(twist.linear) / limits.max_linear, abs(twist.angular) / limits.max_angular
-        )
-        return self.within_speed(twist) if excess > 1.0 + ROUNDING else twist
+        return capped(self, twist)
 
     def beyond_dead_band(
         self, wanted: Twist, residual: Twist, *, mode: str

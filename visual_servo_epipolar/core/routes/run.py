@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.bases.base import Base, turns_in_place
+from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.bases.registry import base_of
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
@@ -80,10 +80,10 @@ class RouteRun:
         camera: CameraModel | None = None,
         way: float | None = None,
     ) -> None:
-        self.taught, self.settings, self._servo = route, settings, servo
+        self.taught, self.settings = route, settings
         self.route = route if camera is None else route.seen_by(camera)
+        self._limit(servo)
         self.target = target_of(route, settings)
-        self.base = _base(settings, servo)
         self._finder = PlaceFinder(self.route)
         # The end of the way, which may be its beginning, was seen by the camera that taught it.
         finder = self._finder if self.route is route else PlaceFinder(route)
@@ -92,7 +92,7 @@ class RouteRun:
         self._finder.lap, self._finder.reason = finder.lap, finder.reason
         self._closing = closing if ends else None
         self._follower: Follower | None = None
-        self._docking = Docking(self.route.camera, route.camera, servo)
+        self._docking = Docking(self.route.camera, route.camera)
         self._confirmed: dict[int, Confirmation] = {}
         self._searched, self._lost_ns, self.lap = 0, -1, 1
         self._look_around = LookAround()
@@ -101,6 +101,21 @@ class RouteRun:
         self.last = RouteStep(STANDSTILL, WAITING)
         if way is not None:
             self.last = self._begin_at(way)
+
+    def use(self, settings: FollowSettings, servo: ServoSettings) -> None:
+        """Go on by other settings; where it leads, and by which steering, stays the same."""
+        self.settings = self.settings.in_mid_run(settings)
+        self._limit(servo)
+        if self._follower is not None:
+            self._follower.use(self.settings, self.base, self._servo.latency)
+
+    def _limit(self, servo: ServoSettings) -> None:
+        """Take the ``servo`` of stations, and the ``base``, within the limits of the route."""
+        self._servo = servo = self.settings.limiting(servo)
+        limits, ratio = servo.drive.limits, servo.max_speed_ratio
+        linear, angular = ratio * limits.max_linear, ratio * limits.max_angular
+        limits = replace(limits, max_linear=linear, max_angular=angular)
+        self.base = base_of(servo.base, limits)
 
     @property
     def ended(self) -> bool:
@@ -290,7 +305,7 @@ class RouteRun:
 
     def _dock(self, image: Image, stamp_ns: int) -> RouteStep:
         """Let the servo drive to the photograph of the station."""
-        state = self._docking.step(image, stamp_ns, self.last.twist)
+        state = self._docking.step(image, stamp_ns, self.last.twist, self._servo)
         if state.phase is Phase.ARRIVED and self._docking.trouble:
             return self.fail(self._docking.trouble)
         if state.phase is Phase.ARRIVED and self.settings.renewals:
@@ -334,16 +349,6 @@ def refuse_heads(servo: ServoSettings) -> None:
             f'routes must have a camera that is fixed to the base, got rig {servo.rig}; '
             'set rig: fixed, and hold the head still'
         )
-
-
-def _base(settings: FollowSettings, servo: ServoSettings) -> Base:
-    """Return the base of the servo, whatever it can do else, at the speeds of the route."""
-    limits = replace(
-        servo.drive.limits,
-        max_linear=settings.max_speed,
-        max_angular=settings.max_turn_rate,
-    )
-    return base_of(servo.base, limits)
 
 
 def _direction(settings: FollowSettings) -> str:

@@ -1,10 +1,13 @@
 """Settings of routes: how key views are chosen, and how the path is followed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import setting, Settings
 
 STEERINGS = STRUCTURE, EPIPOLE = 'structure', 'epipole'
+OF_THE_RUN = 'reverse', 'station', 'laps', 'steering'  # which hold from the next repetition on
+LEAST_RATIO = 0.01  # of max_speed_ratio
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +38,15 @@ class TeachSettings(Settings):
 class FollowSettings(Settings):
     """How the taught path is followed."""
 
-    max_speed: float = setting(0.5, 'Largest speed [m/s]', low=0.01, high=5.0)
-    max_turn_rate: float = setting(1.0, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
+    max_speed: float = setting(
+        0.5, 'Largest speed [m/s]; that or max_linear, whichever is lower', low=0.01, high=5.0
+    )
+    max_turn_rate: float = setting(
+        1.0,
+        'Largest angular speed [rad/s]; that or max_angular, whichever is lower',
+        low=0.01,
+        high=10.0,
+    )
     steering_length: float = setting(
         0.5, 'Distance over which an offset from the path decays [m]', low=0.05, high=5.0
     )
@@ -78,3 +88,19 @@ class FollowSettings(Settings):
                 'steering epipole must go forward, got reverse: the epipole of a key view that '
                 'lies behind does not steer; set steering: structure, or leave reverse out'
             )
+
+    def in_mid_run(self, changed: 'FollowSettings') -> 'FollowSettings':
+        """Return ``changed`` settings as far as they reach a run that began with these."""
+        return replace(changed, **{name: getattr(self, name) for name in OF_THE_RUN})
+
+    def limiting(self, servo: ServoSettings) -> ServoSettings:
+        """
+        Return the settings of a ``servo`` with the lower of both speed limits.
+
+        One that lies within the dead band of the base limits the mean of its pulses.
+        """
+        linear = max(min(servo.max_linear, self.max_speed), servo.dead_band_linear)
+        angular = max(min(servo.max_angular, self.max_turn_rate), servo.dead_band_angular)
+        ratio = min(servo.max_speed_ratio, self.max_speed / linear, self.max_turn_rate / angular)
+        ratio = max(ratio, LEAST_RATIO)
+        return replace(servo, max_linear=linear, max_angular=angular, max_speed_ratio=ratio)

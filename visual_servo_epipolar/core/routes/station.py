@@ -23,14 +23,14 @@ APART, APART_SHARE = 0.05, 0.1  # of a station [m], and share of what was driven
 
 class Docking:
     """
-    Docking at a station, by the servo with its settings; ``features`` of the last image.
+    Docking at a station, by the servo; ``features`` of the last image.
 
     Images are of ``camera``, photographs of the one that ``taught`` the route. The servo goes by a
     photograph alone; commands tell when what is in it was moved.
     """
 
-    def __init__(self, camera: CameraModel, taught: CameraModel, servo: ServoSettings) -> None:
-        self._camera, self._taught, self._servo = camera, taught, servo
+    def __init__(self, camera: CameraModel, taught: CameraModel) -> None:
+        self._camera, self._taught = camera, taught
         self._tracker = Tracker(TrackerSettings(), camera)
         self.features = Features()
         self._session: Session | None = None
@@ -70,7 +70,9 @@ class Docking:
         """Be as before ``begin``."""
         self._session = None
 
-    def step(self, image: Image, stamp_ns: int, acted: Twist) -> ServoState:
+    def step(
+        self, image: Image, stamp_ns: int, acted: Twist, settings: ServoSettings
+    ) -> ServoState:
         """Return the servo's state after an image, until which the base was told ``acted``."""
         assert self._session is not None
         self._move(acted, stamp_ns)
@@ -79,7 +81,7 @@ class Docking:
             desired = self._camera.pixels(self._taught.rays(features.desired))
             features = replace(features, desired=desired)
         seen = observe(features, self._camera, stamp_ns)
-        self._session = self._session.decide(seen, self._servo, goal=features.goal).update_map()
+        self._session = self._session.decide(seen, settings, goal=features.goal).update_map()
         return self._session.state
 
     def halt(self, stamp_ns: int, acted: Twist, reason: str) -> None:

@@ -11,8 +11,8 @@ it (``laws.decisions``), which is then limited to what the base can follow.
 from dataclasses import replace
 import math
 
-from visual_servo_epipolar.core.bases.base import within_jerk
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.bases.limiter import Limiter
+from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.decisions import (
     classify,
@@ -51,7 +51,6 @@ from visual_servo_epipolar.core.servo.settling import settle
 from visual_servo_epipolar.core.servo.state import ServoState, ViewState
 from visual_servo_epipolar.core.values import changed
 
-MAX_START_STEPS = 1.5  # usual times between two images that a robot speeds up at first
 LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
 
 
@@ -205,7 +204,7 @@ def _ramp_step(last: Twist, dt: float, usual_s: float, since_command: float) -> 
     dt = dt or USUAL_STEP_S
     if not math.isnan(since_command):
         dt = min(dt, since_command + LATE_S)
-    return min(dt, MAX_START_STEPS * usual_s) if last == STANDSTILL else dt
+    return Limiter(last).ramp_step(dt, usual_s)
 
 
 def _held(state: ServoState, leapt: str) -> tuple[ServoState, Event]:
@@ -219,20 +218,9 @@ def _limited(
     nominal: Twist, last: Twist, dt: float, state: ServoState, settings: ServoSettings
 ) -> Twist:
     """Return ``nominal`` within the limits of speed, and of acceleration since ``last``."""
-    twist = settings.drive.within_speed(nominal, ratio=settings.max_speed_ratio)
-    if not settings.options.speed_ramps or not state.phase.drives:
-        return twist
-    twist = settings.drive.within_acceleration(twist, last, dt)
-    if settings.max_jerk == 0.0 and settings.max_angular_jerk == 0.0:
-        return twist
-    return within_jerk(
-        twist,
-        last,
-        state.motion.sent.acceleration,
-        dt,
-        linear=settings.max_jerk,
-        angular=settings.max_angular_jerk,
-    )
+    ramps = settings.options.speed_ramps and state.phase.drives
+    limiter, ratio = Limiter(last, state.motion.sent.acceleration), settings.max_speed_ratio
+    return limiter.within_limits(nominal, dt, settings.drive, ratio=ratio, ramps=ramps)
 
 
 def _beyond_dead_band(

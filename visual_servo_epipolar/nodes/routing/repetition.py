@@ -1,6 +1,6 @@
 """Repetition of a route: each image leads to one command, and to reports of it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from nav_msgs.msg import Path
 from rclpy.node import Node
@@ -13,7 +13,9 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import HOLDING, RouteRun, RouteStep, WAITING
+from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.admission import Arrival
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.messages import write
@@ -81,6 +83,7 @@ class RouteRepetition:
         self._withheld, self._stale, self._watched = withheld, stale_timeout, watched
         self.freshness, self._images = Freshness(self._clock), Repetition()
         self.run: RouteRun | None = None
+        self._settings: tuple[Settings, FollowSettings, ServoSettings]
         self.last, self._stamp_ns = STANDS, 0
         self._stepped_ns: int | None = None  # stamp of the last image that a step was taken by
         if watched:
@@ -92,13 +95,25 @@ class RouteRepetition:
         """Whether a run is under way."""
         return self.run is not None and not self.run.ended
 
-    def begin(self, run: RouteRun, settings: Sequence[Settings], route: str) -> None:
+    def begin(
+        self,
+        run: RouteRun,
+        settings: tuple[Settings, FollowSettings, ServoSettings],
+        route: str,
+    ) -> None:
         """Let a run begin, by the next image; ``settings`` and hash of its ``route`` are told."""
-        self.run, self.last = run, run.last
+        self.run, self.last, self._settings = run, run.last, settings
         self.freshness.renew()
         self._reports.settings(settings, self._stepped_ns)
         self._note(STARTED, route)
         self._reports.standing(self.last)
+
+    def use(self, follow: FollowSettings, servo: ServoSettings) -> None:
+        """Let a run that is under way go on by other settings, from the next image on."""
+        if self.run is not None and not self.run.ended:
+            self.run.use(follow, servo)
+            self._settings = self._settings[0], self.run.settings, servo
+            self._reports.settings(self._settings, self._stepped_ns)
 
     def see(self, image: Image, stamp_ns: int, frame_id: str, max_latency: float) -> None:
         """Take the step that an image leads to, where a run is under way."""

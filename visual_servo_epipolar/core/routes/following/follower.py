@@ -14,8 +14,10 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.bases.base import Base, turns_in_place
+from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_pose
+from visual_servo_epipolar.core.laws.timing import USUAL_STEP_S
 from visual_servo_epipolar.core.routes.following.closing import Closing
 from visual_servo_epipolar.core.routes.following.path_estimate import (
     beside,
@@ -116,7 +118,16 @@ class Follower:
         self._trackers: dict[int, KeyViewTracker] = {}
         self.confirmed = {} if confirmed is None else confirmed
         self._stamp_ns: int | None = None
-        self.twist = STANDSTILL
+        self.limiter = Limiter()
+
+    def use(self, settings: FollowSettings, base: Base, latency: float) -> None:
+        """Go on by other settings, and with other limits of the base."""
+        self.settings, self._base, self._estimate.latency = settings, base, latency
+
+    @property
+    def twist(self) -> Twist:
+        """Velocity that the last image led to."""
+        return self.limiter.last
 
     @property
     def stamp_ns(self) -> int:
@@ -183,8 +194,9 @@ class Follower:
         wanted, lateral = STANDSTILL, self._estimate.lateral
         if lateral is not None and self.lost <= COASTED:
             wanted = self._wanted(image, lateral, found, dt)
-        limited = self._base.within_speed(wanted)
-        self.twist = self._base.within_acceleration(limited, self.twist, dt)
+        self.limiter = self.limiter.after(
+            wanted, self.limiter.ramp_step(dt, USUAL_STEP_S), self._base
+        )
         self._estimate.sent(stamp_ns, self.twist)
         return self._progress(found, switched)
 
@@ -214,7 +226,7 @@ class Follower:
 
     def halt(self, stamp_ns: int, *, unsent: bool) -> None:
         """Note that the base was told to stand at ``stamp_ns``; the last twist was ``unsent``."""
-        self.twist = STANDSTILL
+        self.limiter = Limiter()
         self._estimate.halted(stamp_ns, unsent=unsent)
 
     def station_pose(self) -> FloatArray:
@@ -290,18 +302,18 @@ class Follower:
         self, image: Image, at: LateralFilter, found: PathMeasurement | None, dt: float
     ) -> Twist:
         """Return the twist that is wanted next, whatever the base can follow of it."""
-        settings = self.settings
+        settings, limits = self.settings, self._base.limits
         if abs(at.state[1]) > TURNED and turns_in_place(self._base):
-            return turned_back(float(at.state[1]), self._base.limits)
-        taught = settings.max_speed if found is None else found.point.speed
-        speed = max(min(taught, settings.max_speed), min(SLOWEST, settings.max_speed))
+            return turned_back(float(at.state[1]), limits.max_angular_acceleration)
+        taught = limits.max_linear if found is None else max(found.point.speed, SLOWEST)
+        speed = min(taught, limits.max_linear)
         speed *= confidence(at, self.lost)
         left = self.remaining - settings.station_distance
-        speed = self._sign * min(speed, brake(left, self._base.limits.max_acceleration))
+        speed = self._sign * min(speed, brake(left, limits.max_acceleration))
         if dt:  # it turns by the speed that it can have: the curve stays the same
-            speed = self._base.within_acceleration(
-                replace(self.twist, linear=speed), self.twist, dt
-            ).linear
+            aim = replace(self.twist, linear=speed)
+            ramp_s = self.limiter.ramp_step(dt, USUAL_STEP_S)
+            speed = self.limiter.within_limits(aim, ramp_s, self._base).linear
         at, way = self._estimate.when_told(at, self.stamp_ns)
         way += 0.5 * speed * dt  # the command holds until the next: its middle counts
         curvature = self._views[self.view].path.curvature_at(way)

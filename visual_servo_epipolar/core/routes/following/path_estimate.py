@@ -42,12 +42,16 @@ class PathEstimate:
 
     def __init__(self, way: float, latency: float, lateral: LateralFilter | None) -> None:
         self.way, self.lateral, self.disobeyed = way, lateral, ''
-        self._late_ns = round(latency * NANOSECONDS)
+        self.latency = latency
         self._commanded, self._marked = 0.0, way  # since the base was last seen to obey [m]
         # Where a view was believed at last, and what is unsure since then.
         self._seen_way, self._way_variance = way, float(PLACE_NOISE[0] ** 2)
         self._sent: deque[tuple[int, Twist]] = deque()
         self._curvature = 0.0
+
+    @property
+    def _late_ns(self) -> int:
+        return round(self.latency * NANOSECONDS)
 
     def sent(self, stamp_ns: int, twist: Twist) -> None:
         """Note that the base was told a ``twist`` at ``stamp_ns``."""

@@ -14,13 +14,15 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.bases.base import Base, BaseLimits, turns_in_place
+from visual_servo_epipolar.core.bases.base import Base, turns_in_place
+from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Prior
 from visual_servo_epipolar.core.estimators.registry import estimate
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.geometry.planar_poses import inverse_pose
+from visual_servo_epipolar.core.laws.timing import USUAL_STEP_S
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.routes.route import RouteView
 from visual_servo_epipolar.core.routes.settings import FollowSettings
@@ -90,32 +92,34 @@ def steer(at: LateralFilter, curvature: float, speed: float, settings: FollowSet
     length, forward = settings.steering_length, math.copysign(1.0, speed)
     share = max(min(offset / length, MOST_OFFSET), -MOST_OFFSET)
     wanted = curvature - bias - 2.0 * DAMPING * forward * turn / length - share / length
-    angular = speed * wanted
-    excess = max(abs(angular) / settings.max_turn_rate, 1.0)
-    return Twist(speed / excess, angular / excess)
+    return Twist(speed, speed * wanted)
 
 
-def turned_back(turn: float, limits: BaseLimits) -> Twist:
-    """Return the twist in place that takes back a ``turn`` [rad], at half of the acceleration."""
-    rate = math.sqrt(limits.max_angular_acceleration * abs(turn))
-    return Twist(0.0, -math.copysign(min(rate, limits.max_angular), turn))
+def turned_back(turn: float, acceleration: float) -> Twist:
+    """Return the twist in place that takes back a ``turn`` [rad], at half of an acceleration."""
+    return Twist(0.0, -math.copysign(math.sqrt(acceleration * abs(turn)), turn))
 
 
 class LookAround:
     """Look around: one turn in place to either side and back, where two places look alike."""
 
     def __init__(self) -> None:
-        self._begun_ns = self._stamp_ns = -1
+        self._stamp_ns, self._quarters, self._limiter = -1, 0.0, Limiter()
 
     def twist(self, stamp_ns: int, last: Twist, base: Base) -> Twist:
         """Return the twist after an image, ``last`` being the one before; of a car none."""
-        if self._begun_ns < 0:
-            self._begun_ns = self._stamp_ns = stamp_ns
-        quarter = seconds_between(self._begun_ns, stamp_ns) / (LOOK_TURN / LOOK_RATE)
-        dt, self._stamp_ns = seconds_between(self._stamp_ns, stamp_ns), stamp_ns
-        rate = 0.0 if quarter >= 4.0 or not turns_in_place(base) else LOOK_RATE
-        wanted = Twist(0.0, -rate if 1.0 <= quarter < 3.0 else rate)
-        return base.within_acceleration(base.within_speed(wanted), last, dt)
+        before_ns = stamp_ns if self._stamp_ns < 0 else self._stamp_ns
+        dt, self._stamp_ns = seconds_between(before_ns, stamp_ns), stamp_ns
+        rate = min(LOOK_RATE, base.limits.max_angular)
+        self._quarters += dt * rate / LOOK_TURN
+        if self._quarters >= 4.0 or not turns_in_place(base):
+            rate = 0.0
+        wanted = Twist(0.0, -rate if 1.0 <= self._quarters < 3.0 else rate)
+        ramp_s = self._limiter.ramp_step(dt, USUAL_STEP_S)
+        if last != self._limiter.last:  # it was told to stand meanwhile
+            self._limiter = Limiter(last)
+        self._limiter = self._limiter.after(wanted, ramp_s, base)
+        return self._limiter.last
 
 
 def brake(way: float, acceleration: float) -> float:

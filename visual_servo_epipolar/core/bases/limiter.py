@@ -1,0 +1,55 @@
+"""
+Limiter: what a base is told of a wanted velocity; the only place, whoever commands.
+
+Each step of the servo passes it, alone or at the stations of a route, and so do the following of
+a route and its turns in place.
+"""
+
+from dataclasses import dataclass
+
+from visual_servo_epipolar.core.bases.base import Base, capped, within_jerk
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+
+MAX_START_STEPS = 1.5  # usual times between two images that a robot speeds up at first
+
+
+@dataclass(frozen=True, slots=True)
+class Limiter:
+    """
+    Limiter of commands: the ``last`` one, and the ``acceleration`` that led to it [m, rad, s].
+
+    ``residual`` is the part of it that the dead band of the base withheld [m/s, rad/s].
+    """
+
+    last: Twist = STANDSTILL
+    acceleration: Twist = STANDSTILL
+    residual: Twist = STANDSTILL
+
+    def within_limits(
+        self, wanted: Twist, dt: float, base: Base, *, ratio: float = 1.0, ramps: bool = True
+    ) -> Twist:
+        """Return what of ``wanted`` may be driven ``dt`` [s] later, at a ``ratio`` of speed."""
+        twist = base.within_speed(wanted, ratio=ratio)
+        if not ramps:
+            return twist
+        twist = base.within_acceleration(twist, self.last, dt)
+        linear, angular = base.limits.max_jerk, base.limits.max_angular_jerk
+        if linear == 0.0 and angular == 0.0:
+            return twist
+        twist = within_jerk(
+            twist, self.last, self.acceleration, dt, linear=linear, angular=angular
+        )
+        return capped(base, twist)  # a speed limit lowered by then holds at once
+
+    def after(self, wanted: Twist, dt: float, base: Base) -> 'Limiter':
+        """Return the limiter after the command, its ``last``, that a ``wanted`` twist leads to."""
+        limited, mode = self.within_limits(wanted, dt, base), base.limits.dead_band_mode
+        twist, residual = base.beyond_dead_band(limited, self.residual, mode=mode)
+        if dt == 0.0:
+            return Limiter(twist, residual=residual)
+        change = twist.linear - self.last.linear, twist.angular - self.last.angular
+        return Limiter(twist, Twist(change[0] / dt, change[1] / dt), residual)
+
+    def ramp_step(self, dt: float, usual_s: float) -> float:
+        """Return the part of ``dt`` [s] that ramps count: from a standstill no pause counts."""
+        return min(dt, MAX_START_STEPS * usual_s) if self.last == STANDSTILL else dt
