@@ -18,6 +18,7 @@ from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup import process
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
+from visual_servo_epipolar.nodes.startup.complaints import PATIENCE_S
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.tracking import reports
@@ -473,9 +474,10 @@ def test_the_process_of_the_tracker_takes_one_thread_of_opencv(
 
 @pytest.mark.parametrize('projection', ['equirectangular_stitched', 'dual_fisheye'])
 def test_a_panorama_needs_no_camera_info_and_the_tracker_publishes_it(
-    bench, photograph, view, projection
+    bench, simulator, photograph, view, projection
 ) -> None:
     infos, clouds = bench.listen(CameraInfo, 'camera_info'), bench.listen(PointCloud2, 'tracks')
+    driver = bench.talk(CameraInfo, 'camera_info')  # which advertises it and sends none
     send = bench.talk(Image, 'image_raw')
     teach = bench.talk(Image, 'desired/image_raw', qos.LATCHED)
     node = bench.start(TrackerNode, projection=projection)
@@ -483,15 +485,26 @@ def test_a_panorama_needs_no_camera_info_and_the_tracker_publishes_it(
     panorama = camera_of_size(projection, wide.shape[::-1])
     teach(message(goal))
     bench.until(lambda: node.ready, 'the photograph to arrive')
-    send(message(wide))
-    bench.until(lambda: clouds and infos, 'tracks and camera_info')
+    send(message(wide, 1))
+    bench.until(lambda: clouds, 'tracks')
+    send(message(wide, round((PATIENCE_S + 1.0) * 1e9)))
+    bench.until(lambda: len(clouds) > 1 and infos, 'tracks and camera_info')
+    assert len(infos) == 1
     assert read.camera(infos[-1]) == panorama
     tracker = Tracker(TrackerSettings(), panorama)
     tracker.set_desired(goal)
-    expected, features = tracker.track(wide), read.features(clouds[-1])
+    expected, features = tracker.track(wide), read.features(clouds[0])
     assert len(features) > 8
     np.testing.assert_array_equal(features.ids, expected.ids)
     np.testing.assert_allclose(features.current, expected.current, atol=1e-4)
+    driver(write.camera_info(simulator.camera, 1, 'camera'))  # of another lens
+    bench.until(lambda: node._unusable, 'it to arrive')
+    bench.settle()
+    for stamp_ns in (8_000_000_000, 9_000_000_000):
+        before = len(clouds)
+        send(message(wide, stamp_ns))
+        bench.until(lambda before=before: len(clouds) > before, 'the refusal')
+        assert len(read.features(clouds[-1])) == 0
 
 
 def test_an_image_that_is_no_panorama_and_a_camera_info_of_another_lens_stop_the_robot(

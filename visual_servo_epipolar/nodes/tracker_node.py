@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO
 from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -20,7 +21,7 @@ from visual_servo_epipolar.messages.images.encodings import GrayReader
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.lifecycle.gates import serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.startup.complaints import Complaints
+from visual_servo_epipolar.nodes.startup.complaints import Complaints, PATIENCE_S
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
@@ -61,6 +62,8 @@ class TrackerNode(ManagedNode):
         self._stamp_ns: int | None = None
         self._frame_id = ''
         self._camera: CameraModel | None = None
+        self._told: CameraModel | None = None  # that this node publishes
+        self._silent_ns: int | None = None  # since when another node only advertises one
         self._unusable = ''  # why the last camera_info cannot be used
         self._lateness, self._repetition = Lateness(self), Repetition()
         self._latest: Pixels | None = None
@@ -163,10 +166,11 @@ class TrackerNode(ManagedNode):
         self._inputs.info_frame = message.header.frame_id
         try:
             settings = self._node_settings
-            self._camera = read.camera(
-                message, rectified=settings.rectified, cropped=settings.cropped
-            )
-            self._refuse_other(self._camera)
+            camera = read.camera(message, rectified=settings.rectified, cropped=settings.cropped)
+            if camera == self._told:  # from this node itself
+                return
+            self._camera = camera
+            self._refuse_other(camera)
             self._unusable, sounds = '', self._inputs.sounds_rectified(message)
             if sounds and not settings.rectified:
                 self._warn(sounds)
@@ -220,13 +224,16 @@ class TrackerNode(ManagedNode):
             self._renew()
 
     def _tell_camera(self, message: Image | CompressedImage, camera: CameraModel | None) -> None:
-        """Publish the ``camera`` that the projection tells, where nobody else does."""
-        if self._info_pub is None or camera is None:
+        """Publish the ``camera`` that the projection tells, where no other node sends one."""
+        if self._info_pub is None or camera is None or self._camera not in (None, self._told):
             return
-        self._camera = camera
-        if self.count_publishers(self._info_pub.topic_name) == 1:
-            stamp_ns = read.stamp_ns(message.header)
-            self._info_pub.publish(write.camera_info(camera, stamp_ns, message.header.frame_id))
+        stamp_ns = read.stamp_ns(message.header)
+        if self._told is None and self.count_publishers(self._info_pub.topic_name) > 1:
+            self._silent_ns = stamp_ns if self._silent_ns is None else self._silent_ns
+            if seconds_between(self._silent_ns, stamp_ns) < PATIENCE_S:
+                return
+        self._camera = self._told = camera
+        self._info_pub.publish(write.camera_info(camera, stamp_ns, message.header.frame_id))
 
     def _publish(self, features: Features) -> None:
         assert self._stamp_ns is not None

@@ -1,9 +1,12 @@
 """Managed nodes as processes: refused in one line, led over the wire, ended in any state."""
 
 from contextlib import ExitStack
+from itertools import count
 from pathlib import Path
 import signal
 import subprocess
+import sys
+import time
 
 from bench import Bench, next_domain
 from durations import few_of
@@ -12,6 +15,9 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from lifecycles import asked
 from node_process import arguments, environment
 import pytest
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+
+from visual_servo_epipolar.messages import write
 
 START_SEC, END_SEC = 60.0, 30.0
 NODES = ('servo_node', 'tracker_node', 'recorder_node', 'dock_node', 'route_node')
@@ -41,11 +47,11 @@ def test_a_process_survives_impossible_transitions_and_ends_in_any_state(
                 )
             )
             stack.callback(processes[name].kill)
-        for count, name in enumerate(NODES):  # one ends unconfigured, one inactive, others active
-            for number in (99, 3, *(1, 1, 3, 3)[: 2 * count]):
+        for place, name in enumerate(NODES):  # one ends unconfigured, one inactive, others active
+            for number in (99, 3, *(1, 1, 3, 3)[: 2 * place]):
                 bench.call(f'{name}/change_state', ChangeState, asked(number))
             state = bench.call(f'{name}/get_state', GetState).current_state.label
-            assert state == ('unconfigured', 'inactive', 'active', 'active', 'active')[count]
+            assert state == ('unconfigured', 'inactive', 'active', 'active', 'active')[place]
             processes[name].send_signal(signal.SIGINT)
             assert processes[name].wait(END_SEC) == 0, (tmp_path / name).read_text()
             assert 'Traceback' not in (tmp_path / name).read_text()
@@ -65,6 +71,41 @@ def test_shutdown_ends_the_process(wide_open, tmp_path, name) -> None:
             finally:
                 process.kill()
     assert 'Traceback' not in (tmp_path / 'log').read_text()
+
+
+@pytest.mark.long
+def test_each_of_200_signals_ends_a_tracker_that_loads_or_tracks(
+    wide_open, tmp_path, simulator, view
+) -> None:
+    domain, stops = next_domain(), 200
+    load = 'from visual_servo_epipolar.nodes.startup.executables import tracker_node as run; run()'
+    options = {'env': environment(domain), 'start_new_session': True}
+    with Bench(domain) as bench, (tmp_path / 'log').open('w') as log:
+        clouds = bench.listen(PointCloud2, 'tracks')
+        camera, images = bench.talk(CameraInfo, 'camera_info'), bench.talk(Image, 'image_raw')
+        stamps = count(1)
+
+        def see() -> None:
+            camera(write.camera_info(simulator.camera, stamp := next(stamps), 'camera'))
+            images(write.image(view, 'mono8', stamp, 'camera'))
+
+        bench.probe.create_timer(0.03, see)
+        began = time.monotonic()
+        for number in range(stops):
+            command = [sys.executable, '-c', load]
+            with subprocess.Popen(command, stderr=log, **options) as process:
+                try:
+                    if number == 0:
+                        bench.until(lambda: bool(clouds), 'tracks', START_SEC)
+                        loading_s = time.monotonic() - began
+                    end = time.monotonic() + 1.3 * loading_s * number / stops
+                    bench.until(lambda end=end: time.monotonic() >= end, 'its time', START_SEC)
+                    process.terminate()
+                    code = process.wait(END_SEC)
+                    # Python itself has no handler yet, and none any more.
+                    assert code in (0, -signal.SIGTERM), (tmp_path / 'log').read_text()
+                finally:
+                    process.kill()
 
 
 @pytest.mark.parametrize('lifecycle', few_of(['true', 'false']))

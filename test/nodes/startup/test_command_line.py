@@ -78,18 +78,26 @@ def test_what_is_no_ros_argument_is_refused_with_one_line(start, words) -> None:
     assert f'servo_node: takes ROS arguments alone, got {" ".join(rest)};' in ended.stderr
 
 
+@pytest.mark.parametrize('first', few_of([True, False]))
+def test_the_command_line_wins_over_a_section_of_a_file(first) -> None:
+    # rcl reads -p as the section /**, which here comes before that of the rig.
+    value, config = ['-p', 'law:=none'], ROOT / 'config'
+    words = [
+        '--params-file',
+        config / 'robot.yaml',
+        '--params-file',
+        config / 'rigs/panorama.yaml',
+    ]
+    words = [*value, *words] if first else [*words, *value]
+    ended = run(executable('servo_node'), '--ros-args', *map(str, words))
+    assert ended.returncode == 2
+    assert "law must be one of paper, corrected, full, smooth, got 'none'" in ended.stderr
+
+
 def test_an_unknown_ros_argument_is_refused_with_one_line() -> None:
     ended = run(executable('servo_node'), '--ros-args', '--foo')
     assert ended.returncode == 2
     assert ended.stderr == "servo_node: no ROS arguments: ['--foo']; see servo_node --help\n"
-
-
-def test_an_interrupt_before_the_node_is_there_ends_quietly() -> None:
-    code = 'from visual_servo_epipolar.nodes.startup import executables\n'
-    code += 'def interrupt(name): raise KeyboardInterrupt\n'
-    code += 'executables.import_module = interrupt\nexecutables.servo_node()'
-    ended = run(code)
-    assert (ended.returncode, ended.stderr) == (130, '')
 
 
 @pytest.mark.parametrize(('told', 'kept'), [({}, '1'), ({'OPENBLAS_NUM_THREADS': '3'}, '3')])

@@ -86,6 +86,17 @@ def parameter_names(ros_arguments: Sequence[str], name: str) -> set[str]:
     return names
 
 
+def overrides(arguments: Sequence[str]) -> list[str]:
+    """
+    Return arguments of a node by which the ``-p`` of a command line hold, whatever files say.
+
+    rcl alone lets the section of a file win over a ``-p``, which it reads as the section /**, if
+    /** was in an earlier file, or the ``-p`` stands before the file.
+    """
+    rules = values(split(arguments)[0], '-p', '--param')
+    return ['--ros-args', *(word for rule in rules for word in ('-p', rule))]
+
+
 def values(ros_arguments: Sequence[str], *options: str) -> Iterator[str]:
     """Yield the values of ``options``, in their order."""
     for option, value in zip(ros_arguments, ros_arguments[1:], strict=False):

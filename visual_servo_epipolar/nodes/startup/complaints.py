@@ -149,7 +149,8 @@ class Inputs:
         if len(refusals) == len(publishers):
             refusal = refusals[0].removeprefix('ERROR: ').strip(' ;')
             return f'; their QoS does not fit: {refusal}; {source.kind.remedy}'
-        return ''
+        names = {f'{item.node_namespace.rstrip("/")}/{item.node_name}' for item in publishers}
+        return f'; nothing comes from {", ".join(sorted(names))}'
 
     def _beside(self, topic: str) -> str:
         """Return that the images come by the other transport, or ''."""

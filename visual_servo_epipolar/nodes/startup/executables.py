@@ -2,6 +2,7 @@
 
 from functools import partial
 from importlib import import_module
+import os
 import signal
 import sys
 
@@ -31,17 +32,18 @@ def run(node: str) -> int:
             raise  # a mistake of our own
         print(f'{node}: {_missing(error)}', file=sys.stderr)
         return USAGE_ERROR
-    except KeyboardInterrupt:  # Ctrl-C before anything runs
-        return INTERRUPTED
     return int(spin(getattr(module, ''.join(map(str.capitalize, node.split('_'))))))
 
 
 def _leave(node: str, number: signal.Signals) -> None:
-    """End the process before the node has begun: nothing moves, nothing is lost."""
-    if number is signal.SIGINT:
-        raise KeyboardInterrupt
-    print(f'{node}: ended by {number.name} before it had begun', file=sys.stderr)
-    sys.exit(0)
+    """
+    End the process before the node has begun: nothing moves, nothing is lost.
+
+    An exception would not end it where an extension module swallows it while it is imported.
+    """
+    if number is not signal.SIGINT:
+        os.write(2, f'{node}: ended by {number.name} before it had begun\n'.encode())
+    os._exit(INTERRUPTED if number is signal.SIGINT else 0)
 
 
 def _missing(error: ImportError) -> str:

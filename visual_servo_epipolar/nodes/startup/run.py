@@ -2,8 +2,9 @@
 
 import gc
 import re
+import signal
 import sys
-import threading
+import time
 from typing import Any
 
 import cv2
@@ -25,9 +26,9 @@ def spin(kind: type[Any]) -> int:
     Run a node of this ``kind`` until a signal or its life cycle ends it; return the exit code.
 
     rclpy's own signal handlers end the context before Python runs again, so that no last twist
-    could be published: ours set an event only. Without one SIGHUP, of a terminal that is closed,
-    would leave the robot moving, and SIGTSTP, of Ctrl-Z: after that the node goes on, but its run
-    has ended. ``stop`` and ``suspend`` are called of nodes that have them.
+    could be published: ours note the signal only. Without one SIGHUP, of a terminal that is
+    closed, would leave the robot moving, and SIGTSTP, of Ctrl-Z: after that the node goes on, but
+    its run has ended. ``stop`` and ``suspend`` are called of nodes that have them.
     """
     name = re.sub(r'(?<=[a-z])(?=[A-Z])', '_', kind.__name__).lower()  # servo_node of a ServoNode
     code = command_line.answer(name, sys.argv[1:])
@@ -36,25 +37,19 @@ def spin(kind: type[Any]) -> int:
     process.tune_transport()
     if getattr(kind, 'one_core', False):
         cv2.setNumThreads(1)
-    ending, suspending = threading.Event(), threading.Event()
-    process.on_ending(lambda _: ending.set())
-    process.on_suspending(suspending.set)
+    # Lists: a second signal within the lock of an event would wait for it for ever.
+    ending: list[signal.Signals] = []
+    suspending: list[bool] = []
+    process.on_ending(ending.append)
+    process.on_suspending(lambda: suspending.append(True))
     node: Node | None = None
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        node = kind()
+        node = kind(cli_args=command_line.overrides(sys.argv[1:]))
         complaints.watch(node)
         gc.collect()
         gc.freeze()  # what was imported: a full collection took 40 ms, over a frame
-        executor = MessageExecutor()
-        executor.add_node(node)
-        while not ending.is_set() and getattr(node, 'state', '') != 'finalized':
-            executor.spin_once(timeout_sec=0.1)
-            if suspending.is_set():
-                suspending.clear()
-                getattr(node, 'suspend', lambda: None)()
-                process.suspend()
-        ending.wait(FAREWELL_S)
+        _run(node, ending, suspending)
     except (ParameterException, VisualServoError, ValueError, RuntimeError, OSError) as error:
         if node is not None:
             raise
@@ -68,6 +63,20 @@ def spin(kind: type[Any]) -> int:
         gc.unfreeze()
         process.ignore_ending()
     return 0
+
+
+def _run(node: Node, ending: list[signal.Signals], suspending: list[bool]) -> None:
+    """Call back for ``node`` until a signal, which the lists get, or its life cycle ends it."""
+    executor = MessageExecutor()
+    executor.add_node(node)
+    while not ending and getattr(node, 'state', '') != 'finalized':
+        executor.spin_once(timeout_sec=0.1)
+        if suspending:
+            suspending.clear()
+            getattr(node, 'suspend', lambda: None)()
+            process.suspend()
+    if not ending:
+        time.sleep(FAREWELL_S)
 
 
 def _reason(error: Exception, name: str) -> str:

@@ -55,7 +55,7 @@ class ImageSettings(CalibrationSettings):
     projection: str = fixed(
         CAMERA_INFO,
         'Images are: camera_info, what it says; or what their size tells, which the '
-        'tracker publishes as camera_info where nobody does: equirectangular, 360 deg, '
+        'tracker publishes as camera_info where no other node does: equirectangular, 360 deg, '
         'equirectangular_stitched, the same of two lenses, dual_fisheye, these side by side, '
         'dual_fisheye_insta360, the same as that driver publishes it',
     )
