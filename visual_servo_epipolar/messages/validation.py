@@ -99,6 +99,20 @@ def left_out(observation: Observation, camera: CameraModel) -> str:
     )
 
 
+def of_two_cameras(topics: tuple[str, str], frames: tuple[str, str]) -> str:
+    """
+    Return that images and camera_info may be of two cameras, or ''.
+
+    ``topics`` and ``frames``, frame_ids, are those of both. Some drivers leave the frame empty.
+    """
+    image, info = (frame.lstrip('/') for frame in frames)
+    spaces = [topic.removesuffix('/compressed').rpartition('/')[0] for topic in topics]
+    alike, why = spaces[0] == spaces[1], 'in two namespaces, and no frame_id tells'
+    if image and info:
+        alike, why = image == info, f'of the frames {image} and {info}'
+    return '' if alike else f'{topics[0]} and {topics[1]} may be of two cameras, {why}'
+
+
 def checked_image(image: Image, camera: CameraModel | str) -> CameraModel:
     """Return the camera of an ``image``; ValueError where it cannot be that, or there is none."""
     height, width = image.shape

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from visual_servo_epipolar.bags.reading.bag import Bag, BagTopic
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages.settings_text import from_text
+from visual_servo_epipolar.messages.validation import of_two_cameras
 
 TWISTS = ('geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped')
 IMAGES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
@@ -178,27 +179,23 @@ def camera_notes(
     """
     Return what to note of a camera_info that is not beside its images, or not of their frame.
 
-    Raises InputError if it is neither: another camera's. Some drivers leave the frame empty, and
-    the user may have ``requested`` it.
+    Raises InputError if it is neither: another camera's. The user may have ``requested`` it.
     """
     image, info = topics.get('image'), topics.get('camera_info')
     if image is None or info is None or 'camera_info' in requested:
         return []
     is_beside = bool(_beside(image, [info], or_all=False))
-    frames = [_frame(bag, item) for item in (info, image)]
-    differ = all(frames) and frames[0] != frames[1]
-    if differ and not is_beside:
+    frames = _frame(bag, image), _frame(bag, info)
+    doubt = of_two_cameras((image.name, info.name), frames)
+    if doubt and all(frames) and not is_beside:
         raise InputError(
-            f'{bag.path}: {info.name} is of the frame {frames[0]}, {image.name} of {frames[1]}: '
+            f'{bag.path}: {info.name} is of the frame {frames[1]}, {image.name} of {frames[0]}: '
             f"it is another camera's; say which: --topics camera_info={info.name}, or --camera "
             'FILE.yaml'
         )
-    if is_beside and not differ:
-        return []
-    why = f'the frames are {frames[0]} and {frames[1]}'
-    if not differ:
-        why = 'by their frame_id alone' if all(frames) else 'no frame_id confirms that'
-    return [f'{info.name} is taken for {image.name}: {why}']
+    if not doubt and not is_beside:
+        doubt = f'{info.name} is taken for {image.name}, by their frame_id alone'
+    return [doubt] if doubt else []
 
 
 def _frame(bag: Bag, topic: BagTopic) -> str:

@@ -42,20 +42,16 @@ class Base(Protocol):
     @property
     def limits(self) -> BaseLimits:
         """Limits of speed and acceleration, and dead bands."""
-        ...
 
     @property
     def max_curvature(self) -> float:
         """Largest curvature of its path [1/m]; 0 where there is none, and it turns in place."""
-        ...
 
     def within_speed(self, wanted: Twist, *, ratio: float = 1.0) -> Twist:
         """Return what it can drive of ``wanted`` at ``ratio`` of its speed, on the same curve."""
-        ...
 
     def within_acceleration(self, wanted: Twist, before: Twist, dt: float) -> Twist:
         """Return what it can drive ``dt`` [s] after ``before``, on the way to ``wanted``."""
-        ...
 
     def beyond_dead_band(
         self, wanted: Twist, residual: Twist, *, mode: str
@@ -66,7 +62,6 @@ class Base(Protocol):
         ``mode`` is what becomes of slower commands: ``raise``, ``zero`` or ``pulse``, which adds
         them up with the ``residual`` of the step before.
         """
-        ...
 
 
 BaseFactory: TypeAlias = Callable[[BaseLimits], Base]

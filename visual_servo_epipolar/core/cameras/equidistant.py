@@ -49,11 +49,6 @@ class Equidistant(ImageIntrinsics):
             )
 
     @property
-    def lens(self) -> str:
-        """Name of the lens, for messages."""
-        return self.distortion_model
-
-    @property
     def wide(self) -> bool:
         """Whether its corners are farther off the axis than 55 deg, as no usual pinhole's are."""
         return _corner(self) > WIDE

@@ -26,7 +26,6 @@ class Equirectangular(ImageIntrinsics):
 
     distortion_model: str = NAME
 
-    lens = NAME
     wide = wraps = True
     planar = None
     edges = (-math.inf, math.inf)
@@ -101,8 +100,6 @@ class StitchedPanorama(Equirectangular):
     """Panorama stitched from two lenses back to back, which meet at 90 deg to either side."""
 
     distortion_model: str = STITCHED
-
-    lens = STITCHED
 
     def looks_back(self, pixels: FloatArray) -> BoolArray:
         """See ``TwoLenses``."""

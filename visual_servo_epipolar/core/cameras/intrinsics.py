@@ -53,6 +53,11 @@ class ImageIntrinsics:
         return np.array([[self.fx, self.skew, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     @property
+    def lens(self) -> str:
+        """Name of the lens, for messages."""
+        return self.distortion_model
+
+    @property
     def focal(self) -> float:
         """Pixels per rad at the centre."""
         return math.sqrt(self.fx * self.fy)

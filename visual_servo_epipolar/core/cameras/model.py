@@ -24,67 +24,54 @@ class CameraModel(Protocol):
     @property
     def width(self) -> int:
         """Width of the image [px]."""
-        ...
 
     @property
     def height(self) -> int:
         """Height of the image [px]."""
-        ...
 
     @property
     def distortion(self) -> tuple[float, ...]:
         """Coefficients of the lens."""
-        ...
 
     @property
     def distortion_model(self) -> str:
         """Name under which the registry has it."""
-        ...
 
     @property
     def matrix(self) -> FloatArray:
         """K of CameraInfo, shape (3, 3)."""
-        ...
 
     @property
     def fx(self) -> float:
         """Focal length along u."""
-        ...
 
     @property
     def fy(self) -> float:
         """Focal length along v."""
-        ...
 
     @property
     def cx(self) -> float:
         """Principal point, u."""
-        ...
 
     @property
     def cy(self) -> float:
         """Principal point, v."""
-        ...
 
     @property
     def skew(self) -> float:
         """Skew: u = fx x + skew y + cx."""
-        ...
 
     @property
     def focal(self) -> float:
         """Pixels per rad at the centre."""
-        ...
 
     @property
     def lens(self) -> str:
         """Name of the lens, for messages."""
-        ...
 
     @property
     def wide(self) -> bool:
         """Whether it sees farther off its axis than an image plane can well hold."""
-        ...
 
     @property
     def edges(self) -> tuple[float, float]:
@@ -93,25 +80,20 @@ class CameraModel(Protocol):
 
         They are -inf and inf of an image that wraps.
         """
-        ...
 
     @property
     def wraps(self) -> bool:
         """Whether the left edge of the image is its right one: no turn leads out of view."""
-        ...
 
     @property
     def planar(self) -> 'PlanarCamera | None':
         """The camera itself if its image is a plane but for distortion; None for a wider one."""
-        ...
 
     def rays(self, pixels: FloatArray) -> FloatArray:
         """Return unit rays, (N, 3), of ``pixels``, (N, 2), not finite where there are none."""
-        ...
 
     def pixels(self, rays: FloatArray) -> FloatArray:
         """Return the pixels, shape (N, 2), of ``rays``, shape (N, 3); nan for those not seen."""
-        ...
 
     def round_trips(self, pixels: FloatArray, rays: FloatArray) -> BoolArray:
         """
@@ -119,7 +101,6 @@ class CameraModel(Protocol):
 
         A pixel that does not lies where the distortion of the lens cannot be undone.
         """
-        ...
 
     def resolution(self, rays: FloatArray) -> FloatArray:
         """
@@ -128,11 +109,9 @@ class CameraModel(Protocol):
         It is the square root of its solid angle: the deviation of the angle of a ray, along
         either of two axes across it, where pixels have a deviation of one.
         """
-        ...
 
     def contains(self, pixels: FloatArray, *, margin: float = 0.0) -> BoolArray:
         """Return which ``pixels``, shape (N, 2), lie in the image, ``margin`` [px] inside."""
-        ...
 
 
 class PlanarCamera(CameraModel, Protocol):
@@ -141,15 +120,12 @@ class PlanarCamera(CameraModel, Protocol):
     @property
     def distorts(self) -> bool:
         """Whether any distortion coefficient differs from zero."""
-        ...
 
     def image_points(self, pixels: FloatArray) -> FloatArray:
         """Return undistorted image-plane points, (N, 2), of ``pixels``, (N, 2)."""
-        ...
 
     def pixels_of(self, points: FloatArray) -> FloatArray:
         """Return distorted pixels, (N, 2), of image-plane ``points``, (N, 2)."""
-        ...
 
 
 @runtime_checkable
@@ -158,7 +134,6 @@ class TwoLenses(Protocol):
 
     def looks_back(self, pixels: FloatArray) -> BoolArray:
         """Return which ``pixels``, shape (N, 2), are of the lens that looks back."""
-        ...
 
 
 def changes_lens(camera: CameraModel, current: FloatArray, desired: FloatArray) -> BoolArray:

@@ -143,4 +143,3 @@ class Estimator(Protocol):
             When the matches cannot answer.
 
         """
-        ...

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import math
 
 from visual_servo_epipolar.core.rigs.rig import Joints
-from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+from visual_servo_epipolar.core.stamps import seconds_between
 
 KEPT_S = 3.0  # no image is older
 LONGEST_GAP_S = 0.25  # between two readings, over which angles are interpolated
@@ -103,33 +103,27 @@ class JointHistory:
             return f'no angle of {self.name} yet'
         if stamp_ns is None:
             return ''
+        fault = self._untimely(stamp_ns)
+        return f'angles of {self.name} {fault}, and at the clocks of head and camera' * bool(fault)
+
+    def _untimely(self, stamp_ns: int) -> str:
+        """Return how readings miss the time of an image, and what to look at."""
         late = seconds_between(self._stamps[-1], stamp_ns)
         if late > AHEAD_S:
-            return (
-                f'angles of {self.name} are {late:.2f} s older than the image, at most '
-                f'{AHEAD_S:g} s can be; look at the rate of the head, and at the clocks of head '
-                'and camera'
-            )
+            limit = f'{AHEAD_S:g} s can be; look at the rate of the head'
+            return f'are {late:.2f} s older than the image, at most {limit}'
         if late < -BEHIND_S:
-            return (
-                f'angles of {self.name} are {-late:.2f} s newer than the image, at most '
-                f'{BEHIND_S:g} s can be; look at the clocks of head and camera, and at how late '
-                'images come'
-            )
+            limit = f'{BEHIND_S:g} s can be; look at how late images come'
+            return f'are {-late:.2f} s newer than the image, at most {limit}'
         if stamp_ns < self._stamps[0]:
             early = seconds_between(stamp_ns, self._stamps[0])
-            return (
-                f'angles of {self.name} begin {early:.2f} s after the image; look at the clocks '
-                'of head and camera'
-            )
+            return f'begin {early:.2f} s after the image; look at when the head starts'
         after = min(bisect_left(self._stamps, stamp_ns), len(self._stamps) - 1)
-        gap = self._stamps[after] - self._stamps[max(after - 1, 0)]
-        if gap > LONGEST_GAP_S * NANOSECONDS and self._stamps[after] != stamp_ns:
-            return (
-                f'angles of {self.name} were silent for {gap / NANOSECONDS:.2f} s around the '
-                f'image, at most {LONGEST_GAP_S:g} s can be; let the head publish them more often'
-            )
-        return ''
+        gap = 1e-9 * (self._stamps[after] - self._stamps[max(after - 1, 0)])
+        if gap <= LONGEST_GAP_S or self._stamps[after] == stamp_ns:
+            return ''
+        limit = f'{LONGEST_GAP_S:g} s can be; look at the rate of the head'
+        return f'were silent for {gap:.2f} s around the image, at most {limit}'
 
 
 class HeadHistory:

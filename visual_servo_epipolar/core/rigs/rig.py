@@ -91,17 +91,14 @@ class Rig(Protocol):
     @property
     def turn_rate(self) -> float:
         """Rate at which joints turn the camera against the base [rad/s]; 0 where none does."""
-        ...
 
     @property
     def search_time(self) -> float:
         """Time that it takes to look everywhere [s]; 0 where no joint turns."""
-        ...
 
     @property
     def photograph(self) -> Joints:
         """Angles of the joints at which the photograph was taken."""
-        ...
 
     def rays(self, rays: FloatArray, joints: Joints, lean: Lean | None = None) -> FloatArray:
         """
@@ -109,19 +106,15 @@ class Rig(Protocol):
 
         ``lean`` is that of the camera, None as it is configured.
         """
-        ...
 
     def edges(self, edges: Edges, joints: Joints) -> Edges:
         """Return the limits of the view in axes of the rig, of those in axes of the camera."""
-        ...
 
     def reach(self, edges: Edges) -> Edges:
         """Return the limits of all views that joints allow, of those in axes of the camera."""
-        ...
 
     def head_command(self, gaze: Gaze) -> HeadCommand | None:
         """Return what the head does next; None of a rig without one."""
-        ...
 
 
 RigFactory: TypeAlias = Callable[[HeadLimits], Rig]

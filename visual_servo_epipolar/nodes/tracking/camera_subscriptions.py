@@ -9,6 +9,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from visual_servo_epipolar.core.cameras.registry import lens_name
+from visual_servo_epipolar.messages.validation import of_two_cameras
 from visual_servo_epipolar.nodes import qos
 
 LOOK_PERIOD_S = 0.5
@@ -118,18 +119,10 @@ class CameraSubscriptions:
 
     def compare_frames(self, image_frame: str) -> None:
         """Say once if images of this frame and camera_info may be of two cameras."""
-        doubt = self._of_two_cameras(image_frame.lstrip('/'), self.info_frame.lstrip('/'))
+        topics = [self._node.resolve_topic_name(name) for name in ('image_raw', 'camera_info')]
+        doubt = of_two_cameras((topics[0], topics[1]), (image_frame, self.info_frame))
         if doubt and doubt != self._doubt:
             self._doubt = doubt
-            self._node.get_logger().warning(doubt)
-
-    def _of_two_cameras(self, image_frame: str, info_frame: str) -> str:
-        """Return why the topics may be of two cameras, or ''; some drivers leave frames empty."""
-        image, info = map(self._node.resolve_topic_name, ('image_raw', 'camera_info'))
-        if image_frame and info_frame:
-            alike, why = image_frame == info_frame, f'of the frames {image_frame} and {info_frame}'
-        else:
-            alike = image.rpartition('/')[0] == info.rpartition('/')[0]
-            why = 'in two namespaces, and no frame_id tells'
-        remedy = 'remap camera_info to that of the camera which the images come from'
-        return '' if alike else f'{image} and {info} may be of two cameras, {why}; {remedy}'
+            self._node.get_logger().warning(
+                f'{doubt}; remap camera_info to that of the camera which the images come from'
+            )
