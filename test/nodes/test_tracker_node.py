@@ -517,3 +517,13 @@ def test_an_image_that_is_no_panorama_and_a_camera_info_of_another_lens_stop_the
     rig.calibrate(write.camera_info(simulator.camera, 0, 'camera'))
     bench.until(lambda: rig.node._unusable, 'camera_info to arrive')
     assert 'is of a pinhole lens; remap camera_info' in rig.node._unusable
+
+
+def test_what_is_assumed_of_a_cut_panorama_is_logged_once(bench) -> None:
+    clouds, send = bench.listen(PointCloud2, 'tracks'), bench.talk(Image, 'image_raw')
+    bench.start(TrackerNode, projection='equirectangular')
+    for number in range(3):
+        send(message(np.zeros((60, 200), np.uint8)))
+        bench.until(lambda number=number: len(clouds) > number, 'tracks')
+    bench.until(lambda: bool(bench.logged('with as many rows cut above as below')), 'the note')
+    assert len(bench.logged('with as many rows cut above as below')) == 1

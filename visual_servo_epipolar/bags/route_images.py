@@ -8,7 +8,7 @@ from visual_servo_epipolar.bags.reading.bag import Bag, BagTopic
 from visual_servo_epipolar.bags.reading.run import image_size, usable
 from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_notes
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.cameras.equirectangular import Equirectangular
+from visual_servo_epipolar.core.cameras.equirectangular import cut_note
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import differences
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
@@ -86,16 +86,11 @@ class RecordedWay:
 
     def _projected_camera(self, projection: str) -> CameraModel:
         """Return the camera that the size of the first image tells."""
-        size = image_size(self._bag, self._topics) or (0, 0)
         try:
-            camera = camera_of_size(projection, size)
+            camera = camera_of_size(projection, image_size(self._bag, self._topics) or (0, 0))
         except ValueError as error:
             raise InputError(f'{self._bag.path}: {error}') from None
-        if isinstance(camera, Equirectangular) and camera.is_cut:
-            self.notes.append(
-                f'images of {size[0]}x{size[1]} px are taken for panoramas with as many rows cut '
-                'above as below; if not, record camera_info with the row of the horizon in K[5]'
-            )
+        self.notes += filter(None, [cut_note(camera)])
         return camera
 
     def _driven(self, name: str) -> tuple[FloatArray, FloatArray]:

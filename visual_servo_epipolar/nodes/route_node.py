@@ -8,6 +8,7 @@ from typing import Any
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.cameras.equirectangular import cut_note
 from visual_servo_epipolar.core.cameras.plausibility import differences
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
@@ -200,6 +201,8 @@ class RouteNode(ManagedNode):
             if self._camera.model is None:
                 size = image.shape[1], image.shape[0]
                 self._camera.model = camera_of_size(self._node_settings.projection, size)
+                if note := cut_note(self._camera.model):
+                    self.get_logger().warning(note)
             validation.checked_image(image, self._camera.model)
         except ValueError as error:
             self._warn(f'image refused: {error}')

@@ -9,6 +9,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.cameras.equirectangular import cut_note
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO
 from visual_servo_epipolar.core.errors import TrackingError
@@ -232,6 +233,8 @@ class TrackerNode(ManagedNode):
             self._silent_ns = stamp_ns if self._silent_ns is None else self._silent_ns
             if seconds_between(self._silent_ns, stamp_ns) < PATIENCE_S:
                 return
+        if camera != self._camera and (note := cut_note(camera)):
+            self.get_logger().warning(note)
         self._camera = self._told = camera
         self._info_pub.publish(write.camera_info(camera, stamp_ns, message.header.frame_id))
 

@@ -62,6 +62,21 @@ def test_a_panorama_needs_no_camera_info(bench, folder) -> None:
     rig.see(np.zeros((48, 96), np.uint8))
     assert rig.node._camera.model is not None and rig.node._camera.model.wraps
     assert rig.call('start_recording')[0]
+    assert not bench.logged('rows cut above')
+
+
+def test_what_the_size_of_a_cut_panorama_does_not_tell_is_logged(bench, folder) -> None:
+    rig = RouteRig(bench, folder.parent / 'new', None, projection='equirectangular')
+    rig.see(np.zeros((30, 96), np.uint8))
+    bench.until(lambda: bool(bench.logged('with as many rows cut above as below')), 'the note')
+
+
+def test_a_camera_info_that_changes_while_recording_is_refused_with_its_numbers(rig) -> None:
+    rig.see(picture(0))
+    assert rig.call('start_recording')[0]
+    rig.calibrate(with_intrinsics(CAMERA, fx=50.000005))
+    success, text = rig.call('stop_recording')
+    assert not success and 'has changed while recording: fx 50 -> 50.000005' in text
 
 
 def test_nothing_is_said_to_the_base_before_it_is_asked_for(rig) -> None:

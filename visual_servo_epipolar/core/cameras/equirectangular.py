@@ -116,4 +116,14 @@ def of_size(
     return kind(width, height, focal, focal, *centre)
 
 
+def cut_note(camera: object) -> str:
+    """Return what is assumed of a ``camera`` that its size alone tells; '' of a whole panorama."""
+    if not (isinstance(camera, Equirectangular) and camera.is_cut):
+        return ''
+    return (
+        f'images of {camera.width}x{camera.height} px are taken for panoramas with as many rows '
+        'cut above as below; if not, camera_info must have the row of the horizon in K[5]'
+    )
+
+
 KINDS = {NAME: Equirectangular, STITCHED: StitchedPanorama}
