@@ -17,8 +17,7 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker, TrackerSettings
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup import process
-from visual_servo_epipolar.nodes.startup.complaints import Complaints
-from visual_servo_epipolar.nodes.startup.complaints import PATIENCE_S
+from visual_servo_epipolar.nodes.startup.complaints import Complaints, PATIENCE_S
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.tracking import reports

@@ -185,7 +185,10 @@ class RouteNode(ManagedNode):
                 run.taught.check_camera(camera)
         except InputError as error:
             return str(error)
-        return '' if run is None else Session(camera=run.route.camera).other_camera(camera)
+        if run is None or camera == run.route.camera:
+            return ''
+        change = differences(run.route.camera, camera)
+        return f'camera_info has changed in mid-run: {change}; call ~/repeat again'
 
     def _on_image(self, message: Image | CompressedImage) -> None:
         self.received += 1

@@ -222,10 +222,7 @@ def _one_by_one(scene: StruckRun) -> None:
     """Let one joint be missing in the angles, later the other one, for good or not."""
 
     def leave_out(number: int, seconds: float) -> None:
-        def change(message: Any) -> None:
-            del message.name[number : number + 1], message.position[number : number + 1]
-
-        scene.alter(ANGLES, change, seconds)
+        scene.alter(ANGLES, lambda it: (it.name.pop(number), it.position.pop(number)), seconds)
 
     first = int(scene.rng.integers(2))
     scene.notes.append(f'{("pan", "tilt")[first]} first')
