@@ -54,6 +54,9 @@ DRIVERS = {
 MEANING = {
     Event.NOTHING: {},
     Event.NO_BASELINE: dict.fromkeys({*SURVEYING, Phase.ZEROING_EPIPOLES}, Phase.ORIENTING),
+    Event.AMBIGUOUS: dict.fromkeys(SURVEYING, Phase.MATCHING_FEATURES),
+    Event.AMBIGUOUS_NEAR: dict.fromkeys(SURVEYING, Phase.RETREATING),
+    Event.RESOLVED: dict.fromkeys({Phase.RETREATING, Phase.MATCHING_FEATURES}, Phase.HOLDING),
     Event.SIDEWAYS: dict.fromkeys(
         {*SURVEYING, Phase.ORIENTING, Phase.ZEROING_EPIPOLES}, Phase.RETREATING
     ),

@@ -9,11 +9,11 @@ import pytest
 
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 from visual_servo_epipolar.core.mapping import initialization
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY
 from visual_servo_epipolar.core.mapping.initialization import (
-    exchanged_bearings,
     guess_pose,
     held_views,
     initial_geometry,
@@ -169,7 +169,7 @@ def test_both_geometries_show_one_image(seed: int) -> None:
     rng = np.random.default_rng(seed)
     place, heading = rng.uniform([-1.0, -2.0], [1.0, -0.2]), rng.uniform(-0.5, 0.5)
     wall = rng.uniform([-0.1, 0.1], [0.1, 0.4])
-    told = exchanged_bearings(np.array([*place, heading, 0.0, 0.0]), wall)
+    told = exchanged_bearings(np.array([*place, heading]), wall)
     assert told is not None
     direction = np.array([math.cos(told.psi), math.sin(told.psi)])
     back = homography(np.zeros(2), told.heading_error, np.zeros(2)).T
@@ -178,9 +178,7 @@ def test_both_geometries_show_one_image(seed: int) -> None:
     size = np.linalg.norm(left)
     assert np.linalg.norm(left - np.outer(direction, direction @ left)) < 1e-9 * size
     assert (direction @ wall) * (place @ wall) > 0.0  # on the same side of it
-    again = exchanged_bearings(
-        np.array([*direction, told.heading_error, 0.0, 0.0]), direction @ left
-    )
+    again = exchanged_bearings(np.array([*direction, told.heading_error]), direction @ left)
     assert again is not None
     assert math.remainder(again.psi - math.atan2(place[1], place[0]), math.tau) == pytest.approx(
         0.0
@@ -190,5 +188,5 @@ def test_both_geometries_show_one_image(seed: int) -> None:
 
 def test_without_a_place_or_a_wall_there_is_none() -> None:
     wall = np.array([0.0, 0.2])
-    assert exchanged_bearings(np.zeros(5), wall) is None
-    assert exchanged_bearings(np.array([0.1, -1.0, 0.0, 0.0, 0.0]), 0.0 * wall) is None
+    assert exchanged_bearings(np.zeros(3), wall) is None
+    assert exchanged_bearings(np.array([0.1, -1.0, 0.0]), 0.0 * wall) is None

@@ -1,5 +1,5 @@
 """
-Sideways motion before a wall: what a turn of the camera explains nearly, and a photograph's rays.
+Walls: the second geometry that a plane fits, and sideways motion before it.
 
 A camera that moves aside by x before a wall at Z across its axis sees all features move by x / Z.
 A turn moves them by nearly as much, (1 + u^2) times an angle: the parallax that is left is a small
@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, median
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 
 LEAST_FORWARD = 0.5  # of a ray: 60 deg off the axis
@@ -20,6 +21,28 @@ LEAST_FEATURES = 8
 ITERATIONS = 6
 USUAL_MEDIAN = 1.386  # of a sum of two squares of deviation 1
 SMALLEST = 1e-18  # variance of a coordinate at least [rad^2]
+
+
+def exchanged_bearings(view: FloatArray, across: FloatArray) -> Bearings | None:
+    """
+    Return bearings of a ``view`` with its place and the plane ``across`` exchanged, if any.
+
+    What a view of a plane at a place p shows is I - p m^T, turned, with m . X = 1 on the plane;
+    but for a turn p and m may change parts (Faugeras and Lustman 1988; Hartley and Zisserman,
+    13.4): the robot straight before the wall, and the wall across its way. The ``view`` is its
+    place, right and ahead, and its heading error [rad], (3,); m right and ahead, ``across``, (2,).
+    The sign of the bearings is that of a robot on the same side of the plane.
+    """
+    place = view[:2]
+    if not float(place @ place) > 0.0 or not float(across @ across) > 0.0:
+        return None
+    # (I - m p^T) (I - p m^T)^-1 is a turn, but for a stretch across it.
+    cross = float(place[0] * across[1] - place[1] * across[0])
+    turn = 2.0 * math.atan2(cross, 2.0 - float(place @ across))
+    psi = math.atan2(across[1], across[0]) - 0.5 * turn
+    psi += math.pi if place @ across < 0.0 else 0.0  # both are on one side of the wall
+    heading = float(view[2]) - turn
+    return Bearings(psi, psi - heading - 0.5 * math.pi)
 
 
 def aside(current: FloatArray, desired: FloatArray) -> float:

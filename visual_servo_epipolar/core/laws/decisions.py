@@ -8,6 +8,7 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.bounds import FACING
 from visual_servo_epipolar.core.laws.phases.conditions import sees_too_little
 from visual_servo_epipolar.core.laws.phases.excursion import excursion_limit
+from visual_servo_epipolar.core.laws.phases.probing import classify_probe, is_probing, probe
 from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.timing import has_timed_out, phase_timeout, usual_step
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -32,6 +33,8 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
         return Event.LOST if phase.drives else Event.NOTHING
     if excursion_limit(state, measurement, settings):
         return Event.EXCURSION
+    if is_probing(state):
+        return classify_probe(state, measurement, settings)
     event = row_of(state, settings).classify(state, measurement, settings)
     straight_on = settings.machine.next_phase(phase, event).straight
     return Event.LOST if straight_on and not math.isfinite(measurement.difference) else event
@@ -48,6 +51,8 @@ def nominal_twist(state: ServoState, settings: ServoSettings) -> Twist:
     """Return the nominal twist of the phase: that of its law, before saturation."""
     if state.measurement is None:
         return STANDSTILL
+    if is_probing(state):
+        return probe(state, state.measurement, settings)
     return row_of(state, settings).command(state, state.measurement, settings)
 
 
@@ -120,7 +125,9 @@ def _gives_up(phase: Phase, event: Event) -> bool:
     """Return whether step 1 was given up: anew, for a retreat, or by turning out of view."""
     backs_off = phase is Phase.ZEROING_EPIPOLES and event is Event.SIDEWAYS
     out_of_view = phase is Phase.DISPLACING and event is Event.LOST
-    return backs_off or out_of_view or event is Event.ESCAPED
+    return (
+        backs_off or out_of_view or event in (Event.ESCAPED, Event.AMBIGUOUS, Event.AMBIGUOUS_NEAR)
+    )
 
 
 def _waiting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:

@@ -91,6 +91,9 @@ class Event:
 
     known: ClassVar[dict[str, 'Event']] = {}
     NOTHING: ClassVar['Event']
+    AMBIGUOUS: ClassVar['Event']
+    AMBIGUOUS_NEAR: ClassVar['Event']
+    RESOLVED: ClassVar['Event']
     NO_BASELINE: ClassVar['Event']
     SIDEWAYS: ClassVar['Event']
     APART: ClassVar['Event']
@@ -114,6 +117,13 @@ class Event:
 
 
 Event.NOTHING = Event('nothing')
+Event.AMBIGUOUS = Event(
+    'ambiguous', 'two geometries fit a plane, and the goal is ahead by both: motion tells'
+)
+Event.AMBIGUOUS_NEAR = Event(
+    'ambiguous near', 'two geometries fit a plane near the goal: motion tells'
+)
+Event.RESOLVED = Event('resolved', 'one of two geometries is left')
 Event.NO_BASELINE = Event('no baseline', 'no distance to the goal can be seen')
 Event.SIDEWAYS = Event('sideways', 'the goal lies beside or behind')
 Event.APART = Event('apart', 'both epipoles can be trusted')

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rotation import MIN_POINTS
+from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation, OUTLIER, system_of
 from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of, LEAST_JITTER
 from visual_servo_epipolar.core.mapping.adjustment.projection import (
@@ -21,7 +21,6 @@ from visual_servo_epipolar.core.mapping.adjustment.projection import (
 )
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
 from visual_servo_epipolar.core.mapping.adjustment.window import (
-    HEADING,
     KeyframeWindow,
     MOUNT,
     PHOTOGRAPH,
@@ -95,28 +94,11 @@ def ambiguous_bearings(geometry: Geometry) -> Bearings | None:
     """
     Return the bearings of the last view in the twin of a ``geometry``; None without a plane.
 
-    What a view of a plane at a place p shows is I - p m^T, turned, with m . X = 1 on the plane;
-    but for a turn p and m may change parts (Faugeras and Lustman 1988; Hartley and Zisserman,
-    13.4): the robot straight before the wall, and the wall across its way. Which of both it is,
-    relief has to tell, or a third view far enough from both.
+    Which of both it is, relief has to tell, or a third view far enough from both.
     """
     if int(geometry.trusted.sum()) <= LEAST_ON_PLANE:
         return None
-    return exchanged_bearings(geometry.unknowns.views[-1], _plane(geometry)[[0, 2]])
-
-
-def exchanged_bearings(view: FloatArray, across: FloatArray) -> Bearings | None:
-    """Return bearings of a view with place and wall ``across``, (2,), exchanged, if any."""
-    place = view[:2]
-    if not float(place @ place) > 0.0 or not float(across @ across) > 0.0:
-        return None
-    # (I - m p^T) (I - p m^T)^-1 is a turn, but for a stretch across it.
-    cross = float(place[0] * across[1] - place[1] * across[0])
-    turn = 2.0 * math.atan2(cross, 2.0 - float(place @ across))
-    psi = math.atan2(across[1], across[0]) - 0.5 * turn
-    psi += math.pi if place @ across < 0.0 else 0.0  # both are on one side of the wall
-    heading = float(view[HEADING]) - turn
-    return Bearings(psi, psi - heading - 0.5 * math.pi)
+    return exchanged_bearings(geometry.unknowns.views[-1, :3], _plane(geometry)[[0, 2]])
 
 
 def _plane(geometry: Geometry) -> FloatArray:

@@ -30,9 +30,10 @@ class Measurement:
     head can reach, and ``present_margins`` before they do so where the head is now; ``offset`` is
     where a memory of views has the camera, right and ahead of the goal's [m], None without one,
     with its deviation and that of the heading; ``noise_px`` the deviation of a tracked coordinate
-    [px] as the residuals show it. ``remembered`` says that the bearings are those of a memory of
-    views; ``carried`` that it is a measurement by it alone, where too few features are seen for
-    two.
+    [px] as the residuals show it. ``rivals`` are the bearings, of either sign, of both geometries
+    that fit before a plane, () where one is left: only motion tells them apart. ``remembered``
+    says that the bearings are those of a memory of views; ``carried`` that it is a measurement by
+    it alone, where too few features are seen for two.
     """
 
     stamp_ns: int
@@ -58,6 +59,7 @@ class Measurement:
     offset: tuple[float, float] | None = None
     offset_deviation: float = math.nan
     heading_deviation: float = math.nan
+    rivals: tuple[Bearings, ...] = ()
     remembered: bool = False
     carried: bool = False
     reason: str = ''

@@ -70,6 +70,7 @@ def measured(
         bearings=bearings,
         parallax=_parallax(observation, rotation, heading_error, estimate.memory, settings),
         heading_error=heading_error,
+        rivals=estimate.rivals,
         rotation_heading=rotation.heading_error,
         feature_error=median(distances(observation.current, observation.desired)),
         view_margins=reach,

@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.lens import CALIBRATED, learnt, Lens, unknown_lens
 from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.rivals import Rivals
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
 KNOWN_DEVIATION = 1.7e-3  # of tilt and roll: the floor moved the desired camera, too [rad]
@@ -36,7 +37,8 @@ class PerceptionMemory:
     ``consecutive_rejections`` counts estimates in a row that contradict ``bearings``; ``lens``
     is what was learnt of the camera matrix. ``two_view_skip`` is how many views to come need no
     estimate, since the map knows their geometry, and which ``wrong`` matches it found, by id; None
-    where it does not. ``unlearnt`` is the last view, if its noise is yet to be learnt.
+    where it does not. ``rivals`` are both geometries before a plane, while the robot probes which
+    is right; ``unlearnt`` is the last view, if its noise is yet to be learnt.
     """
 
     attitude: Attitude
@@ -46,6 +48,7 @@ class PerceptionMemory:
     lens: Lens = CALIBRATED
     two_view_skip: int = 0
     wrong: tuple[int, ...] | None = None
+    rivals: Rivals | None = None
     unlearnt: Still | None = field(default=None, compare=False)
 
 

@@ -25,6 +25,7 @@ from visual_servo_epipolar.core.perception.validation import (
     rejection_reason,
     rolled_over,
     turned_otherwise,
+    TWO_GEOMETRIES,
 )
 from visual_servo_epipolar.core.values import changed
 
@@ -46,6 +47,13 @@ class ValidatedEstimate:
     def bearings(self) -> Bearings | None:
         """The bearings, if the estimate passed."""
         return None if self.reason or self.estimate is None else self.estimate.bearings
+
+    @property
+    def rivals(self) -> tuple[Bearings, ...]:
+        """Both geometries, of either sign, where the estimate failed by that alone; or ()."""
+        if self.reason != TWO_GEOMETRIES or self.estimate is None:
+            return ()
+        return self.estimate.bearings, self.estimate.alternative or self.estimate.bearings
 
 
 def validated_estimate(

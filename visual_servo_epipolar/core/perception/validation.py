@@ -31,6 +31,8 @@ MAX_LEANING = math.radians(20.0)  # change of the vertical that a hand makes bet
 LEAST_TURN = math.radians(3.0)  # of which an axis means anything
 IN_PLANE = math.radians(0.8)  # of the baseline and the plane of motion
 TURNED_ROLL = math.radians(20.0)  # that a hand seldom holds a camera at
+NEARLY_ONE = 0.09  # two geometries so near are one that is uncertain [rad]
+TWO_GEOMETRIES = 'two geometries fit the features: one plane dominates the scene'
 MAX_REJECTIONS = 3  # estimates in a row that contradict the past before the past is given up
 
 
@@ -69,7 +71,21 @@ def fit_quality(
     growth = max(shown / noise, 1.0) * tails_of_few(inliers)
     variance = max(estimate.covariance[0, 0], estimate.covariance[1, 1], 0.0)
     extent = angular_extent(desired, estimate.inliers)
-    return FitQuality(inliers, extent, shown, growth, growth * math.sqrt(variance))
+    deviation = math.hypot(growth * math.sqrt(variance), _apart(estimate))
+    return FitQuality(inliers, extent, shown, growth, deviation)
+
+
+def _apart(estimate: Estimate) -> float:
+    """Return how far off an alternative is that differs by no more than noise may [rad]."""
+    if estimate.alternative is None:
+        return 0.0
+    apart = _modulo_sign(estimate.bearings, estimate.alternative)
+    return apart if apart <= NEARLY_ONE else 0.0
+
+
+def _modulo_sign(bearings: Bearings, other: Bearings) -> float:
+    """Return how far apart bearings are whose sign is open, the larger of the two [rad]."""
+    return min(innovation(bearings, other), innovation(bearings, other.reversed()))
 
 
 def tails_of_few(inliers: int) -> float:
@@ -296,6 +312,6 @@ def _contradiction(
             return ''
         if memory.consecutive_rejections + 1 < MAX_REJECTIONS:
             return f'the bearings leapt by {math.degrees(change):.1f} deg in one frame'
-    if estimate.alternative is not None:
-        return 'two geometries fit the features: one plane dominates the scene'
+    if estimate.alternative is not None and _apart(estimate) == 0.0:
+        return TWO_GEOMETRIES
     return ''

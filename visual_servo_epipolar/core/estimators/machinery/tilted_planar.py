@@ -18,12 +18,15 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     INLIER_DEVIATIONS,
     plausible,
     Rays,
+    TINY,
 )
 from visual_servo_epipolar.core.estimators.machinery.planar import balances_in_front, Posterior
-from visual_servo_epipolar.core.estimators.machinery.refinement import GaussianPrior
+from visual_servo_epipolar.core.estimators.machinery.refinement import Fit, GaussianPrior
 from visual_servo_epipolar.core.geometry.cheirality import oriented
-from visual_servo_epipolar.core.geometry.epipolar import fundamentals
+from visual_servo_epipolar.core.geometry.epipolar import fundamentals, rotation_desired_current
+from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.geometry.rays import level
+from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 
 PSI, PHI, TILT, TILT_JUMP, ROLL, ROLL_JUMP = range(6)  # jump: current less desired view
 BOTH = slice(TILT, ROLL + 1, ROLL - TILT)  # tilt and roll
@@ -176,3 +179,30 @@ def in_front_of(rays: Rays, agree: BoolArray, angles: FloatArray) -> tuple[Float
     )
     inliers = agree & plausible(upright, INLIER_DEVIATIONS * rays.noise)
     return balances_in_front(np.exp(1j * angles[..., : PHI + 1]), upright, inliers)
+
+
+def exchanged_on_plane(rays: Rays, fit: Fit) -> FloatArray | None:
+    """
+    Return where the other geometry of a plane is looked for, (6,); see ``exchanged_bearings``.
+
+    The plane is the one that fits the ``rays`` which agree with a ``fit`` best.
+    """
+    psi, phi, tilt, tilt_jump, roll, roll_jump = fit.parameters.tolist()
+    upright = levelled(rays, tilt, roll, tilt_jump, roll_jump)
+    agree = fit.squared <= INLIER_DEVIATIONS**2
+    desired = np.stack([upright.x_d, upright.y_d, upright.z_d], axis=1)[agree]
+    current = np.stack([upright.x_a, upright.y_a, upright.z_a], axis=1)[agree]
+    turned = current @ rotation_desired_current(psi - phi - HALF_PI).T
+    place = np.array([math.cos(psi), 0.0, math.sin(psi)])
+    # The ray turned is along d - p (m . d), so (r x p) (m . d) = r x d.
+    across = np.cross(turned, place)
+    size = np.sqrt((across * across).sum(axis=1)) + TINY
+    along = (np.cross(turned, desired) * across).sum(axis=1) / size
+    plane = np.linalg.lstsq(size[:, None] * desired, along, rcond=None)[0]
+    view = np.array([place[0], place[2], psi - phi - HALF_PI])
+    bearings = exchanged_bearings(view, plane[[0, 2]])
+    if bearings is None:
+        return None
+    start = fit.parameters.copy()
+    start[: PHI + 1] = bearings.psi, bearings.phi
+    return start

@@ -7,6 +7,7 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import is_at_goal
 from visual_servo_epipolar.core.laws.phases.bounds import align_bound, engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import has_turned, is_sideways, is_untrusted
+from visual_servo_epipolar.core.laws.phases.probing import begun_probe
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 # In a row that must be trusted before the robot moves again; where it is said to have turned
@@ -20,6 +21,8 @@ def survey(state: ServoState, measurement: Measurement, settings: ServoSettings)
         return Event.LOST
     if is_at_goal(state, measurement, settings):
         return Event.MATCHED
+    if measurement.rivals:
+        return begun_probe(state, measurement, settings)
     if measurement.bearings is None:
         return Event.NO_BASELINE if measurement.parallax <= settings.near_parallax else Event.LOST
     if is_sideways(measurement, settings):
@@ -46,7 +49,9 @@ HOLDING = PhaseRow(
     words='stands until its tracks are back and trusted',
     colour='#F0E442',  # faint on white: the robot stands
     classify=_resume,
-    is_settled=lambda _, measurement, settings: not is_untrusted(measurement, settings),
+    is_settled=lambda _, measurement, settings: (
+        bool(measurement.rivals) or not is_untrusted(measurement, settings)
+    ),
 )
 ARRIVED = PhaseRow(phase=Phase.ARRIVED, words='stands at the goal', colour='#44337A')
 FAILED = PhaseRow(phase=Phase.FAILED, words='stands, the run is over', colour='#D55E00')

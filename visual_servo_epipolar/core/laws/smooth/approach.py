@@ -42,6 +42,7 @@ from visual_servo_epipolar.core.laws.smooth.wide_view import (
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
+AHEAD, STILL_LEFT = 0.5, 0.1  # cosine of a bearing; way at least where bearings say none [m]
 TURN_S = 0.5  # time constant of turns to where features stay in view
 UNCERTAIN = 0.06  # deviation of the bearings at which the robot drives at half speed [rad]
 CALM = 0.5  # share of the last turn in the next, near the goal: noise is no reason to turn
@@ -66,7 +67,7 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
     if sight is None:
         return STANDSTILL
     around = goes_around(*sight, measurement)
-    left = way_left(measurement, state)
+    left = max(way_left(measurement, state), _least_left(measurement, settings))
     in_view = not around and goes_around_in_view(polar_pose(*sight), measurement, settings)
     if around or in_view:
         left = max(left, LEAST_WAY * math.hypot(sight.x, sight.y))
@@ -227,6 +228,14 @@ def _certain(measurement: Measurement, settings: ServoSettings) -> float:
     """Return the speed by how well the line is known [m/s]."""
     deviation = 0.0 if math.isnan(measurement.deviation) else measurement.deviation
     return settings.max_linear / (1.0 + (deviation / UNCERTAIN) ** 2)
+
+
+def _least_left(measurement: Measurement, settings: ServoSettings) -> float:
+    """Return the way that is left at least [m], where D says that the goal is ahead and far."""
+    bearings = measurement.bearings
+    if measurement.offset is not None or bearings is None or math.cos(bearings.current) < AHEAD:
+        return -math.inf
+    return STILL_LEFT if measurement.difference <= -settings.retreat_difference else -math.inf
 
 
 def _least(measurement: Measurement) -> float:

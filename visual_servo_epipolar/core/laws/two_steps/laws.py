@@ -19,12 +19,19 @@ def transitions_by(drive: Phase) -> dict[tuple[Phase, Event], Phase]:
         Event.ALIGNED: Phase.MATCHING_FEATURES,
         Event.MATCHED: Phase.ARRIVED,
     }
-    standing = {Event.NO_BASELINE: Phase.ORIENTING, **survey}
+    standing = {
+        Event.NO_BASELINE: Phase.ORIENTING,
+        Event.AMBIGUOUS: Phase.MATCHING_FEATURES,
+        Event.AMBIGUOUS_NEAR: Phase.RETREATING,
+        **survey,
+    }
     return {
         **{(Phase.WAITING, event): phase for event, phase in standing.items()},
         **{(Phase.HOLDING, event): phase for event, phase in standing.items()},
         **{(Phase.ORIENTING, event): phase for event, phase in survey.items()},
         (Phase.RETREATING, Event.APART): drive,
+        (Phase.RETREATING, Event.RESOLVED): Phase.HOLDING,
+        (Phase.MATCHING_FEATURES, Event.RESOLVED): Phase.HOLDING,
         (Phase.MATCHING_FEATURES, Event.NO_GAIN): Phase.FAILED,
         (Phase.MATCHING_FEATURES, Event.MATCHED): Phase.ARRIVED,
         (Phase.MATCHING_FEATURES, Event.TURNED): Phase.ORIENTING,

@@ -9,7 +9,9 @@ from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.odometry.increments import OdometryIncrement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
+from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception, with_difference
+from visual_servo_epipolar.core.perception.rivals import begun, followed, in_order, turned
 from visual_servo_epipolar.core.servo.fusion.map_state import localize, MapState, measurement_of
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -58,7 +60,32 @@ def fuse(
         perception = perceive(seen, settings, state.view.frame, memory)
         measurement = measurement_of(perception, reading, after, settings)
     memory = two_view_skip(perception.memory, measurement, reading, after)
+    memory = _with_rivals(memory, measurement, seen, state, increment.motion.way)
     return Fusion(measurement, memory, after, reading)
+
+
+def _with_rivals(
+    memory: PerceptionMemory,
+    measurement: Measurement,
+    seen: Observation | None,
+    state: ServoState,
+    way: float,
+) -> PerceptionMemory:
+    """Return what perception carries on of two geometries that fit: one, once the way tells."""
+    before, extrinsics, twist = memory.rivals, state.identified.extrinsics, state.twist
+    if not measurement.rivals or seen is None or not state.phase.drives:
+        return memory if before is None else changed(memory, rivals=None)
+    if before is None:
+        before = begun(measurement.rivals, measurement.rotation_heading)
+    ordered = in_order(measurement.rivals, before)
+    yaw = 0.0 if extrinsics is None else float(extrinsics.mount[0])
+    if twist.angular != 0.0 or twist.linear == 0.0:
+        return changed(memory, rivals=turned(before, ordered, yaw))
+    rivals = followed(before, ordered, seen, way)
+    decided = rivals.decided(yaw)
+    if decided is None:
+        return changed(memory, rivals=rivals)
+    return changed(memory, rivals=None, bearings=ordered[decided])
 
 
 def disproved(perception: Perception, settings: ServoSettings) -> Fusion:

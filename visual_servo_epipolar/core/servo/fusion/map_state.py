@@ -202,6 +202,7 @@ def sharpened(
             'confidence': 1.0,  # features lie ahead in all views together
             'inliers': reading.inliers,
             'remembered': True,
+            'rivals': (),
             'reason': '',
         }
     return changed(

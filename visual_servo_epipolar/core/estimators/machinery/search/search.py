@@ -9,6 +9,7 @@ nothing, are believed where the matches speak for them by more than chance.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+import math
 
 import numpy as np
 
@@ -21,13 +22,14 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     INLIER_DEVIATIONS,
     Rays,
     remaining_rays,
+    SEPARATION,
 )
 from visual_servo_epipolar.core.estimators.machinery.planar import (
     concluded,
     PlanarModel,
     with_bearings,
 )
-from visual_servo_epipolar.core.estimators.machinery.refinement import Fit, refined_modes
+from visual_servo_epipolar.core.estimators.machinery.refinement import Fit, refined, refined_modes
 from visual_servo_epipolar.core.estimators.machinery.search.general_hypotheses import (
     general_start_parameters,
     ROUGHNESS,
@@ -40,6 +42,7 @@ from visual_servo_epipolar.core.estimators.machinery.search.tilted_hypotheses im
     start_parameters,
 )
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
+    exchanged_on_plane,
     in_front_of,
     PHI,
     plausible_matches,
@@ -120,8 +123,25 @@ def _found(
     remaining = remaining_rays(rays, matches, model.min_matches)
     fits = refine(model, remaining, prior)
     mode, alternative = choose_mode(fits.parameters[:, : PHI + 1], fits.costs, prior)
+    if alternative is None and prior.bearings is None and prior.lens.calibrated:
+        alternative = _twin(model, remaining, fits.take(mode), prior)
     cost = float(fits.costs[mode]) + WORST * (rays.matches - remaining.matches)
     return _Found(fits.take(mode).of_all(matches), matches, prior, cost, alternative)
+
+
+def _twin(model: PlanarModel, rays: Rays, fit: Fit, prior: Prior) -> Bearings | None:
+    """Return the other geometry that a plane fits, where hypotheses have missed it; or None."""
+    start = exchanged_on_plane(rays, fit)
+    if start is None:
+        return None
+    twin = refined(start, model.problem(rays, prior), model.widening(rays, prior))
+    # Of one plane both have the same residuals, across two directions: sums of N squares.
+    by_chance = 3.0 * math.sqrt(4.0 * rays.matches)
+    if not twin.costs < fit.costs + max(ALTERNATIVE_COST, by_chance):
+        return None
+    psi, phi = twin.parameters[: PHI + 1].tolist()
+    apart = np.abs(np.sin(twin.parameters[: PHI + 1] - fit.parameters[: PHI + 1])).max()
+    return Bearings(psi, phi) if apart > math.sin(SEPARATION) else None
 
 
 def _by_pairs(model: PlanarModel, rays: Rays, prior: Prior) -> Fit:

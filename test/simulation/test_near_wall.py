@@ -1,0 +1,22 @@
+"""A wall near the goal: two geometries fit it, and a short way tells which is true."""
+
+from durations import few_of
+import pytest
+
+from visual_servo_epipolar.commands.arguments import scenario_path
+from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.scenario import load
+from visual_servo_epipolar.simulation.views import points_of
+
+STARTS = [(0.92, -2.58, 0.46), (-0.52, -2.03, -9.37), (1.19, -2.38, -14.44), (1.2, -1.0, 10.0)]
+
+
+@pytest.mark.parametrize('law', ['full', 'smooth'])
+@pytest.mark.parametrize(('x', 'y', 'heading'), few_of(STARTS, keep=(1,)))
+def test_the_robot_probes_and_arrives(x: float, y: float, heading: float, law: str) -> None:
+    scenario = load(scenario_path('nearwall')).with_servo({'law': law})
+    log = run(
+        scenario.loop((x, y, heading), 0), points_of(scenario, 0), scenario.camera.nominal_camera
+    )
+    assert log.samples[-1].phase.value == 'arrived', log.reason
+    assert log.samples[-1].pose.distance < 5e-3
