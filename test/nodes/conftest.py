@@ -1,5 +1,8 @@
 """A small camera in the room, and what it sees; the bodies of messages for the nodes."""
 
+from collections.abc import Iterator
+
+from bench import Bench
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import Pose
@@ -13,6 +16,14 @@ SMALL = {
     'principal_u': 159.5,
     'principal_v': 119.5,
 }
+
+
+@pytest.fixture
+def two_processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Bench, Bench]]:
+    """Yield two benches in one domain: in one process all ends of a topic are of one type."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    with Bench() as bench, Bench(bench.context.get_domain_id()) as other:
+        yield bench, other
 
 
 @pytest.fixture(scope='session')

@@ -26,6 +26,7 @@ from visual_servo_epipolar.nodes.docking.server import DEACTIVATED, DockServer
 from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.lifecycle.gates import serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
+from visual_servo_epipolar.nodes.servoing.rivals import type_mismatch
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings
@@ -66,8 +67,8 @@ class DockReports:
             docking.pose_with_covariance(pose, covariance, dock.stamp_ns, frame)
         )
 
-    def search(self, search: DockSearch, stamp_ns: int) -> None:
-        """Publish how far the search has come."""
+    def search(self, search: DockSearch, stamp_ns: int, notice: str) -> None:
+        """Publish how far the search has come, and what the owner should know beside."""
         values: dict[str, object] = {
             'unpublished_because': search.reason,
             'views': len(search.keys),
@@ -78,8 +79,8 @@ class DockReports:
         self._diagnostics_pub.publish(
             write.diagnostics(
                 self._name,
-                level=DiagnosticStatus.WARN if search.reason else DiagnosticStatus.OK,
-                summary=search.reason or 'the dock is seen',
+                level=DiagnosticStatus.WARN if search.reason or notice else DiagnosticStatus.OK,
+                summary='; '.join(filter(None, [search.reason or 'the dock is seen', notice])),
                 values=values,
                 stamp_ns=stamp_ns,
             )
@@ -175,8 +176,15 @@ class DockNode(ManagedNode):
         return DockServer(self, wire, settings.servo, self._task_settings, self._refusal)
 
     def _refusal(self) -> str:
-        """Return why the robot cannot dock, or ''."""
+        """Return why the robot cannot dock, or ''; warn where the base takes no commands."""
+        if self._notice:
+            self._warn(self._notice)
         return '' if self._reversal is None else self._reversal.bypassed(self._node_settings.servo)
+
+    @property
+    def _notice(self) -> str:
+        """That commands of this node or for it arrive nowhere; or ''."""
+        return '' if self._reversal is None else type_mismatch(self)
 
     def _use_task(self) -> None:
         if self._server is not None:
@@ -238,7 +246,7 @@ class DockNode(ManagedNode):
         if self._search.dock is not None:
             by_path = self._node_settings.pose_frame == 'odometry'
             self._reports.pose(self._search.dock, place, self._driven.frame if by_path else None)
-        self._reports.search(self._search, place.stamp_ns)
+        self._reports.search(self._search, place.stamp_ns, self._notice)
 
     def _look_anew(self) -> None:
         """Forget the dock, and the mount from /tf_static: the next may be another."""

@@ -106,6 +106,7 @@ class RouteNode(ManagedNode):
             Commands(self, settings, None, wheelbase=self._servo.wheelbase),
             self._reports,
             self._enable.withheld,
+            self._rivals.notice,
             lambda: self._servo.stale_timeout,
             watched=settings.watchdog,
         )
@@ -301,9 +302,9 @@ class RouteNode(ManagedNode):
         self._renewal.follow(run, folder)
         end = route.views[run.target].way
         begun = f'begun, to the station after {end:.2f} m; the robot looks where it is'
-        if camera is None or camera == route.camera:
-            return begun
-        return f'{begun}; the camera was calibrated anew: {differences(route.camera, camera)}'
+        if camera is not None and camera != route.camera:
+            begun += f'; the camera was calibrated anew: {differences(route.camera, camera)}'
+        return '; '.join(filter(None, [begun, self._repetition.look_around()]))
 
     def _refusal(self) -> str:
         """Return why no repetition may begin now; or ''."""

@@ -258,7 +258,7 @@ class ServoNode(ManagedNode):
             self._run.report()
 
     def _look_around(self) -> None:
-        """Let be told who else may command the base."""
+        """Let be told who else may command the base, or cannot take its commands."""
         if self._node_settings.watchdog:
             self._run.notice = self._admission.rivals.notice()
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from dock_rig import Rig, TWIST
 from docking_drives import CAMERA, PERIOD_NS, true_dock
 from geometry_msgs.msg import Twist as TwistMessage
+from geometry_msgs.msg import TwistStamped
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo
@@ -59,6 +60,23 @@ def test_without_a_path_nothing_is_published(bench, source, missing) -> None:
     rig = Rig(bench, path_source=source)
     see_in_vain(rig)
     rig.bench.until(lambda: rig.bench.logged(missing), 'what is missing')
+
+
+def test_commands_of_another_type_are_named(two_processes) -> None:
+    bench, other = two_processes
+    other.talk(TwistStamped, 'cmd_vel')
+    see_in_vain(Rig(bench, path_source='commands'))
+    bench.until(lambda: bench.logged('publishes geometry_msgs/TwistStamped on /cmd_vel'), 'them')
+
+
+def test_a_base_that_takes_another_type_than_the_turned_commands_is_named(two_processes) -> None:
+    bench, other = two_processes
+    other.listen(TwistStamped, 'cmd_vel')
+    rig = Rig(bench, dock_backwards=True)
+    bench.until(lambda: rig.node._notice, 'the base')
+    rig.drive()
+    text = 'takes geometry_msgs/TwistStamped on /cmd_vel, /dock_node publishes geometry_msgs/Twist'
+    assert text in rig.reports[-1].status[0].message
 
 
 def test_odometry_of_another_clock_is_suspected(bench) -> None:

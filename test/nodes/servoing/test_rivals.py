@@ -1,7 +1,7 @@
 """Who else publishes on cmd_vel is named: at the start, and in the diagnostics of each step."""
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist, TwistStamped
 import pytest
 import rclpy
 from servo_rig import Rig
@@ -52,3 +52,29 @@ def test_one_that_has_gone_is_not_named_any_more(bench, joystick) -> None:
 def test_of_the_servo_itself_and_of_other_servos_no_notice_is_given(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0)
     assert rig.node._admission.rivals.notice() == ''
+
+
+@pytest.mark.parametrize('stamped', [False, True])
+def test_a_base_that_takes_another_type_is_named_at_the_start(two_processes, stamped) -> None:
+    bench, other = two_processes
+    other.listen(Twist if stamped else TwistStamped, 'cmd_vel')
+    heard = bench.listen(DiagnosticArray, '/diagnostics')
+    rig = Rig(bench, stale_timeout=60.0, autostart=False, enable_stamped_cmd_vel=stamped)
+    kinds = ['geometry_msgs/Twist', 'geometry_msgs/TwistStamped'][:: 1 if stamped else -1]
+    text = (
+        f'/probe takes {kinds[0]} on /cmd_vel, /servo_node publishes {kinds[1]}: no command '
+        f'arrives; restart /servo_node with enable_stamped_cmd_vel: {str(not stamped).lower()}'
+    )
+    bench.until(lambda: text in rig.node._admission.rivals.notice(), 'the base')
+    rig.see()
+    assert text in bench.call('servo_node/start').message
+    rig.drive()
+    bench.until(lambda: text in heard[-1].status[0].message, 'diagnostics')
+    assert heard[-1].status[0].level == b'\x01'
+
+
+def test_where_it_starts_by_itself_the_log_names_it(two_processes) -> None:
+    bench, other = two_processes
+    other.listen(TwistStamped, 'cmd_vel')
+    Rig(bench, stale_timeout=60.0).drive()
+    bench.until(lambda: bench.logged('/probe takes geometry_msgs/TwistStamped'), 'the log')

@@ -9,6 +9,7 @@ from rclpy.node import Node
 from visual_servo_epipolar.core.docking.path import Path, PathPlace
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.servoing.rivals import type_mismatch
 from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings, RouteNodeSettings
 
 
@@ -52,6 +53,9 @@ class DrivenPath:
     def missing(self) -> str:
         """What tracks wait for that the path does not reach."""
         source = 'cmd_vel' if self._predicts else 'odom'
+        mismatch = type_mismatch(self._node, takes=True) if self._predicts else ''
+        if mismatch:
+            return mismatch
         if self.path.last_ns is None:
             topic = self._node.resolve_topic_name(source)
             return f'nothing came on {topic} yet; start what publishes it, or remap {source}'

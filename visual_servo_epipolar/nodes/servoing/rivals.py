@@ -1,6 +1,7 @@
-"""CommandConflicts: others that command the same base, servos or not."""
+"""CommandConflicts: others that command the same base, and bases that take another message."""
 
 from collections import Counter
+from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -8,6 +9,7 @@ from rclpy.node import Node
 from visual_servo_epipolar.core.stamps import seconds_between
 
 TOPIC, MARKERS = 'cmd_vel', 'visualization_msgs/msg/MarkerArray'
+STAMPED = {'geometry_msgs/Twist': 'false', 'geometry_msgs/TwistStamped': 'true'}
 # A process that was killed is in the graph for twenty seconds more, the lease of Fast DDS.
 LEFTOVER_S = 25.0
 UNKNOWN = '_NODE_NAME_UNKNOWN_'  # of a program that is no node, or of one that has just come
@@ -18,7 +20,7 @@ class CommandConflicts:
     Others that publish on the cmd_vel of ``node``: beside another servo none may drive.
 
     Any other publisher is named, no more: a multiplexer may be silent meanwhile, and a joystick
-    is let be by who leaves it alone.
+    is let be by who leaves it alone. So is a subscriber that takes another type of message.
     """
 
     def __init__(self, node: Node) -> None:
@@ -26,10 +28,14 @@ class CommandConflicts:
         self._twin_ns: int | None = None  # since when a second node has the same name
 
     def complaint(self) -> str:
-        """Return that others command the base as well, and what to do; '' if there are none."""
-        return self._complaint(self._look())
+        """Return that others command the base as well, or it takes no commands; or ''."""
+        return self._complaint(self._look()) or type_mismatch(self._node)
 
     def notice(self) -> str:
+        """Return what the owner of the base should know of its cmd_vel; or ''."""
+        return '; '.join(filter(None, [type_mismatch(self._node), self._others()]))
+
+    def _others(self) -> str:
         """Return that others than servos publish on the topic as well; '' if there are none."""
         servos = {*_rivals(self._node), self._node.get_fully_qualified_name()}
         names = sorted(set(commanders(self._node)) - servos)
@@ -73,10 +79,35 @@ class CommandConflicts:
 
 def commanders(node: Node) -> Counter[str]:
     """Return the full names of those who publish on the cmd_vel of ``node``, and how often."""
-    return Counter(
-        f'{item.node_namespace.rstrip("/")}/{item.node_name}'
-        for item in node.get_publishers_info_by_topic(TOPIC)
+    return Counter(map(_full_name, node.get_publishers_info_by_topic(TOPIC)))
+
+
+def type_mismatch(node: Node, *, takes: bool = False) -> str:
+    """
+    Return that others take another type of cmd_vel than ``node`` publishes, and what to do; or ''.
+
+    Of a node that ``takes`` commands: that others publish another type.
+    """
+    ends = node.get_publishers_info_by_topic(TOPIC), node.get_subscriptions_info_by_topic(TOPIC)
+    verbs, own = ('publishes', 'takes'), node.get_fully_qualified_name()
+    types = {item.topic_type for item in ends[takes] if _full_name(item) == own}
+    other = [item for item in ends[not takes] if types and item.topic_type not in types]
+    if not other:
+        return ''
+    kinds = [kind.replace('/msg/', '/') for kind in (other[0].topic_type, min(types))]
+    told = (
+        f'{_full_name(other[0])} {verbs[not takes]} {kinds[0]} on '
+        f'{node.resolve_topic_name(TOPIC)}, {own} {verbs[takes]} {kinds[1]}'
     )
+    if kinds[0] not in STAMPED:
+        return f'{told}: no command arrives; remap cmd_vel'
+    stamped = STAMPED[kinds[0]]
+    return f'{told}: no command arrives; restart {own} with enable_stamped_cmd_vel: {stamped}'
+
+
+def _full_name(item: Any) -> str:
+    """Return the full name of the node that has an end of a topic."""
+    return f'{item.node_namespace.rstrip("/")}/{item.node_name}'
 
 
 def _rivals(node: Node) -> list[str]:
