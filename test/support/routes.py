@@ -37,6 +37,7 @@ def key_view(number: int) -> RouteView:
             covariance,
             np.zeros(5),
             0.01,
+            0.1,
         ),
         TaughtPath(way, rng.standard_normal((4, 3)), np.zeros(4), np.full(4, 0.5)),
         float(number),

@@ -34,6 +34,7 @@ def placed(taught: FloatArray, today: FloatArray) -> ViewPose | None:
         covariance,
         np.zeros(5),
         0.002,
+        0.1,
     )
     x, y, turn = THERE.tolist()
     away = today - [-y, 0.0, x]

@@ -14,11 +14,12 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_pose
+from visual_servo_epipolar.core.routes.chain import seam
 from visual_servo_epipolar.core.routes.descriptor_index import DescriptorIndex
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.path import PathPoint
 from visual_servo_epipolar.core.routes.route import Route, RouteView
-from visual_servo_epipolar.core.routes.structure import ViewPose
+from visual_servo_epipolar.core.routes.structure import SCALE_DEVIATION, ViewPose
 from visual_servo_epipolar.core.tracking.canvas import Canvas
 from visual_servo_epipolar.core.tracking.matchers.sift import detect
 from visual_servo_epipolar.core.tracking.matching import CurrentView
@@ -43,7 +44,8 @@ class Place:
     """
     Place on a route: the key ``view`` ahead, the camera's pose in its axes, the ``way`` [m].
 
-    ``offset`` to the left of the path [m], and ``turn`` to the left of its heading [rad].
+    ``offset`` to the left of the path [m], and ``turn`` to the left of its heading [rad]. Its key
+    view and a neighbour differ by ``seam`` [m].
     """
 
     view: int
@@ -51,11 +53,14 @@ class Place:
     way: float
     offset: float
     turn: float
+    seam: float = 0.0
 
     @property
     def deviation(self) -> float:
-        """The deviation of its position [m]."""
-        return math.sqrt(max(self.pose.covariance[0, 0], self.pose.covariance[1, 1]))
+        """The deviation of its position [m], with what all features of a key view share."""
+        by_image = max(self.pose.covariance[0, 0], self.pose.covariance[1, 1])
+        by_scale = SCALE_DEVIATION * float(np.linalg.norm(self.pose.pose[:2]))
+        return math.hypot(math.sqrt(by_image), by_scale, self.seam)
 
 
 class PlaceFinder:
@@ -70,6 +75,12 @@ class PlaceFinder:
         self.is_ambiguous = False  # two places fit the last image
         # A robot that stands looks at the same few photographs again and again.
         self._view = lru_cache(maxsize=KEPT)(lambda number: route.views[number].loaded())
+
+    @cached_property
+    def _seams(self) -> FloatArray:
+        """By how much each key view differs from a neighbour, at most, (K,) [m]."""
+        between = np.pad(np.nan_to_num(seam(self.route.views)), 1)
+        return np.maximum(between[:-1], between[1:])
 
     @cached_property
     def _index(self) -> DescriptorIndex:
@@ -131,13 +142,14 @@ class PlaceFinder:
                 'on the route, looking along it'
             )
             return None
-        best = max(found, key=lambda place: place.pose.inliers)
+        most = max(place.pose.inliers for place in found)
+        alike = [place for place in found if place.pose.inliers > RIVAL * most]
+        best = min(alike, key=lambda place: float(np.linalg.norm(place.pose.pose[:2])))
         rivals = [
             place
-            for place in found
+            for place in alike
             if (apart := abs(place.way - best.way)) > FARTHEST
             and abs(apart - self.lap) > LAP_APART
-            and place.pose.inliers > RIVAL * best.pose.inliers
         ]
         if rivals:
             self.is_ambiguous = True
@@ -155,7 +167,7 @@ class PlaceFinder:
         if found is None:
             return None
         point = self._beside(number, found.pose)
-        place = Place(number, found, point.way, point.offset, point.turn)
+        place = Place(number, found, *point[:3], self._seams[number])
         is_turned = abs(point.turn) > MOST_TURN and not self.route.camera.wraps
         is_near = abs(point.offset) < FARTHEST and not is_turned
         return place if is_near and place.deviation < CERTAIN else None
@@ -183,6 +195,10 @@ def _located(
     parts = np.array_split(view.path.poses, min(STARTS, len(view.path.poses)))
     places = [place for part in parts if (place := tracker.place(features, part)) is not None]
     best = max(places, key=lambda place: place.inliers, default=None)
+    # What is not matched is looked for where the structure has it from there.
+    again = None if best is None else tracker.locate(image, best.pose)
+    if best is not None and again is not None and again.inliers > best.inliers:
+        best, features = again, tracker.features
     if best is None or best.inliers < max(LEAST_INLIERS, LEAST_SHARE * len(features)):
         return None
     return best if best.unaided < CERTAIN else None

@@ -15,7 +15,7 @@ class TeachSettings(Settings):
     """When a new key view is taken, and what its features must show."""
 
     min_shared: float = setting(
-        0.55,
+        0.4,
         'A new key view is taken below this share of remaining features',
         low=0.1,
         high=0.9,
@@ -31,7 +31,7 @@ class TeachSettings(Settings):
     pause: float = setting(
         3.0, 'Standstill that marks a station; 0 = none does [s]', low=0.0, high=60.0
     )
-    features: int = setting(100, 'Features of a key view', low=20, high=400)
+    features: int = setting(250, 'Features of a key view', low=20, high=400)
 
 
 @dataclass(frozen=True, kw_only=True)

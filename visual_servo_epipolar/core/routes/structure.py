@@ -18,13 +18,14 @@ from visual_servo_epipolar.core.mapping.adjustment.factors import (
     views_of,
 )
 from visual_servo_epipolar.core.mapping.adjustment.projection import structure_of
-from visual_servo_epipolar.core.mapping.adjustment.refinement import refine
+from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
 from visual_servo_epipolar.core.mapping.adjustment.window import (
     EMPTY,
     KeyframeWindow,
     MOUNT,
     SHARED,
     Unknowns,
+    VIEW,
 )
 from visual_servo_epipolar.core.mapping.feature_observations import (
     FeatureObservations,
@@ -37,6 +38,7 @@ from visual_servo_epipolar.core.mapping.fitting import (
     nearest_view,
     pose_covariance,
     PoseFit,
+    USUAL_MEDIAN,
 )
 from visual_servo_epipolar.core.mapping.initialization import (
     refine_narrowing,
@@ -45,9 +47,11 @@ from visual_servo_epipolar.core.mapping.initialization import (
 )
 from visual_servo_epipolar.core.mapping.localization import seen_rays
 
-STEPS = 12
+STEPS, ROUNDS = 12, 2
 SCALE_DEVIATION = 0.01  # of the logarithm of the true way over that of the odometry
-NOISE_PX = 0.1  # of a tracked feature
+START_NOISE_PX = 0.2  # of a tracked feature, until residuals tell it
+LEAST_NOISE_PX = 0.1  # of one on another day: what patches get wrong alike, no residual shows
+LEAST_LEFT = 0.1  # of residuals, where nearly as much is fitted as is seen
 ALL_AROUND = 1e-3  # of the logarithm of the focal length: 360 deg are as many pixels as it has
 LEAST_INVERSE_DEPTH = 1e-3  # [1/m]
 LEAST_VIEWS = 2  # in which a feature is seen, to be kept
@@ -87,7 +91,7 @@ class LocalStructure:
 
     ``inverse_depth``, (N,), along their rays [1/m]; ``covariance``, (3, 3, N), of both offsets and
     of it; ``shared``, (5,), attitudes of photograph and mount, and the lens, as ``Unknowns``;
-    ``jitter`` is the deviation of the attitude of a view [rad].
+    ``jitter`` is the deviation of the attitude of a view [rad], ``noise`` that of pixels [px].
     """
 
     pixels: FloatArray
@@ -96,6 +100,7 @@ class LocalStructure:
     covariance: FloatArray
     shared: FloatArray
     jitter: float
+    noise: float
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -103,7 +108,7 @@ class LocalStructure:
     def anchors(self, camera: CameraModel) -> Anchors:
         """Return the features as anchors of other views."""
         rays = camera.rays(self.pixels)
-        tangents = tangent_basis_of(rays, 1.0 / _noise(camera, rays))
+        tangents = tangent_basis_of(rays, 1.0 / (self.noise * camera.resolution(rays)))
         unknowns = Unknowns(np.empty((0, 5)), self.shared, self.offsets, self.inverse_depth)
         structure = structure_of(rays, tangents, unknowns)
         deviation = np.full(2, self.jitter)
@@ -115,6 +120,7 @@ class Localizer:
 
     def __init__(self, structure: LocalStructure, camera: CameraModel) -> None:
         self._anchors, self._camera = structure.anchors(camera), camera
+        self._noise = structure.noise
         rays, near = self._anchors.structure.rays, self._anchors.structure.inverse_depth
         self._points = (rays / np.maximum(near, LEAST_INVERSE_DEPTH)).T  # right, down, ahead
         self._plan = self._points[:, ::2]
@@ -141,7 +147,7 @@ class Localizer:
         if len(ids) < MIN_AGREEING:
             return None
         rays = self._camera.rays(pixels)
-        basis = tangent_basis_of(rays, _noise(self._camera, rays))
+        basis = tangent_basis_of(rays, self._noise * self._camera.resolution(rays))
         seen, anchors = MatchedFeatures(ids, rays.T, basis), self._anchors.of(ids)
         starts = views_of(np.atleast_2d(near), anchors.attitude)
         start = starts[0] if near.ndim == 1 else nearest_view(anchors, seen, starts)
@@ -198,7 +204,11 @@ def learn_structure(
     if camera.wraps:
         factors = replace(factors, lens_deviation=ALL_AROUND)
     at, damping = refine_narrowing(Evaluation(window, unknowns, np.ones(count, bool), factors))
-    geometry = refine(at, STEPS, damping)
+    noise, geometry = START_NOISE_PX, refine(at, STEPS, damping)
+    for _ in range(ROUNDS):
+        ratio = max(_noise_ratio(geometry), LEAST_NOISE_PX / noise)
+        noise *= ratio
+        geometry = refine(_renoised(geometry, ratio), STEPS, geometry.damping)
     rows = np.flatnonzero(geometry.trusted & (window.seen.sum(0) >= LEAST_VIEWS))
     if len(rows) < LEAST_FEATURES:
         raise DegenerateGeometryError(
@@ -213,21 +223,40 @@ def learn_structure(
         geometry.feature_covariance[..., rows],
         unknowns.shared[:SHARED],
         float(factors.jitter),
+        noise,
     )
+
+
+def _noise_ratio(geometry: Geometry) -> float:
+    """Return the deviation of residuals over that which was expected, by their median."""
+    seen = geometry.window.seen & geometry.trusted
+    observed, placed, views = 2 * int(seen.sum()), int(geometry.trusted.sum()), len(seen)
+    left = 1.0 - (3 * placed + VIEW * views) / (observed + 2 * placed)  # by what was fitted
+    usual = float(np.median(geometry.evaluation.squares[seen])) if observed else USUAL_MEDIAN
+    return math.sqrt(usual / USUAL_MEDIAN / max(left, LEAST_LEFT))
+
+
+def _renoised(geometry: Geometry, ratio: float) -> Evaluation:
+    """Return the evaluation with ``ratio`` times the noise."""
+    at = geometry.evaluation
+    window = replace(
+        at.window,
+        tangent_basis=at.window.tangent_basis / ratio,
+        photograph_noise=at.window.photograph_noise * ratio,
+    )
+    unknowns = replace(at.unknowns, offsets=at.unknowns.offsets / ratio)
+    return replace(at, window=window, unknowns=unknowns)
 
 
 def _window(
     photograph: FloatArray, views: Sequence[SeenView], camera: CameraModel
 ) -> KeyframeWindow:
     desired = camera.rays(photograph)
-    noise = _noise(camera, desired)
+    noise = START_NOISE_PX * camera.resolution(desired)
     window = EMPTY
     for view in views:
-        both = np.column_stack([_noise(camera, view.rays), noise[view.ids]])
+        current = START_NOISE_PX * camera.resolution(view.rays)
+        both = np.column_stack([current, noise[view.ids]])
         features = FeatureObservations(view.ids, view.rays, desired[view.ids], both)
         window = window.with_view(features, views_of(view.pose[None], np.zeros(2))[0, :2])
     return window
-
-
-def _noise(camera: CameraModel, rays: FloatArray) -> FloatArray:
-    return np.asarray(NOISE_PX * camera.resolution(rays))

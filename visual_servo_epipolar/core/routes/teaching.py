@@ -33,6 +33,7 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 LEAST_STEP, LEAST_TURN = 0.01, 0.005  # between two images that are kept [m, rad]
 TIGHTEST = 0.2  # radius of a curve [m]
 FEWEST = 20  # features of a view that is learnt from
+ENOUGH = 4  # images that show a key view, for which the next one waits
 MOST_VIEWS = 12  # from which a structure is learnt
 
 
@@ -169,13 +170,15 @@ class Teacher:
                 f'drive curves of {TIGHTEST:g} m and more'
             )
         too_far = frame.way - since.way > settings.max_spacing or turn > settings.max_turn
-        if too_far or count < settings.min_shared * self._most:
+        is_due = too_far or count < settings.min_shared * self._most
+        if is_due and (len(self._pending.seen) > ENOUGH or count < FEWEST):
             self._begin_key_view(frame)
 
     def _begin_key_view(self, frame: DrivenFrame) -> None:
         """End the last key view, and begin one at a frame: first back through those before."""
         self._end_key_view()
-        tracker = Tracker(TrackerSettings(max_features=self._settings.features), self.camera)
+        count = self._settings.features
+        tracker = Tracker(TrackerSettings(max_features=count, candidates=2 * count), self.camera)
         view = desired_view(frame.image, canvas=tracker.canvas)
         tracker.set_view(view)
         pixels = tracker.canvas.pixels_of_image(view.keypoints.pixels)

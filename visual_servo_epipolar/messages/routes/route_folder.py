@@ -28,6 +28,7 @@ import yaml
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.mapping.adjustment.window import SHARED
 from visual_servo_epipolar.core.routes.path import TaughtPath
 from visual_servo_epipolar.core.routes.route import Appearance, Route, RouteView
 from visual_servo_epipolar.core.routes.structure import LocalStructure
@@ -37,6 +38,7 @@ from visual_servo_epipolar.messages import camera_file
 from visual_servo_epipolar.messages.images import pictures
 
 VERSION = 1
+FORMER_NOISE_PX = 0.1  # of a structure that does not name its own
 ROUTE, CAMERA, STRUCTURE = 'route.yaml', 'camera.yaml', 'structure.npz'
 PHOTOGRAPH = re.compile(r'\d{6}(_\d+)?\.(png|jpg)')
 ENCODING = {'.png': [cv2.IMWRITE_PNG_COMPRESSION, 6], '.jpg': [cv2.IMWRITE_JPEG_QUALITY, 90]}
@@ -189,7 +191,7 @@ def _columns(view: RouteView) -> dict[str, Any]:
         'inverse_depth': structure.inverse_depth,
         'covariance': structure.covariance.transpose(2, 0, 1),
         'path': np.column_stack([path.way, path.poses, path.curvatures, path.speeds]),
-        'shared': np.append(structure.shared, structure.jitter)[None],
+        'shared': np.concatenate([structure.shared, [structure.jitter, structure.noise]])[None],
         'tuning': np.array([[int(keypoints.tuning or 1)]]),  # type: ignore[call-overload]
     }
 
@@ -408,8 +410,9 @@ def _key_view(
         part['offsets'].T,
         part['inverse_depth'],
         part['covariance'].transpose(1, 2, 0),
-        shared[:-1],
-        float(shared[-1]),
+        shared[:SHARED],
+        float(shared[SHARED]),
+        float(shared[SHARED + 1]) if len(shared) > SHARED + 1 else FORMER_NOISE_PX,
     )
     if not all(np.isfinite(getattr(structure, item.name)).all() for item in fields(structure)):
         raise ValueError('a structure must be finite')

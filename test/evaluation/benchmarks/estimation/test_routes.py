@@ -21,12 +21,12 @@ def count(document: dict[str, Any], outcome: str) -> int:
     return sum(it['outcome'] == outcome for way in document['ways'] for it in way['frames'])
 
 
-def test_a_way_of_a_race_car_is_taught_and_no_frame_is_found_elsewhere(
+def test_a_way_of_a_race_car_is_taught_and_its_frames_are_found(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, document = bench(DONKEY, tmp_path / 'result.json')
     assert code == 0 and document['ways'][0]['taught']
-    assert (count(document, 'found'), count(document, 'wrong')) == (3, 0)
+    assert count(document, 'found') == 6
     assert not any(row['trusted'] for row in document['bearings'])  # 1 px of parallax
     assert 'donkey_route' in capsys.readouterr().out
 
@@ -56,7 +56,8 @@ def test_routes_without_a_folder_is_bad_input(capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason=f'{REAL.name} is not there: not to be committed')
-def test_no_frame_of_a_real_way_is_found_where_it_was_not_taken(tmp_path: Path) -> None:
+def test_real_ways_are_taught_and_frames_are_found_where_they_were_taken(tmp_path: Path) -> None:
     code, document = bench(REAL, tmp_path / 'result.json')
-    assert code == 0 and count(document, 'wrong') == 0
-    assert all(way['elsewhere']['found'] == 0 for way in document['ways'] if way['taught'])
+    assert code == 0 and all(way['taught'] for way in document['ways'])
+    assert count(document, 'found') >= 11 and count(document, 'wrong') == 0
+    assert not any(way['elsewhere']['found'] for way in document['ways'])
