@@ -1,14 +1,18 @@
 """Images along a recorded way: each with where the base was, by odometry or by commands."""
 
+import json
 from pathlib import Path
 
 from bagmaker import Message, write_bag
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from recorded_drives import befallen, Change, REFUSED, TAKEN
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.route_images import RecordedWay
+from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.cameras.equirectangular import of_size
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_intrinsics
@@ -19,13 +23,16 @@ from visual_servo_epipolar.messages import write
 CAMERA = calibrated_camera((64, 48), (50.0, 0.0, 31.5, 0.0, 50.0, 23.5, 0.0, 0.0, 1.0), ())
 COLOR, DEPTH = '/cam/color/image_raw', '/cam/depth/camera_info'
 TOLD = 'may be of two cameras'  # as the nodes log it
-KINDS = {
-    '/odom': 'nav_msgs/msg/Odometry',
-    '/other/odom': 'nav_msgs/msg/Odometry',
+ODOMETRY = '/odom', '/other/odom', '/odometry/filtered', '/robot_1/odom', '/robot_2/odom'
+KINDS = dict.fromkeys(ODOMETRY, 'nav_msgs/msg/Odometry') | {
     COLOR: 'sensor_msgs/msg/Image',
     DEPTH: 'sensor_msgs/msg/CameraInfo',
+    '/robot_1/image_raw': 'sensor_msgs/msg/Image',
+    '/robot_1/camera_info': 'sensor_msgs/msg/CameraInfo',
+    '/stamped/cmd_vel': 'geometry_msgs/msg/TwistStamped',
 }
 SECOND = 10**9
+WAYS = pytest.approx([0.4, 0.6, 0.8, 1.0])
 
 
 def calibrations(*cameras: CameraModel, topic: str = '/camera_info', frame: str = 'c'):
@@ -92,6 +99,45 @@ def test_a_bag_that_does_not_tell_how_far_it_went_is_refused(tmp_path: Path) -> 
         RecordedWay(bag, {})
 
 
+def test_odometry_is_told_by_its_type(tmp_path: Path) -> None:
+    parts = images(), odometry('/odometry/filtered'), commands()
+    with Bag(bag_of(tmp_path, *parts)) as bag:
+        assert [pose.x for _, _, pose in RecordedWay(bag, {}).images()] == WAYS
+
+
+def test_odometry_beside_the_images_is_that_of_their_robot(tmp_path: Path) -> None:
+    own = [(f'/robot_1{topic}', *rest) for topic, *rest in images() + odometry('/odom')]
+    other = [(topic, 0, raw) for topic, _, raw in odometry('/robot_2/odom')]
+    with Bag(bag_of(tmp_path, own, other)) as bag:
+        way = RecordedWay(bag, {})
+        assert [pose.x for _, _, pose in way.images()] == WAYS
+    words = 'of /robot_1/odom, /robot_2/odom the odometry beside the images is /robot_1/odom'
+    assert way.notes == [words]
+
+
+def test_stamped_commands_count_by_their_stamps(tmp_path: Path) -> None:
+    late = []
+    for k in range(12):
+        twist = write.command(Twist(0.5, 0.0), k * SECOND // 4, 'base_link', stamped=True)
+        late.append(
+            ('/stamped/cmd_vel', k * SECOND // 4 + SECOND, bytes(serialize_message(twist)))
+        )
+    with Bag(bag_of(tmp_path, images(), late)) as bag:
+        ways = [pose.x for _, _, pose in RecordedWay(bag, {}).images()]
+    assert ways == pytest.approx([0.5, 0.75, 1.0, 1.25])
+
+
+def test_odometry_without_orientation_is_refused(tmp_path: Path) -> None:
+    message = Odometry()
+    message.pose.pose.orientation.w = 0.0
+    empty = [('/odom', k, bytes(serialize_message(message))) for k in range(2)]
+    with (
+        Bag(bag_of(tmp_path, images(), empty)) as bag,
+        pytest.raises(InputError, match='must be a quaternion of length 1, got length 0'),
+    ):
+        RecordedWay(bag, {})
+
+
 def test_two_odometries_are_a_choice(tmp_path: Path) -> None:
     parts = images(), odometry('/odom'), odometry('/other/odom')
     with Bag(bag_of(tmp_path, *parts)) as bag:
@@ -151,3 +197,50 @@ def test_one_beside_its_images_of_another_frame_is_noted_as_by_a_node(tmp_path: 
     with Bag(bag_of(tmp_path, views(frame='a'), calibrations(CAMERA), odometry('/odom'))) as bag:
         note = f'/image_raw and /camera_info {TOLD}, of the frames a and c'
         assert RecordedWay(bag, {}).notes == [note]
+
+
+def recorded(folder: Path, change: Change) -> Path:
+    """Write a bag of a drive that something befell."""
+    drive = befallen(change)
+    begin = drive.images[0]
+    info = write.camera_info(drive.camera, begin.stamp_ns, 'c')
+    messages = [('/camera_info', begin.came_ns, bytes(serialize_message(info)))]
+    for seen in drive.images:
+        image = write.image(seen.image, 'mono8', seen.stamp_ns, 'c')
+        messages.append(('/image_raw', seen.came_ns, bytes(serialize_message(image))))
+    for told in drive.odometry:
+        odom = write.odometry(told.pose, STANDSTILL, told.stamp_ns, told.frame, 'base_link')
+        messages.append(('/odom', told.came_ns, bytes(serialize_message(odom))))
+    return bag_of(folder, messages)
+
+
+@pytest.mark.parametrize('name', REFUSED)
+def test_no_route_comes_of(name: str, tmp_path: Path) -> None:
+    change, words = REFUSED[name]
+    with Bag(recorded(tmp_path, change)) as bag, pytest.raises(InputError) as error:
+        list(RecordedWay(bag, {}).images())
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize('name', TAKEN)
+def test_a_route_comes_all_the_same_of(name: str, tmp_path: Path) -> None:
+    change, length, note = TAKEN[name]
+    with Bag(recorded(tmp_path, change)) as bag:
+        way = RecordedWay(bag, {})
+        ways = [pose.x for _, _, pose in way.images()]
+    assert max(ways) - ways[0] == pytest.approx(length, abs=0.03)
+    assert way.notes == [note] * bool(note)
+
+
+def test_a_way_is_written_or_refused_whole(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / 'out'
+    bag = recorded(tmp_path, TAKEN['odometry begins late'][0])
+    assert main(['route', 'teach', str(bag), '--out', str(out), '--json', '-']) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result['length_m'] == pytest.approx(1.25, abs=0.01) and len(result['notes']) == 1
+    bag = recorded(tmp_path / 'other', REFUSED['odometry ends early'][0])
+    assert main(['route', 'teach', str(bag), '--out', str(tmp_path / 'none')]) == 2
+    assert 'the last 23 of 45 images have no place' in capsys.readouterr().err
+    assert not (tmp_path / 'none').exists()

@@ -151,10 +151,18 @@ def test_a_twist_that_is_not_finite_is_refused(value, stamped) -> None:
         read.twist(message)
 
 
-def test_a_pose_that_is_not_finite_is_refused() -> None:
-    message = write.odometry(Pose(1, 2, 3), STANDSTILL, 0, 'world', 'base')
-    message.pose.pose.orientation.w = NAN
-    with pytest.raises(ValueError, match='a pose must be finite'):
+@pytest.mark.parametrize(
+    ('x', 'w', 'words'),
+    [
+        (NAN, 1.0, 'a pose must be finite'),
+        (0.0, NAN, 'must be a quaternion of length 1, got length nan'),
+        (0.0, 0.0, 'must be a quaternion of length 1, got length 0'),
+    ],
+)
+def test_a_pose_that_is_none_is_refused(x: float, w: float, words: str) -> None:
+    message = write.odometry(Pose(1, 2, 0), STANDSTILL, 0, 'world', 'base')
+    message.pose.pose.position.x, message.pose.pose.orientation.w = x, w
+    with pytest.raises(ValueError, match=words):
         read.pose(message)
 
 

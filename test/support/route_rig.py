@@ -7,6 +7,7 @@ from bench import Bench
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry
+from recorded_drives import RecordedDrive, Seen
 from sensor_msgs.msg import CameraInfo, Image
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
@@ -52,6 +53,26 @@ class RouteRig:
         received = self.node.received
         self._send(write.image(image, 'mono8', self.stamp_ns, 'camera'))
         self.bench.until(lambda: self.node.received > received, 'an image to arrive')
+
+    def record(self, drive: RecordedDrive) -> tuple[bool, str]:
+        """Record a drive, message by message; return what ``~/stop_recording`` answers."""
+        assert self.call('start_recording')[0]
+        self.tell(drive)
+        self.bench.settle()
+        return self.call('stop_recording')
+
+    def tell(self, drive: RecordedDrive) -> None:
+        """Publish what came of a drive, each when the node has taken in the one before."""
+        for each in sorted([*drive.odometry, *drive.images], key=lambda it: it.came_ns):
+            if isinstance(each, Seen):
+                self.see(each.image, each.stamp_ns)
+            else:
+                told = each.pose, STANDSTILL, each.stamp_ns, each.frame, 'base_link'
+                self._move(write.odometry(*told))
+                self.bench.until(
+                    lambda ns=each.stamp_ns: self.node._driven.path.lag(ns) == 0.0,
+                    'odometry to arrive',
+                )
 
     def answered(self, image: Pixels, stamp_ns: int) -> Twist:
         """Return the command that an image is answered by, where each one is."""

@@ -1,23 +1,27 @@
 """Images along a way that was recorded, with where the base was at the time of each."""
 
-from collections.abc import Iterator, Mapping, Sequence
-
-import numpy as np
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+from operator import itemgetter
+from os.path import commonprefix
+from typing import Any
 
 from visual_servo_epipolar.bags.reading.bag import Bag, BagTopic
 from visual_servo_epipolar.bags.reading.run import image_size, usable
 from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_notes
-from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.equirectangular import cut_note
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import differences
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.motion import integrate, Pose
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.odometry.path import Path
+from visual_servo_epipolar.core.routes.driven_images import DrivenImages
 from visual_servo_epipolar.messages import read
 
 ODOMETRY = 'nav_msgs/msg/Odometry'
-COMMAND_HOLDS_S = 0.5  # longest time that a command is obeyed
 
 
 class RecordedWay:
@@ -26,8 +30,8 @@ class RecordedWay:
 
     ``requested`` are names of topics by role, ``odometry`` that of the odometry. Without a
     ``camera``, or a ``projection`` by which the size of images tells it, it is that of camera_info
-    for images of a ``kind`` (rectified, cropped). Raises InputError if the bag lacks what is
-    needed.
+    for images of a ``kind`` (rectified, cropped). ``notes`` say what was chosen and what is left
+    out. Raises InputError if the bag lacks what is needed.
     """
 
     def __init__(
@@ -53,16 +57,38 @@ class RecordedWay:
         self.camera = camera or (
             self._recorded_camera(kind) if told else self._projected_camera(projection)
         )
-        self._stamps, self._poses = self._driven(odometry)
+        motion = self._odometry(odometry) or self._topics.get('cmd_vel')
+        if motion is None:
+            raise InputError(
+                f'{bag.path}: nothing tells how far the robot drove; record odom as well, or '
+                'cmd_vel, or name the topic by --odometry NAME'
+            )
+        self._by_odometry = motion.kind == ODOMETRY
+        if not self._by_odometry:
+            self.notes.append(f'no odometry: the way is that of {motion.name}')
+        self._path = Path(motion.name, ahead=0.0 if self._by_odometry else math.inf)
+        self._rows = self._driven(motion)
 
     def images(self) -> Iterator[tuple[Image, int, Pose]]:
-        """Yield the images in the order of recording, their stamps, and where the base was."""
+        """Yield the images in order of time, their stamps, and where the base was."""
+        path, rows = self._path, deque(self._rows)
+        images = DrivenImages(path)
+        add: Callable[..., object] = path.add_pose if self._by_odometry else path.add_twist
         for item in self._bag.messages([self._topics['image'].name]):
             with usable(self._bag.path, item):
                 stamp_ns, image = read.stamp_ns(item.message.header), read.gray(item.message)
-            if self._stamps[0] <= stamp_ns <= self._stamps[-1]:
-                pose = [float(np.interp(stamp_ns, self._stamps, each)) for each in self._poses.T]
-                yield image, stamp_ns, Pose(*pose)
+            while rows and (
+                rows[0][0] <= stamp_ns or self._by_odometry and path.lag(stamp_ns) > 0.0
+            ):
+                add(*rows.popleft())
+            images.see(image, stamp_ns)
+            yield from images.placed()
+            if images.trouble:
+                break
+        images.finish()
+        if images.trouble:
+            raise InputError(f'{self._bag.path}: no route can be learnt: {images.trouble}')
+        self.notes += images.notes
 
     def _recorded_camera(self, kind: Mapping[str, bool]) -> CameraModel:
         topic, camera = self._topics.get('camera_info'), None
@@ -93,66 +119,51 @@ class RecordedWay:
         self.notes += filter(None, [cut_note(camera)])
         return camera
 
-    def _driven(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Return stamps [ns], (M,), and poses of the base, (M, 3), headings unwrapped."""
-        topic = self._odometry(name)
-        if topic is not None:
-            rows = self._by_odometry(topic)
-        elif 'cmd_vel' in self._topics:
-            self.notes.append(f'no odometry: the way is that of {self._topics["cmd_vel"].name}')
-            rows = self._by_commands(self._topics['cmd_vel'])
-        else:
-            raise InputError(
-                f'{self._bag.path}: nothing tells how far the robot drove; record odom as well, '
-                'or cmd_vel, or name the topic by --odometry NAME'
-            )
-        if len(rows) < 2:
-            raise InputError(
-                f'{self._bag.path}: two poses of the base or more are needed, got {len(rows)}; '
-                'record while the robot drives'
-            )
-        rows.sort(key=lambda row: row[0])
-        table = np.array(rows)
-        table[:, 3] = np.unwrap(table[:, 3])
-        return table[:, 0], table[:, 1:]
-
     def _odometry(self, name: str) -> BagTopic | None:
-        known = [it for it in self._bag.topics.values() if it.kind == ODOMETRY]
+        """Return the topic of odometry, by its type: the one of the robot that has the images."""
+        every = [it for it in self._bag.topics.values() if it.kind == ODOMETRY]
         if name:
-            found = [it for it in known if it.name.strip('/') == name.strip('/')]
+            found = [it for it in every if it.name.strip('/') == name.strip('/')]
             if not found:
                 raise InputError(
                     f'{self._bag.path}: no odometry {name!r}; it has '
-                    f'{", ".join(it.name for it in known) or "none"}; name one of these, or leave '
+                    f'{", ".join(it.name for it in every) or "none"}; name one of these, or leave '
                     '--odometry out where cmd_vel was recorded'
                 )
             return found[0]
-        usual = [it for it in known if it.name.endswith('odom')]
-        if len(usual) > 1:
-            names = ', '.join(it.name for it in usual)
+        images = self._topics['image'].name
+        shared = {  # so many namespaces with the images, and the root
+            it: commonprefix([it.name, images]).count('/')
+            for it in every
+            if not it.name.endswith('ground_truth')
+        }
+        nearest = [it for it, count in shared.items() if count == max(shared.values())]
+        names = ', '.join(it.name for it in shared)
+        if len(nearest) > 1:
             raise InputError(
-                f'{self._bag.path}: one topic of odometry is needed, got {len(usual)}: {names}; '
+                f'{self._bag.path}: one topic of odometry is needed, got {len(shared)}: {names}; '
                 'say --odometry NAME'
             )
-        return usual[0] if usual else None
+        if len(shared) > 1:
+            self.notes.append(f'of {names} the odometry beside the images is {nearest[0].name}')
+        return nearest[0] if nearest else None
 
-    def _by_odometry(self, topic: BagTopic) -> list[Sequence[float]]:
-        rows: list[Sequence[float]] = []
+    def _driven(self, topic: BagTopic) -> list[Sequence[Any]]:
+        """Return stamps [ns] with poses and their frames, or with commands, in order of time."""
+        rows: list[Sequence[Any]] = []
         for item in self._bag.messages([topic.name]):
+            message = item.message
             with usable(self._bag.path, item):
-                pose = read.odometry(item.message)
-            rows.append((read.stamp_ns(item.message.header), pose.x, pose.y, pose.theta))
-        return rows
-
-    def _by_commands(self, topic: BagTopic) -> list[Sequence[float]]:
-        rows: list[Sequence[float]] = []
-        pose, twist, last_ns = Pose(0.0, 0.0, 0.0), None, 0
-        for item in self._bag.messages([topic.name]):
-            if twist is not None:
-                held = min(1e-9 * (item.log_ns - last_ns), COMMAND_HOLDS_S)
-                pose = integrate(pose, twist, max(held, 0.0))
-            with usable(self._bag.path, item):
-                twist = read.twist(item.message)
-            last_ns = item.log_ns
-            rows.append((last_ns, pose.x, pose.y, pose.theta))
-        return rows
+                if self._by_odometry:
+                    stamp_ns, frame = read.stamp_ns(message.header), message.header.frame_id
+                    rows.append((stamp_ns, read.pose(message), str(frame)))
+                else:
+                    stamped = hasattr(message, 'header')
+                    stamp_ns = read.stamp_ns(message.header) if stamped else item.log_ns
+                    rows.append((stamp_ns, read.twist(message)))
+        if len(rows) < 2:
+            raise InputError(
+                f'{self._bag.path}: two messages or more of {topic.name} are needed, got '
+                f'{len(rows)}; record while the robot drives'
+            )
+        return sorted(rows, key=itemgetter(0))

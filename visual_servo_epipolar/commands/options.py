@@ -194,7 +194,7 @@ def add_route(parser: ArgumentParser) -> None:
     add_words(cameras, {'--projection NAME': projection}, default='camera_info')
     add_words(
         teach,
-        {'--odometry NAME': 'topic of the odometry (default: the one whose name ends in odom)'},
+        {'--odometry NAME': 'topic of the odometry (default: the one of that type)'},
         default='',
     )
     add_flags(teach, {'--rectified': 'images are rectified: use P of camera_info', **CROPPED})

@@ -117,6 +117,12 @@ def twist(message: Any) -> Twist:
 def pose(message: Any) -> Pose:
     """Return the pose in the plane of a nav_msgs/Odometry."""
     position, turn = message.pose.pose.position, message.pose.pose.orientation
+    length = math.hypot(turn.x, turn.y, turn.z, turn.w)
+    if not abs(length - 1.0) < UNIT:
+        raise ValueError(
+            f'the orientation of odom must be a quaternion of length 1, got length {length:g}; '
+            'correct its publisher'
+        )
     yaw = yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w)
     return Pose(float(position.x), float(position.y), yaw)
 
@@ -126,18 +132,6 @@ def pitch(message: Any) -> tuple[float, float]:
     turn = message.pose.pose.orientation
     sine = 2.0 * (turn.w * turn.y - turn.z * turn.x)
     return math.asin(min(max(sine, -1.0), 1.0)), float(message.twist.twist.angular.y)
-
-
-def odometry(message: Any) -> Pose:
-    """Return the pose in the plane that wheels tell by a nav_msgs/Odometry."""
-    turn = message.pose.pose.orientation
-    length = math.hypot(turn.x, turn.y, turn.z, turn.w)
-    if not abs(length - 1.0) < UNIT:
-        raise ValueError(
-            f'the orientation of odom must be a quaternion of length 1, got length {length:g}; '
-            'correct its publisher'
-        )
-    return pose(message)
 
 
 def transform(message: Any) -> tuple[FloatArray, FloatArray]:

@@ -11,22 +11,22 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.docking.dock_pose import DockPose
-from visual_servo_epipolar.core.docking.path import PathPlace
 from visual_servo_epipolar.core.docking.search import DockSearch, update_search
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings, DockTaskSettings
 from visual_servo_epipolar.core.geometry.planar_poses import compose
+from visual_servo_epipolar.core.odometry.path import LONGEST_STEP_S, PathPlace
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.messages import docking, read, validation, write
 from visual_servo_epipolar.messages.docking import DockRobotWire
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.docking.reversal import Reversal
 from visual_servo_epipolar.nodes.docking.server import DEACTIVATED, DockServer
 from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.lifecycle.gates import serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.servoing.rivals import type_mismatch
+from visual_servo_epipolar.nodes.servoing.wheels import DrivenPath
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings
@@ -119,7 +119,7 @@ class DockNode(ManagedNode):
             self, settings.base_frame, self._warn, listens=settings.mount_from_tf
         )
         self._reports = DockReports(self, settings.base_frame)
-        self._driven = DrivenPath(self, settings, self._warn, self._look_at_pending)
+        self._driven = DrivenPath(self, self._warn, settings, self._look_at_pending)
         camera = CameraSubscriptions(self, 'raw', settings.camera_reliability)
         camera.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
@@ -220,15 +220,17 @@ class DockNode(ManagedNode):
         """What tracks wait for."""
         if self._camera is None:
             return 'no usable camera_info yet; tracks wait for it'
-        return self._driven.missing
+        return self._driven.path.missing(read.stamp_ns(self._pending[0].header))
 
     def _look_at_pending(self) -> None:
         """Look at the tracks that the path reaches by now."""
         while self._pending and self._camera is not None:
             stamp_ns = read.stamp_ns(self._pending[0].header)
-            place = self._driven.at(stamp_ns)
-            if place is None and self._driven.may_reach(stamp_ns):
+            place, lag = self._driven.path.at(stamp_ns), self._driven.path.lag(stamp_ns)
+            if place is None and lag > 0.0:
                 return
+            if lag < -LONGEST_STEP_S:
+                self._warn(self._missing)
             message = self._pending.popleft()
             if place is not None:
                 self._look(message, self._camera, place)
@@ -245,7 +247,8 @@ class DockNode(ManagedNode):
         self._search = update_search(self._search, observation, place, self._settings)
         if self._search.dock is not None:
             by_path = self._node_settings.pose_frame == 'odometry'
-            self._reports.pose(self._search.dock, place, self._driven.frame if by_path else None)
+            frame = self._driven.path.frame if by_path else None
+            self._reports.pose(self._search.dock, place, frame)
         self._reports.search(self._search, place.stamp_ns, self._notice)
 
     def _look_anew(self) -> None:

@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.cameras.plausibility import differences
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.routes.driven_images import DrivenImages
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
@@ -29,7 +30,6 @@ from visual_servo_epipolar.messages.routes.route_folder import (
     write_route,
 )
 from visual_servo_epipolar.nodes import parameters
-from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.lifecycle.gates import carry_out, in_every_state, serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.routing.recording import RouteRecording, RouteRenewal
@@ -39,6 +39,7 @@ from visual_servo_epipolar.nodes.servoing.commands import Commands, refuse_acker
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
 from visual_servo_epipolar.nodes.servoing.run import QUIET_S
 from visual_servo_epipolar.nodes.servoing.switches import Enable, StopButton
+from visual_servo_epipolar.nodes.servoing.wheels import DrivenPath
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import RouteNodeSettings
@@ -95,7 +96,7 @@ class RouteNode(ManagedNode):
         self._pending: Image | CompressedImage | None = None
         self._reader = GrayReader()
         self._camera = ServoCamera(self, settings, self._warn)
-        self._driven = DrivenPath(self, settings, self._warn, self._on_odometry)
+        self._driven = DrivenPath(self, self._warn_of_path, settings, self._on_odometry)
         self._reports = RouteReports(self)
         self._rivals = CommandConflicts(self)
         self._enable = Enable(
@@ -156,6 +157,10 @@ class RouteNode(ManagedNode):
         if self.is_configured:
             self._repetition.use(self._follow, self._servo)
 
+    def _warn_of_path(self, text: str) -> None:
+        if self._recording is not None:  # a repetition needs none
+            self._warn(text)
+
     def _on_odometry(self) -> None:
         if self._recording is not None:
             self._recording.look_at_waiting()
@@ -177,7 +182,7 @@ class RouteNode(ManagedNode):
         if camera is None:
             return self._missing if self._repetition.is_active else ''
         if recording is not None and camera != recording.camera:
-            recording.trouble = (
+            recording.images.trouble = (
                 'camera_info has changed while recording: '
                 f'{differences(recording.camera, camera)}; record the way anew'
             )
@@ -225,8 +230,8 @@ class RouteNode(ManagedNode):
         """Record an image, or drive by it."""
         if self._recording is not None:
             self._recording.see(image, stamp_ns)
-            if self._recording.trouble:
-                self._warn(f'no route comes of this recording: {self._recording.trouble}')
+            if self._recording.images.trouble:
+                self._warn(f'no route comes of it: {self._recording.images.trouble}')
         if self._begins:
             self._begins = False
             carry_out(self, self._repeat, 'repeat: {}', 'repeat refused: {}')
@@ -258,7 +263,8 @@ class RouteNode(ManagedNode):
         mount = Attitude(self._servo.camera_tilt, self._servo.camera_roll)
         self._taught = None
         self._driven.begin_anew()
-        self._recording = RouteRecording(self._camera.model, self._teach, mount, self._driven)
+        images = DrivenImages(self._driven.path, self._servo.stale_timeout)
+        self._recording = RouteRecording(self._camera.model, self._teach, mount, images)
         return (
             'recording: drive the way by hand, stand where it shall end exactly, then call '
             '~/stop_recording'
@@ -273,8 +279,9 @@ class RouteNode(ManagedNode):
     def _stop_recording(self) -> str:
         """Write what was recorded; what could not be written is kept for another call."""
         recording, self._recording = self._recording, None
+        notes: list[str] = []
         if recording is not None:
-            self._taught = recording.finish()
+            self._taught, notes = recording.finish(), recording.images.notes
         if self._taught is None:
             raise InputError('no way is being recorded; call ~/start_recording first')
         route, folder = self._taught, self._folder()
@@ -282,7 +289,8 @@ class RouteNode(ManagedNode):
         write_route(route, folder)
         self._taught = None
         self._reports.route(route)
-        return f'{route.length:.2f} m, {len(route.views)} key views, written to {folder}'
+        written = f'{route.length:.2f} m, {len(route.views)} key views, written to {folder}'
+        return '; '.join([written, *notes])
 
     def _repeat(self) -> str:
         """Let a repetition begin; raises InputError where it may not."""

@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.cameras.equirectangular import cut_note
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO
 from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.servo.admission import Repetition
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -26,7 +27,7 @@ from visual_servo_epipolar.nodes.startup.complaints import Complaints, PATIENCE_
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
-from visual_servo_epipolar.nodes.tracking.image_faults import Lateness, Repetition
+from visual_servo_epipolar.nodes.tracking.lateness import Lateness
 from visual_servo_epipolar.nodes.tracking.photograph import read_photographs
 from visual_servo_epipolar.nodes.tracking.photographer import Photographer, Renewal
 from visual_servo_epipolar.nodes.tracking.reports import TrackerReports

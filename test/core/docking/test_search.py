@@ -7,10 +7,10 @@ from docking_drives import CAMERA, Drive, EXACT, NOISE, true_dock
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.docking.path import PathPlace
 from visual_servo_epipolar.core.docking.search import DockSearch, update_search
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.odometry.path import PathPlace
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 from dock_rig import Rig, TWIST
 from docking_drives import CAMERA, PERIOD_NS, true_dock
+from geometry_msgs.msg import Quaternion, TwistStamped
 from geometry_msgs.msg import Twist as TwistMessage
-from geometry_msgs.msg import TwistStamped
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo
@@ -52,8 +52,8 @@ def test_nothing_is_published_before_it_is_known(bench) -> None:
 @pytest.mark.parametrize(
     ('source', 'missing'),
     [
-        ('odometry', 'nothing came on /odom yet; start what publishes it, or remap odom'),
-        ('commands', 'nothing came on /cmd_vel yet; start what publishes it, or remap cmd_vel'),
+        ('odometry', 'nothing usable came on /odom yet; start what publishes it, or remap it'),
+        ('commands', 'nothing usable came on /cmd_vel yet; start what publishes it'),
     ],
 )
 def test_without_a_path_nothing_is_published(bench, source, missing) -> None:
@@ -79,12 +79,21 @@ def test_a_base_that_takes_another_type_than_the_turned_commands_is_named(two_pr
     assert text in rig.reports[-1].status[0].message
 
 
-def test_odometry_of_another_clock_is_suspected(bench) -> None:
+@pytest.mark.parametrize(
+    ('ahead', 'words'),
+    [
+        (0, '/odom is 0.20 s older than the image, stamped 0.20 s and 0.40 s; look at its rate'),
+        (20, '/odom is 3.80 s newer than the image, stamped 4.20 s and 0.40 s; look at its rate'),
+        (10**9, '/odom is 199999999.80 s newer than the image, stamped 200000000.20 s and 0.40 s'),
+    ],
+)
+def test_both_clocks_are_named(bench, ahead: int, words: str) -> None:
     rig = Rig(bench)
+    rig.frame += ahead
     rig.tell_odometry()
-    rig.frame += 1
+    rig.frame += 1 - ahead
     see_in_vain(rig)
-    rig.bench.until(lambda: rig.bench.logged('no odom for these tracks'), 'what is missing')
+    rig.bench.until(lambda: rig.bench.logged(words), 'what is missing')
 
 
 def test_a_camera_that_is_silent_is_what_is_missing(bench) -> None:
@@ -114,6 +123,15 @@ def test_in_the_frame_of_odometry_it_stands_still(bench) -> None:
     _, axes = np.linalg.eigh(covariance)
     sight = expected[:2] - [told.x, told.y]
     assert abs(axes[:, 1] @ sight) > 0.9 * np.linalg.norm(sight)
+
+
+def test_odometry_of_two_is_named_with_its_publishers(bench) -> None:
+    rig = Rig(bench).drive(2)
+    for frame in ('odom', 'ekf'):
+        stamp_ns = rig.stamp_ns + (frame == 'ekf') * PERIOD_NS // 2
+        rig.odometry(write.odometry(rig.told, TWIST, stamp_ns, frame, 'base_link'))
+    words = '/odom is in the frame ekf, was in odom before; look at what publishes it: /probe'
+    bench.until(lambda: bench.logged(words), 'the complaint')
 
 
 def test_a_reset_looks_for_it_anew(bench) -> None:
@@ -206,11 +224,17 @@ def test_a_reset_forgets_the_mount_of_tf_static(bench) -> None:
     assert rig.node._settings.camera_forward == pytest.approx(0.2)
 
 
-def test_nonsense_is_refused_in_one_line(bench) -> None:
+@pytest.mark.parametrize(
+    ('x', 'w', 'words'),
+    [(math.nan, 1.0, 'a pose must be finite'), (0.0, 0.0, 'a quaternion of length 1, got length')],
+)
+def test_nonsense_is_refused_in_one_line(bench, x: float, w: float, words: str) -> None:
     rig = Rig(bench)
     message = write.odometry(rig.told, TWIST, rig.stamp_ns, 'odom', 'base_link')
-    message.pose.pose.position.x = math.nan
+    message.pose.pose.position.x = x
+    message.pose.pose.orientation = Quaternion(w=w)
     rig.odometry(message)
     bench.until(lambda: bench.logged('odometry refused'), 'what was wrong')
+    assert words in bench.logged('odometry refused')[0]
     rig.drive()
     assert rig.poses

@@ -3,11 +3,13 @@
 from pathlib import Path
 
 from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from recorded_drives import befallen, RecordedDrive, REFUSED, room_drive, TAKEN
 from route_rig import RouteRig
 from routes import CAMERA, key_view, route_of, SIZE
 from std_msgs.msg import Bool
@@ -16,7 +18,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.registry import with_intrinsics
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.routes.run import FOLLOWING, RouteRun, RouteStep
-from visual_servo_epipolar.messages.routes.route_folder import write_route
+from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DRIVES = RouteStep(Twist(0.4, 0.1), FOLLOWING)
@@ -318,9 +320,68 @@ def test_a_recording_without_odometry_says_so(rig) -> None:
     for k in range(1, 63):
         rig.see(picture(k))
     success, text = rig.call('stop_recording')
-    assert not success and 'nothing came on /odom yet' in text
+    assert not success and 'nothing usable came on /odom yet' in text
 
 
 def test_a_head_that_may_turn_is_refused(bench, folder) -> None:
     with pytest.raises(ValueError, match='routes must have a camera that is fixed to the base'):
         RouteRig(bench, folder, CAMERA, rig='pan_tilt')
+
+
+@pytest.mark.parametrize(
+    'name',
+    [
+        'backward',
+        'odometry ends early',
+        'odometry is reset',
+        'odometry is silent',
+        'two sources 4 cm apart',
+        'two frames',
+        'one that hangs for a while',
+        'images since boot',
+        'a bag in a loop',
+    ],
+)
+def test_no_route_comes_of(bench, tmp_path: Path, name: str) -> None:
+    change, words = REFUSED[name]
+    rig = RouteRig(bench, tmp_path / 'hall', room_drive().camera)
+    rig.see(room_drive().images[0].image)
+    success, text = rig.record(befallen(change))
+    assert not success and words in text
+    ruptured = name in ('odometry is reset', 'odometry is silent') or name.startswith('two')
+    assert ('look at what publishes it: /probe' in text) is ruptured
+    assert not (tmp_path / 'hall').exists()
+
+
+def test_a_station_without_odometry_names_both_clocks(rig) -> None:
+    rig.see(picture(0), 7 * 10**9)
+    assert rig.call('start_recording')[0]
+    rig.tell(RecordedDrive(CAMERA, [], room_drive().odometry[:1]))
+    rig.see(picture(1), 8 * 10**9)
+    success, text = rig.call('station')
+    assert not success
+    words = '/odom is 1699999992.00 s newer than the image, stamped 1700000000.00 s and 8.00 s'
+    assert words in text
+
+
+def test_odometry_without_orientation_is_refused(rig) -> None:
+    rig.see(picture(0))
+    assert rig.call('start_recording')[0]
+    message = Odometry()
+    message.pose.pose.orientation.w = 0.0
+    rig.bench.talk(Odometry, 'odom')(message)
+    words = 'odometry refused: the orientation of odom must be a quaternion of length 1'
+    rig.bench.until(lambda: bool(rig.bench.logged(words)), 'the complaint')
+    rig.see(picture(1))
+    success, text = rig.call('stop_recording')
+    assert not success and 'nothing usable came on /odom yet' in text
+
+
+@pytest.mark.parametrize('name', ['images out of order', 'each image twice'])
+def test_a_route_comes_all_the_same_of(bench, tmp_path: Path, name: str) -> None:
+    change, length, note = TAKEN[name]
+    rig = RouteRig(bench, tmp_path / 'hall', room_drive().camera)
+    rig.see(room_drive().images[0].image)
+    success, text = rig.record(befallen(change))
+    assert success and text.startswith(f'{length:.2f} m') and text.endswith(f'; {note}')
+    assert read_route(tmp_path / 'hall').length == pytest.approx(length, abs=0.01)

@@ -25,14 +25,18 @@ class Stand(SimpleNamespace):
     """A node that remembers its subscription."""
 
     def __init__(self) -> None:
-        super().__init__(profile=None)
+        super().__init__(profile=None, publishers=['wheels'])
 
     def resolve_topic_name(self, name: str) -> str:
         return f'/robot/{name}'
 
     def create_subscription(self, kind: type, topic: str, callback: Any, profile: Any) -> None:
         assert (kind, topic) == (Odometry, 'odom')
-        self.profile = profile
+        self.profile, self.hear = profile, callback
+
+    def get_publishers_info_by_topic(self, topic: str) -> list[Any]:
+        assert topic == '/robot/odom'
+        return [SimpleNamespace(node_namespace='/', node_name=it) for it in self.publishers]
 
 
 class Bed:
@@ -52,7 +56,7 @@ class Bed:
         message = write.odometry(pose, STANDSTILL, stamp_ns, self.frame, 'base_link')
         for name, value in orientation.items():
             setattr(message.pose.pose.orientation, name, value)
-        self.wheels._take(message)
+        self.node.hear(message)
 
     def drive(self, seconds: float) -> 'Bed':
         for _ in range(round(seconds * RATE)):
@@ -111,10 +115,11 @@ def test_a_driver_of_any_quality_is_heard(watchdog: bool, profile: Any) -> None:
     ('lasted', 'seconds', 'words'),
     [
         (0.0, 1.0, 'nothing usable came on /robot/odom'),
-        (1.0, 1.2, 'odometry is 0.25 s older than the image, at most 0.1 s can be'),
-        (8.0, 1.0, 'odometry does not reach back to the image, expected 3 s of it'),
+        (1.0, 1.2, '/robot/odom is 0.25 s older than the image, stamped 0.95 s and 1.20 s; look'),
+        (8.0, 1.0, '/robot/odom is 3.90 s newer than the image, stamped 4.90 s and 1.00 s; look'),
+        (1.0, 1e9, 'stamped 0.95 s and 1000000000.00 s; let one clock stamp both'),
     ],
-    ids=['silent', 'stale', 'of another clock'],
+    ids=['silent', 'stale', 'too new', 'of another clock'],
 )
 def test_where_nobody_knows_there_is_none(lasted: float, seconds: float, words: str) -> None:
     bed = Bed().drive(lasted)
@@ -143,36 +148,40 @@ def test_a_place_that_is_no_number_is_refused() -> None:
     bed = Bed()
     message = write.odometry(BEGIN, STANDSTILL, S, 'odom', 'base_link')
     message.pose.pose.position.x = math.inf
-    bed.wheels._take(message)
+    bed.node.hear(message)
     assert 'a pose must be finite' in bed.said[0]
 
 
 @pytest.mark.parametrize(
-    ('stamp_ns', 'pose'),
+    ('stamp_ns', 'pose', 'words'),
     [
-        (S // 2, BEGIN),
-        (S - S // RATE, BEGIN),
-        (3 * S, BEGIN),
-        (S, Pose(0.0, 0.0, 0.0)),
+        (S // 2, BEGIN, 'the stamps on /robot/odom do not advance'),
+        (S - S // RATE, BEGIN, 'the stamps on /robot/odom do not advance'),
+        (3 * S, BEGIN, '/robot/odom was silent for 2.05 s, at most 1 s can be'),
+        (S, Pose(0.0, 0.0, 0.0), '/robot/odom leaps by 4.18 m and 2.71 rad in 0.050 s, at most'),
     ],
     ids=['back', 'again', 'gap', 'reset'],
 )
-def test_after_a_leap_one_image_has_none(stamp_ns: int, pose: Pose) -> None:
+def test_after_a_leap_one_image_has_none(stamp_ns: int, pose: Pose, words: str) -> None:
     """Two poses are not of one frame: between them nobody drove."""
     bed = Bed().drive(1.0)
     assert bed.at(0.9) is not None
     bed.hear(pose, stamp_ns)
     bed.hear(pose, stamp_ns + S // RATE)
-    assert [text for text in bed.said if text.startswith('odometry leaps, expected stamps')]
+    assert bed.said[0].startswith(words)
+    assert bed.said[0].endswith(f'look at what publishes it: /wheels; {MEANWHILE}')
     assert bed.at(stamp_ns / S) is None
     assert bed.at(stamp_ns / S + 0.01) is not None
 
 
 def test_another_frame_is_a_leap_as_well() -> None:
     bed = Bed().drive(1.0)
-    bed.frame = 'map'
+    bed.frame, bed.node.publishers = 'map', ['wheels', 'ekf']
     bed.drive(0.1)
-    assert 'odometry is in the frame map, was in odom before' in bed.said[0]
+    words = (
+        '/robot/odom is in the frame map, was in odom before; look at what publishes it: /ekf, '
+    )
+    assert bed.said[0].startswith(words)
     assert bed.at(1.0) is None
     assert bed.at(1.05) is not None
 

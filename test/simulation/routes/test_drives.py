@@ -12,12 +12,12 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.routes.chain import seam
 from visual_servo_epipolar.core.routes.following.follower import RouteProgress
+from visual_servo_epipolar.core.routes.following.station import Docking
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
-from visual_servo_epipolar.core.routes.station import Docking
 from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base

@@ -7,13 +7,13 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, IntArray
-from visual_servo_epipolar.core.docking.path import PathPlace, uncertainty
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.planar_poses import relative_pose
 from visual_servo_epipolar.core.mapping.adjustment.factors import PathFactors
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, KeyframeWindow
 from visual_servo_epipolar.core.mapping.feature_observations import FeatureObservations
+from visual_servo_epipolar.core.odometry.path import PathPlace, uncertainty
 from visual_servo_epipolar.core.perception.observation import Observation
 
 MOST_FEATURES = 80  # those seen most often: more cost time, and tell little

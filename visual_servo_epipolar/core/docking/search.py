@@ -14,7 +14,6 @@ from visual_servo_epipolar.core.docking.key_views import (
     thin_out,
     window_of,
 )
-from visual_servo_epipolar.core.docking.path import PathPlace
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.geometry.planar_poses import (
     camera_at,
@@ -40,6 +39,7 @@ from visual_servo_epipolar.core.mapping.initialization import (
     shared_at,
     triangulate,
 )
+from visual_servo_epipolar.core.odometry.path import PathPlace
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive

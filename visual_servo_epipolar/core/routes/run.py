@@ -29,12 +29,12 @@ from visual_servo_epipolar.core.routes.following.follower import (
     TURNED,
 )
 from visual_servo_epipolar.core.routes.following.path_estimate import place_filter
+from visual_servo_epipolar.core.routes.following.station import Docking
 from visual_servo_epipolar.core.routes.following.steering import LateralFilter, LookAround
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
-from visual_servo_epipolar.core.routes.station import Docking
 from visual_servo_epipolar.core.servo.admission import (
     Arrival,
     disorder,

@@ -9,7 +9,7 @@ from rclpy.node import Node
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.servoing.rivals import commanders, TOPIC
+from visual_servo_epipolar.nodes.servoing.rivals import publishers, TOPIC
 from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings
 
 REVERSED, STOP_TIMEOUT_S = 'cmd_vel_reversed', 0.2
@@ -36,7 +36,7 @@ class Reversal:
     def bypassed(self, servo: str) -> str:
         """Return that ``servo`` itself commands the base, away from the dock; or ''."""
         servo = self._node.resolve_service_name(servo)
-        if servo not in commanders(self._node):
+        if servo not in publishers(self._node):
             return ''
         topic = self._node.resolve_topic_name(TOPIC)
         return (

@@ -12,35 +12,32 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.routes.driven_images import DrivenImages, MOST_WAITING
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.routes.settings import TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.messages.routes.route_folder import write_route
-from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
 
 ResultT = TypeVar('ResultT')
-MOST_WAITING, MOST_UNLEARNT = 60, 300  # images that wait for odometry, and to be learnt from
+MOST_UNLEARNT = 300  # images that wait to be learnt from
 
 
 class RouteRecording:
     """
-    Recording of a way by ``camera``, whose metres are those of the ``driven`` path.
+    Recording of a way by ``camera``, of ``images`` that are placed on the driven path.
 
     A key view is learnt in half a second, in which images go on to come: they are learnt from one
-    after the other, on a thread of their own. ``trouble`` says why no route can come of it.
+    after the other, on a thread of their own. Their ``trouble`` says why no route comes of it.
     """
 
     def __init__(
-        self, camera: CameraModel, settings: TeachSettings, mount: Attitude, driven: DrivenPath
+        self, camera: CameraModel, settings: TeachSettings, mount: Attitude, images: DrivenImages
     ) -> None:
-        self.camera, self._driven, self.trouble = camera, driven, ''
+        self.camera, self.images = camera, images
         self._teacher = Teacher(camera, settings, mount)
         self._thread = ThreadPoolExecutor(1, thread_name_prefix='route_recording')
-        self._images: deque[tuple[Image, int]] = deque()  # that wait for odometry
         self._learning: deque[Future[None]] = deque()
-        self._epoch: int | None = None
 
     @property
     def key_views(self) -> int:
@@ -54,37 +51,26 @@ class RouteRecording:
 
     def see(self, image: Image, stamp_ns: int) -> None:
         """Take in an image of the way, uint8 of shape (H, W)."""
-        self._images.append((image, stamp_ns))
-        if len(self._images) > MOST_WAITING:
-            self.trouble = self._driven.missing
+        self.images.see(image, stamp_ns)
         self.look_at_waiting()
+        if self.images.unplaced > MOST_WAITING:
+            self.images.finish()
 
     def look_at_waiting(self) -> None:
         """Learn from the images that the driven path reaches by now."""
-        while self._images and not self.trouble:
-            image, stamp_ns = self._images[0]
-            place = self._driven.at(stamp_ns)
-            if place is None and self._driven.may_reach(stamp_ns):
-                break
-            self._images.popleft()
-            if place is None:
-                continue  # from before the path began
-            if self._epoch not in (None, place.epoch):
-                self.trouble = (
-                    'the odometry leapt, or was silent for a second: nobody knows how far the '
-                    'robot drove; look who resets it, and record the way anew'
-                )
-                break
-            self._epoch = place.epoch
-            self._submit(self._teacher.add, image, stamp_ns, Pose(*place.pose.tolist()))
+        for image, stamp_ns, pose in self.images.placed():
+            self._submit(self._teacher.add, image, stamp_ns, pose)
         self._collect()
 
     def station(self) -> None:
         """Mark where the robot stands as a station; raises what is wrong."""
+        if self.images.missing:
+            raise InputError(self.images.missing)
         self._finished(self._thread.submit(self._teacher.station))
 
     def finish(self) -> Route:
         """Return the route; raises InputError where none can be learnt."""
+        self.images.finish()
         try:
             return self._finished(self._thread.submit(self._teacher.finish))
         finally:
@@ -97,7 +83,7 @@ class RouteRecording:
     def _submit(self, learn: Callable[..., None], *what: object) -> None:
         self._learning.append(self._thread.submit(learn, *what))
         if self.behind > MOST_UNLEARNT:
-            self.trouble = (
+            self.images.trouble = (
                 f'{MOST_UNLEARNT} images wait to be learnt from; send smaller images or fewer, '
                 'and record the way anew'
             )
@@ -106,8 +92,8 @@ class RouteRecording:
         """Take note of what was wrong with images that were learnt from."""
         while self._learning and self._learning[0].done():
             error = self._learning.popleft().exception()
-            if error is not None and not self.trouble:
-                self.trouble = str(error)
+            if error is not None and not self.images.trouble:
+                self.images.trouble = str(error)
 
     def _finished(self, future: 'Future[ResultT]') -> ResultT:
         """Return what a step of the thread returns, after all images before it."""
@@ -115,10 +101,10 @@ class RouteRecording:
             result = future.result()
         except (ValueError, VisualServoError) as error:
             self._collect()
-            raise InputError(self.trouble or str(error)) from None
+            raise InputError(self.images.trouble or str(error)) from None
         self._collect()
-        if self.trouble:
-            raise InputError(self.trouble)
+        if self.images.trouble:
+            raise InputError(self.images.trouble)
         return result
 
 

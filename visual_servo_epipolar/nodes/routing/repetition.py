@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import HOLDING, RouteRun, RouteStep, WAITING
 from visual_servo_epipolar.core.routes.settings import FollowSettings
-from visual_servo_epipolar.core.servo.admission import Arrival
+from visual_servo_epipolar.core.servo.admission import Arrival, Repetition
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -25,7 +25,6 @@ from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.lifecycle.reports import NodeReports
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.freshness import Freshness
-from visual_servo_epipolar.nodes.tracking.image_faults import Repetition
 
 WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0
 STANDS = RouteStep(STANDSTILL, WAITING)

@@ -38,7 +38,7 @@ class CommandConflicts:
     def _others(self) -> str:
         """Return that others than servos publish on the topic as well; '' if there are none."""
         servos = {*_rivals(self._node), self._node.get_fully_qualified_name()}
-        names = sorted(set(commanders(self._node)) - servos)
+        names = sorted(set(publishers(self._node)) - servos)
         if not names:
             return ''
         topic = self._node.resolve_topic_name(TOPIC)
@@ -77,9 +77,9 @@ class CommandConflicts:
         )
 
 
-def commanders(node: Node) -> Counter[str]:
-    """Return the full names of those who publish on the cmd_vel of ``node``, and how often."""
-    return Counter(map(_full_name, node.get_publishers_info_by_topic(TOPIC)))
+def publishers(node: Node, topic: str = TOPIC) -> Counter[str]:
+    """Return the full names of those who publish on a ``topic`` of ``node``, and how often."""
+    return Counter(map(_full_name, node.get_publishers_info_by_topic(topic)))
 
 
 def type_mismatch(node: Node, *, takes: bool = False) -> str:
@@ -111,7 +111,7 @@ def _full_name(item: Any) -> str:
 
 
 def _rivals(node: Node) -> list[str]:
-    names = commanders(node)
+    names = publishers(node)
     names[node.get_fully_qualified_name()] -= 1
     topics = dict(node.get_topic_names_and_types())
     return sorted(

@@ -1,35 +1,95 @@
-"""The wheels of the base: odometry in, where they had the base at an image out."""
+"""The wheels of the base: odometry, or commands, in; where the base was at an image out."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+import math
+from typing import Any
 
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
-from visual_servo_epipolar.core.docking.path import (
-    FASTEST,
-    FASTEST_TURN,
-    KEPT_S,
-    LONGEST_STEP_S,
-    Path,
-)
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.odometry.path import Path
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.stamps import seconds_between
-from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+from visual_servo_epipolar.nodes.servoing.rivals import publishers, type_mismatch
+from visual_servo_epipolar.nodes.startup.settings import (
+    DockNodeSettings,
+    RouteNodeSettings,
+    ServoNodeSettings,
+)
 
 AHEAD_S = 0.1  # by which an image may be newer than odometry: the base goes on as it did
 MEANWHILE = 'the servo goes by its commands meanwhile'
+
+
+class DrivenPath:
+    """
+    Path of the base of ``node``: by odometry, or by commands where its ``settings`` say so.
+
+    What is wrong with it is logged by ``warn``; ``on_odometry`` is called when it grows by
+    odometry, which may be ``ahead`` [s] older than an image.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        warn: Callable[[str], object],
+        settings: DockNodeSettings | RouteNodeSettings | None = None,
+        on_odometry: Callable[[], None] = lambda: None,
+        *,
+        ahead: float = 0.0,
+        profile: QoSProfile = qos.ODOMETRY,
+    ) -> None:
+        self._node, self._warn, self._on_odometry = node, warn, on_odometry
+        if settings is None or settings.path_source == 'odometry':
+            self._topic, self._ahead = node.resolve_topic_name('odom'), ahead
+            node.create_subscription(Odometry, 'odom', self._take_odometry, profile)
+        else:  # it obeys the last command, and stands then
+            self._topic, self._ahead = node.resolve_topic_name('cmd_vel'), math.inf
+            kind = write.twist_type(stamped=settings.enable_stamped_cmd_vel)
+            node.create_subscription(kind, 'cmd_vel', self._take_command, qos.COMMAND)
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Forget the path: what was driven since its end is not known."""
+        by_commands = self._ahead == math.inf
+        absent = partial(type_mismatch, self._node, takes=True) if by_commands else str
+        self.path = Path(self._topic, ahead=self._ahead, absent=absent)
+
+    def _take_odometry(self, message: Odometry) -> None:
+        try:
+            stamp_ns, pose = read.stamp_ns(message.header), read.pose(message)
+        except ValueError as error:
+            self._warn(f'odometry refused: {error}')
+            return
+        rupture = self.path.add_pose(stamp_ns, pose, message.header.frame_id)
+        if rupture:
+            names = ', '.join(sorted(publishers(self._node, self._topic).elements()))
+            self.path.rupture = f'{rupture}; look at what publishes it: {names}'
+            self._warn(self.path.rupture)
+        self._on_odometry()
+
+    def _take_command(self, message: Any) -> None:
+        now_ns = int(self._node.get_clock().now().nanoseconds)
+        try:
+            twist = read.twist(message)
+        except ValueError as error:
+            self._warn(f'a command is refused: {error}')
+            return
+        stamped = hasattr(message, 'header')
+        self.path.add_twist(read.stamp_ns(message.header) if stamped else now_ns, twist)
 
 
 class Wheels:
     """
     Odometry of the base of ``node``, where ``settings`` ask for it.
 
-    What is wrong with it is said by ``warn``. A message of it may be lost, but not where time
+    What is wrong with it is logged by ``warn``. A message of it may be lost, but not where time
     itself waits for the servo (no watchdog).
     """
 
@@ -40,77 +100,30 @@ class Wheels:
         node_settings: ServoNodeSettings,
         warn: Callable[[str], None],
     ) -> None:
-        self._warn, self._listens = warn, settings.odometry
-        self._topic = node.resolve_topic_name('odom')
-        self.begin_anew()
-        if self._listens:
+        self._warn: Callable[[str], None] = lambda text: warn(f'{text}; {MEANWHILE}')
+        self._driven: DrivenPath | None = None
+        self._epoch = 0
+        if settings.odometry:
             profile = qos.ODOMETRY if node_settings.watchdog else qos.STREAM
-            node.create_subscription(Odometry, 'odom', self._take, profile)
+            self._driven = DrivenPath(node, self._warn, ahead=AHEAD_S, profile=profile)
 
     def begin_anew(self) -> None:
         """Forget where the base was."""
-        self._path, self._frame, self._leapt = Path(command_timeout=AHEAD_S), '', False
+        self._epoch = 0
+        if self._driven is not None:
+            self._driven.begin_anew()
 
     def with_odometry(self, observation: Observation) -> Observation:
         """Return ``observation`` with where the wheels had the base, where they tell."""
-        if not self._listens:
+        if self._driven is None:
             return observation
-        return replace(observation, odometry=self._at(observation.stamp_ns))
+        return replace(observation, odometry=self._at(self._driven.path, observation.stamp_ns))
 
-    def _at(self, stamp_ns: int) -> Pose | None:
-        place = None
-        missing = self._missing(stamp_ns)
-        if not missing:
-            place = self._path.at(stamp_ns, predict=True)
-            missing = '' if place else self._too_new(stamp_ns)
-        if missing:
-            self._warn(f'{missing}; {MEANWHILE}')
-        if place is None or self._leapt:  # one image without: two poses are not of one frame
-            self._leapt = self._leapt and place is None
+    def _at(self, path: Path, stamp_ns: int) -> Pose | None:
+        place = path.at(stamp_ns)
+        if place is None:
+            self._warn(path.missing(stamp_ns))
             return None
-        return Pose(*place.pose.tolist())
-
-    def _missing(self, stamp_ns: int) -> str:
-        last_ns = self._path.last_ns
-        if last_ns is None:
-            return (
-                f'nothing usable came on {self._topic}, odometry: true expects nav_msgs/Odometry '
-                'there; start what publishes it, or remap odom'
-            )
-        late = seconds_between(last_ns, stamp_ns)
-        if late <= AHEAD_S:
-            return ''
-        return (
-            f'odometry is {late:.2f} s older than the image, at most {AHEAD_S:g} s can be; look '
-            'at its rate, and at the clocks of base and camera'
-        )
-
-    def _too_new(self, stamp_ns: int) -> str:
-        return (
-            f'odometry does not reach back to the image, expected {KEPT_S:g} s of it; look at the '
-            'clocks of base and camera'
-        )
-
-    def _take(self, message: Odometry) -> None:
-        try:
-            stamp_ns, pose = read.stamp_ns(message.header), read.odometry(message)
-        except ValueError as error:
-            self._warn(f'odometry refused: {error}; {MEANWHILE}')
-            return
-        frame = message.header.frame_id
-        if self._frame and frame != self._frame:
-            self._warn(
-                f'odometry is in the frame {frame}, was in {self._frame} before; let one alone '
-                f'publish on {self._topic}; {MEANWHILE}'
-            )
-            self.begin_anew()
-            self._leapt = True
-        self._frame, epoch = frame, self._path.epoch
-        self._path.add_pose(stamp_ns, pose)
-        if self._path.epoch != epoch:
-            self._leapt = True
-            self._warn(
-                f'odometry leaps, expected stamps that advance by less than {LONGEST_STEP_S:g} s '
-                f'and motions below {FASTEST:g} m/s and {FASTEST_TURN:g} rad/s; look who resets '
-                f'it, or else publishes on {self._topic}; {MEANWHILE}'
-            )
+        epoch, self._epoch = self._epoch, place.epoch
+        # One image without: two poses are not of one frame.
+        return Pose(*place.pose.tolist()) if epoch == place.epoch else None

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from visual_servo_epipolar.nodes.tracking.image_faults import KEPT, Repetition
+from visual_servo_epipolar.core.servo.admission import KEPT, Repetition
 
 IMAGE = np.arange(48, dtype=np.uint8).reshape(6, 8)
 

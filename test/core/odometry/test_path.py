@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.docking.path import Path, PathPlace, uncertainty
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.geometry.planar_poses import compose, inverse_pose, relative_pose
+from visual_servo_epipolar.core.odometry.path import Path, PathPlace, uncertainty
 
 S = 1_000_000_000
 
@@ -41,7 +41,7 @@ def test_beyond_its_ends_it_does_not_guess() -> None:
 @pytest.mark.parametrize(
     ('stamp_ns', 'pose'),
     [
-        (S, Pose(0.0, 0.0, 0.0)),
+        (S, Pose(1e-3, 0.0, 0.0)),
         (S // 2, Pose(0.0, 0.0, 0.0)),
         (3 * S, Pose(0.0, 0.0, 0.0)),
         (S + S // 10, Pose(2.0, 0.0, 0.0)),
@@ -56,35 +56,75 @@ def test_odometry_that_cannot_be_begins_anew(stamp_ns, pose) -> None:
     assert path.at(stamp_ns).epoch == 1
 
 
+@pytest.mark.parametrize(
+    ('apart', 'hertz', 'two'),
+    [
+        (0.04, 100, True),
+        (0.04, 10, True),
+        (0.012, 100, True),
+        (0.008, 100, False),
+        (0.04, 5, False),
+    ],
+)
+def test_a_base_does_not_swing_as_two_sources_do(apart: float, hertz: int, two: bool) -> None:
+    """To and fro by 4 cm in 0.4 s takes 2 m/s^2, in 0.2 s 8; what is below 1 cm is noise."""
+    path = Path('/odom')
+    ruptures = [path.add_pose(k * S // hertz, Pose(apart * (k % 2), 0.0, 0.0)) for k in range(10)]
+    assert (
+        any(text.startswith(f'/odom goes to and fro by {apart:.2f} m') for text in ruptures) is two
+    )
+    assert (path.epoch > 0) is two
+
+
+def test_stamps_that_come_unevenly_are_of_one_source() -> None:
+    path = Path()
+    for k in range(100):
+        assert path.add_pose(k * S // 50 + k % 2 * S // 80, Pose(0.02 * k, 0.0, 0.0)) == ''
+
+
+def test_a_message_that_comes_twice_is_one() -> None:
+    path = Path()
+    for k in range(6):
+        assert path.add_pose(k // 2 * S // 10, Pose(0.1 * (k // 2), 0.0, 0.0)) == ''
+    assert path.at(S // 5).way == pytest.approx(0.2)
+
+
+def test_another_frame_is_of_another_source() -> None:
+    path = Path('/odom')
+    path.add_pose(S, Pose(0.0, 0.0, 0.0), 'odom')
+    words = '/odom is in the frame map, was in odom before'
+    assert path.add_pose(S + S // 10, Pose(0.0, 0.0, 0.0), 'map') == path.rupture == words
+    assert path.frame == 'map'
+
+
 def test_commands_are_obeyed_until_the_next_one_or_the_timeout() -> None:
-    path = Path(command_timeout=0.5)
+    path = Path(ahead=math.inf, command_timeout=0.5)
     path.add_twist(0, Twist(1.0, 0.0))
     path.add_twist(S // 4, Twist(0.0, 1.0))
     assert path.at(S // 8).pose == pytest.approx([0.125, 0.0, 0.0])
-    assert path.at(S // 2) is None
-    assert path.at(S // 2, predict=True).pose == pytest.approx([0.25, 0.0, 0.25])
-    assert path.at(5 * S, predict=True).pose == pytest.approx([0.25, 0.0, 0.5])
+    assert path.at(S // 2).pose == pytest.approx([0.25, 0.0, 0.25])
+    assert path.at(5 * S).pose == pytest.approx([0.25, 0.0, 0.5])
     path.add_twist(6 * S, STANDSTILL)
-    assert path.at(7 * S, predict=True).pose == pytest.approx([0.25, 0.0, 0.5])
+    assert path.at(7 * S).pose == pytest.approx([0.25, 0.0, 0.5])
 
 
 def test_odometry_goes_on_as_it_did_for_a_while() -> None:
-    path, twist = Path(command_timeout=0.1), Twist(0.4, 0.5)
+    path, twist = Path(ahead=0.1), Twist(0.4, 0.5)
     for k in range(3):
         path.add_pose(k * S // 20, integrate(Pose(1.0, 2.0, 3.0), twist, k / 20))
     after = integrate(Pose(1.0, 2.0, 3.0), twist, 0.15)
-    predicted = path.at(3 * S // 20, predict=True).pose
+    predicted = path.at(3 * S // 20).pose
     assert predicted[:2] == pytest.approx([after.x, after.y])
     assert math.cos(predicted[2] - after.theta) == pytest.approx(1.0)
-    assert path.at(3 * S // 20) is None
+    assert path.at(S // 4) is None
 
 
 def test_what_it_did_before_a_leap_says_nothing_of_after() -> None:
-    path = Path()
+    path = Path(ahead=0.1)
     for k in range(5):
         path.add_pose(k * S // 10, Pose(0.1 * k, 0.0, 0.0))
     path.add_pose(S // 2, Pose(50.0, 0.0, 0.0))
-    assert path.at(S // 2 + S // 20, predict=True).pose == pytest.approx([50.0, 0.0, 0.0])
+    assert path.at(S // 2 + S // 20).pose == pytest.approx([50.0, 0.0, 0.0])
 
 
 def test_old_places_are_forgotten() -> None:
