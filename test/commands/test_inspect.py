@@ -278,24 +278,30 @@ def test_a_header_of_too_many_pixels_is_bad_input(photographs: Path, capsys, kin
     assert errors.count('\n') == 1
 
 
-@pytest.mark.parametrize(
-    ('kind', 'tags'),
-    [
-        ('png', (3, 1)),
-        ('png', (1, 6)),
-        ('tiff', (3, 3)),
-        ('tiff', (8, 5)),
-        ('webp', (2, 3)),
-    ],
-)
-def test_pixels_are_those_that_are_stored_whatever_a_tag_says(
-    photographs: Path, tmp_path: Path, kind: str, tags: tuple[int, int]
+@pytest.mark.parametrize('kind', few_of(KINDS[:4], keep=(0,)))
+def test_photographs_of_a_camera_upside_down_that_says_so_are_turned_with_k(
+    photographs: Path, tmp_path: Path, kind: str
 ) -> None:
-    """The principal point lies off the centre: K would not fit a picture that is turned."""
+    """The principal point lies off the centre, and is that of the pixels as they are stored."""
+    for name in ('desired', 'current'):
+        stored = np.ascontiguousarray(read_photograph(photographs / f'{name}.png')[::-1, ::-1])
+        (tmp_path / f'{name}.png').write_bytes(tagged(stored, kind, 3))
+    (tmp_path / 'camera.yaml').write_text(CAMERA.replace('327', '312').replace('233', '246'))
+    code, result = inspect(tmp_path, 'current')
+    truth = Bearings.from_pose(Pose.from_start(*START))
+    assert code == 0 and result['rotation_deg'] == pytest.approx(START[2], abs=0.2)
+    for key, bearing in (('current', truth.current), ('desired', truth.desired)):
+        assert result[f'bearing_{key}_deg'] == pytest.approx(math.degrees(bearing), abs=0.2)
+
+
+@pytest.mark.parametrize('tag', [2, 6])
+def test_a_photograph_that_is_to_be_turned_otherwise_is_bad_input(
+    photographs: Path, tmp_path: Path, capsys, tag: int
+) -> None:
     image = read_photograph(photographs / 'current.png')
-    for tag in tags:
-        (tmp_path / 'tagged.png').write_bytes(tagged(image, kind, tag))
-        assert np.array_equal(read_photograph(tmp_path / 'tagged.png'), image)
+    (photographs / 'tagged.png').write_bytes(tagged(image, 'png', tag))
+    assert inspect(photographs, 'tagged')[0] == 2
+    assert f'tagged.png has the orientation tag {tag}' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('bits', 'suffix'), [(10, 'png'), (12, 'tiff'), (16, 'png')])

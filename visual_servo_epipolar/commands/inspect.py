@@ -24,8 +24,8 @@ def inspect_and_report(options: argparse.Namespace) -> int:
     """Inspect, write, print; return 0 if the result can be trusted."""
     if options.out and not cv2.haveImageWriter(options.out):
         raise InputError(f'{options.out}: unknown image format; use .png or .jpg')
-    desired = read_photograph(Path(options.desired))
-    current = read_photograph(Path(options.current))
+    desired = read_photograph(Path(options.desired), turn=True)
+    current = read_photograph(Path(options.current), turn=True)
     height, width = current.shape
     camera = read_camera(
         options.camera,

@@ -1,4 +1,4 @@
-"""Pictures of every kind: as they are stored, whole, of a size that can be."""
+"""Pictures of every kind: as they are stored, whole, upright, of a size that can be."""
 
 import cv2
 import numpy as np
@@ -8,7 +8,11 @@ from tagged_pictures import huge, KINDS, tagged, TAGS, tiff
 
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.messages.images.encodings import GrayReader
-from visual_servo_epipolar.messages.images.pictures import LARGEST, LARGEST_FILE
+from visual_servo_epipolar.messages.images.pictures import (
+    is_upside_down,
+    LARGEST,
+    LARGEST_FILE,
+)
 
 IMAGE = cv2.GaussianBlur(
     np.random.default_rng(0).integers(0, 256, (24, 40), dtype=np.uint8), None, 2.0
@@ -28,23 +32,44 @@ READERS = pytest.mark.parametrize('reader', [live, of_file])
 
 
 @READERS
-@pytest.mark.parametrize('tag', TAGS)
 @pytest.mark.parametrize('kind', KINDS)
-def test_no_orientation_tag_turns_pixels(kind, tag, reader) -> None:
-    gray = reader(tagged(IMAGE, kind, tag))
-    assert gray.shape == IMAGE.shape
+def test_pixels_are_as_they_are_stored(kind, reader) -> None:
+    gray = reader(tagged(IMAGE, kind, 1))
     assert np.abs(gray.astype(int) - IMAGE).max() <= (ROUNDING if kind == 'jpeg' else 0)
 
 
 @READERS
-@pytest.mark.parametrize('tag', TAGS)
+@pytest.mark.parametrize('tag', TAGS[1:])
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_picture_whose_tag_turns_it_is_refused_by_name(kind, tag, reader) -> None:
+    with pytest.raises(ValueError, match=f"('jpeg'|goal.png).* has the orientation tag {tag}"):
+        reader(tagged(IMAGE, kind, tag))
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_one_upside_down_is_turned_for_who_turns_k(kind) -> None:
+    data = tagged(IMAGE[::-1, ::-1], kind, 3)
+    assert is_upside_down(data) and not is_upside_down(tagged(IMAGE, kind, 1))
+    gray = GrayReader().picture(data, 'goal.png', turn=True)
+    assert np.abs(gray.astype(int) - IMAGE).max() <= (ROUNDING if kind == 'jpeg' else 0)
+    with pytest.raises(ValueError, match='goal.png has the orientation tag 6'):
+        GrayReader().picture(tagged(IMAGE, kind, 6), 'goal.png', turn=True)
+
+
+@pytest.mark.parametrize('tag', [0, 9, 999])
+def test_a_tag_that_tells_nothing_is_none(tag) -> None:
+    assert np.array_equal(of_file(tagged(IMAGE, 'png', tag)), IMAGE)
+
+
 @pytest.mark.parametrize('order', ['<', '>'])
 @pytest.mark.parametrize('bits', [10, 12, 16])
-def test_nor_those_of_16_bits_which_are_as_bright_as_of_8(bits, order, tag, reader) -> None:
+def test_those_of_16_bits_are_as_bright_as_of_8(bits, order) -> None:
     deep = IMAGE.astype(np.uint16) << (bits - 8)
     deep[0, 0] = 255 << (bits - 8)  # one that is bright tells how many there are
-    gray = reader(tiff(deep, order, tag=tag))
-    np.testing.assert_array_equal(gray.ravel()[1:], IMAGE.ravel()[1:])
+    upright = [reader(tiff(deep, order)) for reader in (live, of_file)]
+    turned = GrayReader().picture(tiff(deep, order, tag=3), 'goal.png', turn=True)
+    for gray in (*upright, turned[::-1, ::-1]):
+        np.testing.assert_array_equal(gray.ravel()[1:], IMAGE.ravel()[1:])
 
 
 @READERS

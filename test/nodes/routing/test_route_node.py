@@ -258,6 +258,18 @@ def test_images_that_are_not_those_of_camera_info_stop_the_robot(driving) -> Non
     assert 'image has 32x24 px' in driving.reason
 
 
+def test_a_folder_of_something_else_is_refused_before_the_way_is_driven(
+    bench, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setenv('HOME', str(tmp_path))
+    (tmp_path / 'mine').mkdir()
+    (tmp_path / 'mine' / 'thesis.tex').touch()
+    rig = RouteRig(bench, tmp_path, CAMERA, route='~/mine')
+    rig.see(picture(0))
+    success, text = rig.call('start_recording')
+    assert not success and 'mine must be a new folder' in text and 'thesis.tex' in text
+
+
 def test_without_a_folder_nothing_begins(bench, tmp_path) -> None:
     rig = RouteRig(bench, tmp_path, CAMERA, route='')
     rig.see(picture(0))

@@ -4,9 +4,10 @@ from pathlib import Path
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.cameras.registry import scaled
+from visual_servo_epipolar.core.cameras.registry import scaled, turned_over
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages.camera_file import from_text, KINDS
+from visual_servo_epipolar.messages.images.pictures import is_upside_down
 from visual_servo_epipolar.nodes.tracking.photograph import read_picture
 
 ASPECT_TOLERANCE = 0.01
@@ -40,10 +41,14 @@ def read_camera(
         raise InputError(f'{path}: {error}') from None
 
 
-def read_photograph(path: Path) -> Image:
-    """Read an image file as grey levels; raises InputError if it is none."""
+def read_photograph(path: Path, *, turn: bool = False) -> Image:
+    """
+    Read an image file as grey levels; raises InputError if it is none.
+
+    One that says that it is upside down is turned with ``turn``, for a camera by ``scaled_to``.
+    """
     try:
-        return read_picture(path, str(path))
+        return read_picture(path, str(path), turn=turn)
     except OSError as error:
         raise InputError(f'{path}: photograph cannot be read: {error.strerror}') from None
     except ValueError as error:
@@ -51,13 +56,13 @@ def read_photograph(path: Path) -> Image:
 
 
 def scaled_to(camera: CameraModel, image: Image, path: Path) -> CameraModel:
-    """Return ``camera`` for an image that was taken with it and then scaled as a whole."""
+    """Return ``camera`` for an image that it took, then scaled as a whole, turned by its tag."""
     height, width = image.shape
     scale_u, scale_v = width / camera.width, height / camera.height
     if abs(scale_u / scale_v - 1.0) > ASPECT_TOLERANCE:
         lying = abs(width * camera.width / (height * camera.height) - 1.0) <= ASPECT_TOLERANCE
         remedy = (
-            'calibrate with the pixels as stored, which an orientation tag does not turn'
+            'calibrate with the pixels as stored'
             if lying
             else 'do not crop, and use the calibration of this camera'
         )
@@ -65,4 +70,10 @@ def scaled_to(camera: CameraModel, image: Image, path: Path) -> CameraModel:
             f'{path}: image has {width}x{height} px, the camera {camera.width}x{camera.height}, '
             f'another aspect ratio; {remedy}'
         )
-    return scaled(camera, (width, height), scale_u, scale_v)
+    camera = scaled(camera, (width, height), scale_u, scale_v)
+    if not is_upside_down(path.read_bytes()):
+        return camera
+    try:
+        return turned_over(camera)
+    except ValueError as error:
+        raise InputError(f'{path}: {error}') from None

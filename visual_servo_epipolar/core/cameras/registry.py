@@ -3,7 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeAlias
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from visual_servo_epipolar.core.cameras import dual_fisheye, equidistant, equirectangular, pinhole
 from visual_servo_epipolar.core.cameras.intrinsics import checked_matrix
@@ -53,6 +55,7 @@ CAMERAS: Registry[CameraRow] = Registry(
     CameraRow,
 )
 UNKNOWN = CameraRow(pinhole.Camera)  # refuses the name
+ROUNDING = 1e-6  # of a ray whose distortion is undone
 CAMERA_INFO = 'camera_info'  # the projection that is not told, but calibrated
 # Names of the same lenses: of drivers, of Kalibr and of Apex.AI's and Intel's models.
 SYNONYMS = {
@@ -131,12 +134,32 @@ def scaled(
     )
 
 
-def with_intrinsics(camera: CameraModel, **changes: float) -> CameraModel:
-    """Return the same lens with ``changes`` of width, height, fx, fy, cx, cy or skew [px]."""
+def turned_over(camera: CameraModel) -> CameraModel:
+    """Return the camera of its image turned by half; ValueError for a lens that has none."""
+    # Tangential coefficients, thin prisms and the tilt of the sensor change their signs.
+    signs = (1.0, 1.0, -1.0, -1.0, 1.0, 1.0, 1.0, 1.0, *[-1.0] * 6)
+    lens = camera.distortion
+    if camera.planar is not None:
+        lens = tuple(sign * value for sign, value in zip(signs, lens, strict=False))
+    right, bottom = camera.width - 1.0, camera.height - 1.0
+    place = {'cx': right - camera.cx, 'cy': bottom - camera.cy}
+    turned = with_intrinsics(camera, **place, distortion=lens)
+    corner = np.array([[0.3 * right, 0.2 * bottom]])
+    (x, y, z), *_ = camera.rays(corner)
+    if not np.allclose(turned.rays([right, bottom] - corner), [[-x, -y, z]], atol=ROUNDING):
+        raise ValueError(
+            f'the image of a {camera.lens} lens must be stored upright, got one to be turned by '
+            'half; turn it, and remove its orientation tag'
+        )
+    return turned
+
+
+def with_intrinsics(camera: CameraModel, **changes: Any) -> CameraModel:
+    """Return the lens with ``changes`` of width, height, fx, fy, cx, cy, skew or distortion."""
     names = ('width', 'height', 'fx', 'fy', 'cx', 'cy')
     numbers = [changes.get(name, getattr(camera, name)) for name in names]
     skew = changes.get('skew', camera.skew)
-    lens = camera.distortion, camera.distortion_model
+    lens = changes.get('distortion', camera.distortion), camera.distortion_model
     return CAMERAS[camera.distortion_model].factory(*numbers, *lens, skew=skew)
 
 

@@ -115,9 +115,9 @@ class GrayReader:
         encoding = ENCODINGS[mosaic[1] if mosaic else 'mono8']
         return self._gray_of_picture(decode(bytes(message.data), name), encoding)
 
-    def picture(self, data: bytes, name: str) -> Image:
-        """Return the grey image of a picture file of this ``name``, or raise ValueError."""
-        image = decode(data, name, largest=LARGEST_FILE)
+    def picture(self, data: bytes, name: str, *, turn: bool = False) -> Image:
+        """Return the grey image of a picture file of this ``name``, as ``decode`` does."""
+        image = decode(data, name, largest=LARGEST_FILE, turn=turn)
         return self._gray_of_picture(image, ENCODINGS['mono8'])
 
     def _gray_of_picture(self, image: NDArray[Any], encoding: Encoding) -> Image:

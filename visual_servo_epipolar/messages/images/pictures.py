@@ -1,9 +1,10 @@
 """
 Pictures: the pixels of JPEG, PNG, TIFF, WebP, and of what else OpenCV reads, as they are stored.
 
-The calibration of a camera belongs to the pixels as it stores them, so that no orientation tag,
-of EXIF or of TIFF's own, turns any. OpenCV is told so, but for TIFF, where it turns them all the
-same: there the tag is overwritten in a copy.
+The calibration of a camera belongs to the pixels as it stores them: what an orientation tag, of
+EXIF or of TIFF's own, turns must turn K as well. A picture that is upside down by its tag is
+turned for those who turn K, all others with a tag are refused. OpenCV turns none but those of
+TIFF, whatever it is told: there the tag is overwritten in a copy.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -20,25 +21,35 @@ LARGEST = 2**26  # pixels of a message: a damaged header must not cost gigabytes
 LARGEST_FILE = 2**30  # OpenCV reads no more
 STORED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 EXPECTED = 'a JPEG, PNG, TIFF or WebP of 8 or 16 bits'
-JPEG_END, JPEG_SCAN = b'\xff\xd9', 0xDA
+JPEG_END, JPEG_SCAN, JPEG_EXIF = b'\xff\xd9', 0xDA, 0xE1
 FRAME_HEADERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})  # of JPEG, with the size
-TIFF_WIDTH, TIFF_HEIGHT, TIFF_ORIENTATION = 256, 257, 274
+TIFF_WIDTH, TIFF_HEIGHT, ORIENTATION = 256, 257, 274
+UPRIGHT, UPSIDE_DOWN = 1, 3  # orientations, of 1 to 8
+EXIF = b'Exif\0\0'
 TIFF_SIZES = MappingProxyType({3: 2, 4: 4, 16: 8})  # bytes of the types of numbers
 
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """Header of a picture: its size [px], and whether its end is there; decoders only warn."""
+    """Header of a picture: size [px], whether its end is there (decoders only warn), its tag."""
 
     width: int
     height: int
     is_whole: bool
+    orientation: int = UPRIGHT
 
 
-def decode(data: bytes, name: str, *, largest: int = LARGEST) -> NDArray[Any]:
+def is_upside_down(data: bytes) -> bool:
+    """Return whether a picture says by its orientation tag that it is upside down."""
+    header = _header(data)
+    return header is not None and header.orientation == UPSIDE_DOWN
+
+
+def decode(data: bytes, name: str, *, largest: int = LARGEST, turn: bool = False) -> NDArray[Any]:
     """
     Return the grey levels of a picture as they are stored, uint8 or uint16 of shape (H, W).
 
+    One that ``is_upside_down`` is turned if whoever asks to ``turn`` it turns K as well.
     ``largest`` limits its pixels by its header, which is read first; with LARGEST_FILE the kind of
     picture may be one whose header is not known here. Raises ValueError, with its ``name``, if it
     cannot be used.
@@ -54,6 +65,12 @@ def decode(data: bytes, name: str, *, largest: int = LARGEST) -> NDArray[Any]:
             f'{name} must have 1 to {largest} pixels, got {header.width}x{header.height}; it is '
             'damaged, or must be scaled down'
         )
+    tag = UPRIGHT if header is None else header.orientation
+    if tag not in (UPRIGHT, UPSIDE_DOWN if turn else UPRIGHT):
+        raise ValueError(
+            f'{name} has the orientation tag {tag}, which turns its pixels, but not K; store them '
+            'upright, without the tag, and calibrate with such images'
+        )
     try:
         with _silent_opencv():
             pixels = np.frombuffer(_as_stored(data), np.uint8)
@@ -66,7 +83,7 @@ def decode(data: bytes, name: str, *, largest: int = LARGEST) -> NDArray[Any]:
         raise ValueError(
             f'{name}: pixels must be uint8 or uint16, got {image.dtype}; give {EXPECTED}'
         )
-    return np.asarray(image)
+    return np.asarray(image if tag == UPRIGHT else image[::-1, ::-1])
 
 
 @contextmanager
@@ -88,17 +105,23 @@ def _header(data: bytes) -> Header | None:
 def _of_png(data: bytes) -> Header | None:
     if len(data) < 24:
         return None
-    return Header(_big(data[16:20]), _big(data[20:24]), b'IEND' in data[-12:])
+    at = 8
+    while at < len(data) and data[at + 4 : at + 8] != b'eXIf':
+        at += 12 + _big(data[at : at + 4])
+    tag = _orientation(data[at + 8 :])
+    return Header(_big(data[16:20]), _big(data[20:24]), b'IEND' in data[-12:], tag)
 
 
 def _of_jpeg(data: bytes) -> Header | None:
     """Walk the segments, thumbnails among them, up to the pixels."""
-    at, size = 2, None
+    at, size, tag = 2, None, UPRIGHT
     while at + 9 <= len(data) and data[at] == 0xFF and data[at + 1] != JPEG_SCAN:
         if data[at + 1] in FRAME_HEADERS:
             size = _big(data[at + 7 : at + 9]), _big(data[at + 5 : at + 7])
+        if data[at + 1] == JPEG_EXIF and data.startswith(EXIF, at + 4):
+            tag = _orientation(data[at + 4 : at + 2 + _big(data[at + 2 : at + 4])])
         at += 1 if data[at + 1] == 0xFF else 2 + _big(data[at + 2 : at + 4])
-    return None if size is None else Header(*size, data.find(JPEG_END, at) > 0)
+    return None if size is None else Header(*size, data.find(JPEG_END, at) > 0, tag)
 
 
 def _of_webp(data: bytes) -> Header | None:
@@ -112,14 +135,25 @@ def _of_webp(data: bytes) -> Header | None:
         width, height = (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
     else:
         width, height = _little(data[26:28]) & 0x3FFF, _little(data[28:30]) & 0x3FFF
-    return Header(width, height, len(data) >= 8 + _little(data[4:8]))
+    at = 12
+    while at < len(data) and data[at : at + 4] != b'EXIF':
+        at += 8 + _little(data[at + 4 : at + 8]) + _little(data[at + 4 : at + 8]) % 2
+    is_whole = len(data) >= 8 + _little(data[4:8])
+    return Header(width, height, is_whole, _orientation(data[at + 8 :]))
 
 
 def _of_tiff(data: bytes) -> Header | None:
     values = {tag: value for tag, value, _ in _tiff_tags(data)}
     if TIFF_WIDTH not in values or TIFF_HEIGHT not in values:
         return None
-    return Header(values[TIFF_WIDTH], values[TIFF_HEIGHT], is_whole=True)
+    return Header(values[TIFF_WIDTH], values[TIFF_HEIGHT], True, _orientation(data))
+
+
+def _orientation(exif: bytes) -> int:
+    """Return the orientation that EXIF tells, a TIFF without pixels; upright without any."""
+    exif = exif.removeprefix(EXIF)
+    told = {tag: value for tag, value, _ in _tiff_tags(exif)}.get(ORIENTATION, UPRIGHT)
+    return told if 1 <= told <= 8 else UPRIGHT
 
 
 def _tiff_tags(data: bytes) -> Iterator[tuple[int, int, slice]]:
@@ -143,7 +177,7 @@ def _as_stored(data: bytes) -> bytes:
         return data
     upright, order = bytearray(data), 'little' if data.startswith(b'II') else 'big'
     for tag, _, place in _tiff_tags(data):
-        if tag == TIFF_ORIENTATION:
+        if tag == ORIENTATION:
             upright[place] = (1).to_bytes(place.stop - place.start, order)  # type: ignore[arg-type]
     return bytes(upright)
 

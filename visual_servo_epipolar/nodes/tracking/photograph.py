@@ -44,9 +44,9 @@ class Photograph:
     more: tuple[Image, ...] = ()
 
 
-def read_picture(path: Path, name: str) -> Image:
+def read_picture(path: Path, name: str, *, turn: bool = False) -> Image:
     """Return the grey levels of a picture; raises OSError, or ValueError if it is none."""
-    return as_gray(GrayReader().picture(path.read_bytes(), name))
+    return as_gray(GrayReader().picture(path.read_bytes(), name, turn=turn))
 
 
 def read_photographs(given: str, most: int) -> dict[str, Image]:

@@ -49,6 +49,11 @@ UNLEVEL = 2.0  # ratio of deviations beyond which the ground plane costs too muc
 VERTICAL = 0.5  # share of what an estimated ground plane changes that counts as its deviation
 GENERAL = 'general epipolar geometry'
 FAR = math.radians(15.0)  # between two answers
+OFF_HORIZON = math.radians(4.0)  # by which a feature is above or below it: three of a level mount
+OFF_BASELINE = 0.1  # sine of the angle from it that a depth needs
+# Of pairs of features, one above the horizon and one below, those where the upper one is nearer:
+# of 68 real pairs of cars and robots at most a third, in rooms half of them.
+UPPER_NEARER, SURELY = 0.8, 3.0  # and by so many deviations of what chance makes of a half
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +125,43 @@ def judged(
     if not reason and planar is not None and planar.attitude is not None:
         reason = outside_mount(planar.attitude, settings.mount)
     reason = reason or _wrong_lens(observation, fit, settings, general=planar is None)
+    reason = reason or _upside_down(observation, fit, found.tilt, settings.mount)
     return _concluded(found, reason, turn.heading_error), essential
+
+
+def _upside_down(observation: Observation, fit: GeneralFit, tilt: float, mount: Attitude) -> str:
+    """
+    Return that both photographs may be upside down, in words, or ''.
+
+    No geometry of matches tells that, but a robot is nearer to the floor than to what is above it:
+    of where the horizon is, which ``tilt`` tells, or nothing does. A mount that is told is right.
+    """
+    if _is_told(mount) or math.isnan(tilt):
+        return ''
+    inliers, baseline = fit.inliers[0], fit.motions.baseline[0]
+    desired = observation.desired[inliers]
+    turned = observation.current[inliers] @ fit.motions.rotation[0].T
+    across = np.linalg.norm(np.cross(turned, baseline), axis=1)
+    inverse_depth = np.linalg.norm(np.cross(turned, desired), axis=1) / np.maximum(across, 1e-9)
+    down = desired @ rotation_level_camera(tilt, 0.0)[1]
+    off = math.sin(OFF_HORIZON)
+    upper, lower = (
+        inverse_depth[side & (across > OFF_BASELINE)] for side in (down < -off, down > off)
+    )
+    pairs = max(len(upper) * len(lower), 1)
+    share = (upper[:, None] > lower).sum() / pairs
+    chance = math.sqrt((len(upper) + len(lower) + 1) / (12.0 * pairs))  # of a rank sum
+    if share < max(UPPER_NEARER, 0.5 + SURELY * chance):
+        return ''
+    return (
+        'both photographs may be upside down: what is above the horizon is nearer than what is '
+        'below; turn both upright, or tell how the camera is mounted'
+    )
+
+
+def _is_told(mount: Attitude) -> bool:
+    """Return whether tilt and roll are given, not those of any camera."""
+    return max(mount.tilt_deviation, mount.roll_deviation) < TOLD
 
 
 def _of_unknown_vertical(planar: Inspection, general: Inspection) -> float:
@@ -206,7 +247,7 @@ def _with_general(
     found: Inspection, fit: GeneralFit, spread: Spread, mount: Attitude
 ) -> Inspection:
     """Return what is found with a general motion: in the ground plane if the mount is told."""
-    told = max(mount.tilt_deviation, mount.roll_deviation) < TOLD
+    told = _is_told(mount)
     level = rotation_level_camera(mount.tilt, mount.roll) if told else np.eye(3)
     best = fit.motions.take(slice(1))
     levelled = Motions(level @ best.rotation @ level.T, best.baseline @ level.T)
