@@ -98,7 +98,7 @@ def test_a_place_farther_along_the_way_than_the_base_can_be_is_not_believed(
     """As by a cabinet that was moved along the wall; the base may have stood, though."""
     follower = follower_on(straight(0.0), key_view(0))
     follower.halt(0, unsent=False)
-    follower._estimate._sent[-1] = (0, Twist(0.5, 0.0))
+    follower._estimate.sent(0, Twist(0.5, 0.0))
     follower._stamp_ns, follower._way_variance = 100_000_000, 0.0
     place = seen(0.0, 0.0, 0.0, np.full(3, 1e-3))
 

@@ -8,9 +8,10 @@ import pytest
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.evaluation.faults import campaign
-from visual_servo_epipolar.evaluation.faults.campaign import FAULTS, plan
+from visual_servo_epipolar.evaluation.faults.campaign import FaultRun, FAULTS, plan
 from visual_servo_epipolar.evaluation.faults.run import strike_time
 
 
@@ -44,3 +45,15 @@ def test_a_table_that_cannot_be_written_is_refused_before_any_run(
     monkeypatch.setattr(campaign, 'drive', lambda *_: pytest.fail('runs were driven'))
     assert main(['faults', '--only', 'none', '--table', str(tmp_path)]) == 2
     assert 'cannot be written' in capsys.readouterr().err
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('reaches', [True, False])
+def test_a_limit_lowered_in_mid_route_is_safe_where_it_reaches_the_run(
+    reaches: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not reaches:
+        monkeypatch.setattr(RouteRun, 'use', lambda run, settings, servo: None)
+    result = campaign.one(FaultRun('route_limits_lowered', 3))
+    assert (result['safe'], result['struck_in']) == (reaches, 'approaching'), result['detail']
+    assert reaches or result['verdict'] == 'limits exceeded'

@@ -17,6 +17,7 @@ from visual_servo_epipolar.evaluation.faults.catalogue import (
     images,
     orders,
     robot,
+    routes,
     streams,
 )
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Faults
@@ -38,6 +39,7 @@ FAULTS: Faults = {
     **robot.BASE,
     **robot.NODE_ENDS,
     **robot.ENCODERS,
+    **routes.ROUTES,
 }
 WORDS = {name: fault.what for name, fault in FAULTS.items()}
 WORDS |= {name: fault.what for name, fault in PROCESSES.items()}

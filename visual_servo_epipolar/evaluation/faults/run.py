@@ -21,14 +21,13 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
 from visual_servo_epipolar.evaluation.faults.judging.judge import judge_run
 from visual_servo_epipolar.evaluation.faults.judging.record import moving, SafetyBounds
 from visual_servo_epipolar.evaluation.faults.judging.witness import BASE, SERVO, Witness
-from visual_servo_epipolar.evaluation.live.world import NODES, small_camera, World, WorldSettings
+from visual_servo_epipolar.evaluation.live.world import small_camera, World, WorldSettings
 
 LOOK_S = 0.1  # how often the phase is looked at
 REST_S = 8.0  # that a robot must stand until a run is over: longer than the servo holds
 TAIL_S = 2.0  # that it must stand where the servo has ended
 PATIENCE_S = 20.0  # for the phase that the fault waits for
 LONGEST_S = 180.0  # since the fault struck: past the longest phase
-STARTING = tuple(NODES)[::-1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +56,7 @@ class FaultDrive:
 
     def drive(self) -> None:
         """Run until the robot has stood for long enough, or for as long as a run may take."""
-        for name in STARTING:
+        for name in tuple(self.scene.world.settings.kinds)[::-1]:
             self.scene.world.start(name)
         if self._moment.phase is Phase.WAITING:
             self._strike()

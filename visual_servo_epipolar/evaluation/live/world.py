@@ -77,7 +77,11 @@ NODES: Mapping[str, type[Any]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
-    """How a world is built; ``more`` are parameters by node, ``simulated_time`` that of /clock."""
+    """
+    How a world is built: ``kinds`` of its nodes by name, ``more`` parameters of each.
+
+    ``simulated_time`` is that of /clock.
+    """
 
     start: tuple[float, float, float]
     seed: int
@@ -88,6 +92,7 @@ class WorldSettings:
             autostart=True, run_timeout=RUN_TIMEOUT_S, max_retreat=MAX_RETREAT_M
         )
     )
+    kinds: Mapping[str, type[Any]] = field(default_factory=lambda: NODES)
     more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     simulated_time: bool = False
     depth: float = 1.0  # over that of the scene that is seen
@@ -95,7 +100,7 @@ class WorldSettings:
 
 class World(AbstractContextManager['World']):
     """
-    Four real nodes and a wire; no other process sees them.
+    Real nodes and a wire; no other process sees them.
 
     ``nodes`` are those that live, by name, ``told`` the TIMES that each was told. What happens to
     one is what happens to its process.
@@ -121,7 +126,9 @@ class World(AbstractContextManager['World']):
         """Start a node; as ``alias`` it is one more of its kind."""
         known = alias or name
         more = {'use_sim_time': self.settings.simulated_time, **self.settings.more.get(name, {})}
-        node = new_node(NODES[name], self._context, {**self._values(name), **more}, name=known)
+        node = new_node(
+            self.settings.kinds[name], self._context, {**self._values(name), **more}, name=known
+        )
         complaints.watch(node)  # as spin() does
         self.nodes[known] = node
         self.wire.add(node)

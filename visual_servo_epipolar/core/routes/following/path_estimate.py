@@ -1,7 +1,5 @@
 """Path estimate: where beside the path the robot is, by commands and by the views it believes."""
 
-from collections import deque
-from collections.abc import Sequence
 from dataclasses import replace
 import math
 from typing import NamedTuple
@@ -11,6 +9,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.geometry.planar_poses import compose
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.routes.following.steering import FIRST, LateralFilter
 from visual_servo_epipolar.core.routes.path import PathPoint, TaughtPath
 from visual_servo_epipolar.core.routes.places import Place
@@ -46,21 +45,17 @@ class PathEstimate:
         self._commanded, self._marked = 0.0, way  # since the base was last seen to obey [m]
         # Where a view was believed at last, and what is unsure since then.
         self._seen_way, self._way_variance = way, float(PLACE_NOISE[0] ** 2)
-        self._sent: deque[tuple[int, Twist]] = deque()
+        self._sent = CommandsSent()
         self._curvature = 0.0
-
-    @property
-    def _late_ns(self) -> int:
-        return round(self.latency * NANOSECONDS)
 
     def sent(self, stamp_ns: int, twist: Twist) -> None:
         """Note that the base was told a ``twist`` at ``stamp_ns``."""
-        self._sent.append((stamp_ns, twist))
+        self._sent = self._sent.after(stamp_ns, twist)
 
     def halted(self, stamp_ns: int, *, unsent: bool) -> None:
         """Note that the base was told to stand at ``stamp_ns``; the last twist was ``unsent``."""
-        if unsent and self._sent:
-            self._sent.pop()
+        if unsent or self._sent.stamps[-1:] == (stamp_ns,):  # it does not act at all
+            self._sent = CommandsSent(self._sent.stamps[:-1], self._sent.twists[:-1])
         self.sent(stamp_ns, STANDSTILL)
 
     def carried(self, T: FloatArray, path: TaughtPath, other: TaughtPath, by: float) -> None:
@@ -89,18 +84,17 @@ class PathEstimate:
         """Move on by what the base was told to do between two images."""
         if self.lateral is None or end_ns <= start_ns:
             return
-        for twist, span in self._acting(start_ns, end_ns):
+        for span, twist in self._sent.acting(start_ns, end_ns, self.latency):
             self.lateral = self.lateral.moved(twist.linear, twist.angular, self._curvature, span)
             self.way += twist.linear * span
             self._commanded += abs(twist.linear) * span
             self._way_variance += SLIP_NOISE**2 * abs(twist.linear) * span
-        while len(self._sent) > 1 and self._sent[1][0] + self._late_ns <= end_ns:
-            self._sent.popleft()  # it acts no more
 
     def when_told(self, at: LateralFilter, now_ns: int) -> tuple[LateralFilter, float]:
         """Return offset and turn, from ``at`` on, and way, when the next command begins to act."""
         way = self.way
-        for twist, span in self._acting(now_ns, now_ns + self._late_ns):
+        late_ns = round(self.latency * NANOSECONDS)
+        for span, twist in self._sent.acting(now_ns, now_ns + late_ns, self.latency):
             state = at.predicted(twist.linear, twist.angular, self._curvature, span)
             at, way = replace(at, state=state), way + twist.linear * span
         return at, way
@@ -129,17 +123,6 @@ class PathEstimate:
                     f'by {moved:.2f} m; look at its wheels, and who else commands it'
                 )
             self._commanded, self._marked = 0.0, self.way
-
-    def _acting(self, start_ns: int, end_ns: int) -> Sequence[tuple[Twist, float]]:
-        """Return what acts on the base between two times, given its delay, with durations [s]."""
-        times = [(sent + self._late_ns, twist) for sent, twist in self._sent]
-        spans: list[tuple[Twist, float]] = []
-        for k, (begin, twist) in enumerate(times):
-            until = times[k + 1][0] if k + 1 < len(times) else end_ns
-            span = min(until, end_ns) - max(begin, start_ns)
-            if span > 0:
-                spans.append((twist, span / NANOSECONDS))
-        return spans
 
 
 def beside(path: TaughtPath, found: ViewPose, near: float) -> PathMeasurement:

@@ -8,10 +8,12 @@ from rclpy.node import Node
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
+from visual_servo_epipolar.core.routes.run import FOLLOWING, LOCALIZING
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.judging.record import (
     Limits,
     Record,
+    SeenTracks,
     ServoCommand,
     TrueMotion,
 )
@@ -33,6 +35,8 @@ LIMITS = (
     'dead_band_linear',
     'dead_band_angular',
 )
+# Phases of a route, as the servo would call them.
+OF_ROUTES = {FOLLOWING: 'approaching', LOCALIZING: Phase.WAITING.value}
 # Have a reason, or should.
 MUTE = (Phase.HOLDING.value, Phase.FAILED.value, Phase.WAITING.value, ARMED)
 
@@ -111,6 +115,9 @@ class Witness:
 
     def _on_arrival(self, node: Node, envelope: Envelope) -> None:
         self._image = envelope.sight
+        if node.get_name() == SERVO and envelope.sight is not None:  # a route: images, no tracks
+            taken_s = envelope.sight.taken_ns / NANOSECONDS
+            self.record.sight.seen.append(SeenTracks(self.now_s, taken_s))
 
     def _on_tracks(self, envelope: Envelope) -> None:
         # An image that waited for its camera_info was not what the tracker was called for.
@@ -144,7 +151,8 @@ class Witness:
     def _on_phase(self, envelope: Envelope) -> None:
         if envelope.sender not in (SERVO, ''):
             return
-        before, self.record.phase = self.record.phase, str(envelope.message.data)
+        word = str(envelope.message.data)
+        before, self.record.phase = self.record.phase, OF_ROUTES.get(word, word)
         if self.record.phase == Phase.ARRIVED.value != before:
             self.record.arrived_s = self.now_s
 
@@ -179,6 +187,9 @@ def _limits(servo: Node, twist: Twist, learnt: Twist) -> Limits:
     Slow commands may jump to a dead band that is told, or that it says it has ``learnt``.
     """
     said = {name: servo.get_parameter(name).value for name in LIMITS}
+    for name, lower in (('max_linear', 'max_speed'), ('max_angular', 'max_turn_rate')):
+        if servo.has_parameter(lower):  # of a route
+            said[name] = min(said[name], servo.get_parameter(lower).value)
     ramps = said['speed_ramps'] and not (said['dead_band_linear'] or said['dead_band_angular'])
     hops = abs(twist.linear) <= learnt.linear, abs(twist.angular) <= learnt.angular
     return Limits(
