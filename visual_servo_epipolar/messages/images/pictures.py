@@ -3,8 +3,8 @@ Pictures: the pixels of JPEG, PNG, TIFF, WebP, and of what else OpenCV reads, as
 
 The calibration of a camera belongs to the pixels as it stores them: what an orientation tag, of
 EXIF or of TIFF's own, turns must turn K as well. A picture that is upside down by its tag is
-turned for those who turn K, all others with a tag are refused. OpenCV turns none but those of
-TIFF, whatever it is told: there the tag is overwritten in a copy.
+turned for those who turn K, all others with a tag are refused. OpenCV, told to turn none, turns
+those of TIFF.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -25,7 +25,7 @@ JPEG_END, JPEG_SCAN, JPEG_EXIF = b'\xff\xd9', 0xDA, 0xE1
 FRAME_HEADERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})  # of JPEG, with the size
 TIFF_WIDTH, TIFF_HEIGHT, ORIENTATION = 256, 257, 274
 UPRIGHT, UPSIDE_DOWN = 1, 3  # orientations, of 1 to 8
-EXIF = b'Exif\0\0'
+EXIF, TIFF = b'Exif\0\0', (b'II', b'MM')
 TIFF_SIZES = MappingProxyType({3: 2, 4: 4, 16: 8})  # bytes of the types of numbers
 
 
@@ -73,7 +73,7 @@ def decode(data: bytes, name: str, *, largest: int = LARGEST, turn: bool = False
         )
     try:
         with _silent_opencv():
-            pixels = np.frombuffer(_as_stored(data), np.uint8)
+            pixels = np.frombuffer(data, np.uint8)
             image = cv2.imdecode(pixels, STORED) if data else None
     except cv2.error as error:
         raise ValueError(f'{name} cannot be decoded: {error.err}') from None
@@ -83,7 +83,8 @@ def decode(data: bytes, name: str, *, largest: int = LARGEST, turn: bool = False
         raise ValueError(
             f'{name}: pixels must be uint8 or uint16, got {image.dtype}; give {EXPECTED}'
         )
-    return np.asarray(image if tag == UPRIGHT else image[::-1, ::-1])
+    is_turned = tag == UPRIGHT or data.startswith(TIFF)
+    return np.asarray(image if is_turned else image[::-1, ::-1])
 
 
 @contextmanager
@@ -143,7 +144,7 @@ def _of_webp(data: bytes) -> Header | None:
 
 
 def _of_tiff(data: bytes) -> Header | None:
-    values = {tag: value for tag, value, _ in _tiff_tags(data)}
+    values = _tiff_tags(data)
     if TIFF_WIDTH not in values or TIFF_HEIGHT not in values:
         return None
     return Header(values[TIFF_WIDTH], values[TIFF_HEIGHT], True, _orientation(data))
@@ -151,35 +152,23 @@ def _of_tiff(data: bytes) -> Header | None:
 
 def _orientation(exif: bytes) -> int:
     """Return the orientation that EXIF tells, a TIFF without pixels; upright without any."""
-    exif = exif.removeprefix(EXIF)
-    told = {tag: value for tag, value, _ in _tiff_tags(exif)}.get(ORIENTATION, UPRIGHT)
+    told = _tiff_tags(exif.removeprefix(EXIF)).get(ORIENTATION, UPRIGHT)
     return told if 1 <= told <= 8 else UPRIGHT
 
 
-def _tiff_tags(data: bytes) -> Iterator[tuple[int, int, slice]]:
-    """Yield tag, value and its place for the numbers of the first image; BigTIFF has it wider."""
-    number = _little if data.startswith(b'II') else _big
+def _tiff_tags(data: bytes) -> dict[int, int]:
+    """Return the numbers of the first image by their tags; BigTIFF has them wider."""
+    number, tags = _little if data.startswith(b'II') else _big, {}
     wide = number(data[2:4]) == 43
     directory = number(data[8:16] if wide else data[4:8])
     head, entry, at = (8, 20, 12) if wide else (2, 12, 8)
     count = number(data[directory : directory + head])
     first = directory + head
     for place in range(first, min(first + count * entry, len(data) - entry + 1), entry):
-        size = TIFF_SIZES.get(number(data[place + 2 : place + 4]))
-        if size is not None:
-            value = slice(place + at, place + at + size)
-            yield number(data[place : place + 2]), number(data[value]), value
-
-
-def _as_stored(data: bytes) -> bytes:
-    """Return a TIFF as one whose pixels are upright as stored; anything else as it is."""
-    if not data.startswith((b'II', b'MM')):
-        return data
-    upright, order = bytearray(data), 'little' if data.startswith(b'II') else 'big'
-    for tag, _, place in _tiff_tags(data):
-        if tag == ORIENTATION:
-            upright[place] = (1).to_bytes(place.stop - place.start, order)  # type: ignore[arg-type]
-    return bytes(upright)
+        size = TIFF_SIZES.get(number(data[place + 2 : place + 4]), 0)
+        if size:
+            tags[number(data[place : place + 2])] = number(data[place + at : place + at + size])
+    return tags
 
 
 def _big(digits: bytes) -> int:
