@@ -25,8 +25,8 @@ from visual_servo_epipolar.nodes.docking.server import DEACTIVATED, DockServer
 from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.lifecycle.gates import serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
+from visual_servo_epipolar.nodes.servoing.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.servoing.rivals import type_mismatch
-from visual_servo_epipolar.nodes.servoing.wheels import DrivenPath
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings

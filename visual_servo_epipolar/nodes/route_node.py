@@ -36,10 +36,10 @@ from visual_servo_epipolar.nodes.routing.recording import RouteRecording, RouteR
 from visual_servo_epipolar.nodes.routing.repetition import RouteRepetition, RouteReports
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.servoing.commands import Commands, refuse_ackermann
+from visual_servo_epipolar.nodes.servoing.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
 from visual_servo_epipolar.nodes.servoing.run import QUIET_S
 from visual_servo_epipolar.nodes.servoing.switches import Enable, StopButton
-from visual_servo_epipolar.nodes.servoing.wheels import DrivenPath
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import RouteNodeSettings

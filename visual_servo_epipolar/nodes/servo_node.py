@@ -20,12 +20,12 @@ from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.servoing.admission import Admission
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.servoing.commands import Commands, refuse_ackermann
+from visual_servo_epipolar.nodes.servoing.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.servoing.head import Head
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
 from visual_servo_epipolar.nodes.servoing.run import Run, WAITS_FOR_END
 from visual_servo_epipolar.nodes.servoing.switches import Enable, PRESSED, StopButton
-from visual_servo_epipolar.nodes.servoing.wheels import Wheels
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
@@ -33,6 +33,8 @@ from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubs
 
 WARN_PERIOD_S = 5.0
 WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0
+AHEAD_S = 0.1  # by which an image may be newer than odometry: the base goes on as it did
+MEANWHILE = 'the servo goes by its commands meanwhile'
 BEGINS = 'drives as soon as the next image comes'
 
 
@@ -68,7 +70,13 @@ class ServoNode(ManagedNode):
         self.received = 0  # sets of tracks
         self._camera = ServoCamera(self, self._node_settings, self._warn)
         # Before tracks: where both have come, the pose is taken first.
-        self._wheels = Wheels(self, self._settings, self._node_settings, self._warn)
+        self._driven = DrivenPath(
+            self,
+            lambda text: self._warn(f'{text}; {MEANWHILE}'),
+            listens=self._settings.odometry,
+            ahead=AHEAD_S,
+            profile=qos.ODOMETRY if self._node_settings.watchdog else qos.STREAM,
+        )
         self._head = Head(self, self._settings, self._node_settings, self._warn)
         self._commands = Commands(
             self, self._node_settings, self._head, wheelbase=self._settings.wheelbase
@@ -89,7 +97,7 @@ class ServoNode(ManagedNode):
 
     def activate(self) -> None:
         """Wait for tracks, or for ~/start."""
-        self._wheels.begin_anew()
+        self._driven.begin_anew()
         self._head.begin_anew()
         if self._begins:
             self._run.arm()
@@ -207,7 +215,7 @@ class ServoNode(ManagedNode):
         unusable = foreign or refused
         if unusable:
             self._warn(unusable)
-        seen = self._wheels.with_odometry(observe(features, camera, stamp_ns))
+        seen = self._driven.with_odometry(observe(features, camera, stamp_ns))
         # The mount may have become known since: the rig of these settings, as a replay has it.
         observation = self._head.with_joints(seen, self._settings.carrier)
         session = session.decide(

@@ -8,6 +8,7 @@ import pytest
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.odometry.path import Path as DrivenPath
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.evaluation.faults import campaign
@@ -45,6 +46,19 @@ def test_a_table_that_cannot_be_written_is_refused_before_any_run(
     monkeypatch.setattr(campaign, 'drive', lambda *_: pytest.fail('runs were driven'))
     assert main(['faults', '--only', 'none', '--table', str(tmp_path)]) == 2
     assert 'cannot be written' in capsys.readouterr().err
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('checked', [True, False])
+def test_a_route_taught_by_odometry_that_leaps_is_refused(
+    checked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not checked:
+        monkeypatch.setattr(DrivenPath, '_rupture', lambda *_: '')
+    result = campaign.one(FaultRun('teaching_odometry', 0))
+    assert result['safe'] is checked
+    said = '/odom leaps by 0.67 m' if checked else 'key views, written to'
+    assert said in result['detail']
 
 
 @pytest.mark.long

@@ -55,7 +55,8 @@ def _delay(scene: StruckRun) -> None:
     scene.notes.append(scene.world.set('unicycle_node', {'command_delay': DELAY_S}))
 
 
-def _command(scene: StruckRun, linear: float, angular: float) -> None:
+def command(scene: StruckRun, linear: float, angular: float) -> None:
+    """Let somebody else send a command."""
     twist = TwistMessage()
     twist.linear.x, twist.angular.z = linear, angular
     scene.world.wire.send(Envelope(COMMANDS, twist, 0))
@@ -66,7 +67,7 @@ def _garbage(scene: StruckRun) -> None:
     for number in range(round(GARBAGE_S * RATE)):
         scene.later(
             number / RATE,
-            lambda: _command(scene, *OTHERS[int(scene.rng.integers(len(OTHERS)))]),
+            lambda: command(scene, *OTHERS[int(scene.rng.integers(len(OTHERS)))]),
         )
 
 
@@ -76,7 +77,7 @@ def _joystick(scene: StruckRun) -> None:
     angular = scene.draw(*JOYSTICK[1]) * scene.side()
     scene.notes.append(f'{linear:.2f} m/s, {angular:.2f} rad/s')
     for number in range(round(JOYSTICK_S * RATE)):
-        scene.later(number / RATE, lambda: _command(scene, linear, angular))
+        scene.later(number / RATE, lambda: command(scene, linear, angular))
 
 
 BASE: Faults = {

@@ -108,6 +108,7 @@ def _charges(record: Record, bounds: SafetyBounds, blind: str) -> list[tuple[Run
         (RunVerdict.DISOBEYED, _disobedience(record, bounds)),
         (RunVerdict.LIMITS, _limits(record, bounds)),
         (RunVerdict.RAN_AWAY, _excursion(record, bounds)),
+        (RunVerdict.WRONG_ROUTE, record.wrong_route),
     ]
     last = record.truths[-1] if record.truths else None
     if last is not None and moving(last.twist):

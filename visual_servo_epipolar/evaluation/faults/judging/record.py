@@ -98,6 +98,7 @@ class Record:
 
     ``arrived_s`` is when the robot last said that it had arrived, ``why`` the words of those who
     said why it stands, ``senseless`` what was wrong with a command that is no velocity;
+    ``wrong_route`` what was said of a route that must not have been written;
     ``wrong_geometry_s`` is as ``run_monitor.wrong_geometry_s`` [s].
     """
 
@@ -111,6 +112,7 @@ class Record:
     why: list[str] = field(default_factory=list)
     crashes: list[str] = field(default_factory=list)
     senseless: str = ''
+    wrong_route: str = ''
     wrong_geometry_s: float = 0.0
 
 
@@ -151,6 +153,7 @@ class RunVerdict(str, Enum):
     RAN_AWAY = 'ran away'
     STILL_MOVING = 'still moving at the end'
     WRONG_ARRIVAL = 'wrong arrival'
+    WRONG_ROUTE = 'wrong route'
     UNEXPLAINED = 'at rest without a reason'
 
 

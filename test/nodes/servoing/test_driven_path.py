@@ -6,15 +6,15 @@ from typing import Any
 
 from nav_msgs.msg import Odometry
 import pytest
+from rclpy.qos import QoSProfile
 from servo_rig import PERIOD_NS, Rig
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.servoing.wheels import MEANWHILE, Wheels
-from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+from visual_servo_epipolar.nodes.servo_node import AHEAD_S, MEANWHILE
+from visual_servo_epipolar.nodes.servoing.driven_path import DrivenPath
 
 S = 10**9
 BEGIN, TWIST = Pose(4.0, -2.0, 3.1), Twist(0.4, 0.5)
@@ -42,14 +42,9 @@ class Stand(SimpleNamespace):
 class Bed:
     """Wheels that hear odometry, message by message, and are asked where they were."""
 
-    def __init__(self, *, odometry: bool = True, watchdog: bool = True) -> None:
+    def __init__(self, *, odometry: bool = True) -> None:
         self.node, self.said = Stand(), list[str]()
-        self.wheels = Wheels(
-            self.node,
-            ServoSettings(odometry=odometry),
-            ServoNodeSettings(watchdog=watchdog),
-            self.said.append,
-        )
+        self.driven = DrivenPath(self.node, self.said.append, listens=odometry, ahead=AHEAD_S)
         self.frame, self.number = 'odom', 0
 
     def hear(self, pose: Pose, stamp_ns: int, **orientation: float) -> None:
@@ -70,7 +65,7 @@ class Bed:
 
     def at(self, seconds: float) -> Pose | None:
         seen = Observation(round(seconds * S), *2 * [None], 700.0)
-        return self.wheels.with_odometry(seen).odometry
+        return self.driven.with_odometry(seen).odometry
 
 
 def off(pose: Pose | None, expected: Pose) -> float:
@@ -93,7 +88,7 @@ def test_an_image_that_is_newer_finds_the_base_where_it_goes(seconds: float) -> 
 
 
 def test_the_pose_of_the_very_stamp_is_that_of_the_message() -> None:
-    bed = Bed(watchdog=False)
+    bed = Bed()
     bed.hear(Pose(1.0, 2.0, 0.5), S)
     pose = bed.at(1.0)
     assert (pose.x, pose.y) == (1.0, 2.0)
@@ -104,11 +99,6 @@ def test_who_is_not_to_listen_does_not() -> None:
     assert bed.node.profile is None
     assert bed.at(1.0) is None
     assert not bed.said
-
-
-@pytest.mark.parametrize(('watchdog', 'profile'), [(True, qos.ODOMETRY), (False, qos.STREAM)])
-def test_a_driver_of_any_quality_is_heard(watchdog: bool, profile: Any) -> None:
-    assert Bed(watchdog=watchdog).node.profile is profile
 
 
 @pytest.mark.parametrize(
@@ -125,7 +115,6 @@ def test_where_nobody_knows_there_is_none(lasted: float, seconds: float, words: 
     bed = Bed().drive(lasted)
     assert bed.at(seconds) is None
     assert [text for text in bed.said if words in text]
-    assert all(text.endswith(MEANWHILE) for text in bed.said)
 
 
 @pytest.mark.parametrize(
@@ -169,7 +158,7 @@ def test_after_a_leap_one_image_has_none(stamp_ns: int, pose: Pose, words: str) 
     bed.hear(pose, stamp_ns)
     bed.hear(pose, stamp_ns + S // RATE)
     assert bed.said[0].startswith(words)
-    assert bed.said[0].endswith(f'look at what publishes it: /wheels; {MEANWHILE}')
+    assert bed.said[0].endswith('look at what publishes it: /wheels')
     assert bed.at(stamp_ns / S) is None
     assert bed.at(stamp_ns / S + 0.01) is not None
 
@@ -188,7 +177,7 @@ def test_another_frame_is_a_leap_as_well() -> None:
 
 def test_who_is_activated_anew_knows_nothing_of_before() -> None:
     bed = Bed().drive(1.0)
-    bed.wheels.begin_anew()
+    bed.driven.begin_anew()
     assert bed.at(0.9) is None
 
 
@@ -197,12 +186,21 @@ def test_the_servo_hears_odometry_and_says_that_none_comes(bench) -> None:
     rig = Rig(bench, odometry=True, stale_timeout=60.0)
     rig.see()
     bench.until(lambda: bool(bench.logged('nothing usable came on /odom')), 'the complaint')
+    assert bench.logged('nothing usable came on /odom')[0].endswith(MEANWHILE)
     assert rig.node._state.identified.odometry.pose is None
     for stamp_ns in (rig.stamp_ns - PERIOD_NS // 2, rig.stamp_ns + PERIOD_NS // 2):
         tell(write.odometry(BEGIN, STANDSTILL, stamp_ns, 'odom', 'base_link'))
     bench.settle()
     rig.see()
     assert off(rig.node._state.identified.odometry.pose, BEGIN) < 1e-9
+
+
+@pytest.mark.parametrize(('watchdog', 'profile'), [(True, qos.ODOMETRY), (False, qos.STREAM)])
+def test_a_driver_of_any_quality_is_heard(bench, watchdog: bool, profile: QoSProfile) -> None:
+    rig = Rig(bench, odometry=True, watchdog=watchdog)
+    heard = next(item for item in rig.node.subscriptions if item.topic_name == '/odom')
+    assert heard.qos_profile.depth == profile.depth
+    assert heard.qos_profile.reliability == profile.reliability
 
 
 def test_a_servo_that_is_not_asked_for_it_subscribes_to_no_odometry(bench) -> None:

@@ -1,4 +1,4 @@
-"""The wheels of the base: odometry, or commands, in; where the base was at an image out."""
+"""The driven path over ROS: odometry or commands in, where the base was at an image out."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,18 +13,10 @@ from rclpy.qos import QoSProfile
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.odometry.path import Path
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servoing.rivals import publishers, type_mismatch
-from visual_servo_epipolar.nodes.startup.settings import (
-    DockNodeSettings,
-    RouteNodeSettings,
-    ServoNodeSettings,
-)
-
-AHEAD_S = 0.1  # by which an image may be newer than odometry: the base goes on as it did
-MEANWHILE = 'the servo goes by its commands meanwhile'
+from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings, RouteNodeSettings
 
 
 class DrivenPath:
@@ -32,7 +24,7 @@ class DrivenPath:
     Path of the base of ``node``: by odometry, or by commands where its ``settings`` say so.
 
     What is wrong with it is logged by ``warn``; ``on_odometry`` is called when it grows by
-    odometry, which may be ``ahead`` [s] older than an image.
+    odometry, which may be ``ahead`` [s] older than an image. It is empty unless it ``listens``.
     """
 
     def __init__(
@@ -42,13 +34,16 @@ class DrivenPath:
         settings: DockNodeSettings | RouteNodeSettings | None = None,
         on_odometry: Callable[[], None] = lambda: None,
         *,
+        listens: bool = True,
         ahead: float = 0.0,
         profile: QoSProfile = qos.ODOMETRY,
     ) -> None:
         self._node, self._warn, self._on_odometry = node, warn, on_odometry
+        self._listens = listens
         if settings is None or settings.path_source == 'odometry':
             self._topic, self._ahead = node.resolve_topic_name('odom'), ahead
-            node.create_subscription(Odometry, 'odom', self._take_odometry, profile)
+            if listens:
+                node.create_subscription(Odometry, 'odom', self._take_odometry, profile)
         else:  # it obeys the last command, and stands then
             self._topic, self._ahead = node.resolve_topic_name('cmd_vel'), math.inf
             kind = write.twist_type(stamped=settings.enable_stamped_cmd_vel)
@@ -59,7 +54,20 @@ class DrivenPath:
         """Forget the path: what was driven since its end is not known."""
         by_commands = self._ahead == math.inf
         absent = partial(type_mismatch, self._node, takes=True) if by_commands else str
-        self.path = Path(self._topic, ahead=self._ahead, absent=absent)
+        self.path, self._epoch = Path(self._topic, ahead=self._ahead, absent=absent), 0
+
+    def with_odometry(self, observation: Observation) -> Observation:
+        """Return ``observation`` with where the base was, where that is known."""
+        if not self._listens:
+            return observation
+        place = self.path.at(observation.stamp_ns)
+        if place is None:
+            self._warn(self.path.missing(observation.stamp_ns))
+            return observation
+        epoch, self._epoch = self._epoch, place.epoch
+        if epoch != place.epoch:  # one image without: two poses are not of one frame
+            return observation
+        return replace(observation, odometry=Pose(*place.pose.tolist()))
 
     def _take_odometry(self, message: Odometry) -> None:
         try:
@@ -83,47 +91,3 @@ class DrivenPath:
             return
         stamped = hasattr(message, 'header')
         self.path.add_twist(read.stamp_ns(message.header) if stamped else now_ns, twist)
-
-
-class Wheels:
-    """
-    Odometry of the base of ``node``, where ``settings`` ask for it.
-
-    What is wrong with it is logged by ``warn``. A message of it may be lost, but not where time
-    itself waits for the servo (no watchdog).
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        settings: ServoSettings,
-        node_settings: ServoNodeSettings,
-        warn: Callable[[str], None],
-    ) -> None:
-        self._warn: Callable[[str], None] = lambda text: warn(f'{text}; {MEANWHILE}')
-        self._driven: DrivenPath | None = None
-        self._epoch = 0
-        if settings.odometry:
-            profile = qos.ODOMETRY if node_settings.watchdog else qos.STREAM
-            self._driven = DrivenPath(node, self._warn, ahead=AHEAD_S, profile=profile)
-
-    def begin_anew(self) -> None:
-        """Forget where the base was."""
-        self._epoch = 0
-        if self._driven is not None:
-            self._driven.begin_anew()
-
-    def with_odometry(self, observation: Observation) -> Observation:
-        """Return ``observation`` with where the wheels had the base, where they tell."""
-        if self._driven is None:
-            return observation
-        return replace(observation, odometry=self._at(self._driven.path, observation.stamp_ns))
-
-    def _at(self, path: Path, stamp_ns: int) -> Pose | None:
-        place = path.at(stamp_ns)
-        if place is None:
-            self._warn(path.missing(stamp_ns))
-            return None
-        epoch, self._epoch = self._epoch, place.epoch
-        # One image without: two poses are not of one frame.
-        return Pose(*place.pose.tolist()) if epoch == place.epoch else None
