@@ -305,7 +305,7 @@ class RouteNode(ManagedNode):
         camera = self._camera.model
         run = RouteRun(route, self._follow, self._servo, camera=camera)
         self._reports.route(route)
-        settings = self._node_settings, self._follow, self._servo
+        settings = (self._node_settings, self._servo, self._follow)
         self._repetition.begin(run, settings, route_hash(folder))
         self._renewal.follow(run, folder)
         end = route.views[run.target].way

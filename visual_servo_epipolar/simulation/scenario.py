@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -123,7 +122,7 @@ CONNECTION = frozenset(
 
 
 def from_document(
-    document: Any, where: str, rig: Any = None, servo: Mapping[str, Any] = MappingProxyType({})
+    document: Any, where: str, rig: Any = None, servo: Mapping[str, Any] | None = None
 ) -> Scenario:
     """
     Build a scenario from a parsed YAML document: sections of settings, all optional.
@@ -235,7 +234,7 @@ def _section(name: str, values: Any, where: str) -> Settings:
 
 
 def load(
-    path: Path | None, rig: Path | None = None, servo: Mapping[str, Any] = MappingProxyType({})
+    path: Path | None, rig: Path | None = None, servo: Mapping[str, Any] | None = None
 ) -> Scenario:
     """Read a scenario file, and a rig of the same form; InputError if it cannot be used."""
     documents: dict[Path | None, Any] = {}

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from visual_servo_epipolar.bags.reading.bag import Bag
-from visual_servo_epipolar.bags.reading.run import EventQueue, History, read_run, usable
+from visual_servo_epipolar.bags.reading.run import EventQueue, read_run, usable
 from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_notes
 from visual_servo_epipolar.bags.replaying.comparison import compare_steps, Comparison, Value
 from visual_servo_epipolar.bags.replaying.plan import settings_in_time
@@ -26,6 +26,7 @@ from visual_servo_epipolar.messages.routes.route_messages import telemetry
 from visual_servo_epipolar.messages.settings_text import from_text, NodeSettings
 
 Changes: TypeAlias = Mapping[str, Mapping[str, Any]]
+RunSettings: TypeAlias = tuple[FollowSettings, ServoSettings]
 STRING = 'std_msgs/msg/String'
 
 
@@ -54,20 +55,8 @@ class RecordedRepetition:
         """Return the folder of the route, as the node had it."""
         return Path(expanded(str(self.settings[-1][1].values.get('route', ''))))
 
-    def timeline(self, changes: Changes) -> tuple[History[FollowSettings], History[ServoSettings]]:
-        """Return the settings of repetitions in their time, with ``changes`` in place."""
-        follow, servo = changes.get('follow', {}), changes.get('servo', {})
-        return (
-            settings_in_time(FollowSettings(), self.settings, follow, []),
-            settings_in_time(ServoSettings(), self.settings, servo, []),
-        )
-
     def new_run(
-        self,
-        folder: Path,
-        entry: Entry,
-        stamp_ns: int,
-        settings: tuple[FollowSettings, ServoSettings],
+        self, folder: Path, entry: Entry, stamp_ns: int, settings: RunSettings
     ) -> RouteRun:
         """Return the run that ``entry`` begins; raises InputError if ``folder`` is another."""
         route = read_route(folder)
@@ -134,7 +123,9 @@ def replayed_steps(
     """
     events, reader, left = EventQueue(recorded.events), GrayReader(), {*recorded.steps}
     run: RouteRun | None = None
-    follows, servos = recorded.timeline(changes)
+    told, follow, servo = recorded.settings, changes.get('follow', {}), changes.get('servo', {})
+    follows = settings_in_time(FollowSettings(), told, follow, [])
+    servos = settings_in_time(ServoSettings(), told, servo, [])
     in_force = value_at(follows, 0), value_at(servos, 0)
     for item in bag.messages([recorded.image]):
         with usable(bag.path, item):

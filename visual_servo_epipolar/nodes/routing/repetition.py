@@ -1,6 +1,6 @@
 """Repetition of a route: each image leads to one command, and to reports of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from nav_msgs.msg import Path
 from rclpy.node import Node
@@ -87,7 +87,6 @@ class RouteRepetition:
         self._notice = notice
         self.freshness, self._images = Freshness(self._clock), Repetition()
         self.run: RouteRun | None = None
-        self._settings: tuple[Settings, FollowSettings, ServoSettings]
         self.last, self._stamp_ns = STANDS, 0
         self._stepped_ns: int | None = None  # stamp of the last image that a step was taken by
         if watched:
@@ -99,14 +98,9 @@ class RouteRepetition:
         """Whether a run is under way."""
         return self.run is not None and not self.run.ended
 
-    def begin(
-        self,
-        run: RouteRun,
-        settings: tuple[Settings, FollowSettings, ServoSettings],
-        route: str,
-    ) -> None:
+    def begin(self, run: RouteRun, settings: Sequence[Settings], route: str) -> None:
         """Let a run begin, by the next image; ``settings`` and hash of its ``route`` are told."""
-        self.run, self.last, self._settings = run, run.last, settings
+        self.run, self.last, self._of_node = run, run.last, settings[0]
         self.freshness.renew()
         self._reports.settings(settings, self._stepped_ns)
         self._note(STARTED, route)
@@ -121,8 +115,7 @@ class RouteRepetition:
         """Let a run that is under way go on by other settings, from the next image on."""
         if self.run is not None and not self.run.ended:
             self.run.use(follow, servo)
-            self._settings = self._settings[0], self.run.settings, servo
-            self._reports.settings(self._settings, self._stepped_ns)
+            self._reports.settings((self._of_node, self.run.settings, servo), self._stepped_ns)
 
     def see(self, image: Image, stamp_ns: int, frame_id: str, max_latency: float) -> None:
         """Take the step that an image leads to, where a run is under way."""
