@@ -56,11 +56,11 @@ setup(
     # rclpy and the messages are no pip packages on a native ROS: never list them here.
     install_requires=[
         'matplotlib>=3.6.3',
-        'mcap>=1.2.1',
+        'mcap>=1.5.0',
         'numpy>=1.26.4',
         'opencv-python-headless>=4.6.0.66',
         'PyYAML>=6.0.1',
-        'rosbags>=0.11.9,<0.12',  # bags/storage.py reaches below its promises
+        'rosbags>=0.11.9',
     ],
     extras_require={
         # ROS 2 Jazzy as wheels, for a machine without ROS. Exact, and always all together:

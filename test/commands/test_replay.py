@@ -205,7 +205,7 @@ def test_a_bag_with_broken_metadata_and_a_lost_file_is_replayed_after_repair(
     assert 'try --repair' in error
     next(path.glob('*.mcap')).rename(path / 'run_1.mcap')
     assert main(['replay', str(path), '--repair', '--tracks']) == 0
-    assert 'metadata.yaml completed; lost: run_0.mcap' in capsys.readouterr().out
+    assert 'metadata.yaml written; lost: run_0.mcap' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('out', ['file/out', '/proc/out'])
@@ -287,7 +287,7 @@ def test_a_bag_cut_short_is_refused_and_replayed_once_it_is_repaired(
     assert 'was left open by a crash; try --repair' in refused(capsys, str(path))
     code, result = shown_json(capsys, str(path), '--repair')
     assert code == 0
-    assert 'completed' in result['notes'][0]
+    assert 'run.repaired.mcap holds' in result['notes'][0]
     assert 10 < result['steps'] < 50
     assert main(['replay', str(path)]) == 0  # and it stays so
 

@@ -11,9 +11,9 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
 
+from visual_servo_epipolar.bags.metadata import Topic
 from visual_servo_epipolar.bags.recording.recorder import Recorder
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
-from visual_servo_epipolar.bags.storage import Topic
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TEXT = 'std_msgs/msg/String'

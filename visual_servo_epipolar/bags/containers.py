@@ -42,7 +42,7 @@ INSTEAD = {
 }
 EXPECTED = 'give a rosbag2 folder, a .mcap, .db3 or .bag file'
 PICTURES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp', '.pgm')
-OLD = '.damaged'  # how the old file of a repair is called
+OLD = '.damaged'  # how the old file of a repair is called, where it does not stay
 ADVICE = 'the bag is damaged or was left open by a crash; try --repair'
 
 
@@ -68,7 +68,13 @@ def container(path: Path) -> str:
 def storage_files(folder: Path) -> list[Path]:
     """Return the storage files of rosbag2 in a folder, by their bytes or names, in order."""
     files = [item for item in folder.iterdir() if item.is_file() and _is_storage(item)]
-    return sorted(files, key=part_number)
+    names = {item.name for item in files}
+    return sorted((it for it in files if repaired_name(it) not in names), key=part_number)
+
+
+def repaired_name(path: Path) -> str:
+    """Return the name of the file with the remains of a damaged one, beside which it stands."""
+    return f'{path.stem}.repaired.mcap'
 
 
 def part_number(path: Path) -> tuple[int, str]:
@@ -86,6 +92,7 @@ def left_open(folder: Path) -> list[Path]:
         if item.parent.name == item.stem
         and re.fullmatch(r'.+_\d+', item.stem)
         and not item.is_symlink()
+        and not (folder / repaired_name(item)).exists()
     ]
     prefixes = {item.stem.rpartition('_')[0] for item in folder.iterdir() if _is_storage(item)}
     prefixes.add(folder.resolve().name)

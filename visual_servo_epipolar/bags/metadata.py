@@ -6,8 +6,7 @@ import os
 from pathlib import Path
 from typing import Any, Final
 
-from rosbags.interfaces import Connection, ConnectionExtRosbag2
-from rosbags.rosbag2.metadata import dump_qos_v9
+from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability
 import yaml
 
 from visual_servo_epipolar.files import whole
@@ -25,6 +24,23 @@ NEEDED = {
     'topics_with_message_count',
 }
 SUFFIXES = {'mcap': '.mcap', 'sqlite3': '.db3'}
+POLICIES = {  # of QoS, which earlier distributions write as numbers
+    'history': QosHistory,
+    'reliability': QosReliability,
+    'durability': QosDurability,
+    'liveliness': QosLiveliness,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """Topic of a bag: name, message type, its RIHS01 hash, QoS as metadata.yaml has it."""
+
+    name: str
+    kind: str  # such as sensor_msgs/msg/Image
+    type_hash: str = ''
+    qos: tuple[Mapping[str, Any], ...] = ()
+    encoding: str = 'cdr'
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +48,8 @@ class PartInfo:
     """Content of a storage file: its topics, how many messages of each, from when to when."""
 
     file: str
-    connections: tuple[Connection, ...]
-    counts: Mapping[int, int]  # of messages, by id of the connection
+    topics: tuple[Topic, ...]
+    counts: Mapping[str, int]  # of messages, by topic
     start_ns: int
     end_ns: int
 
@@ -124,24 +140,36 @@ def _file(part: PartInfo) -> dict[str, Any]:
 
 def _topics(parts: Sequence[PartInfo]) -> list[dict[str, Any]]:
     """Return each topic once, with its messages in all parts."""
-    topics: dict[str, dict[str, Any]] = {}
+    topics: dict[str, Topic] = {}
     for part in parts:
-        for connection in part.connections:
-            entry = topics.setdefault(
-                connection.topic, {'topic_metadata': _topic(connection), 'message_count': 0}
-            )
-            entry['message_count'] += part.counts.get(connection.id, 0)
-    return list(topics.values())
+        for topic in part.topics:
+            topics.setdefault(topic.name, topic)
+    return [
+        {
+            'topic_metadata': {
+                'name': topic.name,
+                'type': topic.kind,
+                'serialization_format': topic.encoding,
+                'offered_qos_profiles': [dict(item) for item in topic.qos],
+                'type_description_hash': topic.type_hash,
+            },
+            'message_count': sum(part.counts.get(topic.name, 0) for part in parts),
+        }
+        for topic in topics.values()
+    ]
 
 
-def _topic(connection: Connection) -> dict[str, Any]:
-    extra = connection.ext
-    if not isinstance(extra, ConnectionExtRosbag2):
-        raise TypeError(f'a connection of rosbag2 is needed, got one of {type(extra).__name__}')
-    return {
-        'name': connection.topic,
-        'type': connection.msgtype,
-        'serialization_format': extra.serialization_format,
-        'offered_qos_profiles': [dict(item) for item in dump_qos_v9(extra.offered_qos_profiles)],
-        'type_description_hash': connection.digest,
-    }
+def qos_profiles(text: str) -> tuple[Mapping[str, Any], ...]:
+    """Return QoS as metadata.yaml has it, from what a storage file says; none if it is broken."""
+    try:
+        return tuple(
+            {
+                key: POLICIES[key](value).name.lower()
+                if key in POLICIES and isinstance(value, int)
+                else value
+                for key, value in profile.items()
+            }
+            for profile in yaml.safe_load(text) or ()
+        )
+    except (AttributeError, TypeError, ValueError, yaml.YAMLError):
+        return ()

@@ -1,106 +1,106 @@
 """
-Repair: completes a bag that is damaged or was left open; nothing that was recorded is lost.
+Repair: makes a bag readable that is damaged or was left open; nothing of it is written over.
 
-A file that is not whole is written anew beside its place, with every record that can be read; the
-new file is counted, and the old one stays beside it under another name.
+A file of mcap that is not whole stays as it is. What can be read of it before its damage is
+written beside it, as NAME.repaired.mcap, by the library of mcap.
 """
 
+from collections import Counter
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-import os
+from dataclasses import dataclass, replace
 from pathlib import Path
 import re
 
-from rosbags.rosbag2 import WriterError
+from mcap.exceptions import McapError
+from mcap.reader import make_reader, NonSeekingReader
+from mcap.writer import Writer
 
 from visual_servo_epipolar.bags import containers, metadata
-from visual_servo_epipolar.bags.reading.bag import DAMAGE
-from visual_servo_epipolar.bags.salvaging.replacement import (
-    free_name,
-    repair_part,
-    RepairedPart,
-    survey_of,
+from visual_servo_epipolar.bags.containers import ZSTD_MAGIC
+from visual_servo_epipolar.bags.definitions import hash_of
+from visual_servo_epipolar.bags.metadata import PartInfo, qos_profiles, Topic
+from visual_servo_epipolar.bags.reading.bag import (
+    advice,
+    DAMAGE,
+    NO_DAMAGE,
+    OTHER_ADVICE,
+    words_of,
 )
+from visual_servo_epipolar.bags.storages.mcap_file import ExactFile, profile
+from visual_servo_epipolar.bags.storages.opening import open_storage
+from visual_servo_epipolar.bags.storages.sqlite_file import journals
+from visual_servo_epipolar.bags.storages.stored import kind_of, StoredTopic
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.files import whole
 
-MOST_NAMED = 4  # topics that lost messages
+
+@dataclass(frozen=True, slots=True)
+class RepairedPart:
+    """Storage file that can be read: what it holds, and of which file it is the remains."""
+
+    info: PartInfo
+    storage: str
+    compression: str  # none, message or file, as metadata.yaml has it
+    remains: str = ''  # a sentence, where the file was not whole
 
 
 @dataclass(frozen=True, slots=True)
 class RepairReport:
-    """Report on a repair: what is in the bag, and what was rewritten."""
+    """Report on a repair: which bag to read, what is in it, and what was done."""
 
     path: Path
-    messages: int
-    files: int
-    rewritten: tuple[str, ...]  # names of the files that were not whole
-    kept: tuple[str, ...]  # names under which they stay as they were
-    lost_bytes: int  # of those, what could not be read
-    lost_messages: tuple[str, ...]  # how many by topic, where the file says so
-    described: bool  # whether metadata.yaml was written
+    parts: tuple[RepairedPart, ...]
+    described: bool = False  # whether metadata.yaml was written
     lost: tuple[str, ...] = ()  # names of files that are not there any more
 
+    @property
+    def messages(self) -> int:
+        """Number of messages that can be read."""
+        return sum(part.info.count for part in self.parts)
+
     def __str__(self) -> str:
-        text = f'{self.path}: {self.messages} messages in {self.files} files'
-        if self.rewritten:
-            text += f'; completed {", ".join(self.rewritten)}, '
-            text += f'{self.lost_bytes or "no"} bytes could not be read'
-            more = len(self.lost_messages) - MOST_NAMED
-            if self.lost_messages:
-                text += f' ({", ".join(self.lost_messages[:MOST_NAMED])}'
-                text += f' and {more} topics more)' if more > 0 else ')'
-        else:
-            text += ', all whole' + (', metadata.yaml completed' if self.described else '')
-        if self.kept:
-            text += f'; what was there before is kept: {", ".join(self.kept)}'
-        return text + (f'; lost: {", ".join(self.lost)}' if self.lost else '')
+        remains = [part.remains for part in self.parts if part.remains]
+        return '; '.join(
+            [
+                f'{self.path}: {self.messages} messages in {len(self.parts)} files',
+                *(remains or ['all whole']),
+                *(['metadata.yaml written'] if self.described else []),
+                *([f'lost: {", ".join(self.lost)}'] if self.lost else []),
+            ]
+        )
 
 
 def repair(path: Path) -> RepairReport:
     """
-    Make a rosbag2 folder, or one of its .mcap or .db3 files, readable again.
+    Make a rosbag2 folder, or one of its files, readable again; ``report.path`` is what to read.
 
-    Every byte is read. Files that are whole stay as they are; what remains of the others is
-    written anew, with an index, and takes their place only when it is complete and counted: that
-    needs as much free space. The old files stay beside as NAME.damaged. A metadata.yaml that is
-    missing or broken is written anew, and one that lists files that are lost.
+    Every byte is read. What can be read of a damaged file of mcap is written to another one beside
+    it, up to the damage: what lies behind is lost. A metadata.yaml that is missing, broken or of
+    other files is written anew; the former one is kept as metadata.yaml.damaged.
 
-    Raises InputError if there is nothing to repair, no space to do it in, or the file is not
-    ROS 2's.
+    Raises InputError if there is no bag, no space, or a damaged file that is no mcap.
     """
     path = containers.bag_path(path)
     try:
-        files = _storage_files(path)
-        folder = path if path.is_dir() else path.parent
-        lost = _lost_files(folder, files) if path.is_dir() else ()
-        surveys = [survey_of(file, folder) for file in files]
-        parts = [repair_part(item) for item in surveys]
-        kept = [part.kept for part in parts if part.kept]
-        described = path.is_dir() and _describe(folder, parts, kept)
-    except InputError:
-        raise
-    except (*DAMAGE, WriterError) as error:
-        message = getattr(error, 'strerror', None) or error
-        raise InputError(f'{path}: bag cannot be repaired: {message}; nothing was lost') from None
-    return RepairReport(
-        path,
-        sum(part.info.count for part in parts),
-        len(parts),
-        tuple(part.info.file for part in parts if part.kept),
-        tuple(kept),
-        sum(part.lost_bytes for part in parts),
-        tuple(text for part in parts for text in part.lost_messages),
-        described,
-        lost,
-    )
+        files = _files_of(path)
+        if not path.is_dir():
+            part = _part(files[0], path.parent)
+            return RepairReport(path.with_name(part.info.file), (part,))
+        lost = _lost_files(path, files)
+        parts = tuple(_part(file, path) for file in files)
+        return RepairReport(path, parts, _describe(path, parts), lost)
+    except DAMAGE as error:
+        raise InputError(f'{path}: bag cannot be repaired: {words_of(error)}') from None
 
 
-def _storage_files(path: Path) -> list[Path]:
-    """Return the storage files of a bag in their order; one being recorded has its own folder."""
+def _files_of(path: Path) -> list[Path]:
+    """Return the storage files of a bag in their order; one may be in a folder of its own."""
     if path.is_dir():
         files = [*containers.storage_files(path), *containers.left_open(path)]
     else:
-        files = [path] if path.is_file() else []
+        former = path.with_name(containers.repaired_name(path))
+        files = [former if former.is_file() else path] if path.is_file() else []
     kinds = {containers.container(file) for file in files}
     if containers.ROS1 in kinds:
         raise InputError(
@@ -128,21 +128,111 @@ def _lost_files(folder: Path, files: list[Path]) -> tuple[str, ...]:
     return tuple(missing) if len(renamed) < len(missing) else ()
 
 
-def _describe(folder: Path, parts: list[RepairedPart], kept: list[str]) -> bool:
-    """Write metadata.yaml where it is missing, broken or out of date; the old one stays, too."""
-    names = [part.info.file for part in parts]
-    with containers.unpack(folder / names[0]) as plain:
-        storage = containers.container(plain)
-    if not any(part.kept for part in parts) and metadata.describes(folder, names, storage):
+def _part(file: Path, folder: Path) -> RepairedPart:
+    """Return a file that is whole, or the remains of it, brought to ``folder``."""
+    try:
+        part = _read(file)
+    except DAMAGE as error:
+        if isinstance(error, OSError) and error.errno in NO_DAMAGE:
+            raise
+        return _remains(file, folder / containers.repaired_name(file), words_of(error))
+    if file.parent != folder:  # where an earlier recorder was killed
+        for item in (*journals(file), file):
+            item.rename(folder / item.name)
+    return part
+
+
+def _read(file: Path) -> RepairedPart:
+    """Read a file to its end; raises one of DAMAGE where it is not whole."""
+    counts: Counter[str] = Counter()
+    with containers.unpack(file) as plain, open_storage(plain) as stored:
+        topics = {item.id: item for item in stored.topics}
+        compression = '' if plain == file else 'file'
+        for number, _, data in stored.messages(topics.keys()):
+            counts[topics[number].topic] += 1
+            if not compression and data.startswith(ZSTD_MAGIC):
+                compression = 'message'
+        if counts.total() != sum(item.count for item in stored.topics):
+            raise McapError('its index is wrong')
+        about = tuple(map(_topic, stored.topics))
+        info = PartInfo(file.name, about, counts, stored.start_ns, stored.end_ns)
+        return RepairedPart(info, containers.container(plain), compression)
+
+
+def _topic(item: StoredTopic) -> Topic:
+    is_defined = item.schema == 'ros2msg' and item.definition
+    digest = item.type_hash or (hash_of(kind_of(item), item.definition) if is_defined else '')
+    return Topic(item.topic, kind_of(item), digest, qos_profiles(item.qos), item.encoding)
+
+
+def _remains(file: Path, target: Path, reason: str) -> RepairedPart:
+    """Write what can be read of a damaged file of mcap to ``target``, and read that."""
+    if containers.container(file) in OTHER_ADVICE:
+        raise InputError(f'{file}: it stays as it is: {reason}; {advice(file)}')
+    with whole(target) as partial:
+        end = _copy_messages(file, partial)
+    part = _read(target)
+    of = ''
+    with suppress(*DAMAGE), ExactFile(file) as stream:
+        summary = make_reader(stream).get_summary()
+        if summary is not None and summary.statistics is not None:
+            of = f' of {summary.statistics.message_count}'
+    damage = f'damaged {end}: what lies behind is lost' if end else 'whole but for its index'
+    remains = (
+        f'{target.name} holds {part.info.count}{of} messages of {file.name}, which is {damage}'
+    )
+    return replace(part, remains=remains)
+
+
+def _copy_messages(file: Path, target: Path) -> str:
+    """Write the messages of a file of mcap to a new one; return where it is damaged, and how."""
+    name = 'ros2'
+    with suppress(*DAMAGE):
+        name = profile(file)
+    channels: dict[int, int] = {}
+    end = ''
+    with ExactFile(file) as source, target.open('wb') as output:
+        writer = Writer(output)
+        writer.start(name)
+        reader = NonSeekingReader(source, validate_crcs=True, record_size_limit=None)
+        messages = reader.iter_messages(log_time_order=False)
+        while True:
+            try:
+                schema, channel, message = next(messages)
+            except StopIteration:
+                break
+            except DAMAGE as error:
+                end = f'at byte {source.tell()} of {source.size} ({words_of(error)})'
+                break
+            if channel.id not in channels:
+                channels[channel.id] = writer.register_channel(
+                    channel.topic,
+                    channel.message_encoding,
+                    writer.register_schema(schema.name, schema.encoding, schema.data)
+                    if schema
+                    else 0,
+                    channel.metadata,
+                )
+            number = channels[channel.id]
+            writer.add_message(
+                number, message.log_time, message.data, message.publish_time, message.sequence
+            )
+        writer.finish()
+    return end
+
+
+def _describe(folder: Path, parts: Sequence[RepairedPart]) -> bool:
+    """Write metadata.yaml where it is missing, broken or of other files; the old one is kept."""
+    names, storage = [part.info.file for part in parts], parts[0].storage
+    if metadata.describes(folder, names, storage):
         return False
     mode = next((part.compression for part in parts if part.compression), '')
     content = metadata.document([part.info for part in parts], storage, mode)
     file = folder / metadata.FILE
     if file.is_file() and file.stat().st_size:
         content = metadata.with_notes_of(folder, content)
-        old = free_name(file)
-        with suppress(OSError):
-            os.link(file, old)
-            kept.append(old.name)
+        names = [f'{file.name}{containers.OLD}']
+        names += [f'{file.name}.{number}{containers.OLD}' for number in range(1, 1000)]
+        file.rename(next(item for item in map(file.with_name, names) if not item.exists()))
     metadata.write(folder, content)
     return True

@@ -282,8 +282,8 @@ def _add_bag(parser: ArgumentParser, metavar: str, kinds: str) -> None:
         '--rectified': 'images are rectified: use P of camera_info, ignore the distortion; '
         'needless if the bag has the settings of the nodes',
         '--tracks': 'replay the recorded tracks, not the images',
-        '--repair': 'repair a damaged or unfinished bag first; the old file is kept as '
-        'NAME.damaged',
+        '--repair': 'repair a damaged or unfinished bag first; what can be read is written '
+        'beside it',
     }
     add_flags(parser, flags)
 

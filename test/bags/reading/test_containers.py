@@ -26,6 +26,7 @@ from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.errors import InputError
 
+RECORDED = Path(__file__).parents[1] / 'recorded'
 SQLITE3, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP
 HIDDEN = ('/go/_action/feedback', 'own_msgs/action/Go_FeedbackMessage')
 NOT_FOUND = 'left out, for the definition of their type was not found when recording: ' + (
@@ -249,9 +250,8 @@ def cut(path: Path) -> None:
     path.write_bytes(path.with_name('whole').read_bytes()[:-200])
 
 
-def cut_of_no_profile(path: Path) -> None:
-    write_mixed(path.with_name('whole'), profile='')
-    path.write_bytes(path.with_name('whole').read_bytes()[:-200])
+def cut_database(path: Path) -> None:
+    path.write_bytes((RECORDED / 'sqlite3/sqlite3_0.db3').read_bytes()[:50_000])
 
 
 def packed_and_cut(path: Path) -> None:
@@ -287,7 +287,7 @@ STRANGERS: dict[str, tuple[Callable[[Path], object], str]] = {
         cut,
         'its end is missing; the bag is damaged or was left open by a crash; try --r',
     ),
-    'other.mcap': (cut_of_no_profile, 'it is damaged; try "mcap recover other.mcap -o NEW.mcap"'),
+    'cut.db3': (cut_database, 'it is damaged; try "sqlite3 cut.db3 .recover | sqlite3 NEW.db3"'),
     'cut.mcap.zstd': (packed_and_cut, 'unpack what is there with "zstd -dc cut.mcap.zstd > cut.m'),
     'nothing': (lambda path: None, 'no such bag; give a rosbag2 folder, a .mcap, .db3 or .bag'),
 }

@@ -19,12 +19,23 @@ from rosbags.interfaces import (
 )
 import yaml
 
+from visual_servo_epipolar.bags.metadata import Topic
 from visual_servo_epipolar.bags.recording.recorder import Recorder
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
-from visual_servo_epipolar.bags.storage import Topic
 from visual_servo_epipolar.core.errors import InputError
 
 FOREVER = QosTime(9223372036, 854775807)
+ENTRY = {  # the same as metadata.yaml has it
+    'history': 'unknown',
+    'depth': 0,
+    'reliability': 'best_effort',
+    'durability': 'transient_local',
+    'deadline': FOREVER._asdict(),
+    'lifespan': FOREVER._asdict(),
+    'liveliness': 'automatic',
+    'liveliness_lease_duration': FOREVER._asdict(),
+    'avoid_ros_namespace_conventions': False,
+}
 OFFERED = Qos(
     QosHistory.UNKNOWN,
     0,
@@ -53,13 +64,11 @@ def fill(folder: Path, count: int, size: int = 10, **settings: object) -> list:
 
 
 @pytest.mark.parametrize('compression', ['none', 'zstd'])
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_every_message_is_read_back_byte_by_byte(tmp_path, storage, compression) -> None:
+def test_every_message_is_read_back_byte_by_byte(tmp_path, compression) -> None:
     bag = tmp_path / 'bag'
-    sent = fill(bag, 500, storage=storage, compression=compression)
+    sent = fill(bag, 500, compression=compression)
     assert read_back(bag) == sent
-    suffix = {'mcap': '.mcap', 'sqlite3': '.db3'}[storage]
-    assert {path.name for path in bag.iterdir()} == {'metadata.yaml', f'bag_0{suffix}'}
+    assert {path.name for path in bag.iterdir()} == {'metadata.yaml', 'bag_0.mcap'}
 
 
 @pytest.mark.parametrize('compression', ['none', 'zstd'])
@@ -71,26 +80,39 @@ def test_the_official_reader_of_mcap_decodes_every_message(tmp_path, compression
     assert texts == [f'{number:010}' for number in range(100)]
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_definition_hash_and_qos_of_each_topic_are_kept(tmp_path, storage) -> None:
+def test_definition_hash_and_qos_of_each_topic_are_kept(tmp_path) -> None:
     bag = tmp_path / 'bag'
-    recorder = Recorder(bag, RecordSettings(storage=storage))
+    recorder = Recorder(bag, RecordSettings())
     kind = 'sensor_msgs/msg/PointCloud2'
-    recorder.add(Topic('/tracks', kind, qos=(OFFERED, OFFERED)))
+    recorder.add(Topic('/tracks', kind, qos=(ENTRY, ENTRY)))
     recorder.close()
-    with AnyReader([bag]) as reader:
-        (connection,) = reader.connections
-    assert (connection.topic, connection.msgtype, connection.msgcount) == ('/tracks', kind, 0)
-    assert connection.ext.offered_qos_profiles == [OFFERED, OFFERED]
-    assert 'uint8[] data' in connection.msgdef.data
-    assert 'MSG: std_msgs/Header' in connection.msgdef.data
-    assert connection.digest == STORE.hash_rihs01(kind)
+    for path in (bag, bag / 'bag_0.mcap'):
+        with AnyReader([path]) as reader:
+            (connection,) = reader.connections
+        assert (connection.topic, connection.msgtype, connection.msgcount) == ('/tracks', kind, 0)
+        assert connection.ext.offered_qos_profiles == [OFFERED, OFFERED]
+        assert 'uint8[] data' in connection.msgdef.data
+        assert 'MSG: std_msgs/Header' in connection.msgdef.data
+        assert connection.digest in (STORE.hash_rihs01(kind), '')  # rosbags has it of folders
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_a_bag_is_split_by_size_into_files_that_are_one_bag(tmp_path, storage) -> None:
+@pytest.mark.parametrize('sourced', ['', 'kilted'])
+def test_a_bag_names_the_distribution_of_ros(tmp_path, monkeypatch, sourced) -> None:
+    monkeypatch.setenv('ROS_DISTRO', sourced)
+    fill(tmp_path / 'bag', 1)
+    for name in ('metadata.yaml', 'bag_0.mcap'):  # a file alone says so as well
+        expected = f'ros_distro: {sourced or "jazzy"}'
+        assert expected.encode() in (tmp_path / 'bag' / name).read_bytes()
+
+
+def test_sqlite3_is_refused_with_what_to_do_instead() -> None:
+    with pytest.raises(ValueError, match='storage must be mcap, got sqlite3.*"ros2 bag convert"'):
+        RecordSettings(storage='sqlite3')
+
+
+def test_a_bag_is_split_by_size_into_files_that_are_one_bag(tmp_path) -> None:
     bag = tmp_path / 'bag'
-    sent = fill(bag, 40, 50_000, storage=storage, split_size=0.5, flush_period=0.05)
+    sent = fill(bag, 40, 50_000, split_size=0.5, flush_period=0.05)
     described = yaml.safe_load((bag / 'metadata.yaml').read_text())
     entry = described['rosbag2_bagfile_information']
     assert len(entry['files']) > 2
@@ -161,10 +183,9 @@ def test_where_time_waits_nothing_is_dropped(tmp_path) -> None:
     assert len(read_back(tmp_path / 'bag')) == 300
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_a_disk_that_ends_leaves_a_bag_that_can_be_read(tmp_path, storage) -> None:
+def test_a_disk_that_ends_leaves_a_bag_that_can_be_read(tmp_path) -> None:
     bag = tmp_path / 'bag'
-    recorder = Recorder(bag, RecordSettings(storage=storage, flush_period=0.05))
+    recorder = Recorder(bag, RecordSettings(flush_period=0.05))
     recorder.add(WORDS)
     for number in range(100):
         recorder.put(WORDS, number, words(f'{number:01000}'))

@@ -24,7 +24,6 @@ import zstandard
 
 from visual_servo_epipolar.bags import containers
 from visual_servo_epipolar.bags.containers import ADVICE, bag_parts, ZSTD_MAGIC
-from visual_servo_epipolar.bags.storages.mcap_file import profile
 from visual_servo_epipolar.bags.storages.opening import open_storage
 from visual_servo_epipolar.bags.storages.stored import (
     IDL_LANGUAGES,
@@ -65,8 +64,8 @@ PLAIN_WORDS: dict[type[Exception], str] = {
 NO_DAMAGE = (errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EMFILE)
 OTHER_ADVICE = {
     'ros1': 'the bag is damaged or was left open; try "rosbag reindex" of ROS 1',
+    'sqlite3': 'it is damaged; try "sqlite3 {name} .recover | sqlite3 NEW.db3"',
     'zstd': 'it is damaged; unpack what is there with "zstd -dc {name} > {plain}" and repair it',
-    'profile': 'it is damaged; try "mcap recover {name} -o NEW.mcap"',
 }
 
 
@@ -199,21 +198,23 @@ def intact(path: Path) -> Iterator[None]:
 
 
 def _unreadable(path: Path, error: Exception) -> InputError:
-    words = ' '.join(str(error).split()).replace("('", '').replace("',)", '')  # of rosbags
-    text = PLAIN_WORDS.get(type(error)) or words or type(error).__name__
-    return InputError(f'{path}: bag cannot be read: {text:.300}; {_advice(path)}')
+    return InputError(f'{path}: bag cannot be read: {words_of(error)}; {advice(path)}')
 
 
-def _advice(path: Path) -> str:
+def words_of(error: Exception) -> str:
+    """Return what a library says of damage, in one line."""
+    text = getattr(error, 'strerror', None) or str(error)
+    words = ' '.join(text.split()).replace("('", '').replace("',)", '')  # of rosbags
+    return f'{PLAIN_WORDS.get(type(error)) or words or type(error).__name__:.300}'
+
+
+def advice(path: Path) -> str:
     """Return what to do about a damaged bag, by what it is."""
-    advice = ADVICE
+    text = ADVICE
     if path.is_file():
         with suppress(InputError, *DAMAGE):  # its beginning is damaged as well
-            found = containers.container(path)
-            if found == 'mcap' and profile(path) != 'ros2':
-                found = 'profile'
-            advice = OTHER_ADVICE.get(found, ADVICE)
-    return advice.format(name=path.name, plain=path.name.removesuffix('.zstd'))
+            text = OTHER_ADVICE.get(containers.container(path), ADVICE)
+    return text.format(name=path.name, plain=path.name.removesuffix('.zstd'))
 
 
 def _decode(topic: StoredTopic, raw: bytes) -> Any:

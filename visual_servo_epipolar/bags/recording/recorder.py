@@ -8,9 +8,9 @@ import threading
 import time
 
 from visual_servo_epipolar.bags.definitions import definition
+from visual_servo_epipolar.bags.metadata import Topic
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.bags.recording.writer import BagWriter, DiskFullError, MB
-from visual_servo_epipolar.bags.storage import FAULTS, Topic
 from visual_servo_epipolar.core.errors import InputError
 
 PAUSE_S = 0.05  # that messages may wait for others to be written with them
@@ -120,7 +120,7 @@ class Recorder:
             self._write_all(writer)
             writer.close()
             whole = True
-        except (*FAULTS, InputError, DiskFullError) as error:
+        except (OSError, InputError, DiskFullError) as error:
             self._fail(error, writer)
         finally:
             if not (whole or self._error):  # not in silence
@@ -183,7 +183,7 @@ class Recorder:
         whole = writer.rescue(error)
         stored = Counter[str]()
         for part in writer.completed:
-            stored.update({item.topic: part.counts[item.id] for item in part.connections})
+            stored.update(part.counts)
         state = 'is whole' if whole else 'must be repaired once there is space'
         with self._changed:
             lost = self._written - stored

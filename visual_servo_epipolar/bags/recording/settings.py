@@ -4,17 +4,15 @@ from dataclasses import dataclass
 
 from visual_servo_epipolar.core.settings import fixed, Settings
 
-MIN_SPLIT_MB = 0.1  # an empty sqlite3 file has 0.03 already
+MIN_SPLIT_MB = 0.1  # definitions of messages alone take some 0.03
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordSettings(Settings):
     """How a bag is stored, and what happens when the disk is slow or full. 1 MB is 10^6 bytes."""
 
-    storage: str = fixed('mcap', 'Storage of the bag', choices=('mcap', 'sqlite3'))
-    compression: str = fixed(
-        'none', 'Compression: of chunks in mcap, of messages in sqlite3', choices=('none', 'zstd')
-    )
+    storage: str = fixed('mcap', 'Storage of the bag', choices=('mcap',))
+    compression: str = fixed('none', 'Compression of chunks', choices=('none', 'zstd'))
     split_size: float = fixed(
         0.0, 'Size of a file at which the next one begins; 0 = never [MB]', low=0.0, high=1e7
     )
@@ -37,6 +35,11 @@ class RecordSettings(Settings):
     )
 
     def __post_init__(self) -> None:
+        if self.storage == 'sqlite3':
+            raise ValueError(
+                'storage must be mcap, got sqlite3, which is read but not written; record mcap '
+                'and convert the bag with "ros2 bag convert"'
+            )
         super().__post_init__()
         if 0.0 < self.split_size < MIN_SPLIT_MB:
             raise ValueError(

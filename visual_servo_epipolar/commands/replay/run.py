@@ -137,9 +137,9 @@ def replay_bag(
 ) -> ReplayedBag:
     """Replay the bag in ``options``; by default recorded telemetry must be met exactly."""
     topics, given = parse(options.topics), changes_of(options.set, options.params)
-    repairs = [str(repair(Path(options.bag)))] if options.repair else []
+    report = repair(Path(options.bag)) if options.repair else None
     start_s = time.perf_counter()
-    with _advice_of(options), Bag(Path(options.bag)) as bag:
+    with _advice_of(options), Bag(report.path if report else Path(options.bag)) as bag:
         namespace = namespace_of(bag, topics.values(), options.namespace)
         run = read_run(bag, assign_roles(bag, topics, namespace), namespace)
         overrides = ReplayOverrides(
@@ -163,7 +163,7 @@ def replay_bag(
         effective=effective_changes(run, given),
         steps=steps,
         comparison=compare(run, steps, tolerance),
-        notes=[*repairs, *bag.notes, *notes],
+        notes=[*([str(report)] if report else []), *bag.notes, *notes],
         wall_s=wall_s,
     )
 

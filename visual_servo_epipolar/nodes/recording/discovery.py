@@ -13,16 +13,8 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
 
-from visual_servo_epipolar.bags.storage import Topic
+from visual_servo_epipolar.bags.metadata import Topic
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
@@ -80,15 +72,14 @@ def offered_topic(node: Node, name: str, kind: str) -> Topic:
         name,
         kind,
         hashes.pop() if len(hashes) == 1 else '',
-        tuple(_rosbags_qos(item.qos_profile) for item in infos),
+        tuple(_qos_entry(item.qos_profile) for item in infos),
     )
 
 
 def compatible_qos(topic: Topic) -> QoSProfile:
     """Return the strongest profile that is compatible with every offer of a topic."""
-    profiles = topic.qos
-    reliable = all(item.reliability == QosReliability.RELIABLE for item in profiles)
-    latched = all(item.durability == QosDurability.TRANSIENT_LOCAL for item in profiles)
+    reliable = all(item['reliability'] == 'reliable' for item in topic.qos)
+    latched = all(item['durability'] == 'transient_local' for item in topic.qos)
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=IMAGE_DEPTH if topic.kind == IMAGES else DEPTH,
@@ -144,19 +135,21 @@ def _full(node: Node, name: str) -> str:
     return node.resolve_topic_name(name)
 
 
-def _rosbags_qos(profile: QoSProfile) -> Qos:
-    return Qos(
-        QosHistory(int(profile.history)),
-        int(profile.depth),
-        QosReliability(int(profile.reliability)),
-        QosDurability(int(profile.durability)),
-        _time(profile.deadline),
-        _time(profile.lifespan),
-        QosLiveliness(int(profile.liveliness)),
-        _time(profile.liveliness_lease_duration),
-        bool(profile.avoid_ros_namespace_conventions),
-    )
+def _qos_entry(profile: QoSProfile) -> dict[str, Any]:
+    """Return a profile as metadata.yaml of a bag has it."""
+    return {
+        'history': profile.history.short_key,
+        'depth': profile.depth,
+        'reliability': profile.reliability.short_key,
+        'durability': profile.durability.short_key,
+        'deadline': _time(profile.deadline),
+        'lifespan': _time(profile.lifespan),
+        'liveliness': profile.liveliness.short_key,
+        'liveliness_lease_duration': _time(profile.liveliness_lease_duration),
+        'avoid_ros_namespace_conventions': profile.avoid_ros_namespace_conventions,
+    }
 
 
-def _time(duration: Duration) -> QosTime:
-    return QosTime(*divmod(duration.nanoseconds, NANOSECONDS))
+def _time(duration: Duration) -> dict[str, int]:
+    sec, nsec = divmod(duration.nanoseconds, NANOSECONDS)
+    return {'sec': sec, 'nsec': nsec}

@@ -9,7 +9,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from visual_servo_epipolar.bags.storage import Topic
+from visual_servo_epipolar.bags.metadata import Topic
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.recording import discovery

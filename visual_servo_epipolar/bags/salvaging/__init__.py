@@ -1,1 +1,0 @@
-"""Salvaging: what is left of a damaged storage file, written anew in its place."""
