@@ -40,10 +40,12 @@ def calibrations(*cameras: CameraModel, topic: str = '/camera_info', frame: str 
     return [(topic, k, bytes(serialize_message(info))) for k, info in enumerate(told)]
 
 
-def views(topic: str = '/image_raw', frame: str = 'c', rows: int = 48) -> list[Message]:
+def views(
+    topic: str = '/image_raw', frame: str = 'c', rows: int = 48, begin_ns: int = SECOND
+) -> list[Message]:
     rng, messages = np.random.default_rng(1), []
     for k in range(4):
-        stamp = SECOND + k * SECOND // 2
+        stamp = begin_ns + k * SECOND // 2
         image = write.image(rng.integers(0, 255, (rows, 64), np.uint8), 'mono8', stamp, frame)
         messages.append((topic, stamp, bytes(serialize_message(image))))
     return messages
@@ -125,6 +127,21 @@ def test_stamped_commands_count_by_their_stamps(tmp_path: Path) -> None:
     with Bag(bag_of(tmp_path, images(), late)) as bag:
         ways = [pose.x for _, _, pose in RecordedWay(bag, {}).images()]
     assert ways == pytest.approx([0.5, 0.75, 1.0, 1.25])
+
+
+@pytest.mark.parametrize(
+    ('apart', 'words'),
+    [
+        (100, '/cmd_vel is 99.00 s newer than the image, stamped 100.00 s and 1.00 s; let one'),
+        (-100, '/cmd_vel is 98.25 s older than the image, stamped 2.75 s and 101.00 s; let one'),
+    ],
+)
+def test_commands_of_another_clock_are_named(tmp_path: Path, apart: int, words: str) -> None:
+    later = max(-apart, 0) * SECOND
+    told = [(topic, log_ns + max(apart, 0) * SECOND, raw) for topic, log_ns, raw in commands()]
+    parts = calibrations(CAMERA), views(begin_ns=later + SECOND), told
+    with Bag(bag_of(tmp_path, *parts)) as bag, pytest.raises(InputError, match=words):
+        list(RecordedWay(bag, {}).images())
 
 
 def test_odometry_without_orientation_is_refused(tmp_path: Path) -> None:

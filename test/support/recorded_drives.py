@@ -171,6 +171,13 @@ REFUSED: dict[str, tuple[Change, str]] = {
     'two sources 4 cm apart': (two_sources(0.04), '/odom goes to and fro by 0.03 m in 0.020 s'),
     'two sources side by side': (two_sources(0.0, 0.04), '/odom goes to and fro by 0.04 m'),
     'two sources 30 cm apart': (two_sources(0.3), '/odom leaps by 0.29 m and 0.00 rad in 0.010 s'),
+    'odometry stands still': (
+        lambda images, odometry: (
+            images,
+            [replace(it, pose=odometry[0].pose) for it in odometry],
+        ),
+        'the robot did not drive, by /odom; look at its wheels',
+    ),
     'two frames': (two_sources(0.0, 0.0, 'ekf'), '/odom is in the frame'),
     'a camera that hangs': (shown(lambda k: 0), 'have shown the very same for 0.6 s of driving'),
     'one that hangs for a while': (

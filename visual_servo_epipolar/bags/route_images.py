@@ -78,7 +78,7 @@ class RecordedWay:
             with usable(self._bag.path, item):
                 stamp_ns, image = read.stamp_ns(item.message.header), read.gray(item.message)
             while rows and (
-                rows[0][0] <= stamp_ns or self._by_odometry and path.lag(stamp_ns) > 0.0
+                rows[0][0] <= stamp_ns or path.at(stamp_ns) is None and path.lag(stamp_ns) > 0.0
             ):
                 add(*rows.popleft())
             images.see(image, stamp_ns)

@@ -91,7 +91,7 @@ class DrivenImages:
             never = lag < 0.0 if self._placed else OTHER_CLOCK_S <= abs(lag) < math.inf
             if self._path.epoch != self._epoch:
                 self._refuse(self._path.rupture)
-            elif place is None and never:
+            elif never:
                 self._refuse(self._path.missing(stamp_ns))
             elif place is None and lag > 0.0:
                 return
@@ -119,6 +119,8 @@ class DrivenImages:
                 f'{self._unordered} images are not newer than the one before, {placed} are; let '
                 'their driver stamp each'
             )
+        elif self._furthest < LEAST_STEP:
+            self._refuse(f'the robot did not drive, by {self._path.topic}; look at its wheels')
 
     def _admits(self, arrival: Arrival, pose: Pose) -> bool:
         """Return whether an image at a ``pose`` may be learnt from."""
