@@ -30,6 +30,7 @@ RobotView = tuple[Observation, ServoSettings, int, PerceptionMemory | None]
 Control = Callable[[ServoState, Observation, ServoSettings], ServoState]
 
 PARTS = ('world', 'perception', 'servo', 'record', 'base')  # of a round of many runs
+TICK_NS = 10**7  # between two places that are kept of a robot whose images come late
 LARGEST_BLOCK = 16 * 2**20  # bytes, more than any array of a stack takes
 
 
@@ -54,7 +55,7 @@ class Loop:
         self._period_ns, self._receipt = period_ns(settings.frame_rate), settings.receipt
         self._history = PoseHistory()
         self.pose = published(self._base.pose)
-        self._history.add(self.now_ns, self._body)
+        self._history.add(self._base.now_ns, self._body)
         self._advance()
 
     @property
@@ -64,8 +65,8 @@ class Loop:
 
     @property
     def now_ns(self) -> int:
-        """Time of the next frame."""
-        return self._base.now_ns
+        """Time of the next frame, by its stamp."""
+        return self._base.now_ns if self._receipt.stamps else self._exposed_ns
 
     def robot_view(self, observation: Observation) -> RobotView:
         """Return what is to be perceived."""
@@ -99,7 +100,7 @@ class Loop:
 
     def turn(self) -> None:
         """Let the camera look where the head has turned it to, and move as the base does."""
-        _, twist, nod = self._history.at(self._exposed_ns)
+        _, twist, nod = self._history.during(self._exposed_ns, self._receipt.readout)
         self.view.move(twist, nod)
         if self._head is not None:
             self.view.turn(self._head.joints)
@@ -120,7 +121,7 @@ class Loop:
     def record(self) -> Sample:
         """Note the step that was decided."""
         state = self._session.state
-        taken = sample(self._base.now_ns, self.pose, state.phase, telemetry(state))
+        taken = sample(self.now_ns, self.pose, state.phase, telemetry(state))
         self.monitor.add(taken, reason=state.reason, attempts=state.run.attempts)
         return taken
 
@@ -135,12 +136,15 @@ class Loop:
         """Move until the next image is received: at once the first one, if it is not late."""
         self._exposed_ns = self.frame * self._period_ns
         # One image after the other, however late the one before.
-        now_ns = max(self._exposed_ns + self._receipt.delay_ns(self.frame), self.now_ns)
-        self._base.advance(now_ns)
-        if self._head is not None:
-            self._head.advance(now_ns)
-        self.pose = published(self._base.pose)
-        self._history.add(now_ns, self._body)
+        end_ns, now_ns = self._exposed_ns + self._receipt.delay_ns(self.frame), self._base.now_ns
+        tick_ns = TICK_NS if end_ns > self._exposed_ns else self._period_ns
+        while now_ns < end_ns:
+            now_ns = min(now_ns + tick_ns, end_ns)
+            self._base.advance(now_ns)
+            if self._head is not None:
+                self._head.advance(now_ns)
+            self.pose = published(self._base.pose)
+            self._history.add(now_ns, self._body)
 
 
 def look(loops: Sequence[Loop]) -> list[RobotView]:

@@ -168,7 +168,7 @@ class CameraSettings(Settings):
     @property
     def receipt(self) -> Receipt:
         """When images are received, and stamped."""
-        return Receipt(self.stamp_delay, self.stamp_jitter, self.seed)
+        return Receipt(self.stamp_delay, self.stamp_jitter, self.seed, self.readout)
 
     def fixed_rig(self) -> FixedRig:
         """Return the rig of a camera that is screwed to the robot."""

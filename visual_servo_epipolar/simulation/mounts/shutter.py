@@ -44,18 +44,28 @@ INSTANT = Shutter()
 
 
 class Receipt(NamedTuple):
-    """Images are received ``delay`` [s] after they were due, with ``jitter``, and stamped then."""
+    """
+    Images are received ``delay`` [s] after their exposure, with ``jitter``, and stamped then.
+
+    Without both they have the stamp of their exposure. None comes before its ``readout`` [s] ends.
+    """
 
     delay: float = 0.0
     jitter: float = 0.0
     seed: int = 0
+    readout: float = 0.0
+
+    @property
+    def stamps(self) -> bool:
+        """Whether images are stamped when they are received."""
+        return self.delay > 0.0 or self.jitter > 0.0
 
     def delay_ns(self, frame: int) -> int:
-        """Return how late ``frame``, 0, 1, ..., is received [ns], never before it was due."""
+        """Return how late ``frame``, 0, 1, ..., is received [ns]."""
         chance = 0.0
         if self.jitter > 0.0:
             chance = float(np.random.default_rng((self.seed, 8, frame)).standard_normal())
-        return max(round((self.delay + self.jitter * chance) * NANOSECONDS), 0)
+        return round(max(self.delay + self.jitter * chance, self.readout) * NANOSECONDS)
 
 
 class BodyState(NamedTuple):
@@ -77,6 +87,15 @@ class PoseHistory:
         if self._entries and self._entries[-1][0] >= stamp_ns:
             self._entries.clear()
         self._entries.append((stamp_ns, state))
+
+    def during(self, stamp_ns: int, seconds: float) -> BodyState:
+        """Return the state at ``stamp_ns``, and its mean velocity for ``seconds`` from there."""
+        state = self.at(stamp_ns)
+        if seconds == 0.0:
+            return state
+        after = self.at(stamp_ns + round(seconds * NANOSECONDS))
+        way, turn = motion_between(state.pose, after.pose)
+        return state._replace(twist=Twist(way / seconds, turn / seconds))
 
     def at(self, stamp_ns: int) -> BodyState:
         """Return the state at ``stamp_ns``, that of the nearest entry where there is none."""
