@@ -3,6 +3,7 @@
 import math
 
 from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import floats, matches, panorama, poses_behind_the_goal, random_rays
@@ -11,7 +12,7 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 from visual_servo_epipolar.core.geometry.rays import normalised, unit_rays
-from visual_servo_epipolar.core.geometry.rotation import fit_rotation
+from visual_servo_epipolar.core.geometry.rotation import fit_rotation, rotated, rotation_vector
 
 
 def turned(alpha: float) -> Pose:
@@ -87,3 +88,12 @@ def views(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
 def test_two_matches_are_too_few() -> None:
     with pytest.raises(DegenerateGeometryError, match='at least 3 matches, got 2; track more'):
         fit_rotation(np.zeros((2, 3)), np.zeros((2, 3)))
+
+
+@given(st.tuples(*[floats(-1.7, 1.7)] * 3))
+def test_a_rotation_vector_rotates_as_its_matrix(vector: tuple[float, float, float]) -> None:
+    turn = np.array(vector)
+    matrix = rotated(np.eye(3), np.tile(turn, (3, 1))).T  # its columns are the axes, rotated
+    np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(matrix @ turn, turn, atol=1e-12)
+    np.testing.assert_allclose(rotation_vector(matrix), turn, atol=1e-9)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 from typing import TypeAlias
 
 import numpy as np
@@ -13,6 +14,7 @@ ITERATIONS = 6
 MIN_POINTS = 3
 TRUSTED_SHARE = 0.6  # of the matches that make the parallax: the worst may be outliers
 SMALLEST = 1e-18  # squared distance by which weights are scaled at least [rad^2]
+TINY = 1e-12  # angle that is divided by [rad]
 RIDGE = 1e-12  # keeps the equations of a turn regular where all matches coincide
 
 Entries: TypeAlias = Sequence[float]  # nine, of a matrix of 3 x 3
@@ -61,6 +63,24 @@ def headings(rotation: FloatArray) -> FloatArray:
     """Return the heading errors [rad, left positive] of rotations, (..., 3, 3): (...)."""
     sine = rotation[..., 2, 0] - rotation[..., 0, 2]
     return np.asarray(np.arctan2(sine, rotation[..., 0, 0] + rotation[..., 2, 2]))
+
+
+def rotation_vector(rotation: FloatArray) -> FloatArray:
+    """Return axis times angle [rad], shape (3,), of a ``rotation``, (3, 3), below half a turn."""
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = rotation.tolist()
+    twice = np.array([zy - yz, xz - zx, yx - xy])  # 2 sin(angle) times the axis
+    sine = 0.5 * float(np.linalg.norm(twice))
+    angle = math.atan2(sine, 0.5 * (float(np.trace(rotation)) - 1.0))
+    return np.asarray(0.5 * twice * (angle / sine if sine > TINY else 1.0))
+
+
+def rotated(vectors: FloatArray, turns: FloatArray) -> FloatArray:
+    """Return ``vectors``, shape (..., 3), rotated by rotation vectors ``turns``, (..., 3)."""
+    angles = np.sqrt((turns * turns).sum(axis=-1, keepdims=True))
+    axes = turns / np.maximum(angles, TINY)
+    along = (axes * vectors).sum(axis=-1, keepdims=True) * axes
+    turned = np.cos(angles) * (vectors - along) + np.sin(angles) * np.cross(axes, vectors)
+    return np.asarray(along + turned)
 
 
 def _squared(offset: FloatArray) -> FloatArray:

@@ -53,9 +53,19 @@ def looked_at(
     due = settings.calibrated and not observation.wide and frame % PERIOD == 0
     if not due or measurement.bearings is None or known.bearings is None:
         return before
-    memory = before.memory or replace(known, lens=unknown_lens(UNKNOWN))
+    memory = before.memory
+    if memory is None or known.shutter.contradicts(settings.readout) != (
+        memory.shutter.contradicts(settings.readout)
+    ):  # a rolling shutter bends rays as another focal length does
+        memory = replace(known, lens=unknown_lens(UNKNOWN))
+    observation = observation.at_one_instant(known.shutter.turn(settings.readout))
     memory = replace(
-        memory, bearings=known.bearings, consecutive_rejections=0, two_view_skip=0, wrong=None
+        memory,
+        bearings=known.bearings,
+        consecutive_rejections=0,
+        two_view_skip=0,
+        wrong=None,
+        shutter=known.shutter,
     )
     memory = perceive(observation, uncalibrated(settings), frame, memory).memory
     doubt = _contradiction(memory.lens, observation.focal)

@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.lens import CALIBRATED, learnt, Lens, unknown_lens
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.rivals import Rivals
+from visual_servo_epipolar.core.perception.rolling_shutter import RollingShutter
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
 KNOWN_DEVIATION = 1.7e-3  # of tilt and roll: the floor moved the desired camera, too [rad]
@@ -38,7 +39,8 @@ class PerceptionMemory:
     is what was learnt of the camera matrix. ``two_view_skip`` is how many views to come need no
     estimate, since the map knows their geometry, and which ``wrong`` matches it found, by id; None
     where it does not. ``rivals`` are both geometries before a plane, while the robot probes which
-    is right; ``unlearnt`` is the last view, if its noise is yet to be learnt.
+    is right; ``unlearnt`` is the last view, if its noise is yet to be learnt; ``shutter`` is what
+    images show of its readout.
     """
 
     attitude: Attitude
@@ -50,6 +52,7 @@ class PerceptionMemory:
     wrong: tuple[int, ...] | None = None
     rivals: Rivals | None = None
     unlearnt: Still | None = field(default=None, compare=False)
+    shutter: RollingShutter = field(default=RollingShutter(), compare=False)
 
 
 def fresh_memory(settings: PerceptionSettings) -> PerceptionMemory:
@@ -75,7 +78,7 @@ def updated_memory(
         lens = learnt(lens, estimate.lens)
         if estimate.attitude is not None:
             attitude = learnt_attitude(attitude, estimate.attitude)
-    return PerceptionMemory(attitude, noise, estimate.bearings, lens=lens)
+    return PerceptionMemory(attitude, noise, estimate.bearings, lens=lens, shutter=memory.shutter)
 
 
 def learnt_attitude(before: Attitude, after: Attitude) -> Attitude:

@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel, changes_lens
 from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
+from visual_servo_epipolar.core.geometry.rotation import rotated
 from visual_servo_epipolar.core.rigs.rig import HeadView, Joints, Rig
 from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures, Features
 
@@ -23,28 +24,25 @@ class AuxiliaryRays:
     """
     Features that the photograph does not show: ``ids``, shape (M,), and unit rays, (M, 3).
 
-    ``resolution``, shape (M,), is the angle of one pixel at each of them [rad].
+    ``resolution``, shape (M,), is the angle of one pixel at each of them [rad]; ``rows`` are as
+    those of an ``Observation``.
     """
 
     ids: IntArray
     current: FloatArray
     resolution: FloatArray
+    rows: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Observation:
+class MatchedRays:
     """
-    One set of matches as unit rays, shape (N, 3) each, taken at ``stamp_ns``.
+    Matches of one image with the photograph as unit rays, shape (N, 3) each, at ``stamp_ns``.
 
     A feature behind the camera (z < 0) is a ray as any other. ``pixel_angles``, shape (N, 2), are
     the angles of one pixel at each current and desired ray [rad], None for those of a pinhole
     without distortion. ``focal`` [px] only turns pixel thresholds into angles and back. ``edges``
-    are the bearings of the left and the right edge of the image [rad], right positive. ``dropped``
-    is the number of features left out, for the lens cannot say where they are. ``wide`` is a lens
-    that sees farther off its axis than a plane can hold. ``auxiliary`` does not count.
-    ``odometry`` is where the wheels say that the base was then, in any frame; None where they do
-    not say.
-    ``head`` tells that the rays are in axes of its rig; None without a head.
+    are the bearings of the left and the right edge of the image [rad], right positive.
     """
 
     stamp_ns: int
@@ -53,17 +51,6 @@ class Observation:
     focal: float
     edges: tuple[float, float] = (-HALF_PI, HALF_PI)
     pixel_angles: FloatArray | None = None
-    dropped: int = 0
-    wide: bool = False
-    ids: IntArray | None = None
-    auxiliary: AuxiliaryRays | None = None
-    odometry: Pose | None = None
-    head: HeadView | None = None
-
-    @property
-    def joints(self) -> Joints | None:
-        """Angles of the head at the image, None without one."""
-        return None if self.head is None else self.head.joints
 
     @property
     def resolution(self) -> FloatArray:
@@ -77,18 +64,68 @@ class Observation:
     def __len__(self) -> int:
         return len(self.current)
 
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation(MatchedRays):
+    """
+    One set of matches, and what else is known of them and of the moment.
+
+    ``dropped`` is the number of features left out, for the lens cannot say where they are;
+    ``wide`` is a lens that sees farther off its axis than a plane can hold; ``auxiliary`` does not
+    count; ``odometry`` is where the wheels say that the base was then, in any frame, None where
+    they do not say; ``head`` tells that the rays are in axes of its rig, None without a head.
+    ``rows``, shape (N,), are those of the current features from the middle of the image, in
+    heights of it; None where rays are as if all rows were read at once.
+    """
+
+    dropped: int = 0
+    wide: bool = False
+    ids: IntArray | None = None
+    auxiliary: AuxiliaryRays | None = None
+    odometry: Pose | None = None
+    head: HeadView | None = None
+    rows: FloatArray | None = None
+
+    @property
+    def joints(self) -> Joints | None:
+        """Angles of the head at the image, None without one."""
+        return None if self.head is None else self.head.joints
+
     def without_features(self) -> 'Observation':
         """Return the observation of an image in which nothing is to be trusted."""
         nothing = np.empty((0, 3))
         return replace(
-            self, current=nothing, desired=nothing, pixel_angles=None, ids=None, auxiliary=None
+            self,
+            current=nothing,
+            desired=nothing,
+            pixel_angles=None,
+            ids=None,
+            auxiliary=None,
+            rows=None,
         )
+
+    def at_one_instant(self, turn: FloatArray) -> 'Observation':
+        """
+        Return the observation as if all rows were read with the middle one.
+
+        The camera turns by ``turn`` during the readout, a rotation vector in its axes, (3,) [rad].
+        """
+        if self.rows is None:
+            return self
+        current, auxiliary = self.current, self.auxiliary
+        if turn.any():
+            current = rotated(current, self.rows[:, None] * turn)
+            if auxiliary is not None and auxiliary.rows is not None:
+                rays = rotated(auxiliary.current, auxiliary.rows[:, None] * turn)
+                auxiliary = replace(auxiliary, current=rays, rows=None)
+        return replace(self, current=current, auxiliary=auxiliary, rows=None)
 
     def on_rig(self, rig: Rig, joints: Joints) -> 'Observation':
         """Return the observation in axes of a ``rig``; ``joints`` are its angles at the image."""
         auxiliary = self.auxiliary
         if auxiliary is not None:
-            auxiliary = replace(auxiliary, current=rig.rays(auxiliary.current, joints))
+            rays = rig.rays(auxiliary.current, joints)
+            auxiliary = replace(auxiliary, current=rays, rows=None)
         return replace(
             self,
             current=rig.rays(self.current, joints),
@@ -98,6 +135,7 @@ class Observation:
             wide=True,  # seen from the base, features lie on any side
             auxiliary=auxiliary,
             head=HeadView(joints, rig.reach(self.edges), rig),
+            rows=None,  # a head keeps the camera from turning
         )
 
     def corrected(self, lens: Lens) -> 'Observation':
@@ -156,6 +194,7 @@ def observe(features: Features, camera: CameraModel, stamp_ns: int) -> Observati
         wide=camera.wide,
         ids=ids,
         auxiliary=auxiliary_rays(features.auxiliary, camera),
+        rows=None if camera.wraps else pixels[:kept, 1] / camera.height - 0.5,
     )
 
 
@@ -165,7 +204,7 @@ def auxiliary_rays(auxiliary: AuxiliaryFeatures, camera: CameraModel) -> Auxilia
         return None
     rays = camera.rays(auxiliary.current)
     usable = camera.round_trips(auxiliary.current, rays)
-    rays = rays[usable]
-    return (
-        AuxiliaryRays(auxiliary.ids[usable], rays, camera.resolution(rays)) if len(rays) else None
-    )
+    rays, rows = rays[usable], auxiliary.current[usable, 1] / camera.height - 0.5
+    if not len(rays):
+        return None
+    return AuxiliaryRays(auxiliary.ids[usable], rays, camera.resolution(rays), rows)

@@ -58,6 +58,10 @@ def perceive(
 
     """
     memory = noise_learnt(memory or fresh_memory(settings))
+    if observation.rows is not None:
+        shutter = memory.shutter.updated(observation, settings.forward)
+        memory = changed(memory, shutter=shutter)
+        observation = observation.at_one_instant(shutter.turn(settings.readout))
     observation = levelled(observation.corrected(memory.lens), memory.attitude, settings.mount)
     count = len(observation)
     if count < settings.min_features:  # too few tell two views nothing

@@ -2,7 +2,11 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+import math
 
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.estimators.registry import (
     DEFAULT_ESTIMATOR,
@@ -11,6 +15,14 @@ from visual_servo_epipolar.core.estimators.registry import (
     UNCALIBRATED,
 )
 from visual_servo_epipolar.core.settings import fixed, setting, Settings
+
+
+def forward_of(tilt: float, roll: float, yaw: float) -> FloatArray:
+    """Return the direction ahead in axes, (3,), of a camera with these angles [rad]."""
+    ahead = math.cos(yaw)
+    right, down, forward = math.sin(yaw), -math.sin(tilt) * ahead, math.cos(tilt) * ahead
+    sine, cosine = math.sin(roll), math.cos(roll)
+    return np.array([cosine * right + sine * down, cosine * down - sine * right, forward])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +73,13 @@ class PerceptionSettings(Settings):
         0.03, 'Least spread of the features that agree [rad]', low=0.0, high=1.0
     )
     pixel_noise: float = setting(0.3, 'Prior noise of tracked coordinates [px]', low=0.01, high=10)
+    readout: float = setting(
+        0.0,
+        'Rolling shutter: time from the first row to the last, negative if the last one is read '
+        'first; 0 = global shutter. Estimated while turning [s]',
+        low=-0.1,
+        high=0.1,
+    )
     camera_tilt: float = fixed(
         0.0, 'Tilt of the camera, down positive, as configured [rad]', low=-0.8, high=0.8
     )
@@ -102,6 +121,11 @@ class PerceptionSettings(Settings):
             self.camera_roll_deviation,
             self.floor_jitter,
         )
+
+    @cached_property
+    def forward(self) -> FloatArray:
+        """Direction in which the robot drives ahead, in axes of the camera, shape (3,)."""
+        return forward_of(self.camera_tilt, self.camera_roll, 0.0)
 
     @property
     def calibrated(self) -> bool:

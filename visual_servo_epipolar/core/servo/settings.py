@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.laws.settings import ControlSettings
-from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.perception.settings import forward_of, PerceptionSettings
 from visual_servo_epipolar.core.rigs.fixed_mount import Mount
 from visual_servo_epipolar.core.rigs.registry import DEFAULT_RIG, rig_of
 from visual_servo_epipolar.core.rigs.rig import HeadLimits, Joints, Rig
@@ -207,6 +208,11 @@ class ServoSettings(PerceptionSettings, ControlSettings):
             self.camera_roll,
         )
         return rig_of(self.rig, limits)
+
+    @cached_property
+    def forward(self) -> FloatArray:
+        """Direction in which the robot drives ahead, in axes of the camera, shape (3,)."""
+        return forward_of(self.camera_tilt, self.camera_roll, self.camera_yaw)
 
     @cached_property
     def configured_latency(self) -> float:

@@ -51,6 +51,7 @@ def telemetry(state: ServoState) -> dict[str, float]:
         'delay_s': state.identified.delay.value,
         **_odometry(state.identified.odometry.pose),
         **_joints(state.view.joints),
+        **_readout(memory),
     }
 
 
@@ -140,6 +141,12 @@ def _covariance(measurement: Measurement) -> dict[str, float]:
         'phi_variance_rad2': float(measurement.covariance[1, 1]),
         'psi_phi_covariance_rad2': float(measurement.covariance[0, 1]),
     }
+
+
+def _readout(memory: PerceptionMemory) -> dict[str, float]:
+    """Return the readout that images show, and its deviation."""
+    value, deviation = memory.shutter.estimate
+    return {'readout_s': value, 'readout_deviation_s': deviation}
 
 
 def _features(measurement: Measurement, memory: PerceptionMemory) -> dict[str, float]:

@@ -99,7 +99,8 @@ def disproved(perception: Perception, settings: ServoSettings) -> Fusion:
         difference=math.nan,
         reason='the bearings contradict what was driven; they are looked for anew',
     )
-    return Fusion(measurement, fresh_memory(settings), MapState())
+    memory = changed(fresh_memory(settings), shutter=perception.memory.shutter)
+    return Fusion(measurement, memory, MapState())
 
 
 def two_view_skip(
