@@ -1,5 +1,6 @@
 """The life cycle of the dock node: silent unless active, and what it moves stands at its end."""
 
+import math
 import os
 import random
 
@@ -61,7 +62,7 @@ def test_a_dock_node_that_is_not_active_is_silent_and_refuses_goals(bench, led, 
     bench.until(lambda: bool(bench.logged(reason)), 'the reason in the log')
     if it.node.is_configured:
         assert (it.node._camera, it.node._search.keys) == (None, ())
-        assert it.node._driven.path.last_ns is None
+        assert it.node._driven.path.lag(0) == math.inf
         assert it.node._server._servo.phase is None
 
 
