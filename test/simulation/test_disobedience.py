@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.closed_loop import Loop, published
+from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.view import View
 from visual_servo_epipolar.simulation.views import points_of
@@ -38,8 +38,7 @@ class DisturbedLoop(Loop):
     def drive(self) -> None:
         command = self._interfere(self.now_ns / 1e9, self._session.state.command)
         self._base.command(command)
-        self._base.advance(self.now_ns + self._period_ns)
-        self.pose = published(self._base.pose)
+        self._advance()
         self.states.append(self._session.state)
         self.poses.append(self.pose)
 

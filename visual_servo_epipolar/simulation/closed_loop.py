@@ -53,7 +53,7 @@ class Loop:
             self._head = SimulatedHead(settings.head, seed=settings.seed)
         self._session = Session(camera=camera, started=True)
         self._period_ns, self._receipt = period_ns(settings.frame_rate), settings.receipt
-        self._history = PoseHistory()
+        self._history, self._exposed_ns = PoseHistory(), self._base.now_ns
         self.pose = published(self._base.pose)
         self._history.add(self._base.now_ns, self._body)
         self._advance()
@@ -134,7 +134,7 @@ class Loop:
 
     def _advance(self) -> None:
         """Move until the next image is received: at once the first one, if it is not late."""
-        self._exposed_ns = self.frame * self._period_ns
+        self._exposed_ns += self._period_ns if self.frame else 0
         # One image after the other, however late the one before.
         end_ns, now_ns = self._exposed_ns + self._receipt.delay_ns(self.frame), self._base.now_ns
         tick_ns = TICK_NS if end_ns > self._exposed_ns else self._period_ns

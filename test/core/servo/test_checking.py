@@ -1,5 +1,7 @@
 """What a way shows to the check of the motion; and when nobody sets off by the camera."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from servo_states import in_phase, SETTINGS, sight
@@ -10,8 +12,12 @@ from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.checking import check_lens, parallax_of_way
-from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.checking import check_lens, check_motion, parallax_of_way
+from visual_servo_epipolar.core.servo.fusion.map_state import MapState
+from visual_servo_epipolar.core.servo.identification.curvature import Curvature
+from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand, Threshold
+from visual_servo_epipolar.core.servo.motion.check import MotionCheck
+from visual_servo_epipolar.core.servo.state import Identification, Known, ServoState
 from visual_servo_epipolar.core.servo.step import step
 
 
@@ -53,6 +59,21 @@ def test_from_afar_where_the_scene_looks_small_a_way_shows_less() -> None:
         for rays in (desired, current)
     ]
     assert shown[1] < 0.3 * shown[0]
+
+
+def test_what_was_learnt_of_the_base_as_it_stood_survives_a_hold() -> None:
+    before, learnt = Identification(), DeadBand(angular=Threshold(0.085))
+    standing = Known(MapState(), before)
+    state = in_phase(
+        Phase.ORIENTING,
+        measurement=sight(),
+        identified=replace(before, dead_band=learnt, curvature=Curvature(0.1)),
+        check=MotionCheck(trouble='the base does not follow', troubled_ns=sight().stamp_ns),
+        known=(standing, standing),
+    )
+    held = check_motion(state, replace(seen(20), stamp_ns=sight().stamp_ns), 0.1, SETTINGS)
+    assert held.identified.curvature == before.curvature
+    assert held.identified.dead_band == learnt
 
 
 @pytest.mark.parametrize('scale', [1.0, 2.0])

@@ -2,7 +2,7 @@
 Checking: what is not done, and undone, where motion or matches contradict what was told.
 
 Nothing is learnt from such a motion. What was learnt since it may have begun is given back, until
-it is over.
+it is over; but for the dead band, which shows where the base stands.
 """
 
 from dataclasses import replace
@@ -78,6 +78,7 @@ def _undone(state: ServoState, measurement: Measurement) -> ServoState:
     extrinsics, pose = identified.extrinsics, state.identified.odometry.pose
     identified = changed(
         identified,
+        dead_band=state.identified.dead_band,
         extrinsics=extrinsics and changed(extrinsics, placed=False),
         odometry=replace(identified.odometry, check=None, pose=pose),
         straight=None,

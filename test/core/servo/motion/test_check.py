@@ -58,15 +58,21 @@ def troubles(
     flip: float = 1.0,
     parallax_of_way: float = 0.03,
     scene: np.ndarray | None = None,
+    dead_band: Motion = lambda time_s: 0.0,
 ) -> list[tuple[float, str]]:
-    """Return when something contradicted the commands [s], and in which words."""
+    """
+    Return when something contradicted the commands [s], and in which words.
+
+    The ``dead_band`` is what is known by then [rad/s].
+    """
     check, sent, found = MotionCheck(), CommandsSent(), []
     scene = points() if scene is None else scene
     for frame in range(1, round(seconds / PERIOD_S)):
         time_s = frame * PERIOD_S
         seen = view(time_s, turn(time_s), way(time_s), scene, flip)
         evidence = Evidence(seen, NOISE, parallax_of_way)
-        check = check.updated(evidence, sent, SETTINGS, drives=True)
+        settings = replace(SETTINGS, dead_band_angular=dead_band(time_s))
+        check = check.updated(evidence, sent, settings, drives=True)
         if check.trouble:
             found.append((time_s, check.trouble))
         sent = sent.after(seen.stamp_ns, twist(time_s))
@@ -191,6 +197,16 @@ def test_pulses_that_add_up_to_nothing_are_no_disobedience() -> None:
 def test_slow_commands_that_are_never_followed_are_found_out_in_time() -> None:
     found = troubles(lambda time_s: Twist(0.0, 0.05), lambda time_s: 0.0, seconds=10.0)
     assert 3.0 < found[0][0] <= 5.0
+
+
+def test_each_dead_band_is_tried_before_a_base_is_said_not_to_follow() -> None:
+    def tried(time_s: float) -> float:
+        return 0.03 * math.floor(min(time_s, 6.0) / 2.0)
+
+    found = troubles(
+        lambda time_s: Twist(0.0, 0.06), lambda time_s: 0.0, seconds=12.0, dead_band=tried
+    )
+    assert 6.0 + 2.5 < found[0][0] <= 6.0 + 5.0  # 3.0 s of commands without it
 
 
 def test_of_who_never_followed_no_turn_is_said_that_nobody_commanded() -> None:

@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.servo.identification.physical import MOST_CURVAT
 LATENCY_S = 0.2  # from a command to the image that shows its effect
 CHANGE_DECAY = 0.5  # of a change of the angular velocity, in one frame
 LEAST_HEADING_VARIANCE = 5e-4**2  # [rad^2]
+NOISE_OF_PARALLAX = 2.0  # that it is at most without any, in deviations of a coordinate
 FIRST_VARIANCE = 0.05**2  # of the curvature: 3 deg/m [rad^2/m^2]
 
 
@@ -62,9 +63,13 @@ def heading_deviation(measurement: Measurement) -> float:
     """Return the deviation of the heading error by a memory, or by two views [rad]; or inf."""
     if math.isfinite(measurement.heading_deviation):
         return measurement.heading_deviation
-    if measurement.bearings is None:
+    if measurement.bearings is not None:
+        return math.sqrt(max(heading_variance(measurement), LEAST_HEADING_VARIANCE))
+    if math.isnan(measurement.parallax):
         return math.inf
-    return math.sqrt(max(heading_variance(measurement), LEAST_HEADING_VARIANCE))
+    # A rotation alone takes for a turn what is parallax, but for the noise in it.
+    parallax = measurement.parallax - NOISE_OF_PARALLAX * measurement.noise
+    return max(parallax, math.sqrt(LEAST_HEADING_VARIANCE))
 
 
 def heading_variance(measurement: Measurement) -> float:

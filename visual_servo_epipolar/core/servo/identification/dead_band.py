@@ -7,21 +7,22 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
-from visual_servo_epipolar.core.servo.identification.physical import LARGEST_DEAD_BAND
+from visual_servo_epipolar.core.servo.identification.physical import largest_dead_band
 from visual_servo_epipolar.core.servo.settings import ServoSettings, with_identified
 
 LATE_S = 0.5  # by which a base may follow late
 PATIENCE_S = 1.5  # in which it follows if it does at all
 LEAST_ASKED = 0.003  # motion, below which laws and delays make anything of it [m], [rad]
 STANDING = 0.5  # of what was commanded: who moved less stands, now and then at least
-OF_PULSES = 0.25  # the same of pulses, most of which a base may spend on speeding up
+OF_PULSES = 0.15  # the same of pulses, most of which a base may spend on speeding up
+MANY = 4.0  # pulses, of which one may not have acted yet
 DEVIATIONS = 8.0  # of a position, that the motion commanded must be
-# Over the velocity that was not followed, and over one of about what was learnt already:
-# near the goal an answer takes ten seconds, and it may be twenty times as fast that is followed.
+# Over the velocity that was not followed, and over one of about what was learnt already: it may be
+# twenty times as fast that is followed.
 MARGIN, MARGIN_AGAIN, LEARNT = 1.3, 1.9, 0.8
 MOST_HOP = 0.005, math.radians(0.5)  # half a pulse: no end may be wider for it [m], [rad]
 REFINING = 0.005  # of a distance, that it changes by while a memory learns its scale
-# Up to which speed [m/s], and way of a turn [m/rad], unequal wheels undo no turn.
+# Up to which speed [m/s], and way of a turn [m/rad], unequal wheels undo no turn; nor by pulses.
 CREEPING, MOST_WAY = 0.002, 2.0
 
 
@@ -30,10 +31,10 @@ class Threshold:
     """
     Least velocity that one axis follows: ``value``, 0 until it was seen to stand below one.
 
-    Commands to one ``side`` (1 or -1, 0 without any) have ``lasted`` [s]; since the position was
-    ``origin`` they ``asked`` for a motion, ``power`` the sum of their squares over time. Before
-    that it ``stood`` below such a velocity: once may have been measured wrong, it takes two times.
-    Metres or radians.
+    Commands to one ``side`` (1 or -1, 0 without any) have ``lasted`` [s], and there was none for
+    the last ``idle`` [s]; since the position was ``origin`` they ``asked`` for a motion, ``power``
+    the sum of their squares over time. Before that it ``stood`` below such a velocity: once may
+    have been measured wrong, it takes two times. Metres or radians.
     """
 
     value: float = 0.0
@@ -43,6 +44,7 @@ class Threshold:
     asked: float = 0.0
     power: float = 0.0
     stood: float = 0.0
+    idle: float = 0.0
 
     def updated(
         self, position: float, deviation: float, velocity: float, dt: float, *, most: float
@@ -51,31 +53,41 @@ class Threshold:
         Return the threshold after ``velocity`` was commanded for ``dt`` [s].
 
         ``position`` is where that led, as it was measured to ``deviation``; nan begins anew, as
-        does a command of more than ``most``, or to the other side. None at all is a pause. What a
-        base does first may be what it was told before.
+        does a command of more than ``most``, or to the other side before the last one was seen.
+        None at all is a pause. What a base does first may be what it was told before.
         """
         side = math.copysign(1.0, velocity) if velocity else self.side
-        if not math.isfinite(deviation) or abs(velocity) > most or side * self.side < 0.0:
+        turns = side * self.side < 0.0 and (self.asked != 0.0 or not self.value)
+        if not math.isfinite(deviation) or abs(velocity) > most or turns:
             return Threshold(self.value)
         lasted = self.lasted + dt if side else 0.0
+        idle = 0.0 if velocity else self.idle + dt
         if lasted <= LATE_S or math.isnan(self.origin):
             lasted = min(lasted, LATE_S)
-            return Threshold(self.value, side, lasted, position, stood=self.stood)
+            return Threshold(self.value, side, lasted, position, stood=self.stood, idle=idle)
         asked, power = self.asked + velocity * dt, self.power + velocity * velocity * dt
-        if lasted < PATIENCE_S or abs(asked) < max(LEAST_ASKED, DEVIATIONS * deviation):
-            return Threshold(self.value, side, lasted, self.origin, asked, power, self.stood)
-        again = Threshold(self.value, side, LATE_S, position)
+        after = Threshold(self.value, side, lasted, self.origin, asked, power, self.stood, idle)
+        # Of pulses the last one has to act, or to be one of many.
+        many = lasted >= PATIENCE_S and abs(asked) >= MANY * self.value * dt
+        has_acted = many or (self.value > 0.0 and idle + dt > LATE_S)
+        enough = abs(asked) >= max(LEAST_ASKED, DEVIATIONS * deviation)
+        return after._judged(position, dt, most) if enough and has_acted else after
+
+    def _judged(self, position: float, dt: float, most: float) -> 'Threshold':
+        """Return the threshold after what was asked has led to ``position``."""
+        again = Threshold(self.value, self.side, LATE_S, position, idle=self.idle)
         least = OF_PULSES if self.value else STANDING
-        if abs(position - self.origin) >= least * abs(asked):
+        if self.side * (position - self.origin) >= least * abs(self.asked):
             return again
-        usual = power / abs(asked)  # velocity of those commands, weighted by what they asked for
+        usual = self.power / abs(self.asked)  # of those commands, by what they asked for
         again = replace(again, stood=usual)
-        if not self.stood:
+        if self.value:  # it was seen twice before that pulses are needed
+            learnt = MARGIN_AGAIN * usual if LEARNT * self.value <= usual else self.value
+        elif self.stood:  # pulses that are too small to be seen would teach nothing
+            learnt = max(MARGIN * min(usual, self.stood), LEAST_ASKED / dt)
+        else:
             return again
-        least = min(usual, self.stood)
-        margin = MARGIN_AGAIN if 0.0 < LEARNT * self.value <= least else MARGIN
-        learnt = min(margin * least, most)
-        return replace(again, value=max(self.value, learnt))
+        return replace(again, value=max(self.value, min(learnt, most)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +116,7 @@ class DeadBand:
         if not learns(settings):
             return DeadBand()
         turning = max(abs(twist.angular), self.angular.value)
-        creeps = abs(twist.linear) <= max(CREEPING, MOST_WAY * turning)
+        creeps = abs(twist.linear) <= max(CREEPING, MOST_WAY * turning, self.linear.value)
         along, place = self.along, None
         if reading is not None:
             place = reading.lateral, reading.longitudinal
@@ -130,9 +142,9 @@ class DeadBand:
 
     def beside(self, settings: ServoSettings) -> ServoSettings:
         """Return ``settings`` with dead bands at least as wide as those that were learnt."""
-        learnt = min(self.linear.value, LARGEST_DEAD_BAND * settings.max_linear)
+        learnt = min(self.linear.value, largest_dead_band(settings.max_linear))
         linear = max(settings.dead_band_linear, learnt)
-        learnt = min(self.angular.value, LARGEST_DEAD_BAND * settings.max_angular)
+        learnt = min(self.angular.value, largest_dead_band(settings.max_angular))
         angular = max(settings.dead_band_angular, learnt)
         if (linear, angular) == (settings.dead_band_linear, settings.dead_band_angular):
             return settings
@@ -155,7 +167,7 @@ def learns(settings: ServoSettings) -> bool:
 
 def _most(limit: float, hop: float, dt: float) -> float:
     """Return the largest velocity that may be learnt: of the ``limit``, and half a ``hop``."""
-    return min(LARGEST_DEAD_BAND * limit, 2.0 * hop / dt if dt > 0.0 else math.inf)
+    return min(largest_dead_band(limit), 2.0 * hop / dt if dt > 0.0 else math.inf)
 
 
 def _way(before: tuple[float, float], now: tuple[float, float], heading: float) -> float:

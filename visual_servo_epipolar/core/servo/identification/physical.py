@@ -8,8 +8,12 @@ of the camera, which is what was told, and its deviations (``extrinsics.PLAUSIBL
 MOST_CURVATURE = 0.3  # of wheels that shall roll straight on: unequal by a tenth [rad/m]
 MOST_DELAY_S = 1.5  # from an image to the motion that it causes [s]
 MOST_TURN_RATIO = 1.6  # of a turn over that commanded
-# Part of the largest velocity beyond which there is no dead band, and what any base follows
-# [m/s, rad/s].
-LARGEST_DEAD_BAND, FOLLOWED = 0.2, 0.065
 # Way by the wheels over that commanded: no base drives farther, and many drive less.
 FASTER, SLOWER = 1.25, 0.5
+# What any base follows [m/s, rad/s], or a larger part of the largest velocity.
+FOLLOWED, FOLLOWED_PART = 0.065, 0.2
+
+
+def largest_dead_band(limit: float) -> float:
+    """Return what any base follows whose largest velocity is ``limit`` [m/s, rad/s]."""
+    return min(max(FOLLOWED, FOLLOWED_PART * limit), limit)

@@ -119,7 +119,8 @@ class MotionCheck:
         asked = NOTHING
         if seen.stands:
             last = CommandWindow(self.now_ns, here.stamp_ns, sent)
-            asked = self.asked.after(last, evidence.parallax_of_way)
+            dead_band = settings.dead_band_linear, settings.dead_band_angular
+            asked = self.asked.below(dead_band).after(last, evidence.parallax_of_way)
         found = contradiction(window, seen, asked, evidence.parallax_of_way, settings)
         trouble = found if self.suspected else ''
         lasted = seconds_between(reference.stamp_ns, here.stamp_ns)

@@ -9,8 +9,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, IntArray
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.identification.physical import (
-    FOLLOWED,
-    LARGEST_DEAD_BAND,
+    largest_dead_band,
     MOST_CURVATURE,
     MOST_DELAY_S,
     MOST_TURN_RATIO,
@@ -80,12 +79,21 @@ class Asked:
 
     Both have shape (2,): of a base that obeys at once, and of one that is as late as any.
     ``unresponsive`` says that the base stood where it had to move, and has not moved since.
+    ``dead_band`` is what it does not follow, as far as is known [m/s, rad/s]: another one is to
+    be tried first.
     """
 
     since_ns: int | None = None
     turns: FloatArray = field(default_factory=lambda: np.zeros(2))
     parallaxes: FloatArray = field(default_factory=lambda: np.zeros(2))
     unresponsive: bool = False
+    dead_band: tuple[float, float] = (0.0, 0.0)
+
+    def below(self, dead_band: tuple[float, float]) -> 'Asked':
+        """Return what was asked of a base with that ``dead_band``."""
+        if dead_band == self.dead_band:
+            return self
+        return Asked(unresponsive=self.unresponsive, dead_band=dead_band)
 
     def after(self, window: 'CommandWindow', parallax_of_way: float) -> 'Asked':
         """Return what was asked with the commands of a ``window`` more."""
@@ -97,6 +105,7 @@ class Asked:
             self.turns + turns,
             self.parallaxes + parallax_of_way * ways,
             self.unresponsive,
+            self.dead_band,
         )
 
     def seconds(self, now_ns: int) -> float:
@@ -209,10 +218,10 @@ def _standing(
     window: CommandWindow, seen: ViewMotion, parallax_of_way: float, settings: ServoSettings
 ) -> str:
     """Return what was commanded and not followed at all; or ''."""
-    turn = window.unfollowed('angular', max(FOLLOWED, LARGEST_DEAD_BAND * settings.max_angular))
+    turn = window.unfollowed('angular', largest_dead_band(settings.max_angular))
     if turn > ASKED_TURN and abs(seen.turn) < SHARE * turn:
         return _not_followed(f'a turn of {turn:.2f} rad')
-    way = window.unfollowed('linear', max(FOLLOWED, LARGEST_DEAD_BAND * settings.max_linear))
+    way = window.unfollowed('linear', largest_dead_band(settings.max_linear))
     if way * parallax_of_way > ASKED_PARALLAX * seen.noise:
         return _not_followed(f'a motion of {way:.2f} m')
     return ''
