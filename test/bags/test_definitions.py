@@ -6,8 +6,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from visual_servo_epipolar.bags.definitions import definition, hash_of
+from visual_servo_epipolar.bags.metadata import Topic
 from visual_servo_epipolar.bags.recording.recorder import Recorder
-from visual_servo_epipolar.bags.storage import Topic
 from visual_servo_epipolar.core.errors import InputError
 
 OWN = 'own_msgs/msg/Own'

@@ -10,7 +10,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
 from rosbags.typesys.store import Typestore
 
-from visual_servo_epipolar.bags.storages.stored import CDR, types_of
+from visual_servo_epipolar.bags.storages import CDR, types_of
 from visual_servo_epipolar.core.errors import InputError
 
 

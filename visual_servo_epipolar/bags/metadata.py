@@ -4,16 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import os
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability
 import yaml
 
 from visual_servo_epipolar.files import whole
 
-VERSION: Final = 9  # of rosbag2, that of Jazzy
-FILE = 'metadata.yaml'
-DISTRO: Final = 'jazzy'  # where none is sourced: its messages are those that bags hold
+VERSION = 9  # of rosbag2, that of Jazzy
+FILE, KEY = 'metadata.yaml', 'rosbag2_bagfile_information'
+DISTRO = 'jazzy'  # where none is sourced: its messages are those that bags hold
 NEEDED = {
     'version',
     'storage_identifier',
@@ -59,45 +59,35 @@ class PartInfo:
         return sum(self.counts.values())
 
 
-def distro() -> str:
-    """Return the name of the ROS distribution that records."""
-    return os.environ.get('ROS_DISTRO') or DISTRO
-
-
-def document(parts: Sequence[PartInfo], storage: str, compression_mode: str) -> dict[str, Any]:
-    """Return metadata.yaml of ``parts``; ``compression_mode``: '', 'message' or 'file'."""
-    filled = [part for part in parts if part.count]
-    start_ns = min((part.start_ns for part in filled), default=0)
-    end_ns = max((part.end_ns for part in filled), default=0)
+def described(
+    parts: Sequence[PartInfo], storage: str = 'mcap', compression_mode: str = ''
+) -> dict[str, Any]:
+    """Return what metadata.yaml says of ``parts``; ``compression_mode``: '', 'message', 'file'."""
     return {
-        'rosbag2_bagfile_information': {
-            'version': VERSION,
-            'storage_identifier': storage,
-            'relative_file_paths': [part.file for part in parts],
-            'duration': {'nanoseconds': end_ns - start_ns},
-            'starting_time': {'nanoseconds_since_epoch': start_ns},
-            'message_count': sum(part.count for part in parts),
-            'topics_with_message_count': _topics(parts),
-            'compression_format': 'zstd' if compression_mode else '',
-            'compression_mode': compression_mode,
-            'files': [_file(part) for part in parts],
-            'custom_data': None,
-            'ros_distro': distro(),
-        }
+        'version': VERSION,
+        'storage_identifier': storage,
+        'relative_file_paths': [part.file for part in parts],
+        **_extent(parts),
+        'topics_with_message_count': _topics(parts),
+        'compression_format': 'zstd' if compression_mode else '',
+        'compression_mode': compression_mode,
+        'files': [{'path': part.file, **_extent([part])} for part in parts],
+        'custom_data': None,
+        'ros_distro': os.environ.get('ROS_DISTRO') or DISTRO,
     }
 
 
 def write(folder: Path, content: Mapping[str, Any]) -> None:
     """Write metadata.yaml into ``folder``, by rename."""
     with whole(folder / FILE) as partial:
-        partial.write_text(yaml.safe_dump(dict(content), sort_keys=False), encoding='utf-8')
+        text = yaml.safe_dump({KEY: dict(content)}, sort_keys=False)
+        partial.write_text(text, encoding='utf-8')
 
 
 def information(folder: Path) -> Mapping[str, Any] | None:
     """Return what metadata.yaml says, None if it is missing or broken."""
     try:
-        content = yaml.safe_load((folder / FILE).read_text(encoding='utf-8'))
-        found = content['rosbag2_bagfile_information']
+        found = yaml.safe_load((folder / FILE).read_text(encoding='utf-8'))[KEY]
     except (OSError, ValueError, LookupError, TypeError, RecursionError, yaml.YAMLError):
         return None
     return found if isinstance(found, Mapping) else None
@@ -111,30 +101,31 @@ def listed_files(folder: Path) -> list[str] | None:
     return [Path(item).name for item in paths]  # early versions put the folder of the bag in front
 
 
-def describes(folder: Path, names: Sequence[str], storage: str) -> bool:
-    """Return whether metadata.yaml has what rosbag2 needs, of just these files."""
-    content = information(folder) or {}
-    return (
-        content.keys() >= NEEDED
-        and content['storage_identifier'] == storage
-        and sorted(listed_files(folder) or ()) == sorted(names)
-    )
+def qos_profiles(text: str) -> tuple[Mapping[str, Any], ...]:
+    """Return QoS as metadata.yaml has it, from what a storage file says; none if it is broken."""
+    try:
+        return tuple(
+            {
+                key: POLICIES[key](value).name.lower()
+                if key in POLICIES and isinstance(value, int)
+                else value
+                for key, value in profile.items()
+            }
+            for profile in yaml.safe_load(text) or ()
+        )
+    except (AttributeError, TypeError, ValueError, yaml.YAMLError):
+        return ()
 
 
-def with_notes_of(folder: Path, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``content`` with what the metadata.yaml of now says and the files do not."""
-    now = information(folder) or {}
-    notes = {name: now[name] for name in ('custom_data', 'ros_distro') if now.get(name)}
-    return {'rosbag2_bagfile_information': content['rosbag2_bagfile_information'] | notes}
-
-
-def _file(part: PartInfo) -> dict[str, Any]:
-    start_ns, end_ns = (part.start_ns, part.end_ns) if part.count else (0, 0)
+def _extent(parts: Sequence[PartInfo]) -> dict[str, Any]:
+    """Return from when to when the messages of ``parts`` are, and how many."""
+    filled = [part for part in parts if part.count]
+    start_ns = min((part.start_ns for part in filled), default=0)
+    end_ns = max((part.end_ns for part in filled), default=0)
     return {
-        'path': part.file,
-        'starting_time': {'nanoseconds_since_epoch': start_ns},
         'duration': {'nanoseconds': end_ns - start_ns},
-        'message_count': part.count,
+        'starting_time': {'nanoseconds_since_epoch': start_ns},
+        'message_count': sum(part.count for part in parts),
     }
 
 
@@ -157,19 +148,3 @@ def _topics(parts: Sequence[PartInfo]) -> list[dict[str, Any]]:
         }
         for topic in topics.values()
     ]
-
-
-def qos_profiles(text: str) -> tuple[Mapping[str, Any], ...]:
-    """Return QoS as metadata.yaml has it, from what a storage file says; none if it is broken."""
-    try:
-        return tuple(
-            {
-                key: POLICIES[key](value).name.lower()
-                if key in POLICIES and isinstance(value, int)
-                else value
-                for key, value in profile.items()
-            }
-            for profile in yaml.safe_load(text) or ()
-        )
-    except (AttributeError, TypeError, ValueError, yaml.YAMLError):
-        return ()

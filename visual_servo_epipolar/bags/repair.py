@@ -14,6 +14,7 @@ import re
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader, NonSeekingReader
+from mcap.records import Header
 from mcap.writer import Writer
 
 from visual_servo_epipolar.bags import containers, metadata
@@ -27,10 +28,13 @@ from visual_servo_epipolar.bags.reading.bag import (
     OTHER_ADVICE,
     words_of,
 )
-from visual_servo_epipolar.bags.storages.mcap_file import ExactFile, profile
-from visual_servo_epipolar.bags.storages.opening import open_storage
-from visual_servo_epipolar.bags.storages.sqlite_file import journals
-from visual_servo_epipolar.bags.storages.stored import kind_of, StoredTopic
+from visual_servo_epipolar.bags.storages import (
+    ExactFile,
+    journals,
+    kind_of,
+    open_storage,
+    StoredTopic,
+)
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.files import whole
 
@@ -186,14 +190,13 @@ def _remains(file: Path, target: Path, reason: str) -> RepairedPart:
 
 def _copy_messages(file: Path, target: Path) -> str:
     """Write the messages of a file of mcap to a new one; return where it is damaged, and how."""
-    name = 'ros2'
-    with suppress(*DAMAGE):
-        name = profile(file)
     channels: dict[int, int] = {}
-    end = ''
+    end, header = '', Header('ros2', '')
+    with suppress(*DAMAGE), ExactFile(file) as source:
+        header = make_reader(source).get_header()
     with ExactFile(file) as source, target.open('wb') as output:
         writer = Writer(output)
-        writer.start(name)
+        writer.start(header.profile, header.library)
         reader = NonSeekingReader(source, validate_crcs=True, record_size_limit=None)
         messages = reader.iter_messages(log_time_order=False)
         while True:
@@ -224,15 +227,21 @@ def _copy_messages(file: Path, target: Path) -> str:
 def _describe(folder: Path, parts: Sequence[RepairedPart]) -> bool:
     """Write metadata.yaml where it is missing, broken or of other files; the old one is kept."""
     names, storage = [part.info.file for part in parts], parts[0].storage
-    if metadata.describes(folder, names, storage):
+    former = metadata.information(folder) or {}
+    if (
+        former.keys() >= metadata.NEEDED
+        and former['storage_identifier'] == storage
+        and sorted(metadata.listed_files(folder) or ()) == sorted(names)
+    ):
         return False
     mode = next((part.compression for part in parts if part.compression), '')
-    content = metadata.document([part.info for part in parts], storage, mode)
+    content = metadata.described([part.info for part in parts], storage, mode)
+    # What the files do not say.
+    content |= {name: former[name] for name in ('custom_data', 'ros_distro') if former.get(name)}
     file = folder / metadata.FILE
     if file.is_file() and file.stat().st_size:
-        content = metadata.with_notes_of(folder, content)
-        names = [f'{file.name}{containers.OLD}']
-        names += [f'{file.name}.{number}{containers.OLD}' for number in range(1, 1000)]
-        file.rename(next(item for item in map(file.with_name, names) if not item.exists()))
+        endings = ['', *(f'.{number}' for number in range(1, 1000))]
+        kept = (file.with_name(f'{file.name}{it}{containers.OLD}') for it in endings)
+        file.rename(next(item for item in kept if not item.exists()))
     metadata.write(folder, content)
     return True

@@ -151,31 +151,23 @@ def test_what_a_slow_disk_cannot_take_is_dropped_and_counted(tmp_path) -> None:
     assert written + dropped == 300
 
 
-def test_what_comes_just_before_the_end_is_written(tmp_path, monkeypatch) -> None:
+def test_what_is_taken_up_to_the_end_is_written(tmp_path) -> None:
     recorder = Recorder(tmp_path / 'bag')
     recorder.add(WORDS)
-    looked, goes_on, find = threading.Event(), threading.Event(), recorder._next
+    taken: list[int] = []
 
-    def found(due):
-        item = find(due)
-        if item is None and not looked.is_set():
-            looked.set()
-            assert goes_on.wait(10.0)
-        return item
+    def offer() -> None:
+        while recorder.put(WORDS, len(taken), words('x')):
+            taken.append(len(taken))
 
-    monkeypatch.setattr(recorder, '_next', found)
-    assert looked.wait(10.0)
-    # The thread has found nothing to write, and has yet to look whether that is the end.
-    assert recorder.put(WORDS, 7, words('last'))
-    end = threading.Thread(target=recorder.close)
-    end.start()
-    until(lambda: recorder._closing, 'the end to be asked for')
-    goes_on.set()
-    end.join(10.0)
-    assert recorder.status().written == {'/words': 1}
-    assert [stamp_ns for _, stamp_ns, _ in read_back(tmp_path / 'bag')] == [7]
-    assert not recorder.put(WORDS, 8, words('too late'))
-    assert recorder.status().dropped == {'/words': 1}
+    talker = threading.Thread(target=offer)
+    talker.start()
+    until(lambda: len(taken) > 1000, 'messages to come')
+    recorder.close()
+    talker.join(10.0)
+    status = recorder.status()
+    assert (status.written, status.dropped) == ({'/words': len(taken)}, {'/words': 1})
+    assert [stamp_ns for _, stamp_ns, _ in read_back(tmp_path / 'bag')] == taken
 
 
 def test_where_time_waits_nothing_is_dropped(tmp_path) -> None:

@@ -24,12 +24,12 @@ import zstandard
 
 from visual_servo_epipolar.bags import containers
 from visual_servo_epipolar.bags.containers import ADVICE, bag_parts, ZSTD_MAGIC
-from visual_servo_epipolar.bags.storages.opening import open_storage
-from visual_servo_epipolar.bags.storages.stored import (
+from visual_servo_epipolar.bags.storages import (
     IDL_LANGUAGES,
     kind_of,
     left_out,
     MESSAGE_LANGUAGES,
+    open_storage,
     refusal,
     ROS1,
     StorageFile,

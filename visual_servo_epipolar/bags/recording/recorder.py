@@ -43,11 +43,12 @@ class Recorder:
 
     def __init__(self, folder: Path, settings: RecordSettings | None = None) -> None:
         self.folder, self._settings = folder, settings or RecordSettings()
-        self._queue: deque[Item] = deque()
+        self._queue = deque[Item]()
         self._waiting_bytes, self._files = 0, 1
+        self._taken: Counter[str] = Counter()
         self._written: Counter[str] = Counter()
         self._dropped: Counter[str] = Counter()
-        self._error, self._closing, self._open, self._held_up = '', False, False, False
+        self._error, self._closing, self._open, self._is_urgent = '', False, False, False
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
         self._thread.start()
@@ -62,23 +63,26 @@ class Recorder:
         definition(topic.kind, topic.type_hash)
         with self._changed:
             self._queue.append((topic, 0, None))
-            self._changed.notify_all()
 
     def put(self, topic: Topic, stamp_ns: int, data: bytes) -> bool:
         """Queue a serialized message of an added topic; return False if it had to be dropped."""
+        limit = self._settings.queue_size * MB
         with self._changed:
-            if self._settings.when_full == 'wait' and not self._fits_queue(len(data)):
-                self._held_up = True
-                self._changed.notify_all()
-                self._changed.wait_for(lambda: self._fits_queue(len(data)) or not self._open)
-                self._held_up = False
-            if not (self._open and self._fits_queue(len(data))):
+
+            def fits() -> bool:  # the first does, however large
+                return self._waiting_bytes == 0 or self._waiting_bytes + len(data) <= limit
+
+            if self._settings.when_full == 'wait' and not fits():
+                self._hurry()
+                self._changed.wait_for(lambda: fits() or not self._open)
+            if self._closing or not (self._open and fits()):
                 self._dropped[topic.name] += 1
                 return False
             self._queue.append((topic, stamp_ns, data))
+            self._taken[topic.name] += 1
             self._waiting_bytes += len(data)
-            if self._is_urgent():
-                self._changed.notify_all()
+            if self._waiting_bytes >= min(BATCH_BYTES, 0.5 * limit):
+                self._hurry()
         return True
 
     def status(self) -> RecordingStatus:
@@ -96,103 +100,75 @@ class Recorder:
         """Write what waits, complete the bag, and return its status."""
         with self._changed:
             self._closing = True
-            self._changed.notify_all()
+            self._hurry()
         self._thread.join()
         return self.status()
 
-    def _fits_queue(self, size: int) -> bool:
-        """Return whether a message fits; the first does, however large."""
-        limit = self._settings.queue_size * MB
-        return self._waiting_bytes == 0 or self._waiting_bytes + size <= limit
-
-    def _is_urgent(self) -> bool:
-        """Return whether to write at once, and not wait for more."""
-        enough = min(BATCH_BYTES, 0.5 * self._settings.queue_size * MB)
-        return self._closing or self._held_up or self._waiting_bytes >= enough
+    def _hurry(self) -> None:
+        """Let the thread write at once, and not wait for more."""
+        self._is_urgent = True
+        self._changed.notify_all()
 
     def _run(self) -> None:
         """Run the thread: write until closed, or until the disk fails."""
         writer: BagWriter | None = None
-        whole = False
+        error: Exception | None = RuntimeError('a mistake in the recorder, see above')
         try:
             writer = BagWriter(self.folder, self._settings)
-            self._set_open(is_open=True)
+            with self._changed:
+                self._open = True
+                self._changed.notify_all()
             self._write_all(writer)
             writer.close()
-            whole = True
-        except (OSError, InputError, DiskFullError) as error:
-            self._fail(error, writer)
-        finally:
-            if not (whole or self._error):  # not in silence
-                self._fail(RuntimeError('a mistake in the recorder, see above'), writer)
-            self._set_open(is_open=False)
+            error = None
+        except (OSError, InputError, DiskFullError) as trouble:
+            error = trouble
+        finally:  # a mistake is raised, but not in silence
+            if error is not None:
+                self._fail(error, writer)
 
     def _write_all(self, writer: BagWriter) -> None:
         """Write messages as they come, and flush in time, until closed."""
         period = self._settings.flush_period
         due = time.monotonic() + period
-        while True:
-            item = self._next(due)
-            if item is not None:
-                self._write(writer, *item)
-            elif self._is_over():
-                return
+        items = deque[Item]()
+        while self._open:
+            if not items:
+                pause = max(min(PAUSE_S, due - time.monotonic()), 0.0)
+                with self._changed:
+                    self._changed.wait_for(lambda: self._is_urgent, pause)
+                    items, self._queue, self._is_urgent = self._queue, deque(), self._closing
+                    self._open = bool(items) or not self._closing
+            if items:
+                self._write(writer, *items.popleft())
             if time.monotonic() >= due:
                 writer.flush()
                 due = time.monotonic() + period
 
-    def _next(self, due: float) -> Item | None:
-        """Return the next item to write; None where there is none, or a flush is due."""
-        with self._changed:
-            if not self._queue:
-                pause = min(PAUSE_S, due - time.monotonic())
-                self._changed.wait_for(self._is_urgent, max(pause, 0.0))
-            return self._queue[0] if self._queue else None
-
-    def _is_over(self) -> bool:
-        """Return whether all is written that came before the end; what comes now is dropped."""
-        with self._changed:  # as one: a message may come since the queue was found empty
-            over = self._closing and not self._queue
-            self._open = not over
-            return over
-
     def _write(self, writer: BagWriter, topic: Topic, stamp_ns: int, data: bytes | None) -> None:
         if data is None:
             writer.add(topic)
-        else:
-            writer.write(topic.name, stamp_ns, data)
+            return
+        writer.write(topic.name, stamp_ns, data)
         with self._changed:
-            self._queue.popleft()
             self._files = 1 + len(writer.completed)
-            if data is not None:
-                self._written[topic.name] += 1
-                self._waiting_bytes -= len(data)
-            if self._held_up:
-                self._changed.notify_all()
-
-    def _set_open(self, *, is_open: bool) -> None:
-        with self._changed:
-            self._open = is_open
+            self._written[topic.name] += 1
+            self._waiting_bytes -= len(data)
             self._changed.notify_all()
 
     def _fail(self, error: Exception, writer: BagWriter | None) -> None:
         """End the bag, and count the messages that are not in it."""
-        if writer is None:
-            self._error = str(error)
-            return
-        whole = writer.rescue(error)
-        stored = Counter[str]()
-        for part in writer.completed:
-            stored.update(part.counts)
+        whole = writer is not None and writer.rescue(error)
         state = 'is whole' if whole else 'must be repaired once there is space'
         with self._changed:
-            lost = self._written - stored
-            lost.update(topic.name for topic, _, data in self._queue if data is not None)
-            self._dropped.update(lost)
-            self._written, self._waiting_bytes = stored, 0
+            self._error = str(error)
+            if writer is not None:
+                self._error = f'recording ended: {reason(error)}; {self.folder} so far {state}'
+                self._written = sum((Counter(it.counts) for it in writer.completed), Counter())
+            self._dropped.update(self._taken - self._written)
+            self._open, self._waiting_bytes = False, 0
             self._queue.clear()
-            self._open = False  # here, or what came in between would be in no count
-            self._error = f'recording ended: {reason(error)}; {self.folder} so far {state}'
+            self._changed.notify_all()
 
 
 def reason(error: Exception) -> str:

@@ -78,19 +78,9 @@ class BagWriter:
     def rescue(self, error: Exception) -> bool:
         """End the bag after ``error`` with all that was flushed; return whether it is whole."""
         part = self._part
-        ends = [] if part is None else [part.abandon]
-        if part is not None and isinstance(error, DiskFullError):
-            ends.insert(0, part.close)  # there is space for this
-        for end in ends:
-            try:
-                self.completed.append(end())
-                break
-            except OSError:
-                continue
-        else:
-            if ends:
-                return False
         try:
+            if part is not None:
+                self.completed.append(_ended(part, error))
             self._describe()
         except OSError:
             return False
@@ -129,7 +119,7 @@ class BagWriter:
             )
 
     def _describe(self) -> None:
-        metadata.write(self._folder, metadata.document(self.completed, 'mcap', ''))
+        metadata.write(self._folder, metadata.described(self.completed))
 
 
 class _Part:
@@ -192,8 +182,7 @@ class _Part:
     def close(self) -> PartInfo:
         """Complete the file."""
         self.flush()
-        content = metadata.document([self.info], 'mcap', '')['rosbag2_bagfile_information']
-        text = yaml.safe_dump(content, sort_keys=False)
+        text = yaml.safe_dump(metadata.described([self.info]), sort_keys=False)
         self._writer.add_metadata('rosbag2', {'serialized_metadata': text})
         self._writer.finish()
         self._file.close()
@@ -211,6 +200,14 @@ class _Part:
             file.seek(self._whole)
             file.write(bytes(end.end()) + MCAP0_MAGIC)
         return self._flushed
+
+
+def _ended(part: _Part, error: Exception) -> PartInfo:
+    """End a file after ``error``; raises OSError if that cannot be done."""
+    if isinstance(error, DiskFullError):
+        with suppress(OSError):
+            return part.close()  # there is space for this
+    return part.abandon()
 
 
 def make_folder(folder: Path) -> None:

@@ -1,1 +1,0 @@
-"""Storage files of bags, open for reading: mcap, sqlite3, ROS 1; nothing is written to them."""
