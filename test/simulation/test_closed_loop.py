@@ -350,3 +350,9 @@ def test_features_that_come_into_view_in_time_begin_the_run() -> None:
     assert monitor.log().reason == (
         'no feature of the photograph is in view for certain: 3 found, 12 needed'
     )
+
+
+def test_no_two_images_have_one_stamp_however_their_receipt_jitters() -> None:
+    receipt = Receipt(0.1, 0.08, 3)
+    log = run(LoopSettings(start=STARTS[0], max_duration=6.0, receipt=receipt), points(), CAMERA)
+    assert np.diff([sample.stamp_ns for sample in log.samples]).min() > 0

@@ -135,8 +135,9 @@ class Loop:
     def _advance(self) -> None:
         """Move until the next image is received: at once the first one, if it is not late."""
         self._exposed_ns += self._period_ns if self.frame else 0
-        # One image after the other, however late the one before.
         end_ns, now_ns = self._exposed_ns + self._receipt.delay_ns(self.frame), self._base.now_ns
+        if self.frame and self._receipt.stamps:  # one image after the other, however late it was
+            end_ns = max(end_ns, now_ns + TICK_NS)
         tick_ns = TICK_NS if end_ns > self._exposed_ns else self._period_ns
         while now_ns < end_ns:
             now_ns = min(now_ns + tick_ns, end_ns)
