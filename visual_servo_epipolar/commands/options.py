@@ -197,7 +197,9 @@ def add_route(parser: ArgumentParser) -> None:
         {'--odometry NAME': 'topic of the odometry (default: the one of that type)'},
         default='',
     )
+    parts = 'also write the parts of a way that is interrupted, as DIR_2, DIR_3 ...'
     add_flags(teach, {'--rectified': 'images are rectified: use P of camera_info', **CROPPED})
+    add_flags(teach, {'--parts': parts})
     add_json(teach)
     _add_path(again, 'bag', 'BAG', BAG)
     add_words(again, {'--route FOLDER': 'folder of the route (default that of the node)'})

@@ -281,7 +281,7 @@ class RouteNode(ManagedNode):
         recording, self._recording = self._recording, None
         notes: list[str] = []
         if recording is not None:
-            self._taught, notes = recording.finish(), recording.images.notes
+            self._taught, notes = recording.finish(), recording.notes
         if self._taught is None:
             raise InputError('no way is being recorded; call ~/start_recording first')
         route, folder = self._taught, self._folder()

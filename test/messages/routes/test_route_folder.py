@@ -14,7 +14,7 @@ from routes import CAMERA, key_view, route_of
 from visual_servo_epipolar.core.cameras.equirectangular import of_size
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_intrinsics
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.routes.route import Appearance, in_memory, Route
+from visual_servo_epipolar.core.routes.route import Appearance, Bridge, in_memory, Route
 from visual_servo_epipolar.files import COMPLETE, PARTIAL
 from visual_servo_epipolar.messages.routes.route_folder import (
     check_folder,
@@ -55,6 +55,13 @@ def test_a_route_is_read_as_it_was_written(folder: Path) -> None:
         'route.yaml',
         'structure.npz',
     ]
+
+
+def test_what_the_odometry_bridged_is_marked_in_the_folder(tmp_path: Path) -> None:
+    bridge = Bridge(0.36, -1.5, 0.004, 0.02)
+    views = key_view(0), replace(key_view(1), bridge=bridge), key_view(2)
+    write_route(route_of(*views), tmp_path / 'hall')
+    assert [view.bridge for view in read_route(tmp_path / 'hall').views] == [None, bridge, None]
 
 
 def test_photographs_of_other_days_are_kept_and_lose_nothing(folder: Path) -> None:

@@ -19,6 +19,7 @@ from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.routes.structure import ViewPose
+from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
@@ -30,7 +31,7 @@ from visual_servo_epipolar.simulation.routes.drives import (
     Taught,
     teach,
 )
-from visual_servo_epipolar.simulation.routes.ways import rounded, way_named
+from visual_servo_epipolar.simulation.routes.ways import DrivenWay, rounded, way_named
 from visual_servo_epipolar.simulation.routes.worlds import world_of
 from visual_servo_epipolar.simulation.run_monitor import period_ns
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -349,3 +350,25 @@ def test_a_lap_whose_beginning_is_not_in_sight_says_what_a_lap_needs(taught: Tau
     step = run.step(elsewhere, late_ns)
     assert step.phase == 'failed'
     assert 'lap 2 needs a way that ends in sight of its beginning' in step.reason
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('turn', [0.5 * np.pi, -2.0])
+def test_a_turn_on_the_spot_is_taught_and_repeated_standing(turn: float) -> None:
+    """By key views that share the turn, and by the odometry where it is too far for that."""
+    corner = np.array([3.0, -4.7, 0.5 * np.pi])
+    legs = [corner - [0.0, 0.045 * k, 0.0] for k in range(30, -1, -1)]
+    legs += [corner + [0.0, 0.0, turn * k / 20] for k in range(1, 21)]
+    x, y = np.cos(legs[-1][2]), np.sin(legs[-1][2])
+    legs += [legs[-1] + [0.045 * k * x, 0.045 * k * y, 0.0] for k in range(1, 31)]
+    poses = [Pose(*leg.tolist()) for leg in legs]
+    teacher, world = Teacher(SCENARIO.camera.nominal_camera), CameraSimulator(SCENARIO.camera)
+    for k, pose in enumerate(poses):
+        teacher.add(world.capture(pose, k), k * 90_000_000, pose)
+    route = teacher.finish()
+    assert any(view.bridge is not None for view in route.views) is (turn < -1.9)
+    way = DrivenWay(np.array([[pose.x, pose.y] for pose in [*poses[:31], *poses[51:]]]))
+    stations = {0: poses[0], len(route.views) - 1: poses[-1]}
+    log = repeat(SCENARIO, Taught(route, way, stations), SETTINGS)
+    assert log.outcome == 'arrived' and log.station[0] < 3e-3 and not log.standstills
+    assert any(sample.twist.linear == 0.0 and sample.twist.angular for sample in log.samples)

@@ -1,13 +1,14 @@
 """The page on a route: the map as it was learnt, its key views, and every photograph."""
 
 from collections.abc import Iterator
+import math
 from pathlib import Path
 
 from matplotlib.figure import Figure
 import numpy as np
 
 from visual_servo_epipolar.core.routes.chain import path_poses, seam
-from visual_servo_epipolar.core.routes.route import Route
+from visual_servo_epipolar.core.routes.route import Bridge, Route
 from visual_servo_epipolar.messages.routes.route_folder import folder_bytes, read_route
 from visual_servo_epipolar.report.canvas import GREY, new_figure
 from visual_servo_epipolar.report.page import (
@@ -94,6 +95,7 @@ def _key_views(route: Route, seams: list[float]) -> str:
             float(1.0 / np.median(np.maximum(view.structure.inverse_depth, 1e-3))),
             None if disagreement is None else 1e3 * disagreement,
             'yes' if view.is_station else '',
+            'no' if view.bridge is None else _bridge_words(view.bridge),
         )
         for number, (view, disagreement) in enumerate(
             zip(route.views, [*seams, None], strict=True)
@@ -106,5 +108,11 @@ def _key_views(route: Route, seams: list[float]) -> str:
         'median depth [m]',
         'seam to the next [mm]',
         'station',
+        'bridged by odometry',
     )
     return table(head, rows)
+
+
+def _bridge_words(bridge: Bridge) -> str:
+    turn, deviation = math.degrees(bridge.turn), 1e3 * bridge.deviation
+    return f'{bridge.way:.2f} m, {turn:+.0f} deg, to {deviation:.0f} mm'

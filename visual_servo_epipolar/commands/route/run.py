@@ -14,7 +14,7 @@ from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.output import publish, write_json
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.errors import DegenerateGeometryError, InputError
 from visual_servo_epipolar.core.routes.chain import seam
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
@@ -65,11 +65,16 @@ def teach(options: argparse.Namespace) -> int:
             for image, stamp_ns, pose in way.images():
                 teacher.add(image, stamp_ns, pose)
             route = teacher.finish()
-        except ValueError as error:
+        except (ValueError, DegenerateGeometryError) as error:
             raise InputError(f'{options.bag}: no route can be learnt: {error}') from None
+    notes = [*way.notes, *(f'{options.bag}: {note}' for note in teacher.notes)]
     write_route(route, folder)
-    result = {**summary_of(route, folder), 'notes': way.notes}
-    lines = [*way.notes, _sentence(result), f'written to {folder}']
+    result = {**summary_of(route, folder), 'notes': notes}
+    lines = [*notes, _sentence(result), f'written to {folder}']
+    for k, part in enumerate(teacher.further if options.parts else (), start=2):
+        place = folder.with_name(f'{folder.name}_{k}')
+        write_route(part, place)
+        lines += [_sentence(summary_of(part, place)), f'written to {place}']
     publish(result, '\n'.join(lines), options.json)
     return 0
 

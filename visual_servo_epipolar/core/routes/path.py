@@ -1,6 +1,6 @@
 """Taught path: where a camera is beside it, and how noisy places along a way become one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 import math
 from typing import NamedTuple
@@ -66,6 +66,11 @@ class TaughtPath:
     def normals(self) -> FloatArray:
         """Unit vectors to the left of the way, (M, 2)."""
         return np.stack([-self._tangents[:, 1], self._tangents[:, 0]], axis=1)
+
+    def followed_by(self, path: 'TaughtPath') -> 'TaughtPath':
+        """Return this path and then another one, in the same axes."""
+        columns = [(getattr(self, it.name), getattr(path, it.name)) for it in fields(self)]
+        return TaughtPath(*(np.concatenate(column) for column in columns))
 
     def beside(self, pose: FloatArray, near: float) -> PathPoint:
         """Return where a camera ``pose``, (3,), is, on the path not far from ``near`` [m]."""

@@ -34,6 +34,21 @@ class Appearance:
     rows: IntArray
 
 
+@dataclass(frozen=True, slots=True)
+class Bridge:
+    """
+    Bridge: a stretch before a key view that no key view shows, as the odometry has it.
+
+    It is ``way`` [m] long and turns by ``turn`` to the left [rad], to ``deviation`` [m] and
+    ``turn_deviation`` [rad].
+    """
+
+    way: float
+    turn: float
+    deviation: float
+    turn_deviation: float
+
+
 @dataclass(frozen=True, eq=False)
 class RouteView:
     """
@@ -42,7 +57,8 @@ class RouteView:
     ``load`` returns its image, uint8 of shape (H, W), which may lie on a disk; its ``keypoints``
     are the features of the ``structure``, row by row; ``path`` is the taught one around it.
     ``way`` [m] is where it was taken, ``pose``, (3,), where in axes of the first key view. At a
-    station the robot ends exactly. ``renewed`` is how it looked on other days.
+    station the robot ends exactly. ``renewed`` is how it looked on other days. A ``bridge`` leads
+    to it where it shares no image with the key view before.
     """
 
     load: Callable[[], Image]
@@ -53,6 +69,7 @@ class RouteView:
     pose: FloatArray
     is_station: bool = False
     renewed: tuple[Appearance, ...] = ()
+    bridge: Bridge | None = None
 
     @property
     def image(self) -> Image:

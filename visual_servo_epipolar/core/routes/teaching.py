@@ -6,24 +6,34 @@ tracked backward through the images since the last key view, and forward until t
 these views their depths are learnt, and in them the path is measured.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.errors import DegenerateGeometryError, TrackingError
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.planar_poses import relative_pose
-from visual_servo_epipolar.core.routes.chain import chained
+from visual_servo_epipolar.core.routes.chain import (
+    against_odometry,
+    believed,
+    chained,
+    DrivenFrame,
+    LearntView,
+)
 from visual_servo_epipolar.core.routes.path import smooth_path
 from visual_servo_epipolar.core.routes.route import in_memory, Route, RouteView
 from visual_servo_epipolar.core.routes.settings import TeachSettings
-from visual_servo_epipolar.core.routes.structure import learn_structure, Localizer, SeenView
+from visual_servo_epipolar.core.routes.structure import (
+    learn_structure,
+    LEAST_VIEWS,
+    Localizer,
+    SeenView,
+)
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 from visual_servo_epipolar.core.tracking.matching import desired_view
@@ -34,18 +44,8 @@ LEAST_STEP, LEAST_TURN = 0.01, 0.005  # between two images that are kept [m, rad
 TIGHTEST = 0.2  # radius of a curve [m]
 FEWEST = 20  # features of a view that is learnt from
 ENOUGH = 4  # images that show a key view, for which the next one waits
+MOST_FRAMES = 200  # in memory, to look back through
 MOST_VIEWS = 12  # from which a structure is learnt
-
-
-class DrivenFrame(NamedTuple):
-    """Image on the way: its number, where the base was by odometry, (3,), and how far it drove."""
-
-    number: int
-    image: Image
-    stamp_ns: int
-    pose: FloatArray
-    way: float
-    speed: float
 
 
 @dataclass(eq=False)
@@ -71,7 +71,9 @@ class Teacher:
     """
     Teacher: takes images along the way, with odometry, and returns the route.
 
-    Where the robot stands for a while, or ``station`` is called, it will end exactly.
+    Where the robot stands for a while, or ``station`` is called, it will end exactly. Where too
+    little is seen, that stretch alone is lost: ``notes`` say where and why. ``further`` are the
+    parts of the way after a stretch that is too long for the odometry.
     """
 
     def __init__(
@@ -83,14 +85,16 @@ class Teacher:
         self.camera = camera
         self._settings = TeachSettings() if settings is None else settings
         self._mount = Attitude() if mount is None else mount
-        self._views: list[RouteView] = []
-        self._located: list[dict[int, FloatArray]] = []  # by key view: poses of frames
+        self._views: list[LearntView] = []
+        self._driven: list[DrivenFrame] = []  # all of them, without images
         self._pending: _Pending | None = None
         self._frames: list[DrivenFrame] = []  # that are kept, since the key view before the last
         self._most = 0
         self._moved_ns = 0
         self._latest: DrivenFrame | None = None
-        self._paused = False
+        self._paused = self._is_sparse = False
+        self.notes: list[str] = []
+        self.further: tuple[Route, ...] = ()
 
     @property
     def key_views(self) -> int:
@@ -101,22 +105,17 @@ class Teacher:
         """
         Take in an image, uint8 of shape (H, W), and where the base was by its odometry.
 
-        Raises ValueError for an image of another size than the camera's, and
-        DegenerateGeometryError where the way shows too little to be learnt.
+        Raises ValueError for an image of another size than the camera's.
         """
         if image.shape != (self.camera.height, self.camera.width):
             raise ValueError(
                 f'images must be {self.camera.width}x{self.camera.height} as the camera, got '
                 f'{image.shape[1]}x{image.shape[0]}; use the calibration of this resolution'
             )
-        pose = np.array([odometry.x, odometry.y, odometry.theta])
-        latest = DrivenFrame(0, image, stamp_ns, pose, 0.0, 0.0)
-        if self._frames:
-            last = self._frames[-1]
-            moved = math.hypot(*(pose - last.pose)[:2])
-            speed = moved / max(seconds_between(last.stamp_ns, stamp_ns), 1e-3)
-            latest = DrivenFrame(last.number + 1, image, stamp_ns, pose, last.way + moved, speed)
-        if not self._frames or _has_moved(self._frames[-1].pose, pose):
+        latest = self._driven_frame(
+            image, stamp_ns, np.array([odometry.x, odometry.y, odometry.theta])
+        )
+        if not self._frames or _has_moved(self._frames[-1].pose, latest.pose):
             self._moved_ns, self._paused = stamp_ns, False
             self._keep(latest)
         else:
@@ -127,21 +126,37 @@ class Teacher:
                 if self._frames[-1].way > 0.0:
                     self.station()
 
+    def _driven_frame(self, image: Image, stamp_ns: int, pose: FloatArray) -> DrivenFrame:
+        if not self._frames:
+            return DrivenFrame(0, image, stamp_ns, pose, 0.0, 0.0)
+        last = self._frames[-1]
+        x, y, turn = relative_pose(last.pose, pose).tolist()
+        moved = math.hypot(x, y)
+        speed = moved / max(seconds_between(last.stamp_ns, stamp_ns), 1e-3)
+        turns = moved < TIGHTEST * abs(turn)
+        return DrivenFrame(last.number + 1, image, stamp_ns, pose, last.way + moved, speed, turns)
+
     def station(self) -> None:
         """Mark where the last image was taken as a station; it is one where it was one already."""
         if self._latest is None:
             raise ValueError('a station must have an image, got none yet; start the camera first')
-        assert self._pending is not None
-        is_here = self._pending.frame.number == self._frames[-1].number
-        stands = is_here and (self._pending.is_station or self._frames[-1].way == 0.0)
-        if not stands and self._latest is not self._frames[-1]:
+        pending, last = self._pending, self._frames[-1]
+        is_here = pending is not None and pending.frame.number == last.number
+        stands = is_here and (last.way == 0.0 or pending is not None and pending.is_station)
+        if not stands and self._latest is not last:
             self._keep(self._latest)
-        if self._pending.frame.number != self._frames[-1].number:
+        if self._pending is None or self._pending.frame.number != self._frames[-1].number:
             self._begin_key_view(self._frames[-1])
-        self._pending.is_station = True
+        if self._pending is not None:
+            self._pending.is_station = True
 
     def finish(self) -> Route:
-        """Return the route; its first and last key views are stations."""
+        """
+        Return the route, up to the first stretch that is too long for the odometry, if any.
+
+        Its first and last key views are stations. Raises DegenerateGeometryError where the way
+        shows too little, or contradicts the odometry.
+        """
         if self._frames and self._frames[-1].way < LEAST_STEP:
             raise DegenerateGeometryError(
                 f'the robot must drive while a route is taught, got {self._frames[-1].way:.2f} m '
@@ -149,29 +164,58 @@ class Teacher:
             )
         self.station()
         self._end_key_view()
-        if self._views:
-            self._views[0] = replace(self._views[0], is_station=True)
-        return Route(self.camera, chained(self._views, self._located))
+        parts: list[list[LearntView]] = []
+        for learnt in believed(self._views):
+            end = parts[-1][-1].view.path.way[-1] if parts else -math.inf
+            if learnt.view.path.way[0] - end > self._settings.max_spacing:
+                parts.append([])
+            parts[-1].append(learnt)
+        parts = [part for part in parts if len(part) > 1]
+        if not parts and self.notes:
+            raise DegenerateGeometryError(self.notes[0])
+        routes = [self._route(part) for part in parts or [self._views]]
+        self.further = tuple(routes[1:])
+        for before, after in zip(parts[:-1], parts[1:], strict=True):
+            end, begin = before[-1].view.path.way[-1], after[0].view.path.way[0]
+            self.notes.append(
+                f'a part of the way ends after {end:.2f} m: up to {begin:.2f} m nothing is known'
+            )
+        return routes[0]
+
+    def _route(self, part: Sequence[LearntView]) -> Route:
+        """Return the route of key views; it begins and ends at a station."""
+        views = list(chained(part, self._driven))
+        for end in (0, -1) if views else ():
+            views[end] = replace(views[end], is_station=True)
+        self.notes += [
+            f'before {view.way:.2f} m the odometry bridges {view.bridge.way:.2f} m and '
+            f'{math.degrees(view.bridge.turn):+.0f} deg, to {1e3 * view.bridge.deviation:.0f} mm'
+            for view in views
+            if view.bridge is not None
+        ]
+        self.notes += against_odometry(part)
+        return Route(self.camera, tuple(views))
 
     def _keep(self, frame: DrivenFrame) -> None:
         """Keep a frame, and begin a key view there if it is time."""
         self._latest = frame = frame._replace(image=frame.image.copy())
-        self._frames.append(frame)
+        self._frames = [*self._frames[1 - MOST_FRAMES :], frame]
+        self._driven.append(frame._replace(image=frame.image[:0]))
         if self._pending is None:
-            self._begin_key_view(frame)
+            if not frame.turns:
+                self._begin_key_view(frame)
             return
         count = self._pending.track(frame)
         self._most = max(self._most, count)
         settings, since = self._settings, self._pending.frame
         turn = abs(float(relative_pose(since.pose, frame.pose)[2]))
-        if turn > settings.max_turn and frame.way - since.way < settings.max_turn * TIGHTEST:
-            raise DegenerateGeometryError(
-                f'the robot turns on the spot after {frame.way:.2f} m, which a route cannot hold; '
-                f'drive curves of {TIGHTEST:g} m and more'
-            )
         too_far = frame.way - since.way > settings.max_spacing or turn > settings.max_turn
         is_due = too_far or count < settings.min_shared * self._most
-        if is_due and (len(self._pending.seen) > ENOUGH or count < FEWEST):
+        if not is_due or len(self._pending.seen) <= ENOUGH and count >= FEWEST:
+            return
+        if frame.turns and frame.way - since.way < settings.max_turn * TIGHTEST:
+            self._end_key_view()  # what a turn on the spot shows has no depth
+        else:
             self._begin_key_view(frame)
 
     def _begin_key_view(self, frame: DrivenFrame) -> None:
@@ -179,13 +223,21 @@ class Teacher:
         self._end_key_view()
         count = self._settings.features
         tracker = Tracker(TrackerSettings(max_features=count, candidates=2 * count), self.camera)
-        view = desired_view(frame.image, canvas=tracker.canvas)
+        try:
+            view = desired_view(frame.image, canvas=tracker.canvas)
+        except TrackingError:
+            self._note(
+                frame,
+                'an image shows too little to be tracked; drive slower, or where '
+                'there is more to see',
+            )
+            return
         tracker.set_view(view)
         pixels = tracker.canvas.pixels_of_image(view.keypoints.pixels)
         pending = _Pending(frame, tracker, replace(view.keypoints, pixels=pixels))
         least = -math.inf
         if self._views:
-            least = self._views[-1].way - self._settings.overlap
+            least = self._views[-1].view.way - self._settings.overlap
         for before in reversed(self._frames):
             if before.way < least or pending.track(before) < FEWEST:
                 break
@@ -195,12 +247,24 @@ class Teacher:
         self._frames = [each for each in self._frames if each.way >= least]
 
     def _end_key_view(self) -> None:
+        """Learn from the last key view; one that cannot be learnt is left out."""
         pending, self._pending = self._pending, None
         if pending is None:
             return
-        view, located = _learnt(pending, self.camera, self._mount)
-        self._views.append(view)
-        self._located.append(located)
+        try:
+            view, located = _learnt(pending, self.camera, self._mount)
+        except (DegenerateGeometryError, ValueError) as error:
+            self._note(pending.frame, str(error))
+            return
+        self._is_sparse = False
+        self._views.append(LearntView(view, located, pending.frame))
+
+    def _note(self, frame: DrivenFrame, reason: str) -> None:
+        """Note where a stretch begins that cannot be learnt, and why."""
+        if not self._is_sparse:
+            seconds = seconds_between(self._driven[0].stamp_ns, frame.stamp_ns)
+            self.notes.append(f'after {frame.way:.2f} m, {seconds:.1f} s: {reason}')
+        self._is_sparse = True
 
 
 def _has_moved(before: FloatArray, pose: FloatArray) -> bool:
@@ -214,10 +278,11 @@ def _learnt(
     """Return the key view, and the poses of frames in its axes."""
     photograph = pending.keypoints.pixels
     views = list(_views(pending, camera))
-    if len(views) < 2:
+    elsewhere = sum(float(np.hypot(*view.pose[:2])) > LEAST_STEP for view in views)
+    if elsewhere < LEAST_VIEWS:
         raise DegenerateGeometryError(
-            f'a key view after {pending.frame.way:.2f} m shares features with {len(views)} '
-            'images, two are needed; drive slower, or where there is more to see'
+            f'a key view shares features with {elsewhere} images from elsewhere, {LEAST_VIEWS} '
+            'are needed; drive slower, or where there is more to see'
         )
     rows, structure = learn_structure(photograph, views, camera, mount)
     localizer, number = Localizer(structure, camera), np.full(len(photograph), -1)
@@ -230,7 +295,8 @@ def _learnt(
         found = localizer.locate(number[ids][known], pixels[known], near)
         if found is not None:
             located[frame.number] = found.pose
-            frames.append(frame)
+            if not frame.turns:
+                frames.append(frame)
     path = smooth_path(
         np.array([frame.way for frame in frames]),
         np.array([located[frame.number] for frame in frames]).reshape(-1, 3),

@@ -10,7 +10,7 @@ none. Other files in the folder are the user's, and stay. Images are read when t
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 import errno
 import hashlib
 import io
@@ -30,7 +30,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.mapping.adjustment.window import SHARED
 from visual_servo_epipolar.core.routes.path import TaughtPath
-from visual_servo_epipolar.core.routes.route import Appearance, Route, RouteView
+from visual_servo_epipolar.core.routes.route import Appearance, Bridge, Route, RouteView
 from visual_servo_epipolar.core.routes.structure import LocalStructure
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 from visual_servo_epipolar.files import all_at_once, COMPLETE, FORMER, PARTIAL, place_of, try_out
@@ -150,6 +150,7 @@ def _write_files(route: Route, new: Path, folder: Path) -> dict[str, str]:
             'pose': [round(value, 9) for value in view.pose.tolist()],
             'station': view.is_station,
             **({'renewed': _photographs(number, view)[1:]} if view.renewed else {}),
+            **({'bridge': asdict(view.bridge)} if view.bridge is not None else {}),
         }
         for number, view in enumerate(route.views)
     ]
@@ -229,6 +230,7 @@ class _Head(NamedTuple):
     ways: list[float]
     poses: FloatArray
     stations: list[bool]
+    bridges: list[Bridge | None]
     hashes: Mapping[str, str]
 
     @property
@@ -247,7 +249,9 @@ def _head(folder: Path) -> _Head:
         ]
         poses = np.array([row['pose'] for row in rows], np.float64).reshape(len(rows), 3)
         ways, stations = [float(it['way']) for it in rows], [bool(it['station']) for it in rows]
-        head = _Head(names, ways, poses, stations, dict(document.get('sha256', {})))
+        bridges = [Bridge(**it['bridge']) if 'bridge' in it else None for it in rows]
+        hashes = dict(document.get('sha256', {}))
+        head = _Head(names, ways, poses, stations, bridges, hashes)
         if head.hashes and head.hashes.keys() != {STRUCTURE, CAMERA, *head.photographs}:
             raise ValueError('its hashes are not those of its parts')
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -278,7 +282,7 @@ def read_route(folder: Path) -> Route:
         for names in head.names
     ]
     try:
-        rows = zip(loads, parts, head.ways, head.poses, head.stations, strict=True)
+        rows = zip(loads, parts, head.ways, head.poses, head.stations, head.bridges, strict=True)
         return Route(camera, tuple(_key_view(*row) for row in rows))
     except (KeyError, IndexError, ValueError) as error:
         raise InputError(f'{folder}: the route is damaged: {error}; {AGAIN}') from None
@@ -401,6 +405,7 @@ def _key_view(
     way: float,
     pose: Any,
     is_station: bool,
+    bridge: Bridge | None,
 ) -> RouteView:
     shared, path = part['shared'][0], part['path']
     tuning = int(part['tuning'][0, 0])
@@ -423,7 +428,9 @@ def _key_view(
     )
     if any(look.rows.max(initial=0) >= len(keypoints) for look in renewed):
         raise ValueError('a photograph of another day has features that the key view has not')
-    return RouteView(loads[0], keypoints, structure, taught, way, pose, is_station, renewed)
+    return RouteView(
+        loads[0], keypoints, structure, taught, way, pose, is_station, renewed, bridge
+    )
 
 
 def _keypoints(part: Mapping[str, Any], tuning: int) -> Keypoints:

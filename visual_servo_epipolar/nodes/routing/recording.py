@@ -45,6 +45,11 @@ class RouteRecording:
         return self._teacher.key_views
 
     @property
+    def notes(self) -> list[str]:
+        """What images were left out, what odometry bridges, and how it differs from them."""
+        return [*self.images.notes, *self._teacher.notes]
+
+    @property
     def behind(self) -> int:
         """The number of images that wait to be learnt from."""
         return sum(not step.done() for step in self._learning)

@@ -44,6 +44,7 @@ CERTAIN = 0.01  # a third of the deviation of the offset that slows it down [m]
 SLOWEST = 0.1  # that it drives where it was taught slower [m/s]
 PASSED = 0.05  # way by which a key view counts as passed [m]
 TURNED = 0.8  # from the heading of the path, from which a base that can turns in place [rad]
+TURNED_BACK = 0.1  # where it turns in place as taught, with nothing in sight [rad]
 CONFIRMED_NEAR, LEAST_CONFIRMED = 0.06, 30  # of a key view that is confirmed: away [m], inliers
 MOST_CONFIRMED = 200  # images that are kept for this
 
@@ -114,7 +115,7 @@ class Follower:
         self._closing, self.laps = closing, 0 if closing is None else laps
         self._views = self._lap_views(entered=False)
         self._estimate = PathEstimate(way, latency, at)
-        self.lost, self.reason = 0.0, ''
+        self.lost, self.reason, self._turns = 0.0, '', False
         self._trackers: dict[int, KeyViewTracker] = {}
         self.confirmed = {} if confirmed is None else confirmed
         self._stamp_ns: int | None = None
@@ -185,9 +186,11 @@ class Follower:
         dt = seconds_between(before_ns, stamp_ns)
         self._estimate.predict(before_ns, stamp_ns)
         self._stamp_ns = stamp_ns
+        if self._estimate.lateral is not None:
+            self._turns &= abs(float(self._estimate.lateral.state[1])) > TURNED_BACK
         switched = self._switch(image)
         found = self._look(image)
-        self.lost = 0.0 if found is not None else self.lost + dt
+        self.lost = 0.0 if found is not None or self._is_bridged else self.lost + dt
         if found is not None:
             self._estimate.update(found)
             self._confirm(image, found)
@@ -199,6 +202,15 @@ class Follower:
         )
         self._estimate.sent(stamp_ns, self.twist)
         return self._progress(found, switched)
+
+    @property
+    def _is_bridged(self) -> bool:
+        """Whether it drives by its commands: in a turn on the spot, or by the odometry's way."""
+        view, at = self._views[self.view], self._estimate.lateral
+        if view.bridge is None or at is None:
+            return self._turns
+        begin = float(view.path.way[0]) - PASSED
+        return self._turns or begin < self.way < begin + view.bridge.way + 2.0 * PASSED
 
     def prepare(self) -> None:
         """Read the key view after the one ahead, so that no image has to wait for it."""
@@ -253,23 +265,45 @@ class Follower:
             self._trackers[view] = KeyViewTracker(self.route.views[view], self.route.camera)
         return self._trackers[view]
 
+    @property
+    def _border(self) -> float:
+        """The way at which the key view ahead is reached [m]."""
+        return self.route.views[self.view if self._sign > 0 else self.view - 1].way
+
     def _switch(self, image: Image) -> bool:
         """Go on to the next key view where this one is reached and that one is seen."""
-        border = self.route.views[self.view if self._sign > 0 else self.view - 1].way
-        number, closes = self._next
+        border, (number, closes) = self._border, self._next
         if closes and self._closing is not None and self._sign < 0:
             border = self._closing.way
-        if self._is_last or self._sign * (border - self.way) > 0.0:
+        if self._is_last or self._turns or self._sign * (border - self.way) > 0.0:
             return False
         following = self._tracker(number)
         if closes:
             self._close(number)
-        elif not following.begun:
+        else:
             T = relative_pose(self._views[number].pose, self._views[self.view].pose)
-            following.begin(image, compose(T, self._pose_in(self.view)))
+            pose = compose(T, self._pose_in(self.view))
+            self._turn(number, pose)
+            if not following.begun:
+                following.begin(image, pose)
         self._trackers.pop(self.view, None)
         self.view = number
         return True
+
+    def _turn(self, number: int, pose: FloatArray) -> None:
+        """Go on beside the path of a key view where the way turns, or the odometry had it."""
+        bridge, at = self._views[max(number, self.view)].bridge, self._estimate.lateral
+        self._turns = self._turns_before(number)
+        if at is not None and (self._turns or bridge is not None):
+            self._estimate.continued(self._views[number].path.beside(pose, self.way), bridge)
+
+    def _turns_before(self, number: int) -> bool:
+        """Whether the way turns on the spot between the key view ahead and that ``number``."""
+        here, there = self._views[self.view], self._views[number]
+        border = (here if self._sign > 0 else there).way
+        ahead = compose(relative_pose(there.pose, here.pose), here.path.pose_at(border))
+        turn = float(ahead[2] - there.path.pose_at(border)[2])
+        return abs(math.remainder(turn, 2.0 * math.pi)) > TURNED_BACK
 
     def _close(self, number: int) -> None:
         """Begin the next lap, by the key view of that ``number``."""
@@ -303,12 +337,15 @@ class Follower:
     ) -> Twist:
         """Return the twist that is wanted next, whatever the base can follow of it."""
         settings, limits = self.settings, self._base.limits
-        if abs(at.state[1]) > TURNED and turns_in_place(self._base):
+        most = TURNED_BACK if self._turns else TURNED
+        if abs(at.state[1]) > most and turns_in_place(self._base):
             return turned_back(float(at.state[1]), limits.max_angular_acceleration)
         taught = limits.max_linear if found is None else max(found.point.speed, SLOWEST)
         speed = min(taught, limits.max_linear)
         speed *= confidence(at, self.lost)
         left = self.remaining - settings.station_distance
+        if not self._is_last and not self._next[1] and self._turns_before(self._next[0]):
+            left = min(left, self._sign * (self._border - self.way))
         speed = self._sign * min(speed, brake(left, limits.max_acceleration))
         if dt:  # it turns by the speed that it can have: the curve stays the same
             aim = replace(self.twist, linear=speed)

@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.routes.following.steering import FIRST, LateralFilter
 from visual_servo_epipolar.core.routes.path import PathPoint, TaughtPath
 from visual_servo_epipolar.core.routes.places import Place
+from visual_servo_epipolar.core.routes.route import Bridge
 from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
@@ -68,9 +69,17 @@ class PathEstimate:
         self.way += by
         self._seen_way, self._marked = self._seen_way + by, self._marked + by
         if self.lateral is not None:
-            point = other.beside(pose, self.way)
-            state = np.array([point.offset, point.turn, self.lateral.state[2]])
-            self.way, self.lateral = point.way, replace(self.lateral, state=state)
+            self.continued(other.beside(pose, self.way))
+
+    def continued(self, point: PathPoint, bridge: Bridge | None = None) -> None:
+        """Go on at a ``point`` beside another path, to which a ``bridge`` leads, if any."""
+        assert self.lateral is not None
+        covariance = self.lateral.covariance
+        if bridge is not None:
+            squares = bridge.deviation**2, bridge.turn_deviation**2, 0.0
+            covariance = covariance + np.diag(squares)
+        state = np.array([point.offset, point.turn, self.lateral.state[2]])
+        self.way, self.lateral = point.way, LateralFilter(state, covariance)
 
     def pose_in(self, path: TaughtPath) -> FloatArray:
         """Return the pose in axes of the key view of a ``path``, (3,)."""
