@@ -70,12 +70,15 @@ def test_a_bag_that_is_not_there_is_bad_input(capsys: pytest.CaptureFixture[str]
 
 @pytest.mark.parametrize(
     ('projection', 'code', 'reason'),
-    [('equirectangular', 1, 'shows 0 features'), ('pinhole', 2, 'projection must be one of')],
+    [
+        ('equirectangular', 1, 'an image shows too little'),
+        ('pinhole', 2, 'projection must be one of'),
+    ],
 )
 def test_a_projection_stands_for_a_camera_info(tmp_path, capsys, projection, code, reason) -> None:
     messages = []
-    for stamp in (1, 10**9):
-        image = write.image(np.zeros((32, 64), np.uint8), 'mono8', stamp, 'c')
+    for level, stamp in enumerate((1, 10**9)):
+        image = write.image(np.full((32, 64), level, np.uint8), 'mono8', stamp, 'c')
         command = write.twist(Twist(0.1, 0.0))
         for topic, message in (('/cmd_vel', command), ('/image_raw', image)):
             messages.append((topic, stamp, bytes(serialize_message(message))))

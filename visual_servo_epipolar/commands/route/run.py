@@ -65,7 +65,11 @@ def teach(options: argparse.Namespace) -> int:
             for image, stamp_ns, pose in way.images():
                 teacher.add(image, stamp_ns, pose)
             route = teacher.finish()
-        except (ValueError, DegenerateGeometryError) as error:
+        except DegenerateGeometryError as error:
+            raise DegenerateGeometryError(
+                f'{options.bag}: no route comes of it: {error}'
+            ) from None
+        except ValueError as error:
             raise InputError(f'{options.bag}: no route can be learnt: {error}') from None
     notes = [*way.notes, *(f'{options.bag}: {note}' for note in teacher.notes)]
     write_route(route, folder)

@@ -49,7 +49,7 @@ class LearntView(NamedTuple):
     frame: DrivenFrame
 
 
-class Step(NamedTuple):
+class ViewStep(NamedTuple):
     """From one key view to the next, as learnt, None where they share no frame, and as driven."""
 
     learnt: FloatArray | None
@@ -75,16 +75,16 @@ class Step(NamedTuple):
         return abs(self.turn) <= most
 
 
-def step_between(before: LearntView, view: LearntView) -> Step:
+def step_between(before: LearntView, view: LearntView) -> ViewStep:
     """Return how a key view lies to the one ``before``: the median of frames that both placed."""
     driven = relative_pose(before.frame.pose, view.frame.pose)
     way = view.view.way - before.view.way
     common = sorted(before.located.keys() & view.located.keys())
     if not common:
-        return Step(None, driven, way)
+        return ViewStep(None, driven, way)
     steps = np.array([compose(before.located[j], inverse_pose(view.located[j])) for j in common])
     # Medians: a single view that one of both places wrongly must not bend the route.
-    return Step(np.median(np.unwrap(steps, axis=0, period=2.0 * math.pi), axis=0), driven, way)
+    return ViewStep(np.median(np.unwrap(steps, axis=0, period=2.0 * math.pi), axis=0), driven, way)
 
 
 def believed(views: Sequence[LearntView]) -> list[LearntView]:
@@ -109,7 +109,7 @@ def believed(views: Sequence[LearntView]) -> list[LearntView]:
     return kept
 
 
-def _steps(views: Sequence[LearntView]) -> list[tuple[Step, float]]:
+def _steps(views: Sequence[LearntView]) -> list[tuple[ViewStep, float]]:
     """Return the steps from each key view to the next, and the way [m] at which they end."""
     pairs = zip(views[:-1], views[1:], strict=True)
     return [(step_between(*pair), pair[1].view.way) for pair in pairs]

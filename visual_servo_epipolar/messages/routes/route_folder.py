@@ -131,10 +131,8 @@ def _write_files(route: Route, new: Path, folder: Path) -> dict[str, str]:
                 encoded = cv2.imencode(name[-4:], load(), ENCODING[name[-4:]])[1]
                 content = encoded.tobytes()
             parts[name] = _hash(content)
-            if not isinstance(load, StoredPhotograph) or (load.folder, load.name) != (
-                folder,
-                name,
-            ):
+            stored = load if isinstance(load, StoredPhotograph) else None
+            if stored is None or (stored.folder, stored.name) != (folder, name):
                 (new / name).write_bytes(content)
     file = io.BytesIO()
     np.savez_compressed(file, **_arrays(route.views))

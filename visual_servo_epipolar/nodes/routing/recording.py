@@ -46,8 +46,8 @@ class RouteRecording:
 
     @property
     def notes(self) -> list[str]:
-        """What images were left out, what odometry bridges, and how it differs from them."""
-        return [*self.images.notes, *self._teacher.notes]
+        """What odometry bridges, how it differs from the images, and which are left out."""
+        return [*self._teacher.notes, *self.images.notes]
 
     @property
     def behind(self) -> int:
