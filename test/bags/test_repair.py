@@ -140,6 +140,9 @@ def test_a_single_file_is_repaired_and_indexed(tmp_path, part) -> None:
     before = files_below(bag)
     assert repair(bag / 'bag_0.mcap').path == report.path
     assert files_below(bag) == before
+    (bag / 'bag_0.mcap').write_bytes(left[:-1])  # another one, of the same name
+    with pytest.raises(InputError, match='bag_0.repaired.mcap is older than bag_0.mcap'):
+        repair(bag / 'bag_0.mcap')
 
 
 def test_definitions_hash_and_qos_survive(tmp_path) -> None:
@@ -188,7 +191,8 @@ def test_cut_at_any_byte_all_that_is_whole_before_is_kept(tmp_path, compression)
     data = write_mixed(tmp_path / 'whole.mcap', compression=compression).read_bytes()
     whole = content(tmp_path / 'whole.mcap')['messages']
     kept_before = 0
-    for size in (*range(9, len(data), max(1, len(data) // 40)), *range(len(data) - 40, len(data))):
+    some, last = range(9, len(data), len(data) // 40), range(len(data) - 40, len(data))
+    for size in sorted({*some, *last}):
         file = tmp_path / f'{size}.mcap'
         file.write_bytes(data[:size])
         report = repair(file)

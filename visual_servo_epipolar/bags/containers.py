@@ -21,20 +21,17 @@ MAGICS = {
     ZSTD_MAGIC: ZSTD,
 }
 NAMES = {'.mcap': 'mcap', '.db3': 'sqlite3', '.bag': ROS1, '.active': ROS1, '.zstd': ZSTD}
-STRANGERS = (  # first byte, what stands there, what it is
-    (0, b'\x89PNG', 'a picture'),
-    (0, b'\xff\xd8\xff', 'a picture'),
-    (0, b'II*\x00', 'a picture'),
-    (0, b'MM\x00*', 'a picture'),
-    (8, b'WEBP', 'a picture'),
-    (4, b'ftyp', 'a video'),
-    (0, b'\x1a\x45\xdf\xa3', 'a video'),
-    (8, b'AVI ', 'a video'),
-    (0, b'PK\x03\x04', 'an archive'),
-    (0, b'\x1f\x8b', 'an archive'),
-    (0, b'7z\xbc\xaf', 'an archive'),
-    (257, b'ustar', 'an archive'),
-)
+STRANGERS = {  # what it is, by first byte and what stands there
+    'a picture': (
+        (0, b'\x89PNG'),
+        (0, b'\xff\xd8\xff'),
+        (0, b'II*\x00'),
+        (0, b'MM\x00*'),
+        (8, b'WEBP'),
+    ),
+    'a video': ((4, b'ftyp'), (0, b'\x1a\x45\xdf\xa3'), (8, b'AVI ')),
+    'an archive': ((0, b'PK\x03\x04'), (0, b'\x1f\x8b'), (0, b'7z\xbc\xaf'), (257, b'ustar')),
+}
 INSTEAD = {
     'a picture': 'two photographs are compared by "visual_servo inspect"',
     'a video': 'play it as images and record those with "ros2 bag record"',
@@ -54,12 +51,11 @@ def bag_path(path: Path) -> Path:
 def container(path: Path) -> str:
     """Return what a file is by its bytes, or name if damaged; raises InputError for others."""
     head = _head(path)
-    found = _by_magic(head)
-    if found:
-        return found
-    what = next((what for at, magic, what in STRANGERS if head[at:].startswith(magic)), '')
-    if what:
-        raise InputError(f'{path}: {what}, not a bag; {INSTEAD[what]}, or {EXPECTED}')
+    if _by_magic(head):
+        return _by_magic(head)
+    for what, magics in STRANGERS.items():
+        if any(head[at:].startswith(magic) for at, magic in magics):
+            raise InputError(f'{path}: {what}, not a bag; {INSTEAD[what]}, or {EXPECTED}')
     if path.suffix.lower() not in NAMES:
         raise InputError(f'{path}: not a bag; {EXPECTED}')
     return NAMES[path.suffix.lower()]
@@ -84,19 +80,18 @@ def part_number(path: Path) -> tuple[int, str]:
 
 
 def left_open(folder: Path) -> list[Path]:
-    """Return the files that our recorder, which was killed, left in a folder of their own."""
-    files = [
+    """Return the files in folders of their own, as an earlier recorder leaves them if killed."""
+    bags = {item.stem.rpartition('_')[0] for item in folder.iterdir() if _is_storage(item)}
+    bags.add(folder.resolve().name)
+    return [
         item
-        for suffix in metadata.SUFFIXES.values()
-        for item in folder.glob(f'*/*{suffix}')
-        if item.parent.name == item.stem
+        for item in folder.glob('*/*')
+        if item.suffix in metadata.SUFFIXES.values()
+        and item.parent.name == item.stem
         and re.fullmatch(r'.+_\d+', item.stem)
-        and not item.is_symlink()
-        and not (folder / repaired_name(item)).exists()
+        and item.stem.rpartition('_')[0] in bags
+        and not (item.is_symlink() or (folder / repaired_name(item)).exists())
     ]
-    prefixes = {item.stem.rpartition('_')[0] for item in folder.iterdir() if _is_storage(item)}
-    prefixes.add(folder.resolve().name)
-    return [item for item in files if item.stem.rpartition('_')[0] in prefixes]
 
 
 def something_else(folder: Path) -> str:
@@ -161,21 +156,20 @@ def bag_parts(path: Path) -> tuple[list[Path], list[str]]:
         container(path)
         return [path], []
     files, pending = storage_files(path), left_open(path)
-    notes = [
-        f'left open by a crash and not read: {item.relative_to(path)}; --repair completes it'
-        for item in pending
-    ]
     if (path / metadata.FILE).is_file():
-        return _files_by_metadata(path, files), notes
-    if not files and pending:
+        files = _files_by_metadata(path, files)
+    elif not files and pending:
         raise InputError(f'{path}: it was left open by a crash, in its first file; try --repair')
-    if not files:
+    elif not files:
         what = something_else(path) or (
             ': it has neither metadata.yaml nor .mcap or .db3 files; give the folder that was '
             'recorded, with --repair if a crash left it so'
         )
         raise InputError(f'{path}: not a bag{what}')
-    return files, notes
+    return files, [
+        f'left open by a crash and not read: {item.relative_to(path)}; --repair completes it'
+        for item in pending
+    ]
 
 
 def _files_by_metadata(path: Path, files: list[Path]) -> list[Path]:

@@ -89,7 +89,7 @@ def repair(path: Path) -> RepairReport:
     try:
         files = _files_of(path)
         if not path.is_dir():
-            part = _part(files[0], path.parent)
+            part = _part(path, path.parent)
             return RepairReport(path.with_name(part.info.file), (part,))
         lost = _lost_files(path, files)
         parts = tuple(_part(file, path) for file in files)
@@ -103,8 +103,7 @@ def _files_of(path: Path) -> list[Path]:
     if path.is_dir():
         files = [*containers.storage_files(path), *containers.left_open(path)]
     else:
-        former = path.with_name(containers.repaired_name(path))
-        files = [former if former.is_file() else path] if path.is_file() else []
+        files = [path] if path.is_file() else []
     kinds = {containers.container(file) for file in files}
     if containers.ROS1 in kinds:
         raise InputError(
@@ -173,6 +172,10 @@ def _remains(file: Path, target: Path, reason: str) -> RepairedPart:
     """Write what can be read of a damaged file of mcap to ``target``, and read that."""
     if containers.container(file) in OTHER_ADVICE:
         raise InputError(f'{file}: it stays as it is: {reason}; {advice(file)}')
+    if target.exists():  # of an earlier repair
+        if target.stat().st_mtime_ns < file.stat().st_mtime_ns:
+            raise InputError(f'{target} is older than {file.name}; give it another name')
+        return _read(target)
     with whole(target) as partial:
         end = _copy_messages(file, partial)
     part = _read(target)
@@ -242,6 +245,6 @@ def _describe(folder: Path, parts: Sequence[RepairedPart]) -> bool:
     if file.is_file() and file.stat().st_size:
         endings = ['', *(f'.{number}' for number in range(1, 1000))]
         kept = (file.with_name(f'{file.name}{it}{containers.OLD}') for it in endings)
-        file.rename(next(item for item in kept if not item.exists()))
+        next(item for item in kept if not item.exists()).write_bytes(file.read_bytes())
     metadata.write(folder, content)
     return True

@@ -19,8 +19,10 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.lifecycle.gates import serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.recording.discovery import TopicSelection
-from visual_servo_epipolar.nodes.recording.raw_subscriptions import RawSubscriptions
+from visual_servo_epipolar.nodes.recording.raw_subscriptions import (
+    RawSubscriptions,
+    TopicSelection,
+)
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import RecorderNodeSettings
 

@@ -6,7 +6,7 @@ import pytest
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.nodes.recording.discovery import message_class
+from visual_servo_epipolar.nodes.recording.raw_subscriptions import message_class
 
 
 def test_a_message_is_found_by_its_name() -> None:

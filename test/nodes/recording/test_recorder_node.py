@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import parameters, qos, recorder_node
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
-from visual_servo_epipolar.nodes.recording.discovery import DEPTH
+from visual_servo_epipolar.nodes.recording.raw_subscriptions import DEPTH
 
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 

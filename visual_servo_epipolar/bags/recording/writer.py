@@ -43,7 +43,12 @@ class BagWriter:
         self._folder, self._settings = folder, settings
         self._topics: dict[str, Topic] = {}
         self.completed: list[PartInfo] = []
-        make_folder(folder)
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            raise InputError(f'{folder} exists already; name another bag') from None
+        except OSError as error:
+            raise InputError(f'{folder}: bag cannot be written: {error.strerror}') from None
         try:
             self._check_disk()
             self._part: _Part | None = self._begin()
@@ -104,7 +109,7 @@ class BagWriter:
 
     def _is_due(self, part: '_Part', stamp_ns: int) -> bool:
         settings = self._settings
-        if not part.info.count:
+        if part.first_ns is None:
             return False
         full = 0.0 < settings.split_size * MB <= part.size
         age_s = seconds_between(part.first_ns, stamp_ns)
@@ -134,7 +139,8 @@ class _Part:
         self._channels: dict[str, int] = {}
         self._topics: list[Topic] = []
         self._counts: Counter[str] = Counter()
-        self._start_ns, self._end_ns, self.first_ns = 2**63, 0, 0
+        self._start_ns, self._end_ns = 2**63, 0
+        self.first_ns: int | None = None  # stamp of the first message
         self._pending = 0  # bytes
         self.flush()
 
@@ -166,7 +172,7 @@ class _Part:
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
         """Write a serialized message of a topic that was added."""
         self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
-        if not self._counts:
+        if self.first_ns is None:
             self.first_ns = stamp_ns
         self._counts[topic] += 1
         self._start_ns, self._end_ns = min(self._start_ns, stamp_ns), max(self._end_ns, stamp_ns)
@@ -208,13 +214,3 @@ def _ended(part: _Part, error: Exception) -> PartInfo:
         with suppress(OSError):
             return part.close()  # there is space for this
     return part.abandon()
-
-
-def make_folder(folder: Path) -> None:
-    """Make the folder of a new bag, or raise InputError."""
-    try:
-        folder.mkdir(parents=True)
-    except FileExistsError:
-        raise InputError(f'{folder} exists already; name another bag') from None
-    except OSError as error:
-        raise InputError(f'{folder}: bag cannot be written: {error.strerror}') from None
