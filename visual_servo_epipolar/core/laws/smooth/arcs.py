@@ -6,11 +6,13 @@ view; a base that is steered late drives slower for it, on the same path. Where 
 end on the goal's axis, the robot first backs off on an arc, that of the least way there and back.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.bases.car import LAG_WAY
 from visual_servo_epipolar.core.laws.smooth.steering import GAINS
 
 STEP, LEAST_STEP = 0.06, 0.006  # of a way ahead in thought: part of the distance, at least [m]
@@ -110,3 +112,18 @@ def way_back(place: tuple[float, float, float], kappa: float, bounds: Bounds) ->
     cost[missed > 1.0] = np.inf
     best = int(np.argmin(cost))
     return Backing(float(bends[best]), float(ways[best]) if np.isfinite(cost[best]) else np.inf)
+
+
+def lagged(kappa: float, wanted: float, way: float) -> float:
+    """Return the curvature [1/m] after a ``way`` [m] on which the wheels turn to ``wanted``."""
+    return wanted + (kappa - wanted) * math.exp(-way / LAG_WAY)
+
+
+def lag_way(way: float) -> float:
+    """Return the part of a ``way`` [m] that is lost while the wheels turn."""
+    return LAG_WAY * (1.0 - math.exp(-way / LAG_WAY))
+
+
+def turned_back(kappa: float, way: float, most: float) -> float:
+    """Return the turn [rad] against a curvature ``kappa`` that a ``way`` [m] allows."""
+    return most * way - (most + kappa) * lag_way(way)

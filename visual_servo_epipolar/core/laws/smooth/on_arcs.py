@@ -16,10 +16,19 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.braking import BRAKING, rate_within
 from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState, StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import is_near_enough
+from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_near_enough
+from visual_servo_epipolar.core.laws.phases.bounds import FACING
 from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted
-from visual_servo_epipolar.core.laws.smooth.approach import seen_from, Sight
-from visual_servo_epipolar.core.laws.smooth.arcs import Bounds, GoalOffset, misses, way_back
+from visual_servo_epipolar.core.laws.smooth.approach import approach, seen_from, Sight
+from visual_servo_epipolar.core.laws.smooth.arcs import (
+    Bounds,
+    GoalOffset,
+    lag_way,
+    lagged,
+    misses,
+    turned_back,
+    way_back,
+)
 from visual_servo_epipolar.core.laws.smooth.phases import (
     APPROACHING,
     is_through,
@@ -29,6 +38,7 @@ from visual_servo_epipolar.core.laws.smooth.phases import (
     retreating,
 )
 from visual_servo_epipolar.core.laws.smooth.wide_view import RESERVE
+from visual_servo_epipolar.core.laws.timing import usual_step
 from visual_servo_epipolar.core.laws.two_steps.laws import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
@@ -36,7 +46,7 @@ SPARED = 0.85  # of the largest curvature, by which ways are chosen: the rest un
 MISSED = 4.0  # times what a way may miss the goal by, at which it is given up
 FAR = 0.2  # way left for which as much again is tolerated: it is not known as well from there [m]
 DECIDED = 0.08  # way left below which the goal itself tells [m]
-FACES = 0.01  # heading error of who has arrived, in the first attempt [rad]
+FACES = 0.01  # heading error of a car that has arrived, where no tolerance is told [rad]
 WIDEST = 1.2  # turn that a way takes at most, whatever is in view [rad]
 LEAST_BACKING = 0.05  # speed of the last of a way back [m/s]
 
@@ -44,16 +54,38 @@ LEAST_BACKING = 0.05  # speed of the last of a way back [m/s]
 def _approaching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     event = APPROACHING.classify(state, measurement, settings)
     if event in (Event.MATCHED, Event.TURNED):
-        faces = abs(measurement.heading_error) <= FACES * state.run.attempts
+        faces = abs(measurement.heading_error) <= FACES
+        if settings.arrival_heading > FACING:
+            faces = faces_goal(state, measurement, settings)
         return Event.MATCHED if faces else missed(state, settings)
     sight = _sight(state, measurement, settings)
     if event not in (Event.NOTHING, Event.SIDEWAYS) or sight is None:
         return event
     if state.settling.settled or sight.y > -DECIDED or not settings.options.retreat:
         return Event.NOTHING
-    tolerated = MISSED * (state.run.attempts - sight.y / FAR)
+    tolerated = MISSED * (1.0 - sight.y / FAR)
     gone = _misses(sight, measurement, settings) > tolerated
     return missed(state, settings) if gone else Event.NOTHING
+
+
+def _approach(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+    """
+    Return the velocity of one motion, which ends on an arc to the goal's heading.
+
+    That begins at the last image from which the wheels, which lag, can still turn the car to it.
+    """
+    twist, sight = approach(state, measurement, settings), _sight(state, measurement, settings)
+    if sight is None or twist.linear <= 0.0 or not -DECIDED < sight.y < 0.0:
+        return twist
+    kappa, most = _present_curvature(state), settings.drive.max_curvature
+    way, left = twist.linear * usual_step(state), -sight.y
+    after = lagged(kappa, twist.angular / twist.linear, way)
+    heading = sight.heading + 0.5 * (kappa + after) * way
+    undone = turned_back(math.copysign(1.0, heading) * after, left - way, SPARED * most)
+    if abs(heading) < undone:
+        return twist
+    last = -sight.heading / max(left - lag_way(left), 2.0 * way)
+    return replace(twist, angular=min(max(last, -most), most) * twist.linear)
 
 
 def _retreating(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
@@ -131,7 +163,7 @@ ON_ARCS = StateMachine(
             begin=_with_way_back,
             observe=_with_way_back,
         ),
-        replace(APPROACHING, classify=_approaching, is_settled=_ends),
+        replace(APPROACHING, classify=_approaching, command=_approach, is_settled=_ends),
     ),
     # Without a baseline it backs off in place of turning; where it faces aside, it has missed.
     {
