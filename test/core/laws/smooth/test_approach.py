@@ -1,13 +1,18 @@
 """Commands of one motion: within the view, braked to the goal, on in spite of doubt."""
 
+from dataclasses import replace
 import math
 
+import numpy as np
 import pytest
 from servo_states import behind, sight
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.smooth.approach import approach, back_off
+from visual_servo_epipolar.core.odometry.increments import Motion
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.fusion.map_state import MapState
+from visual_servo_epipolar.core.servo.fusion.pose_filter import first_pose
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
@@ -60,6 +65,15 @@ def test_it_goes_slower_where_bearings_are_uncertain_but_does_not_stand() -> Non
 def test_at_the_goal_it_turns_to_its_heading_alone() -> None:
     twist = command(known(0.0, -0.0005, 0.01))
     assert twist.angular == pytest.approx(-0.04, rel=0.2)
+
+
+def test_a_camera_that_looks_aside_leads_along_the_axis_of_the_base() -> None:
+    yaw, way = 0.0175, 0.2
+    place = replace(first_pose(np.zeros(3), np.eye(3), Motion()), mean=np.array([0, 0, 0, yaw]))
+    state = STATE.changed(goal=replace(STATE.view.goal, map=MapState(place=place)))
+    on_axis = known(-yaw * way, -way)
+    assert approach(state, on_axis, SETTINGS).angular == pytest.approx(0.0, abs=1e-4)
+    assert abs(approach(STATE, on_axis, SETTINGS).angular) > 0.01
 
 
 def test_without_bearings_or_memory_it_stands() -> None:

@@ -158,6 +158,7 @@ def seen_from(
     """Return where the robot will be when it obeys, by memory or by bearings; None of neither."""
     if measurement.offset is not None:
         x, y = measurement.offset
+        x -= unmodelled_yaw(state) * min(max(y, -NEAR), NEAR)  # it is not known as well from afar
     elif measurement.bearings is not None:
         distance = believed_distance(state)
         psi = measurement.bearings.psi
@@ -169,6 +170,13 @@ def seen_from(
     heading = measurement.heading_error
     middle = heading + 0.5 * turn
     return Sight(x - way * math.sin(middle), y + way * math.cos(middle), heading + turn)
+
+
+def unmodelled_yaw(state: ServoState) -> float:
+    """Return the yaw of the camera [rad], to the left, that its places show and no mount has."""
+    place, extrinsics = state.view.map.place, state.identified.extrinsics
+    is_modelled = extrinsics is not None and bool(extrinsics.mount[0])
+    return 0.0 if place is None or is_modelled else place.slip
 
 
 def believed_distance(state: ServoState) -> float:

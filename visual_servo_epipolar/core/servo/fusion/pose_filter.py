@@ -32,13 +32,17 @@ class FilteredPose:
     covariance: FloatArray
     decayed_motion: Motion = Motion()
 
+    @property
+    def slip(self) -> float:
+        """Share of a way that leads to the right of where the camera looks."""
+        return float(self.mean[SLIP])
+
     def after(self, motion: Motion) -> 'FilteredPose':
         """Return the place after a ``motion``, as far as a base obeys, or its wheels grip."""
         share, before = motion.noise, self.decayed_motion
         heading = float(self.mean[HEADING]) + 0.5 * motion.turn
         ahead, aside = motion.way * math.cos(heading), motion.way * math.sin(heading)
-        slip = float(self.mean[SLIP])
-        step = [slip * ahead - aside, ahead + slip * aside, motion.turn, 0.0]
+        step = [self.slip * ahead - aside, ahead + self.slip * aside, motion.turn, 0.0]
         way = max(abs(motion.way), share.fading * before.way)
         turn = max(abs(motion.turn), share.fading * before.turn)
         across = way * abs(math.sin(heading))
