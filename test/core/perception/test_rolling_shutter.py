@@ -9,8 +9,7 @@ from strategies import CAMERA
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Twist
 from visual_servo_epipolar.core.perception.observation import Observation, observe
-from visual_servo_epipolar.core.perception.rolling_shutter import RollingShutter
-from visual_servo_epipolar.core.perception.settings import forward_of
+from visual_servo_epipolar.core.perception.rolling_shutter import base_axes, RollingShutter
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -78,11 +77,11 @@ def test_rows_of_a_camera_that_turns_are_put_back_to_one_instant(tilt: float) ->
     np.testing.assert_allclose(put_back.current[here], expected.current[there], atol=1e-6)
 
 
-def test_where_the_robot_drives_is_seen_as_the_mount_has_it() -> None:
+def test_ahead_and_up_are_seen_as_the_mount_has_them() -> None:
     tilt, roll, yaw = 0.2, 0.1, -0.3
     axes = CameraMount(tilt=tilt, roll=roll, yaw=yaw).R_world_camera(DESIRED_POSE)
-    ahead = axes.T @ [0.0, 1.0, 0.0]
-    np.testing.assert_allclose(forward_of(tilt, roll, yaw), ahead, atol=1e-12)
+    ahead, up = axes.T @ [0.0, 1.0, 0.0], axes.T @ [0.0, 0.0, 1.0]
+    np.testing.assert_allclose(base_axes(tilt, roll, yaw), [ahead, up], atol=1e-12)
 
 
 @pytest.mark.parametrize('true', [0.01, 0.02, 0.033])
@@ -104,6 +103,20 @@ def test_a_readout_that_images_do_not_contradict_is_the_configured_one(
 def test_a_readout_that_was_told_wrong_is_estimated() -> None:
     shutter, _ = driven(1.2, 0.01, told=0.033)
     assert shutter.readout(0.033) == pytest.approx(0.01, abs=0.003)
+
+
+def test_a_base_that_turns_to_and_fro_from_image_to_image_shows_in_the_rows() -> None:
+    readout, rates = 0.033, [0.3 * (-1) ** number for number in range(20)]
+    world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0, shutter=Shutter(readout))
+    shutter, axes = RollingShutter(), base_axes(0.0, 0.0, 0.0)
+    for number, rate in enumerate(rates):
+        world.move(Twist(0.0, rate))
+        # In between it turns there and back, so that the middle rows are alike.
+        pose = integrate(DESIRED_POSE, Twist(0.0, rate), -0.5 * readout)
+        seen = observe(world.observe(pose, number), CAMERA, number * 66_666_667)
+        shutter = shutter.updated(seen, axes, readout)
+    assert abs(shutter.rate.mean) < 0.05
+    assert shutter.rate.now == pytest.approx(rates[-1], abs=0.08)
 
 
 @pytest.mark.parametrize('law', ['full', 'smooth'])

@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.perception.leaning_head import levelled
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.rolling_shutter import base_axes
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validated import (
     noise_learnt,
@@ -59,7 +60,9 @@ def perceive(
     """
     memory = noise_learnt(memory or fresh_memory(settings))
     if observation.rows is not None:
-        shutter = memory.shutter.updated(observation, settings.forward)
+        attitude = memory.attitude
+        axes = base_axes(attitude.tilt, attitude.roll, settings.mount_yaw)
+        shutter = memory.shutter.updated(observation, axes, settings.readout)
         memory = changed(memory, shutter=shutter)
         observation = observation.at_one_instant(shutter.turn(settings.readout))
     observation = levelled(observation.corrected(memory.lens), memory.attitude, settings.mount)

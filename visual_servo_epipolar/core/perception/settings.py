@@ -2,11 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-import math
 
-import numpy as np
-
-from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.estimators.registry import (
     DEFAULT_ESTIMATOR,
@@ -15,14 +11,6 @@ from visual_servo_epipolar.core.estimators.registry import (
     UNCALIBRATED,
 )
 from visual_servo_epipolar.core.settings import fixed, setting, Settings
-
-
-def forward_of(tilt: float, roll: float, yaw: float) -> FloatArray:
-    """Return the direction ahead in axes, (3,), of a camera with these angles [rad]."""
-    ahead = math.cos(yaw)
-    right, down, forward = math.sin(yaw), -math.sin(tilt) * ahead, math.cos(tilt) * ahead
-    sine, cosine = math.sin(roll), math.cos(roll)
-    return np.array([cosine * right + sine * down, cosine * down - sine * right, forward])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,10 +110,10 @@ class PerceptionSettings(Settings):
             self.floor_jitter,
         )
 
-    @cached_property
-    def forward(self) -> FloatArray:
-        """Direction in which the robot drives ahead, in axes of the camera, shape (3,)."""
-        return forward_of(self.camera_tilt, self.camera_roll, 0.0)
+    @property
+    def mount_yaw(self) -> float:
+        """Yaw of the camera on the base, to the left, as configured [rad]; 0 where none is."""
+        return 0.0
 
     @property
     def calibrated(self) -> bool:

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.laws.settings import ControlSettings
-from visual_servo_epipolar.core.perception.settings import forward_of, PerceptionSettings
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.rigs.fixed_mount import Mount
 from visual_servo_epipolar.core.rigs.registry import DEFAULT_RIG, rig_of
 from visual_servo_epipolar.core.rigs.rig import HeadLimits, Joints, Rig
@@ -209,10 +208,10 @@ class ServoSettings(PerceptionSettings, ControlSettings):
         )
         return rig_of(self.rig, limits)
 
-    @cached_property
-    def forward(self) -> FloatArray:
-        """Direction in which the robot drives ahead, in axes of the camera, shape (3,)."""
-        return forward_of(self.camera_tilt, self.camera_roll, self.camera_yaw)
+    @property
+    def mount_yaw(self) -> float:
+        """Yaw of the camera on the base, to the left, as configured [rad]."""
+        return self.camera_yaw
 
     @cached_property
     def configured_latency(self) -> float:
