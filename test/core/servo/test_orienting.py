@@ -7,6 +7,8 @@ import pytest
 from servo_states import in_phase, SETTINGS, sight, then
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
@@ -76,3 +78,14 @@ def test_a_baseline_found_too_near_the_goal_is_made_longer_first(
     )
     state = then(in_phase(Phase.ORIENTING, settled=SETTINGS.align_frames), facing)
     assert state.phase.value == phase
+
+
+def test_a_step_of_the_difference_where_bearings_appear_is_no_slope() -> None:
+    # It is compensated by their rotation then, before by the best one: no way has led there.
+    slow = {'command': Command(Twist(-0.001, 0.0)), 'last_linear': -0.001}
+    without = sight(0, bearings=None, difference=0.006, heading_error=0.0, parallax=0.004)
+    state = in_phase(Phase.MATCHING_FEATURES, measurement=without, **slow)
+    seen = sight(difference=-0.03, parallax=0.004)
+    assert math.isnan(then(state, seen).motion.slope.value)
+    alike = in_phase(Phase.MATCHING_FEATURES, measurement=sight(0, difference=-0.0301), **slow)
+    assert math.isfinite(then(alike, seen).motion.slope.value)

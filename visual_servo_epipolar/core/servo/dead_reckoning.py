@@ -168,9 +168,12 @@ def _slope(state: ServoState, measurement: Measurement, acted: Actuation) -> Slo
     slope = state.motion.slope
     if measurement.difference_slope > 0.0:
         return Slope(measurement.difference_slope, slope.weight)
-    if not state.phase.straight or state.measurement is None:
+    previous = state.measurement
+    if not state.phase.straight or previous is None:
         return slope
-    change = measurement.difference - state.measurement.difference
+    if (measurement.bearings is None) is not (previous.bearings is None):
+        return slope  # it was compensated by another rotation
+    change = measurement.difference - previous.difference
     return slope.updated(change, acted.twist.linear * acted.dt)
 
 
