@@ -48,6 +48,7 @@ LOCALIZING, FOLLOWING = 'localizing', 'following'
 WAITING, HOLDING = Phase.WAITING.value, Phase.HOLDING.value
 ARRIVED, FAILED = Phase.ARRIVED.value, Phase.FAILED.value
 REMEDY = '~/cancel, then ~/repeat'
+LEAST_RATIO = 0.01  # of max_speed_ratio
 SEARCH_FRAMES = 5  # images between two looks at the route
 NEIGHBOURS = 2  # key views on either side that are looked at first, for half of lost_timeout
 
@@ -111,7 +112,7 @@ class RouteRun:
 
     def _limit(self, servo: ServoSettings) -> None:
         """Take the ``servo`` of stations, and the ``base``, within the limits of the route."""
-        self._servo = servo = self.settings.limiting(servo)
+        self._servo = servo = limiting(self.settings, servo)
         limits, ratio = servo.drive.limits, servo.max_speed_ratio
         linear, angular = ratio * limits.max_linear, ratio * limits.max_angular
         limits = replace(limits, max_linear=linear, max_angular=angular)
@@ -340,6 +341,22 @@ def target_of(route: Route, settings: FollowSettings) -> int:
             'another one, or turn the direction round'
         )
     return target
+
+
+def limiting(settings: FollowSettings, servo: ServoSettings) -> ServoSettings:
+    """
+    Return the settings of a ``servo`` with the lower of both speed limits.
+
+    One that lies within the dead band of the base limits the mean of its pulses.
+    """
+    linear = max(min(servo.max_linear, settings.max_speed), servo.dead_band_linear)
+    angular = max(min(servo.max_angular, settings.max_turn_rate), servo.dead_band_angular)
+    ratio = min(
+        servo.max_speed_ratio, settings.max_speed / linear, settings.max_turn_rate / angular
+    )
+    return replace(
+        servo, max_linear=linear, max_angular=angular, max_speed_ratio=max(ratio, LEAST_RATIO)
+    )
 
 
 def refuse_heads(servo: ServoSettings) -> None:

@@ -2,12 +2,10 @@
 
 from dataclasses import dataclass, replace
 
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import setting, Settings
 
 STEERINGS = STRUCTURE, EPIPOLE = 'structure', 'epipole'
 OF_THE_RUN = 'reverse', 'station', 'laps', 'steering'  # which hold from the next repetition on
-LEAST_RATIO = 0.01  # of max_speed_ratio
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,15 +90,3 @@ class FollowSettings(Settings):
     def in_mid_run(self, changed: 'FollowSettings') -> 'FollowSettings':
         """Return ``changed`` settings as far as they reach a run that began with these."""
         return replace(changed, **{name: getattr(self, name) for name in OF_THE_RUN})
-
-    def limiting(self, servo: ServoSettings) -> ServoSettings:
-        """
-        Return the settings of a ``servo`` with the lower of both speed limits.
-
-        One that lies within the dead band of the base limits the mean of its pulses.
-        """
-        linear = max(min(servo.max_linear, self.max_speed), servo.dead_band_linear)
-        angular = max(min(servo.max_angular, self.max_turn_rate), servo.dead_band_angular)
-        ratio = min(servo.max_speed_ratio, self.max_speed / linear, self.max_turn_rate / angular)
-        ratio = max(ratio, LEAST_RATIO)
-        return replace(servo, max_linear=linear, max_angular=angular, max_speed_ratio=ratio)
