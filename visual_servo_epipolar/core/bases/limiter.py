@@ -36,10 +36,10 @@ class Limiter:
         linear, angular = base.limits.max_jerk, base.limits.max_angular_jerk
         if linear == 0.0 and angular == 0.0:
             return twist
-        twist = within_jerk(
-            twist, self.last, self.acceleration, dt, linear=linear, angular=angular
-        )
-        return capped(base, twist)  # a speed limit lowered by then holds at once
+        acceleration = _obeyed(self.acceleration, base)
+        twist = within_jerk(twist, self.last, acceleration, dt, linear=linear, angular=angular)
+        lowered = capped(base, self.last) != self.last  # a limit of speed, which holds at once
+        return capped(base, twist) if lowered else twist
 
     def after(self, wanted: Twist, dt: float, base: Base) -> 'Limiter':
         """Return the limiter after the command, its ``last``, that a ``wanted`` twist leads to."""
@@ -53,3 +53,13 @@ class Limiter:
     def ramp_step(self, dt: float, usual_s: float) -> float:
         """Return the part of ``dt`` [s] that ramps count: from a standstill no pause counts."""
         return min(dt, MAX_START_STEPS * usual_s) if self.last == STANDSTILL else dt
+
+
+def _obeyed(acceleration: Twist, base: Base) -> Twist:
+    """Return the ``acceleration`` that S-curves go on from: none where a lowered limit cut in."""
+    limits = base.limits
+    linear, angular = 2.0 * limits.max_acceleration, 2.0 * limits.max_angular_acceleration
+    return Twist(
+        acceleration.linear if abs(acceleration.linear) <= linear else 0.0,
+        acceleration.angular if abs(acceleration.angular) <= angular else 0.0,
+    )
