@@ -256,7 +256,8 @@ def test_a_way_is_written_or_refused_whole(
     bag = recorded(tmp_path, TAKEN['odometry begins late'][0])
     assert main(['route', 'teach', str(bag), '--out', str(out), '--json', '-']) == 0
     result = json.loads(capsys.readouterr().out)
-    assert result['length_m'] == pytest.approx(1.25, abs=0.01) and len(result['notes']) == 1
+    assert result['length_m'] == pytest.approx(1.25, abs=0.01)
+    assert '15 images are left out' in result['notes'][0] and len(result['notes']) == 2
     bag = recorded(tmp_path / 'other', REFUSED['odometry ends early'][0])
     assert main(['route', 'teach', str(bag), '--out', str(tmp_path / 'none')]) == 2
     assert 'the last 23 of 45 images have no place' in capsys.readouterr().err
