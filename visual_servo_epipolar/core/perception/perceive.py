@@ -59,7 +59,7 @@ def perceive(
 
     """
     memory = noise_learnt(memory or fresh_memory(settings))
-    if observation.rows is not None:
+    if observation.rows is not None and settings.calibrated:  # a wrong lens shears as well
         attitude = memory.attitude
         axes = base_axes(attitude.tilt, attitude.roll, settings.mount_yaw)
         shutter = memory.shutter.updated(observation, axes, settings.readout)

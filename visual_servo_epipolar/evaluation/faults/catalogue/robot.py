@@ -35,7 +35,6 @@ from visual_servo_epipolar.evaluation.live.world import BreakableUnicycleNode, N
 from visual_servo_epipolar.simulation.mounts.pan_tilt import PanTiltSettings
 
 COMMANDS = '/cmd_vel'
-DELAY_S = 0.3
 OTHERS = ((math.nan, 0.0), (math.inf, 0.0), (0.0, -math.inf), (math.nan, math.nan))
 RATE, GARBAGE_S, JOYSTICK_S = 20, 3.0, 4.0  # of others on cmd_vel [Hz], and for how long [s]
 JOYSTICK = (-0.3, 0.3), (0.2, 0.5)  # speeds that it asks for, ahead [m/s] and to a side [rad/s]
@@ -51,8 +50,11 @@ def _wheels(scene: StruckRun, *grips: tuple[float, float]) -> None:
         base.break_wheels(*grip)
 
 
-def _delay(scene: StruckRun) -> None:
-    scene.notes.append(scene.world.set('unicycle_node', {'command_delay': DELAY_S}))
+@striking
+def _becomes(scene: StruckRun, node: str, **ranges: tuple[float, float]) -> None:
+    """Draw values of parameters of the simulated robot that hold from now on."""
+    values = {name: round(scene.draw(*bounds), 4) for name, bounds in ranges.items()}
+    scene.notes.append(f'{values}{scene.world.set(node, values)}')
 
 
 def command(scene: StruckRun, linear: float, angular: float) -> None:
@@ -85,7 +87,20 @@ BASE: Faults = {
         'a wheel, or both, stand still', _wheels((0.0, 1.0), (1.0, 0.0), (0.0, 0.0))
     ),
     'wheel_slips': Fault('a wheel loses a third of its motion', _wheels((0.66, 1.0), (1.0, 0.66))),
-    'command_delay': Fault('commands take 0.3 s to the motors', _delay),
+    'command_delay': Fault(
+        'commands take 0.3 s to the motors', _becomes('unicycle_node', command_delay=(0.3, 0.3))
+    ),
+    'dead_band_grows': Fault(
+        'motors stand below 0.01 to 0.05 m/s and 0.02 to 0.08 rad/s',
+        _becomes('unicycle_node', dead_zone_linear=(0.01, 0.05), dead_zone_angular=(0.02, 0.08)),
+    ),
+    'base_nods': Fault(
+        'the body nods by 0.5 to 2 deg',
+        _becomes('unicycle_node', nod=(0.009, 0.035), acceleration=(0.5, 1.0)),
+    ),
+    'shutter_rolls': Fault(
+        'rows are read out within 10 to 33 ms', _becomes('camera_node', readout=(0.01, 0.033))
+    ),
     'commands_dropped': Fault(
         'up to half of the commands lost', drop_some(COMMANDS), base_alone=True
     ),
