@@ -312,6 +312,7 @@ def _contradiction(
             return ''
         if memory.consecutive_rejections + 1 < MAX_REJECTIONS:
             return f'the bearings leapt by {math.degrees(change):.1f} deg in one frame'
-    if estimate.alternative is not None and _apart(estimate) == 0.0:
+    nearly_one = settings.calibrated and _apart(estimate) > 0.0  # an unknown lens tells no twins
+    if estimate.alternative is not None and not nearly_one:
         return TWO_GEOMETRIES
     return ''

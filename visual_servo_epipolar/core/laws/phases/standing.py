@@ -21,10 +21,10 @@ def survey(state: ServoState, measurement: Measurement, settings: ServoSettings)
         return Event.LOST
     if is_at_goal(state, measurement, settings):
         return Event.MATCHED
-    if measurement.rivals:
-        return begun_probe(state, measurement, settings)
     if measurement.bearings is None:
-        return Event.NO_BASELINE if measurement.parallax <= settings.near_parallax else Event.LOST
+        if measurement.parallax <= settings.near_parallax:
+            return Event.NO_BASELINE
+        return begun_probe(state, measurement, settings) if measurement.rivals else Event.LOST
     if is_sideways(measurement, settings):
         return Event.SIDEWAYS
     aligned = abs(measurement.bearings.chi) <= engage_bound(measurement, settings)

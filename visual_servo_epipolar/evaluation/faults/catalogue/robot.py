@@ -51,7 +51,7 @@ def _wheels(scene: StruckRun, *grips: tuple[float, float]) -> None:
 
 
 @striking
-def _becomes(scene: StruckRun, node: str, **ranges: tuple[float, float]) -> None:
+def _becomes(scene: StruckRun, /, node: str, **ranges: tuple[float, float]) -> None:
     """Draw values of parameters of the simulated robot that hold from now on."""
     values = {name: round(scene.draw(*bounds), 4) for name, bounds in ranges.items()}
     scene.notes.append(f'{values}{scene.world.set(node, values)}')
