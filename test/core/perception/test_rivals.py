@@ -10,7 +10,14 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.rivals import begun, followed, in_order, Rivals, turned
+from visual_servo_epipolar.core.perception.rivals import (
+    ahead_of_both,
+    begun,
+    followed,
+    in_order,
+    Rivals,
+    turned,
+)
 
 WALL = np.array([0.05, 1.0 / 0.7])  # 0.7 m ahead of the goal, turned a little
 NOISE = 5e-4  # of a ray [rad]
@@ -80,3 +87,11 @@ def test_legs_add_up() -> None:
     over = turned(leg, in_order(both, leg), 0.0)
     assert over.misfits(0.0) == pytest.approx(leg.misfits(0.0))
     assert over.way == leg.way
+
+
+def test_the_scene_lies_ahead_by_one_sign() -> None:
+    rng, start = np.random.default_rng(4), Pose(0.8, -2.0, 0.5 * math.pi)
+    observation, _ = view(start, rng)
+    true = Bearings.from_pose(start)
+    for each in (true, true.reversed()):
+        assert ahead_of_both(each, observation).psi == pytest.approx(true.psi)

@@ -122,7 +122,7 @@ def switch_phase(
 
 
 def _gives_up(phase: Phase, event: Event) -> bool:
-    """Return whether step 1 was given up: anew, for a retreat, or by turning out of view."""
+    """Return whether step 1 was given up: anew, for a retreat or a probe, or out of view."""
     backs_off = phase is Phase.ZEROING_EPIPOLES and event is Event.SIDEWAYS
     out_of_view = phase is Phase.DISPLACING and event is Event.LOST
     return (

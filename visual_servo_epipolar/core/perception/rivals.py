@@ -89,16 +89,25 @@ def turned(before: Rivals, rivals: tuple[Bearings, ...], yaw: float) -> Rivals:
     return replace(before, headings=headings, moments=NO_VIEWS, before=misfits)
 
 
+def ahead_of_both(bearings: Bearings, observation: Observation) -> Bearings:
+    """Return ``bearings`` by the sign with which the scene lies ahead of both cameras."""
+    return bearings if _depth(bearings, observation) > 0.0 else bearings.reversed()
+
+
 def _row(bearings: Bearings, observation: Observation) -> tuple[float, ...]:
     """Return 1, and where the camera is, right and ahead of the goal's, and its heading."""
-    right, ahead = math.cos(bearings.psi), math.sin(bearings.psi)
-    place = np.array([right, 0.0, ahead])
+    depth = _depth(bearings, observation)
+    right, ahead = math.cos(bearings.psi) / depth, math.sin(bearings.psi) / depth
+    return 1.0, right, ahead, bearings.heading_error
+
+
+def _depth(bearings: Bearings, observation: Observation) -> float:
+    """Return the median depth from the goal in baselines, negative by the other sign."""
+    place = np.array([math.cos(bearings.psi), 0.0, math.sin(bearings.psi)])
     turned = observation.current @ rotation_desired_current(bearings.heading_error).T
     # A point is along z d of the photograph, and at the place plus along the ray turned.
     across = np.cross(observation.desired, turned)
-    depths = (np.cross(place, turned) * across).sum(1) / (across * across).sum(1)
-    scale = median(depths)
-    return 1.0, right / scale, ahead / scale, bearings.heading_error
+    return median((np.cross(place, turned) * across).sum(1) / (across * across).sum(1))
 
 
 def _misfit(moments: FloatArray, yaw: float) -> float:

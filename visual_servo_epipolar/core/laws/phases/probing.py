@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.phases.conditions import is_far_enough
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.rivals import Rivals
 
 LEG, LEGS = 0.3, 3  # way [m]
 SWING, SWUNG = 0.3, 0.03  # of the second leg to one side, the third to the other [rad]
@@ -54,14 +55,18 @@ def probe(state: ServoState, measurement: Measurement, settings: ServoSettings) 
     return Twist(-settings.retreat_speed if state.phase.backs_off else settings.retreat_speed, 0.0)
 
 
+def _rivals(state: ServoState) -> Rivals | None:
+    return None if state.view.memory is None else state.view.memory.rivals
+
+
 def _way(state: ServoState) -> float:
-    rivals = None if state.view.memory is None else state.view.memory.rivals
+    rivals = _rivals(state)
     return 0.0 if rivals is None else rivals.way
 
 
 def _turn_left(state: ServoState, measurement: Measurement) -> float:
     """Return the turn to the heading of the leg, as far as the view allows [rad]."""
-    rivals = None if state.view.memory is None else state.view.memory.rivals
+    rivals = _rivals(state)
     if rivals is None:
         return 0.0
     swing = (0.0, SWING, -SWING)[min(int(rivals.way / LEG), LEGS - 1)]

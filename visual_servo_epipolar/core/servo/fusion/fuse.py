@@ -11,7 +11,13 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception, with_difference
-from visual_servo_epipolar.core.perception.rivals import begun, followed, in_order, turned
+from visual_servo_epipolar.core.perception.rivals import (
+    ahead_of_both,
+    begun,
+    followed,
+    in_order,
+    turned,
+)
 from visual_servo_epipolar.core.servo.fusion.map_state import localize, MapState, measurement_of
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -85,7 +91,7 @@ def _with_rivals(
     decided = rivals.decided(yaw)
     if decided is None:
         return changed(memory, rivals=rivals)
-    return changed(memory, rivals=None, bearings=ordered[decided])
+    return changed(memory, rivals=None, bearings=ahead_of_both(ordered[decided], seen))
 
 
 def disproved(perception: Perception, settings: ServoSettings) -> Fusion:
