@@ -195,16 +195,22 @@ def _set(name: str, pairs: list[Mapping[str, Any]]) -> list[str]:
 
 def read_pairs(folder: str) -> Iterator[TruePair]:
     """Return the pairs of a ``folder``, one after the other; InputError if it has none."""
+    path, pairs = read_truth(folder, list, 'be a list of pairs')
+    return (_read(pair, path) for pair in pairs)
+
+
+def read_truth(folder: str, kind: type, words: str) -> tuple[Path, Any]:
+    """Return the truth.json of a ``folder``, and what is in it; it must be of a ``kind``."""
     path = Path(folder) / 'truth.json'
     try:
-        pairs = json.loads(path.read_text())
+        truth = json.loads(path.read_text())
     except OSError as error:
         raise InputError(f'{path} cannot be read: {error.strerror}; name its folder') from None
     except ValueError:
         raise InputError(f'{path} must be JSON; see docs/commands/bench.md') from None
-    if not isinstance(pairs, list) or not pairs:
-        raise InputError(f'{path} must be a list of pairs; see docs/commands/bench.md')
-    return (_read(pair, path) for pair in pairs)
+    if not isinstance(truth, kind) or not truth:
+        raise InputError(f'{path} must {words}; see docs/commands/bench.md')
+    return path, truth
 
 
 def _read(pair: Any, path: Path) -> TruePair:

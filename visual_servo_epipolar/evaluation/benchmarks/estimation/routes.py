@@ -8,7 +8,6 @@ for. Of an approach the last frame is the goal; a pair is one of two frames.
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-import json
 import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,6 +37,7 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.evaluation.benchmarks.estimation.real import (
     angle_errors,
     opencv_motion,
+    read_truth,
     WRONG,
 )
 from visual_servo_epipolar.evaluation.tables import aligned, number, numbers, percentiles
@@ -320,15 +320,7 @@ def _bearings_cells(name: str, rows: list[Mapping[str, Any]]) -> list[str]:
 
 def read_clips(folder: str) -> list[Clip]:
     """Return the clips of a ``folder`` with a truth.json; InputError if it has none."""
-    path = Path(folder) / 'truth.json'
-    try:
-        entries = json.loads(path.read_text())
-    except OSError as error:
-        raise InputError(f'{path} cannot be read: {error.strerror}; name its folder') from None
-    except ValueError:
-        raise InputError(f'{path} must be JSON; see docs/commands/bench.md') from None
-    if not isinstance(entries, dict) or not entries:
-        raise InputError(f'{path} must name recorded ways; see docs/commands/bench.md')
+    path, entries = read_truth(folder, dict, 'name recorded ways')
     return [_read(name, entry, path) for name, entry in entries.items()]
 
 
