@@ -28,6 +28,7 @@ define run_tests
 @$(ONE_THREAD) $(1)/python -m pytest -ra -n $(WORKERS) --dist worksteal -m 'not alone$(2)' $(PYTEST_ARGS) || [ $$? = 5 ]
 @$(1)/python -m pytest -ra -m 'alone$(2)' $(or $(PYTEST_ARGS),$(WITH_ALONE)) || [ $$? = 5 ]
 endef
+BASE ?= main
 BENCH_ARGS ?=
 DEMO_OUT ?= demo_out
 FAULTS_ARGS ?= --runs 200 --json faults.json
@@ -36,7 +37,7 @@ DEMO_ARGS ?= --out $(DEMO_OUT)
 REPRODUCE_OUT ?= reproduce_out
 
 .DEFAULT_GOAL := setup
-.PHONY: setup test test-long test-oldest test-colcon colcon lint format demo sweep reproduce peers-figure theory-figures calibration-figure mounts-figure data-flow-figure parameters ablation bench faults clean help
+.PHONY: setup test test-long test-oldest test-colcon colcon lint format demo sweep reproduce peers-figure theory-figures calibration-figure mounts-figure data-flow-figure parameters ablation bench golden faults clean help
 
 setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, editable (default)
 
@@ -116,6 +117,9 @@ data-flow-figure: $(STAMP) ## the picture of nodes and topics
 bench: $(STAMP) ## accuracy and speed beside the peers, minutes; BENCH_ARGS='estimation --quick'
 	@$(PIP) install --no-compile --constraint constraints.txt --no-build-isolation --editable '.[bench]'
 	@$(BIN)/visual_servo bench $(BENCH_ARGS)
+
+golden: $(STAMP) ## 18 runs at BASE and now, compared step by step to the last bit; BASE=<commit>, default main
+	@$(BIN)/python test/support/golden.py $(BASE)
 
 faults: $(STAMP) ## 200 closed loops with faults, an hour; broken bags, messages; random transitions; kill -9 the recorder
 	@$(BIN)/visual_servo faults $(FAULTS_ARGS)
