@@ -17,9 +17,9 @@ from visual_servo_epipolar.commands.arguments import rig_path
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.report.images.film import HEIGHT, view_size
 from visual_servo_epipolar.report.images.map_view import MapBounds, MapView
 from visual_servo_epipolar.report.images.picture import picture
+from visual_servo_epipolar.report.images.video import HEIGHT, view_size
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.scenario import load, Scenario

@@ -5,11 +5,9 @@ import os
 from pathlib import Path
 from typing import Any
 
-import cv2
 from durations import few_of
 import pytest
 
-from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
@@ -18,11 +16,8 @@ from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.nodes import lockstep
 from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError
 from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode
-from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation import closed_loop
-from visual_servo_epipolar.simulation.camera_simulator import assistant_of
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
-from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
 from visual_servo_epipolar.simulation.views import view_of
@@ -39,12 +34,10 @@ SMALL = from_document({'camera': TINY}, 'tiny').seeded(3)
 CLOSE = (0.3, -2.2, 0.0)
 
 
-def drive(
-    scenario: Scenario, settings: LoopSettings, assistant: Assistant | None = None
-) -> RunLog:
+def drive(scenario: Scenario, settings: LoopSettings) -> RunLog:
     """Let the nodes drive."""
     monitor = RunMonitor(settings)
-    with Lockstep(scenario, settings, assistant=assistant) as nodes:
+    with Lockstep(scenario, settings) as nodes:
         observer = ObserverNode(monitor, lambda *_: None, with_images=False, context=nodes.context)
         nodes.add(observer)
         nodes.run(lambda: monitor.done)
@@ -156,26 +149,6 @@ def test_nodes_of_a_rig_drive_exactly_as_the_loop_in_memory(rig: str) -> None:
 def test_a_camera_without_distortion_coefficients_runs() -> None:
     scenario = short(distortion=[])
     assert len(drive(scenario, scenario.loop(CLOSE, 0)).samples) >= 10
-
-
-@pytest.mark.skipif(cores() < 2, reason='needs a second core')
-def test_a_process_that_helps_to_draw_changes_nothing(monkeypatch) -> None:
-    scenario, helped, finish = short(), [], Assistant.finish
-
-    def watched(self: Assistant, image: Image) -> bool:
-        helped.append(finish(self, image))
-        return helped[-1]
-
-    threads = cv2.getNumThreads()
-    alone = drive(scenario, scenario.loop(CLOSE, 0))
-    monkeypatch.setattr(Assistant, 'finish', watched)
-    with assistant_of(scenario.camera) as assistant:
-        assert assistant is not None
-        assert assistant.wait()
-        assert drive(scenario, scenario.loop(CLOSE, 0), assistant) == alone
-    assert len(helped) >= 10
-    assert all(helped)
-    assert cv2.getNumThreads() == threads
 
 
 def test_a_chain_that_stands_still_is_reported(monkeypatch) -> None:

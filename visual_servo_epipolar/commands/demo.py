@@ -22,22 +22,19 @@ from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.files import made_folder
 from visual_servo_epipolar.nodes.startup.missing import require
-from visual_servo_epipolar.report.beside import Draughtsman
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonitor, verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 if TYPE_CHECKING:
     from visual_servo_epipolar.nodes.lockstep import Lockstep
-    from visual_servo_epipolar.report.images.film import Film
+    from visual_servo_epipolar.report.images.video import VideoWriter
 
 BAG, VIDEO = 'bag', 'video.mp4'
 
 
 def demo(options: argparse.Namespace) -> int:
     """Run, write, print; return 0 if the robot arrived."""
-    # Loaded later: matplotlib by the draughtsman, rclpy when no process is copied any more, for it
-    # starts threads.
     require('rclpy', 'matplotlib', load=False)
     if options.bag != 'none':
         require('rosbags', 'mcap', otherwise='--bag none', load=False)
@@ -48,27 +45,22 @@ def demo(options: argparse.Namespace) -> int:
     (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
     with ExitStack() as stack:
         stack.enter_context(made_folder(folder))
-        draughtsman = stack.enter_context(Draughtsman())
         progress = stack.enter_context(closing(Progress()))
-        film = None if options.no_video else stack.enter_context(_film(scenario, settings, folder))
-        progress.say('building the room ...')
-        from visual_servo_epipolar.simulation.camera_simulator import assistant_of
-
-        assistant = stack.enter_context(assistant_of(scenario.camera, scenario.light))
+        video = None
+        if not options.no_video:
+            video = stack.enter_context(_video(scenario, settings, folder))
         progress.say('starting four nodes ...')
         from visual_servo_epipolar.nodes.lockstep import Lockstep
 
         open_to = 'LOCALHOST' if options.visible else 'OFF'
-        with Lockstep(scenario, settings, open_to=open_to, assistant=assistant) as nodes:
-            log = _drive(nodes, settings, options, film, progress)
-        if film is not None:
-            film.end()
+        with Lockstep(scenario, settings, open_to=open_to) as nodes:
+            log = _drive(nodes, settings, options, video, progress)
         result = verdict(log, new_rig(scenario.camera))
-        progress.say('drawing figures ...' if film is None else 'finishing figures and video ...')
-        written = write_run(log, scenario, folder, draw=draughtsman.draw)
+        progress.say('drawing figures ...')
+        written = write_run(log, scenario, folder)
     written += [VIDEO] * (not options.no_video) + [BAG] * (options.bag != 'none')
-    if film is not None and film.advice:
-        print(f'visual_servo demo: {film.advice}', file=sys.stderr)
+    if video is not None and video.advice:
+        print(f'visual_servo demo: {video.advice}', file=sys.stderr)
     publish(result, f'{summary(result)}\n{written_to(folder, written)}', options.json)
     return 0 if log.outcome == 'arrived' else 1
 
@@ -77,7 +69,7 @@ def _drive(
     nodes: 'Lockstep',
     settings: LoopSettings,
     options: argparse.Namespace,
-    film: 'Film | None',
+    video: 'VideoWriter | None',
     progress: Progress,
 ) -> RunLog:
     from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode
@@ -86,25 +78,23 @@ def _drive(
 
     def watch(sample: Sample, image: Image | None, features: Features | None) -> None:
         progress(sample)
-        if film is not None and image is not None and features is not None:
+        if video is not None and image is not None and features is not None:
             if settings.head is not None:  # bearings are in axes of the base, not of the image
                 sample = replace(sample, bearing_current=math.nan)
-            film.add(image, features, sample)
+            video.add(image, features, sample)
 
-    nodes.add(ObserverNode(monitor, watch, with_images=film is not None, context=nodes.context))
+    nodes.add(ObserverNode(monitor, watch, with_images=video is not None, context=nodes.context))
     if options.bag != 'none':
         nodes.record(Path(options.out) / BAG, exclude=EXCLUDED[options.bag])
-    if film is not None:
-        _ = film.advice  # or why there can be no film, before anything moves
     nodes.run(lambda: monitor.done)
     return monitor.log()
 
 
-def _film(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'Film':
-    from visual_servo_epipolar.report.images.film import Film
+def _video(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'VideoWriter':
     from visual_servo_epipolar.report.images.map_view import MapBounds
+    from visual_servo_epipolar.report.images.video import VideoWriter
 
-    return Film(
+    return VideoWriter(
         folder / VIDEO,
         scenario.camera.frame_rate,
         bounds=MapBounds.around(Pose.from_start(*settings.start)),

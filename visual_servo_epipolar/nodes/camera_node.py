@@ -30,7 +30,6 @@ from visual_servo_epipolar.simulation.mounts.shutter import BodyState, PoseHisto
 from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings, SimulatedHead
 from visual_servo_epipolar.simulation.mounts.two_lenses import LensSettings
 from visual_servo_epipolar.simulation.nod import Nod
-from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 WARN_PERIOD_S = 2.0
@@ -75,10 +74,6 @@ class CameraNode(Node):
         self._tf = TransformBroadcaster(self, static=True)
         self._tf.send([self._mount_transform()])
         self._desired_pub.publish(self._message(self._simulator.photograph(), 0))
-
-    def assisted_by(self, assistant: Assistant) -> None:
-        """Let another process draw a part of each image, where it has the scene."""
-        self._simulator.renderer.assistant = assistant
 
     def _mount_transform(self) -> TransformStamped:
         """Return where the camera sits on the base; the floor's jitter is not known to anybody."""

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict
 from pathlib import Path
 import time
@@ -21,7 +21,6 @@ from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.bases.registry import base_name
 from visual_servo_epipolar.simulation.mounts.registry import rig_name
-from visual_servo_epipolar.simulation.rendering.assistant import Assistant, one_thread_of_opencv
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
 
@@ -42,20 +41,11 @@ class Lockstep(AbstractContextManager['Lockstep']):
     """
     The four nodes in one context, each with simulated time, isolated from other processes.
 
-    ``open_to`` LOCALHOST or SUBNET lets tools such as RViz look on. An ``assistant`` draws half of
-    each image.
+    ``open_to`` LOCALHOST or SUBNET lets tools such as RViz look on.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        loop: LoopSettings,
-        *,
-        open_to: str = 'OFF',
-        assistant: Assistant | None = None,
-    ) -> None:
+    def __init__(self, scenario: Scenario, loop: LoopSettings, *, open_to: str = 'OFF') -> None:
         self._around = ExitStack()
-        self._assistant = assistant
         self.context = self._around.enter_context(isolated_context(open_to))
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Node] = []
@@ -80,8 +70,6 @@ class Lockstep(AbstractContextManager['Lockstep']):
         others = asdict(scenario.disturbances) | asdict(scenario.light)
         others['rig'] = rig_name(scenario.camera)
         self.camera = self._add(CameraNode, scenario.camera, others)
-        if self._assistant is not None:
-            self.camera.assisted_by(self._assistant)
 
     def add(self, node: Node) -> None:
         """Let ``node``, made in ``context``, take part."""
@@ -107,9 +95,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         self._spin_until(self._is_connected, 'every node to find its peers and the photograph')
         self.unicycle.begin()
         self._spin_until(lambda: self.unicycle.steps > 0 or done(), 'the first step')
-        # An assistant has the other cores, once images were matched as a whole.
-        with one_thread_of_opencv() if self._assistant else nullcontext():
-            self._spin_until(done, 'the run to end')
+        self._spin_until(done, 'the run to end')
         if self.recorder is not None:
             self._finish(self.recorder)
 

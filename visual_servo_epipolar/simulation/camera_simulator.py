@@ -1,14 +1,10 @@
 """Camera simulator: images of a room from the robot, through an imperfect sensor."""
 
-from contextlib import AbstractContextManager, nullcontext
-from functools import partial
-
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.light.exposure import Exposure, LitView, toned
 from visual_servo_epipolar.simulation.light.lights import Light, LIGHTS
@@ -23,14 +19,12 @@ from visual_servo_epipolar.simulation.mounts.sensor import (
     SensorSettings,
 )
 from visual_servo_epipolar.simulation.nod import LEVEL, Nod
-from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.rendering.exposures import Exposures
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
-from visual_servo_epipolar.simulation.rooms.scene import painted_room, room
+from visual_servo_epipolar.simulation.rooms.scene import painted_room
 from visual_servo_epipolar.simulation.view import View
 
-LARGEST_VIEW = 4  # of a lens that distorts, in images
 SENSORS = 4  # kept, each for one noise
 WHITE = (1.0, 1.0, 1.0)
 
@@ -165,22 +159,6 @@ class CameraSimulator:
             image.setflags(write=False)
             self._last = place, scene, image
         return self._last[2]
-
-
-def assistant_of(
-    settings: CameraSettings, light: LightSettings | None = None
-) -> AbstractContextManager[Assistant | None]:
-    """
-    Return a process that draws half of each image of such a camera; None without a second core.
-
-    Where libraries with threads are still to be loaded, it is ready at once.
-    """
-    if cores() == 1:
-        return nullcontext()
-    light = LightSettings() if light is None else light
-    name, thing = light.light_of(settings.seed).name, light.thing(has_changed=True)
-    build = partial(room, settings.scene_seed, settings.scene, name, thing)
-    return Assistant(build, LARGEST_VIEW * settings.width * settings.height)
 
 
 class ImageView(View):

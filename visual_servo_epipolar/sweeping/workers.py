@@ -84,7 +84,7 @@ class _Worker(SpawnProcess):
 
     def start(self) -> None:
         """Start it; Ctrl-C is heard here when it has been started."""
-        with without_interrupts(forked=False):
+        with without_interrupts():
             super().start()
 
 

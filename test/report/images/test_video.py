@@ -11,20 +11,27 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.images.encoders import Codec, OPENCV, PYAV
-from visual_servo_epipolar.report.images.film import HEIGHT, VideoWriter, view_size
 from visual_servo_epipolar.report.images.map_view import HEADER, MapBounds, MapView, WIDTH
+from visual_servo_epipolar.report.images.video import HEIGHT, VideoWriter
 from visual_servo_epipolar.report.style import phase_colour, rgb
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
-SIZE = view_size((321, 200))
-RED: Image = np.full((*SIZE[::-1], 3), (40, 40, 220), dtype=np.uint8)
+CAMERA = CameraSettings(
+    width=320, height=200, focal_length=200.0, principal_u=160.0, principal_v=100.0
+).nominal_camera
+GREY: Image = np.full((200, 320), 90, dtype=np.uint8)
+
+
+def writer(path: Path, pose: Pose = DESIRED_POSE) -> VideoWriter:
+    return VideoWriter(path, 11.0, bounds=MapBounds.around(pose), camera=CAMERA)
 
 
 def write(path: Path, samples: Sequence[Sample]) -> VideoWriter:
-    bounds = MapBounds.around(samples[0].pose)
-    with VideoWriter(path, 11.0, width=SIZE[0], bounds=bounds) as video:
+    with writer(path, samples[0].pose) as video:
         for sample in samples:
-            video.add(RED, sample)
+            video.add(GREY, Features(), sample)
     return video
 
 
@@ -46,33 +53,27 @@ def test_video_can_be_read_again(log: RunLog, tmp_path: Path) -> None:
     assert read[0].shape == (HEIGHT, video.size[0], 3)
     assert video.size[0] % 2 == 0
     # Camera left, map right; codecs keep flat colours to some grey levels.
-    assert np.abs(read[-1][400, 300].astype(int) - RED[0, 0]).max() < 25
+    assert np.abs(read[-1][400, 300].astype(int) - 90).max() < 25
     assert read[-1][HEADER + 4, -60:].min() > 200
     assert list(tmp_path.iterdir()) == [path]
 
 
 def test_aborted_run_leaves_no_file(log: RunLog, tmp_path: Path) -> None:
-    bounds = MapBounds.around(log.samples[0].pose)
-    with (
-        pytest.raises(KeyboardInterrupt),
-        VideoWriter(tmp_path / 'run.mp4', 11.0, width=SIZE[0], bounds=bounds) as video,
-    ):
-        video.add(RED, log.samples[0])
+    with pytest.raises(KeyboardInterrupt), writer(tmp_path / 'run.mp4') as video:
+        video.add(GREY, Features(), log.samples[0])
         raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []
 
 
 def test_video_without_frames_is_no_file(tmp_path: Path) -> None:
-    bounds = MapBounds.around(DESIRED_POSE)
-    with VideoWriter(tmp_path / 'run.mp4', 11.0, width=SIZE[0], bounds=bounds):
+    with writer(tmp_path / 'run.mp4'):
         pass
     assert list(tmp_path.iterdir()) == []
 
 
 def test_file_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    path, bounds = tmp_path / 'no' / 'run.mp4', MapBounds.around(DESIRED_POSE)
     with pytest.raises(InputError, match='folder'):
-        VideoWriter(path, 11.0, width=SIZE[0], bounds=bounds)
+        writer(tmp_path / 'no' / 'run.mp4')
 
 
 def test_missing_encoder_is_told_in_one_sentence(
@@ -81,9 +82,7 @@ def test_missing_encoder_is_told_in_one_sentence(
     codecs = Codec(PYAV, 'none such'), Codec(OPENCV, 'zzzz')
     monkeypatch.setattr('visual_servo_epipolar.report.images.encoders.CODECS', codecs)
     with pytest.raises(InputError, match=r'needs one of the encoders .*zzzz \(OpenCV\)'):
-        VideoWriter(
-            tmp_path / 'run.mp4', 11.0, width=SIZE[0], bounds=MapBounds.around(DESIRED_POSE)
-        )
+        writer(tmp_path / 'run.mp4')
     assert capfd.readouterr().err == ''
     assert list(tmp_path.iterdir()) == []
 

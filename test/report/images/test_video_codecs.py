@@ -14,11 +14,16 @@ import pytest
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import RunLog
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.images import encoders
 from visual_servo_epipolar.report.images.encoders import Codec, CODECS, OPENCV, PYAV
-from visual_servo_epipolar.report.images.film import HEIGHT, VideoWriter, view_size
 from visual_servo_epipolar.report.images.map_view import MapBounds
+from visual_servo_epipolar.report.images.video import HEIGHT, VideoWriter, view_size
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
+CAMERA = CameraSettings(
+    width=640, height=512, focal_length=400.0, principal_u=320.0, principal_v=256.0
+).nominal_camera
 SIZE = view_size((640, 512))
 FRAMES = 33
 LARGEST_MB_S = 5.0 / 27.0  # 5 MB for the 27 s of the demo
@@ -51,15 +56,15 @@ def views() -> list[Image]:
         zoom = cv2.getRotationMatrix2D((320.0, 256.0), 0.0, 1.0 + 0.004 * k)
         view = cv2.warpAffine(texture, zoom, (640, 512)) + rng.normal(0.0, 2.0, texture.shape)
         view[-60:, :60] = 40.0
-        pictures.append(cv2.cvtColor(view.clip(0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR))
+        pictures.append(view.clip(0, 255).astype(np.uint8))
     return pictures
 
 
 def film(path: Path, log: RunLog) -> VideoWriter:
     bounds = MapBounds.around(log.samples[0].pose)
-    with VideoWriter(path, 11.0, width=SIZE[0], bounds=bounds) as video:
+    with VideoWriter(path, 11.0, bounds=bounds, camera=CAMERA) as video:
         for view, sample in zip(views(), log.samples, strict=False):
-            video.add(cv2.resize(view, SIZE), sample)
+            video.add(view, Features(), sample)
     return video
 
 
@@ -143,6 +148,6 @@ def test_a_full_disk_is_told_in_one_line(tmp_path: Path) -> None:
     assert encoder is not None
     with pytest.raises(InputError, match='the video cannot be written: .*; make room there'):
         for view in 200 * views()[:1]:
-            encoder.write(view)
+            encoder.write(cv2.cvtColor(view, cv2.COLOR_GRAY2BGR))
         encoder.close()
     encoder.close()

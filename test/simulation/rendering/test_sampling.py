@@ -77,7 +77,7 @@ def test_the_areas_show_each_pixel_of_each_strip_once(pose: Pose) -> None:
     R_world_camera, centre = rig.camera_pose(pose)
     raster = rasterize(scene, PinholeView(320, 240, CAMERA.matrix, centre, R_world_camera))
     painted = np.zeros_like(raster.ids)
-    for number, (left, top, right, bottom), mask in _areas(raster, None):
+    for number, (left, top, right, bottom), mask in _areas(raster):
         shown = np.ones((bottom - top, right - left), bool) if mask is None else mask > 0
         assert not painted[top:bottom, left:right][shown].any()
         painted[top:bottom, left:right][shown] = number
@@ -100,7 +100,7 @@ def test_the_boxes_of_texels_hold_what_is_sampled(pose: Pose) -> None:
     scene, rig = room(0), FixedRig(CAMERA, CameraMount(tilt=0.1, roll=0.05))
     R_world_camera, centre = rig.camera_pose(pose)
     raster = rasterize(scene, PinholeView(320, 240, CAMERA.matrix, centre, R_world_camera))
-    areas = list(_areas(raster, None))
+    areas = list(_areas(raster))
     sheets, maps = _sources(scene, raster, areas)
     boxes = list(_texel_boxes(raster, areas, sheets, maps))
     whole = 0

@@ -9,8 +9,8 @@ import pytest
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
-from visual_servo_epipolar.simulation.rendering.assistant import draw
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
+from visual_servo_epipolar.simulation.rendering.renderer import draw
 from visual_servo_epipolar.simulation.rendering.textures import LENS_SIGMA
 from visual_servo_epipolar.simulation.rooms.scene import room
 

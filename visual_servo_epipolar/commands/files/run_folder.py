@@ -1,6 +1,6 @@
 """Folder of a run: result.json, run.json with every sample, and figures."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, fields
 from importlib import metadata
 from pathlib import Path
@@ -15,29 +15,18 @@ from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.run_monitor import verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 
-Draw = Callable[[RunLog, Path], list[Path]]
-
 LIBRARIES = ('opencv-python-headless', 'opencv-python', 'matplotlib', 'rclpy', 'rosbags')
 
 
-def write_run(
-    log: RunLog, scenario: Scenario, folder: Path, *, draw: Draw | None = None
-) -> list[str]:
-    """
-    Write result, samples and figures into ``folder``; return their names.
-
-    ``draw`` writes the figures; by default they are drawn here.
-    """
-    if draw is None:  # only then: matplotlib takes a third of a second
-        from visual_servo_epipolar.report import figures
-
-        draw = figures.save_all
+def write_run(log: RunLog, scenario: Scenario, folder: Path) -> list[str]:
+    """Write result, samples and figures into ``folder``; return their names."""
+    from visual_servo_epipolar.report import figures  # only here: matplotlib takes a while
 
     result = verdict(log, new_rig(scenario.camera))
     with made_folder(folder):
         write_json(result, str(folder / 'result.json'))
         run = save_run(RunFile(log, settings_of(scenario), versions()), folder)
-        return ['result.json', *(path.name for path in (run, *draw(log, folder)))]
+        return ['result.json', *(path.name for path in (run, *figures.save_all(log, folder)))]
 
 
 def settings_of(scenario: Scenario) -> Mapping[str, Mapping[str, Any]]:

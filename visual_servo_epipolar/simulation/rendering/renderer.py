@@ -17,8 +17,9 @@ from visual_servo_epipolar.simulation.mounts.simulated_rig import (
     pitched,
     SimulatedRig,
 )
-from visual_servo_epipolar.simulation.rendering.assistant import Assistant, draw
-from visual_servo_epipolar.simulation.rendering.raster import NEAR, PinholeView
+from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
+from visual_servo_epipolar.simulation.rendering.raster import NEAR, PinholeView, rasterize
+from visual_servo_epipolar.simulation.rendering.sampling import draw_textures
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 MAX_RAY = 4.0  # what a distorting lens shows farther from the axis stays black (76 deg)
@@ -51,14 +52,11 @@ class Renderer:
     Images of ``scene`` through the camera of a robot; equal inputs give equal bits.
 
     ``rig`` may be replaced by another with an equal camera, ``scene`` by one in another light.
-    ``pose`` is the robot's, and ``frame`` that for which the rig is asked where the camera is. An
-    ``assistant`` with the same scene may help, as long as it is not replaced.
+    ``pose`` is the robot's, and ``frame`` that for which the rig is asked where the camera is.
     """
 
     def __init__(self, scene: Scene, rig: SimulatedRig) -> None:
         self.scene, self.camera, self.rig = scene, rig.camera, rig
-        self._first = scene
-        self.assistant: Assistant | None = None
         self.pitch = 0.0  # of the body in what is rendered, nose down [rad]
         planar = rig.camera.planar
         self._faces = (
@@ -69,7 +67,6 @@ class Renderer:
 
     def render(self, pose: Pose, frame: int | None = None) -> Image:
         """Return the image taken from ``pose``, shape (H, W); black where nothing is seen."""
-        assistant = self.assistant if self.scene is self._first else None
         place = self.rig.camera_pose(pose, frame)
         if self.pitch:
             place = pitched(place, pose, self.pitch)
@@ -77,7 +74,7 @@ class Renderer:
         for face, lens in self._faces:
             axes, centre = place if lens is ONE_LENS[0] else lens.pose(place)
             view = PinholeView(*face.size, face.intrinsics, centre, axes @ face.R_camera_face)
-            part = draw(self.scene, view, assistant)
+            part = draw(self.scene, view)
             if face.maps is not None:
                 # Cubic sampling would shift details by 0.03 px, Lanczos' by less than 0.01 px.
                 part = np.asarray(cv2.remap(part, *face.maps, cv2.INTER_LANCZOS4), np.uint8)
@@ -144,6 +141,17 @@ class Renderer:
         nearest = self.trace(pixels, pose)
         distance = np.linalg.norm(points - self.rig.camera_pose(pose).centre, axis=1)
         return np.asarray(np.linalg.norm(nearest - points, axis=1) <= SAME_PLACE * distance)
+
+
+def draw(scene: Scene, view: PinholeView) -> Image:
+    """Return the image of ``scene`` by an ideal pinhole, shape (H, W)."""
+    scene = scene.seen_from(view.centre)
+    raster = rasterize(scene, view)
+    edges = mixing(scene, view, raster)  # first, while the raster is in the cache
+    image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
+    draw_textures(scene, raster, image)
+    smooth_edges(image, edges)
+    return image
 
 
 def _whole(camera: PlanarCamera) -> Face:

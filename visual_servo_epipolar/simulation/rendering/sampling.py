@@ -26,11 +26,9 @@ class Area(NamedTuple):
     mask: Image | None  # where it shows the strip; None if it shows nothing else
 
 
-def draw_textures(
-    scene: Scene, raster: Raster, image: Image, numbers: frozenset[int] | None = None
-) -> None:
-    """Sample the textures of the strips ``numbers``, from 1, or of all, into ``image``, (H, W)."""
-    areas = list(_areas(raster, numbers))
+def draw_textures(scene: Scene, raster: Raster, image: Image) -> None:
+    """Sample the textures of all strips into ``image``, shape (H, W)."""
+    areas = list(_areas(raster))
     if not areas:
         return
     sheets, texels = _sources(scene, raster, areas)
@@ -54,15 +52,15 @@ def draw_textures(
             cv2.copyTo(mean, mask, target)
 
 
-def _areas(raster: Raster, numbers: frozenset[int] | None) -> Iterator[Area]:
-    """Yield areas that hold all pixels of the strips ``numbers``, or of all, and few others."""
+def _areas(raster: Raster) -> Iterator[Area]:
+    """Yield areas that hold all pixels of the strips, and few others."""
     sizes = [
         max(right - left, 0) * max(bottom - top, 0) for left, top, right, bottom in raster.boxes
     ]
     masks: Image = np.empty(sum(sizes), np.uint8)
     for number, (strip, box) in enumerate(zip(raster.strips, raster.boxes, strict=True), start=1):
         left, top, right, bottom = box
-        if left >= right or top >= bottom or (numbers is not None and number not in numbers):
+        if left >= right or top >= bottom:
             continue
         shape = bottom - top, right - left
         mask = masks[: shape[0] * shape[1]].reshape(shape)

@@ -2,15 +2,13 @@
 Time of the camera simulator per image, beside one full-frame remap of OpenCV in the same run.
 
 It is the processor's time on one thread: what else the machine does meanwhile counts only where
-it shares caches. The remap is bilinear, from two float maps: the last step of any renderer. Beside
-it the time that passes where a second process draws half, as in ``visual_servo demo``.
+it shares caches. The remap is bilinear, from two float maps: the last step of any renderer.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 import math
-from time import perf_counter, process_time
+from time import process_time
 from typing import Any
 
 import cv2
@@ -22,12 +20,10 @@ from visual_servo_epipolar.evaluation.benchmarks.tracking.world import approach,
 from visual_servo_epipolar.evaluation.tables import aligned
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, Raster, rasterize
 from visual_servo_epipolar.simulation.rendering.sampling import draw_textures
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
-from visual_servo_epipolar.simulation.rooms.scene import room
 
 LARGE = CameraSettings(noise=2.0)
 SMALL = replace(
@@ -80,39 +76,13 @@ def _camera(
         image, whole = time_of(simulator.capture, pose, frame)
         _, bare = time_of(cv2.remap, image, *maps, cv2.INTER_LINEAR)
         seconds.append({'image': whole, 'remap': bare, **stage_times(simulator, pose, frame)})
-    say(f'{size[0]}x{size[1]}: with a second process')
-    for row, passed in zip(seconds, _shared_times(simulator, poses, maps), strict=True):
-        row.update(passed)
     milliseconds = {name: [1e3 * row[name] for row in seconds] for name in seconds[0]}
     figures = {name: spread(values) for name, values in milliseconds.items()}
     return {
         'size': list(size),
         'ms': figures,
-        'ratio': _ratio(milliseconds, 'image', 'remap'),
-        'shared_ratio': _ratio(milliseconds, 'shared', 'remap_passed'),
+        'ratio': spread((np.array(milliseconds['image']) / milliseconds['remap']).tolist()),
     }
-
-
-def _ratio(of: Mapping[str, Sequence[float]], above: str, below: str) -> dict[str, float]:
-    return spread((np.array(of[above]) / np.array(of[below])).tolist())
-
-
-def _shared_times(
-    simulator: CameraSimulator, poses: Sequence[Pose], maps: tuple[FloatArray, FloatArray]
-) -> Iterator[dict[str, float]]:
-    """Yield the time that passes for each image of two processes, and for its remap [s]."""
-    settings = simulator.settings
-    build = partial(room, settings.scene_seed, settings.scene)
-    with Assistant(build, settings.width * settings.height) as assistant:
-        assistant.wait()
-        simulator.renderer.assistant = assistant
-        for pose in poses:  # it makes textures of its own
-            simulator.capture(pose, 0)
-        for frame, pose in enumerate(poses):
-            image, shared = time_of(simulator.capture, pose, frame, clock=perf_counter)
-            _, bare = time_of(cv2.remap, image, *maps, cv2.INTER_LINEAR, clock=perf_counter)
-            yield {'shared': shared, 'remap_passed': bare}
-        simulator.renderer.assistant = None
 
 
 def stage_times(simulator: CameraSimulator, pose: Pose, frame: int) -> dict[str, float]:
@@ -134,14 +104,11 @@ def mix_edges(image: Image, scene: Scene, view: PinholeView, raster: Raster) -> 
     smooth_edges(image, mixing(scene, view, raster))
 
 
-def time_of(
-    work: Callable[..., Any], *given: Any, clock: Callable[[], float] | None = None
-) -> tuple[Any, float]:
+def time_of(work: Callable[..., Any], *given: Any) -> tuple[Any, float]:
     """Return what ``work`` returns for what is ``given``, and its time [s]: the processor's."""
-    clock = clock or process_time
-    began = clock()
+    began = process_time()
     result = work(*given)
-    return result, clock() - began
+    return result, process_time() - began
 
 
 def turning_maps(size: tuple[int, int], angle: float) -> tuple[FloatArray, FloatArray]:
@@ -172,12 +139,6 @@ def table(document: Mapping[str, Any]) -> str:
             for size, it in sizes.items()
         ),
     )
-    lines += [
-        f'{size}, a second process draws half: {_spread(it["ms"]["shared"], 1)} ms pass an image, '
-        f'{_spread(it["ms"]["remap_passed"], 1)} a remap on one thread, '
-        f'{_spread(it["shared_ratio"], 2)} times'
-        for size, it in sizes.items()
-    ]
     words = (
         f'Rendering, {document["images"]} images along an approach, processor time on one thread '
         f'[ms]: median (quartiles), OpenCV {document["opencv"]}'
@@ -187,11 +148,9 @@ def table(document: Mapping[str, Any]) -> str:
 
 def figures(document: Mapping[str, Any]) -> dict[str, float]:
     """Return what to compare between runs; less is better."""
-    kinds = {'image': 'ratio', 'image by two processes': 'shared_ratio'}
     return {
-        f'{"x".join(map(str, camera["size"]))} {kind} over remap': camera[name]['median']
+        f'{"x".join(map(str, camera["size"]))} image over remap': camera['ratio']['median']
         for camera in document['cameras']
-        for kind, name in kinds.items()
     }
 
 
