@@ -126,3 +126,20 @@ def test_a_rolling_shutter_does_not_lead_astray(law: str) -> None:
     assert verdict['position_error_m'] < 0.005
     assert verdict['max_distance_ratio'] < 1.3
     assert verdict['reversals']['w'] <= 6
+
+
+@pytest.mark.parametrize('points', [1, 2, 3])
+def test_features_at_a_few_points_tell_nothing_of_the_readout(points: int) -> None:
+    shutter, axes = RollingShutter(), base_axes(0.0, 0.0, 0.0)
+    ids = np.arange(20)
+    for number in range(12):
+        angle = 0.001 * number**2  # from rest into a turn
+        angles = angle + 0.1 * (ids % points)
+        rays = np.stack([np.sin(angles), 0.02 * (ids % points), np.cos(angles)], axis=1)
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        seen = Observation(
+            number * 50_000_000, rays, rays, CAMERA.focal, ids=ids, rows=0.1 * rays[:, 1]
+        )
+        shutter = shutter.updated(seen, axes, 0.02)
+        assert shutter.readout(0.02) == 0.02
+    assert math.isfinite(shutter.rate.now)

@@ -167,7 +167,8 @@ class RollingShutter:
         rate, readout = self.rate.followed_by(mean), self.readout(configured)
         if readout != 0.0:
             shear = sheared(pair, axes)
-            rate = rate.seen_in_rows(shear.value / readout, (shear.deviation / readout) ** 2)
+            if shear is not None:
+                rate = rate.seen_in_rows(shear.value / readout, (shear.deviation / readout) ** 2)
         return replace(after, last=now, rate=rate, up=axes.up)
 
     def _anew(self, view: RowView | None) -> 'RollingShutter':
@@ -208,9 +209,9 @@ class RollingShutter:
         if seconds_between(reference.stamp_ns, view.stamp_ns) > LONGEST_S:
             return self
         pair = _pair(reference, view, axes.up)
-        if pair is None:
+        shear = None if pair is None else sheared(pair, axes)
+        if pair is None or shear is None:
             return self
-        shear = sheared(pair, axes)
         unsure = JERKY * jump * max(abs(self.estimate[0]), TYPICAL_S)
         slope = np.array([rate - at_rest, pair.turn, 1.0])
         weight = 1.0 / (shear.deviation**2 + unsure**2)
@@ -269,9 +270,11 @@ class Shear(NamedTuple):
     deviation: float
 
 
-def sheared(pair: RowPair, axes: BaseAxes) -> Shear:
+def sheared(pair: RowPair, axes: BaseAxes) -> Shear | None:
     """
     Return the shear that a turn of the base and its way ahead do not explain.
+
+    None where the features lie so close together that no turn can be told from a shear.
 
     A ray r of row y, from the middle, is moved by turn x r + s y (r x up) + parallax; across the
     plane of r and the direction of travel there is no parallax. By robust least squares.
@@ -287,6 +290,8 @@ def sheared(pair: RowPair, axes: BaseAxes) -> Shear:
     weights = np.ones(len(rays))
     for _ in range(ROUNDS):
         normal = columns.T @ (columns * weights[:, None])
+        if np.linalg.cond(normal) > 1.0 / np.finfo(np.float64).eps:
+            return None
         solution = solved(normal, columns.T @ (weights * shift))
         misses = shift - columns @ solution
         noise = max(NORMAL * median(np.abs(misses)), LEAST_RAD)
