@@ -22,7 +22,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, phase_colour
-from visual_servo_epipolar.simulation.closed_loop import run_many
+from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import view_of
@@ -40,7 +40,7 @@ def drive(rig: str) -> list[RunLog]:
         scenario = load(None, rig_path(rig)).with_servo({'law': 'smooth'}).seeded(seed)
         loop = scenario.loop(start_in('around', SEED, index, scenario), seed)
         runs.append((loop, view_of(scenario, 'features', seed), scenario.camera.nominal_camera))
-    return run_many(runs)
+    return [run(*each) for each in runs]
 
 
 def draw(logs: dict[str, Sequence[RunLog]]) -> Figure:

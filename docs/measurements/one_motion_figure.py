@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import least_time, RunLog, seconds
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, phase_colour
-from visual_servo_epipolar.simulation.closed_loop import run_many
+from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import view_of
@@ -38,7 +38,7 @@ def drive(law: str) -> list[RunLog]:
         scenario = Scenario().with_servo({'law': law}).seeded(seed)
         loop = scenario.loop(start_in(region, SEED, index, scenario), seed)
         runs.append((loop, view_of(scenario, 'features', seed), scenario.camera.nominal_camera))
-    return run_many(runs)
+    return [run(*each) for each in runs]
 
 
 def draw(logs: dict[str, Sequence[RunLog]]) -> Figure:

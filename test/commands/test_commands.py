@@ -192,7 +192,7 @@ NEEDED = {
 }
 
 
-@pytest.mark.parametrize('option', ['--out', '--json', '--table', '--history'])
+@pytest.mark.parametrize('option', ['--out', '--json', '--table'])
 @pytest.mark.parametrize('name', subcommands())
 def test_what_cannot_be_written_is_refused_before_anything_is_read(
     capsys, tmp_path, monkeypatch, name, option

@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import cache, partial
 import math
 
-from durations import few_of
 import numpy as np
 import pytest
 from strategies import CAMERA
@@ -20,7 +19,7 @@ from visual_servo_epipolar.core.servo.run_log import (
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.closed_loop import published, run, run_many
+from visual_servo_epipolar.simulation.closed_loop import published, run
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.mounts.shutter import Receipt
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
@@ -240,32 +239,8 @@ def test_a_pose_survives_its_message() -> None:
     assert (published(pose).x, published(pose).y) == (1.0, -3.0)
 
 
-MANY = [*STARTS, (-0.4, -2.6, 12.0), (1.4, -4.8, -14.0), (0.0, 0.0, 10.0)]
-
-
-def side_by_side(indices: list[int], **changes: object) -> list[RunLog]:
-    """Return the first seconds of the runs from MANY with these indices, driven side by side."""
-    runs = []
-    for k in indices:
-        servo = replace(ServoSettings(seed=k), **changes)  # type: ignore[arg-type]
-        settings = LoopSettings(start=MANY[k], seed=k, max_duration=4.0, servo=servo)
-        runs.append((settings, points(k), CAMERA))
-    return run_many(runs)
-
-
-@pytest.mark.parametrize(
-    'changes', few_of([{}, {'estimator': 'planar_2dof'}, {'law': 'corrected'}])
-)
-def test_a_run_is_the_same_alone_and_beside_others(changes: dict[str, object]) -> None:
-    indices = [3, 6, 0, 4]
-    together = side_by_side(indices, **changes)
-    # By text, as what could not be seen is nan; every digit counts.
-    for k, log in zip(indices, together, strict=True):
-        assert repr(log) == repr(side_by_side([k], **changes)[0])
-
-
-class OneByOne(View):
-    """A view that has no way of its own to be observed together with others."""
+class Through(View):
+    """A view through another one."""
 
     def __init__(self, view: View) -> None:
         self._view = view
@@ -274,22 +249,8 @@ class OneByOne(View):
         return self._view.observe(pose, frame)
 
 
-def test_views_of_different_kinds_may_stand_side_by_side() -> None:
-    settings = [LoopSettings(start=start, max_duration=2.0) for start in STARTS[:3]]
-    views = [points(), OneByOne(points()), points()]
-    mixed = run_many([(each, view, CAMERA) for each, view in zip(settings, views, strict=True)])
-    alone = [run(each, points(), CAMERA) for each in settings]
-    assert repr(mixed) == repr(alone)
-
-
-def test_runs_side_by_side_end_each_in_its_own_time() -> None:
-    settings = [LoopSettings(start=MANY[0], max_duration=limit) for limit in (1.0, 3.0, 2.0)]
-    logs = run_many([(each, points(), CAMERA) for each in settings])
-    assert [len(log.samples) for log in logs] == [11, 33, 22]
-
-
 def test_late_images_show_where_the_robot_was_and_carry_the_time_they_came() -> None:
-    class Watched(OneByOne):
+    class Watched(Through):
         poses: list[Pose] = []
 
         def observe(self, pose: Pose, frame: int) -> Features:
@@ -310,23 +271,12 @@ def test_late_images_show_where_the_robot_was_and_carry_the_time_they_came() -> 
     assert abs(shown[-1] - samples[-1].pose.y) > 0.02
 
 
-def test_no_runs_are_no_records() -> None:
-    assert run_many([]) == []
-
-
 def test_a_start_from_which_nothing_is_in_view_ends_soon_with_the_reason() -> None:
     log = driven((0.0, -3.0, 180.0))
     assert (log.outcome, log.reason) == ('failed', 'no feature of the photograph is in view')
     waited = ServoSettings.holding_timeout
     assert waited < summarise(log)['duration_s'] < waited + 0.2
     assert {sample.phase for sample in log.samples} == {Phase.WAITING}
-
-
-def test_runs_side_by_side_end_there_too_and_do_not_hold_up_the_others() -> None:
-    starts = [(0.0, -3.0, 180.0), (0.3, -2.2, 0.0)]
-    logs = run_many([(LoopSettings(start=start), points(), CAMERA) for start in starts])
-    assert [log.outcome for log in logs] == ['failed', 'arrived']
-    assert logs[0].reason == 'no feature of the photograph is in view'
 
 
 def test_features_that_come_into_view_in_time_begin_the_run() -> None:

@@ -9,7 +9,7 @@ from strategies import CAMERA, pose_with
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.simulation.closed_loop import run_many
+from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
@@ -36,22 +36,20 @@ def concordant(gains: str) -> list[RunLog]:
 
 
 def driven(starts: list[tuple[float, float, float]], law: str, gains: str) -> list[RunLog]:
-    """Return the runs from ``starts``, side by side."""
-    return run_many(
-        [
-            (
-                LoopSettings(
-                    start=start,
-                    seed=seed,
-                    max_duration=130.0,
-                    servo=ServoSettings(law=law, gains=gains, seed=seed),
-                ),
-                PointWorld(PointSettings(), FixedRig(CAMERA), seed=seed),
-                CAMERA,
-            )
-            for seed, start in enumerate(starts)
-        ]
-    )
+    """Return the runs from ``starts``."""
+    return [
+        run(
+            LoopSettings(
+                start=start,
+                seed=seed,
+                max_duration=130.0,
+                servo=ServoSettings(law=law, gains=gains, seed=seed),
+            ),
+            PointWorld(PointSettings(), FixedRig(CAMERA), seed=seed),
+            CAMERA,
+        )
+        for seed, start in enumerate(starts)
+    ]
 
 
 def first_step(log: RunLog) -> list[tuple[float, float]]:

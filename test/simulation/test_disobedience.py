@@ -12,7 +12,6 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.scenario import load
@@ -26,14 +25,18 @@ Interfere = Callable[[float, Command], Command]  # by the time [s] and what the 
 class DisturbedLoop(Loop):
     """A loop between whose servo and base somebody interferes; keeps all states and poses."""
 
-    def __init__(self, interfere: Interfere, flip: tuple[bool, bool] = (False, False)) -> None:
+    def __init__(
+        self, interfere: Interfere, seconds: float, flip: tuple[bool, bool] = (False, False)
+    ) -> None:
         scenario = load(scenario_path('nominal')).seeded(1)
         camera = scenario.camera.nominal_camera
         view: View = points_of(scenario, 1)
         if any(flip):
             view = FlippedView(view, (camera.width, camera.height), flip)
-        super().__init__(scenario.loop(START, 1), view, camera)
+        settings = replace(scenario.loop(START, 1), max_duration=seconds)
+        super().__init__(settings, view, camera)
         self._interfere, self.states, self.poses = interfere, list[ServoState](), [self.pose]
+        self.run()
 
     def drive(self) -> None:
         command = self._interfere(self.now_ns / 1e9, self._session.state.command)
@@ -41,14 +44,6 @@ class DisturbedLoop(Loop):
         self._advance()
         self.states.append(self._session.state)
         self.poses.append(self.pose)
-
-    def run(self, seconds: float) -> 'DisturbedLoop':
-        """Drive for so long, or until the servo ends."""
-        while self.now_ns < seconds * 1e9 and not self.monitor.done:
-            self.decide_by(step)
-            self.record()
-            self.drive()
-        return self
 
     @property
     def held_s(self) -> float:
@@ -92,7 +87,7 @@ def joystick(begin_s: float, seconds: float, twist: Twist) -> Interfere:
 
 @pytest.mark.parametrize('begin_s', few_of([4.0, 0.0, 9.0]))
 def test_a_base_that_does_not_follow_is_held_and_the_run_fails_soon(begin_s: float) -> None:
-    loop = DisturbedLoop(deaf_from(begin_s)).run(40.0)
+    loop = DisturbedLoop(deaf_from(begin_s), 40.0)
     assert loop.held_s - begin_s < 6.0
     last = loop.states[-1]
     assert last.phase is Phase.FAILED
@@ -106,7 +101,7 @@ def test_a_stranger_is_held_against_teaches_nothing_and_the_run_goes_on_when_he_
             return command
         return Command(Twist(0.0, 0.5 if time_s < 6.7 else -0.5))
 
-    loop = DisturbedLoop(interfere).run(120.0)
+    loop = DisturbedLoop(interfere, 120.0)
     assert 6.0 < loop.held_s < 7.0
     held = [state for state in loop.states if state.phase is Phase.HOLDING]
     assert 'something else publishes cmd_vel' in held[0].reason
@@ -147,7 +142,7 @@ def mixed(begin_s: float, seconds: float, twist: Twist) -> Interfere:
     ids=['stands', 'turned', 'mixed', 'mixed right'],
 )
 def test_a_way_that_nobody_knows_teaches_no_mount(interfere: Interfere) -> None:
-    loop = DisturbedLoop(interfere).run(60.0)
+    loop = DisturbedLoop(interfere, 60.0)
     phases = [state.phase for state in loop.states]
     assert Phase.HOLDING in phases and Phase.RETREATING not in phases
     assert phases[-1] is Phase.ARRIVED and loop.pose.distance < 0.005
@@ -160,7 +155,7 @@ def test_a_way_that_nobody_knows_teaches_no_mount(interfere: Interfere) -> None:
 
 
 def test_a_joystick_that_turns_the_robot_away_does_not_make_it_drive() -> None:
-    loop = DisturbedLoop(joystick(4.0, 4.0, Twist(0.0, 0.3))).run(30.0)
+    loop = DisturbedLoop(joystick(4.0, 4.0, Twist(0.0, 0.3)), 30.0)
     assert loop.held_s - 4.0 < 1.5
     after = [state for state in loop.states if state.measurement.stamp_ns > 5.5e9]
     assert all(state.command == HALT for state in after if state.phase is Phase.HOLDING)
@@ -171,7 +166,7 @@ def test_a_joystick_that_turns_the_robot_away_does_not_make_it_drive() -> None:
 def test_a_camera_the_wrong_way_round_stops_the_robot_after_some_degrees(
     mirrored: bool,
 ) -> None:
-    loop = DisturbedLoop(obeyed, (True, not mirrored)).run(30.0)
+    loop = DisturbedLoop(obeyed, 30.0, (True, not mirrored))
     first = next(state for state in loop.states if state.phase is Phase.HOLDING)
     assert 'the image turns against the command: upside down or mirrored' in first.reason
     assert loop.states[-1].phase is Phase.FAILED

@@ -14,7 +14,7 @@ from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import from_document
-from visual_servo_epipolar.sweeping.plan import run_chunk
+from visual_servo_epipolar.sweeping.plan import result_of
 
 RUNS = 2
 WIDE = {'principal_u': 639.5, 'principal_v': 511.5, 'distortion_model': 'equidistant'}
@@ -40,9 +40,12 @@ BEHIND = Equidistant(1280, 1024, 1280.0 / math.radians(185.0), 396.0, 639.5, 511
 def results(lens: str) -> list[dict[str, Any]]:
     """Return the results of a few runs from the region `front` through a lens."""
     scenario = from_document({'camera': LENSES[lens]}, 'test')
-    seeds = range(RUNS)
-    starts = [start_in('front', 0, i, scenario.seeded(i), source='features') for i in seeds]
-    return run_chunk(scenario, starts, list(seeds), 'features')
+    seeded = [scenario.seeded(seed) for seed in range(RUNS)]
+    starts = [start_in('front', 0, i, it, source='features') for i, it in enumerate(seeded)]
+    return [
+        result_of(it, start, seed, 'features')
+        for seed, (it, start) in enumerate(zip(seeded, starts, strict=True))
+    ]
 
 
 @pytest.mark.parametrize('lens', few_of([*LENSES], keep=(5,)))

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.sweeping.plan import run_chunk
+from visual_servo_epipolar.sweeping.plan import result_of
 
 # In `front`; the last one takes long where the mount is not told.
 STARTS = [(1.0, -3.0, 0.0), (-1.2, -4.0, -10.0), (-0.8, -3.5, 8.0), (0.3, -2.2, 0.0)]
@@ -37,7 +37,8 @@ def test_a_camera_mounted_otherwise_arrives_and_never_leads_away(
 ) -> None:
     nominal = Scenario()
     scenario = replace(nominal, camera=replace(nominal.camera, **mount)).with_servo(servo)
-    for result in run_chunk(scenario, STARTS[:count], SEEDS[:count], 'features'):
+    for start, seed in list(zip(STARTS, SEEDS, strict=True))[:count]:
+        result = result_of(scenario.seeded(seed), start, seed, 'features')
         assert result['outcome'] == 'arrived', result
         assert result['position_error_m'] < 0.006, result
         assert result['max_distance_ratio'] <= 1.25, result

@@ -3,7 +3,7 @@
 import pytest
 
 from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.simulation.closed_loop import run_many
+from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import view_of
 
@@ -21,16 +21,14 @@ STARTS = [
 @pytest.mark.long
 def test_every_start_near_the_goal_arrives_and_faces_it_soon() -> None:
     scenarios = [(Scenario().seeded(seed), start, seed) for *start, seed in STARTS]
-    logs = run_many(
-        [
-            (
-                each.loop(tuple(start), seed),
-                view_of(each, 'features', seed),
-                each.camera.nominal_camera,
-            )
-            for each, start, seed in scenarios
-        ]
-    )
+    logs = [
+        run(
+            each.loop(tuple(start), seed),
+            view_of(each, 'features', seed),
+            each.camera.nominal_camera,
+        )
+        for each, start, seed in scenarios
+    ]
     assert [log.reason for log in logs if log.outcome != 'arrived'] == []
     for log in logs:
         spans = summarise(log)['phases']

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
-from visual_servo_epipolar.simulation.closed_loop import run, run_many
+from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import load, Scenario
@@ -92,17 +92,6 @@ def test_who_is_proven_late_tells_the_way_before_as_well() -> None:
     """It starts straight ahead; what was commanded on the first metre was not driven yet."""
     with_it, without = (np.median(np.abs(errors(odometry=it, seeds=(0,)))) for it in (True, False))
     assert with_it < LATE * without
-
-
-def test_many_robots_side_by_side_hear_the_same_wheels() -> None:
-    def some_seconds(seed: int) -> tuple[LoopSettings, View, object]:
-        loop, view, camera = parts(scenario_of(seed), seed)
-        return replace(loop, max_duration=4.0), view, camera
-
-    log = run(*some_seconds(1))
-    beside, _ = run_many([some_seconds(seed) for seed in (1, 2)])
-    assert repr(log) == repr(beside)
-    assert repr(log) == repr(run(*some_seconds(1)))
 
 
 def test_who_is_not_asked_for_odometry_hears_none() -> None:

@@ -1,6 +1,6 @@
 """The cloud of points: what a perfect tracker would see of it."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 import math
 
 from hypothesis import given, settings
@@ -19,7 +19,6 @@ from visual_servo_epipolar.core.geometry.motion import (
     Twist,
 )
 from visual_servo_epipolar.core.geometry.rays import normalised
-from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
@@ -203,29 +202,6 @@ LENSES = (
     {'distortion': [-0.3, 0.1, 0.001, 0.0, 0.0]},
     {'focal_length': 420.0, 'jitter': 0.01, 'tilt': 0.05},
 )
-
-
-@settings(max_examples=30)
-@given(
-    st.lists(poses_behind_the_goal(), min_size=1, max_size=4),
-    st.integers(0, 10**6),
-    st.sampled_from(LENSES),
-)
-def test_many_worlds_at_once_see_to_the_bit_what_each_sees_alone(
-    poses: list[Pose], frame: int, lens: dict[str, object]
-) -> None:
-    scenario = from_document({'camera': lens, 'points': {'noise': 0.3}}, 'test')
-    worlds = [points_of(scenario, seed) for seed in range(len(poses))]
-    frames = [frame + k for k in range(len(poses))]
-    for number, each in enumerate(worlds):
-        each.move(Twist(0.3, 0.5 - number))
-    together = PointWorld.observe_each(worlds, poses, frames)
-    for world, pose, number, features in zip(worlds, poses, frames, together, strict=True):
-        alone = world.observe(pose, number)
-        for item in fields(Features):
-            np.testing.assert_array_equal(
-                getattr(features, item.name), getattr(alone, item.name), strict=True
-            )
 
 
 def test_a_floor_that_shakes_moves_what_is_seen_from_the_goal() -> None:

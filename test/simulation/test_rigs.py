@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.closed_loop import Loop, run
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
@@ -28,13 +29,12 @@ def test_a_rate_that_falls_from_thirty_to_four_is_no_harm(rig, start, falls) -> 
     view = view_of(scenario, 'features', SEED)
     loop = Loop(scenario.loop(start, SEED), view, scenario.camera.nominal_camera)
     rng = np.random.default_rng(SEED)
-    while not loop.monitor.done:
-        if loop.frame >= falls:
+
+    def fall(sample: Sample) -> None:
+        if loop.frame > falls:
             loop._period_ns = period_ns(rng.uniform(2.0, 5.0))
-        loop.decide_by(None)
-        loop.record()
-        loop.drive()
-    result = verdict(loop.monitor.log(), new_rig(scenario.camera))
+
+    result = verdict(loop.run(watch=fall), new_rig(scenario.camera))
     assert result['outcome'] == 'arrived', result['reason']
     assert result['position_error_m'] < 0.003 and result['max_distance_ratio'] < 1.1
 

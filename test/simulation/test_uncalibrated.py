@@ -5,9 +5,13 @@ import math
 from durations import few_of
 import pytest
 
+from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
-from visual_servo_epipolar.simulation.closed_loop import look, Loop, run_many
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import advance, update_map
+from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 from visual_servo_epipolar.simulation.views import view_of
 
@@ -24,7 +28,7 @@ def driven_from(start: tuple[float, float, float], ratio: float, seed: int) -> R
     """Return the record of one run whose camera matrix has ``ratio``."""
     seeded = scenario(ratio).seeded(seed)
     view = view_of(seeded, 'features', seed)
-    return run_many([(seeded.loop(start, seed), view, seeded.camera.nominal_camera)])[0]
+    return run(seeded.loop(start, seed), view, seeded.camera.nominal_camera)
 
 
 def driven(cases: list[tuple[float, int, float]]) -> list[RunLog]:
@@ -39,7 +43,7 @@ def driven(cases: list[tuple[float, int, float]]) -> list[RunLog]:
                 seeded.camera.nominal_camera,
             )
         )
-    return run_many(runs)
+    return [run(*each) for each in runs]
 
 
 @pytest.mark.parametrize('ratio', few_of([0.17, 0.5, 1.0]))
@@ -70,14 +74,13 @@ def test_near_the_axis_an_unknown_lens_is_not_mistaken_for_a_miss() -> None:
 def perceptions_on_the_way(ratio: float, start: tuple[float, float, float]) -> list[Perception]:
     """Return what the servo perceived on its way."""
     seeded, perceptions = scenario(ratio).seeded(1), []
-    loop = Loop(
-        seeded.loop(start, 1), view_of(seeded, 'features', 1), seeded.camera.nominal_camera
-    )
-    while not loop.monitor.done:
-        perceptions.append(perceive(*look([loop])[0]))
-        loop.decide(perceptions[-1])
-        loop.record()
-        loop.drive()
+
+    def control(state: ServoState, seen: Observation, servo: ServoSettings) -> ServoState:
+        perceptions.append(perceive(seen, servo, state.view.frame, state.view.memory))
+        return update_map(advance(state, perceptions[-1], servo))
+
+    view = view_of(seeded, 'features', 1)
+    run(seeded.loop(start, 1), view, seeded.camera.nominal_camera, control=control)
     return perceptions
 
 

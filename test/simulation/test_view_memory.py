@@ -9,7 +9,7 @@ import pytest
 
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.servo.run_log import Sample, summarise
-from visual_servo_epipolar.simulation.closed_loop import run, run_many
+from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import points_of
@@ -26,7 +26,7 @@ def driven(remembers: bool) -> list[dict[str, object]]:
         start = start_in('front', SEED, index, seeded)
         view = points_of(seeded, SEED + index)
         runs.append((seeded.loop(start, SEED + index), view, seeded.camera.nominal_camera))
-    return [summarise(log) for log in run_many(runs)]
+    return [summarise(run(*each)) for each in runs]
 
 
 def test_wheels_that_hop_end_where_they_can() -> None:

@@ -72,11 +72,8 @@ def loop(source: str, law: str, scenario: str, rig: str, start: Any) -> list[Ste
     settings = it.loop(start, 3)
     run = Loop(settings, view_of(it, source, 3), it.camera.nominal_camera)
     run.monitor = Recorder(settings)
-    while not run.monitor.done:
-        run.decide_by(None)
-        run.record()
-        run.drive()
-    return [*rows, {'outcome': run.monitor.log().outcome, 'reason': run.monitor.log().reason}]
+    log = run.run()
+    return [*rows, {'outcome': log.outcome, 'reason': log.reason}]
 
 
 def fault(name: str, seed: int) -> list[Step]:

@@ -8,15 +8,15 @@ from visual_servo_epipolar.simulation.closed_loop import Loop, run
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.run_monitor import verdict
 from visual_servo_epipolar.simulation.views import view_of
-from visual_servo_epipolar.sweeping.plan import Chunk, run_chunk, work
+from visual_servo_epipolar.sweeping.plan import Chunk, result_of, work
 
 STARTS = [(0.5, -3.0, 5.0), (-1.0, -4.0, 0.0)]
 
 
 def test_a_result_is_that_of_the_run_alone() -> None:
-    whole = run_chunk(BRIEF, STARTS, [3, 4], 'features')
-    for start, seed, found in zip(STARTS, [3, 4], whole, strict=True):
+    for start, seed in zip(STARTS, [3, 4], strict=True):
         scenario = BRIEF.seeded(seed)
+        found = result_of(scenario, start, seed, 'features')
         view = view_of(scenario, 'features', seed)
         log = run(scenario.loop(start, seed), view, scenario.camera.camera)
         assert found == verdict(log, new_rig(scenario.camera))
@@ -52,7 +52,10 @@ def test_a_run_that_raises_does_not_take_the_others_along(monkeypatch: pytest.Mo
         return record(loop)
 
     monkeypatch.setattr(Loop, 'record', sometimes)
-    broken, sound = run_chunk(BRIEF, STARTS, [3, 4], 'features')
+    broken, sound = (
+        result_of(BRIEF.seeded(seed), start, seed, 'features')
+        for start, seed in zip(STARTS, [3, 4], strict=True)
+    )
     assert (broken['outcome'], broken['start'], broken['seed']) == ('failed', [0.5, -3.0, 5.0], 3)
     assert broken['reason'] == 'defect: ZeroDivisionError: of all things'
     assert 'in sometimes' in broken['traceback']

@@ -1,9 +1,7 @@
 """One run in memory: world, tracker and servo in one loop, without ROS and without a clock."""
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-
-import numpy as np
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import (
@@ -11,14 +9,11 @@ from visual_servo_epipolar.core.geometry.motion import (
     quaternion_from_yaw,
     yaw_from_quaternion,
 )
-from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation, observe
-from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import advance, update_map
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
 from visual_servo_epipolar.simulation.bases.registry import new_base, nod_of
 from visual_servo_epipolar.simulation.mounts.shutter import BodyState, PoseHistory
@@ -26,12 +21,9 @@ from visual_servo_epipolar.simulation.mounts.simulated_head import SimulatedHead
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, period_ns, RunMonitor
 from visual_servo_epipolar.simulation.view import View
 
-RobotView = tuple[Observation, ServoSettings, int, PerceptionMemory | None]
 Control = Callable[[ServoState, Observation, ServoSettings], ServoState]
 
-PARTS = ('world', 'perception', 'servo', 'record', 'base')  # of a round of many runs
 TICK_NS = 10**7  # between two places that are kept of a robot whose images come late
-LARGEST_BLOCK = 16 * 2**20  # bytes, more than any array of a stack takes
 
 
 def published(pose: Pose) -> Pose:
@@ -40,7 +32,12 @@ def published(pose: Pose) -> Pose:
 
 
 class Loop:
-    """One closed loop, step by step: what it sees is perceived outside, alone or beside others."""
+    """
+    One closed loop, from the start until the servo ends.
+
+    The order of events is that of the nodes in lockstep: ground truth, image, tracks, command, and
+    only then does the base move for one period.
+    """
 
     def __init__(self, settings: LoopSettings, view: View, camera: CameraModel) -> None:
         self.view, self.camera = view, camera
@@ -68,19 +65,21 @@ class Loop:
         """Time of the next frame, by its stamp."""
         return self._base.now_ns if self._receipt.stamps else self._exposed_ns
 
-    def robot_view(self, observation: Observation) -> RobotView:
-        """Return what is to be perceived."""
-        view = self._session.state.view
-        return self._reckoned(observation), self._servo, view.frame, view.memory
+    def run(
+        self, *, watch: Callable[[Sample], None] | None = None, control: Control | None = None
+    ) -> RunLog:
+        """Drive until the servo ends, and return the record; arguments are those of ``run``."""
+        while not self.monitor.done:
+            self.decide(control)
+            taken = self.record()
+            if watch is not None:
+                watch(taken)
+            self.drive()
+        return self.monitor.log()
 
-    def decide(self, perception: Perception) -> None:
-        """Take in what was perceived; its noise is learnt with the next perception of all."""
-        state = update_map(advance(self._session.state, perception, self._servo), noise=False)
-        self._session = replace(self._session, state=state)
-
-    def decide_by(self, control: Control | None) -> None:
+    def decide(self, control: Control | None = None) -> None:
         """Look, and let the servo take it in, or another ``control``."""
-        self.turn()
+        self._turn()
         features = self.view.observe(self.exposed_at, self.frame)
         seen = self._reckoned(observe(features, self.camera, self.now_ns))
         if control is not None:
@@ -98,7 +97,7 @@ class Loop:
     def _body(self) -> BodyState:
         return BodyState(self.pose, self._base.twist, nod_of(self._base))
 
-    def turn(self) -> None:
+    def _turn(self) -> None:
         """Let the camera look where the head has turned it to, and move as the base does."""
         _, twist, nod = self._history.during(self._exposed_ns, self._receipt.readout)
         self.view.move(twist, nod)
@@ -148,23 +147,6 @@ class Loop:
             self._history.add(now_ns, self._body)
 
 
-def look(loops: Sequence[Loop]) -> list[RobotView]:
-    """Return what each loop sees from where its robot is now, alike views and cameras at once."""
-    robot_views: list[RobotView | None] = [None] * len(loops)
-    groups: dict[tuple[Hashable, CameraModel], list[int]] = {}
-    for k, loop in enumerate(loops):
-        loop.turn()
-        groups.setdefault((loop.view.alike, loop.camera), []).append(k)
-    for (_, camera), indices in groups.items():
-        group = [loops[k] for k in indices]
-        views, poses = [loop.view for loop in group], [loop.exposed_at for loop in group]
-        features = views[0].observe_each(views, poses, [loop.frame for loop in group])
-        for k, seen in zip(indices, features, strict=True):
-            observation = observe(seen, camera, loops[k].now_ns)
-            robot_views[k] = loops[k].robot_view(observation)
-    return [robot_view for robot_view in robot_views if robot_view is not None]
-
-
 def run(
     settings: LoopSettings,
     view: View,
@@ -176,57 +158,6 @@ def run(
     """
     Drive from the start until the servo ends, and return the record.
 
-    ``watch`` is called after each step; another law may stand in for the servo as ``control``. The
-    order of events is that of the nodes in lockstep: ground truth, image, tracks, command, and
-    only then does the base move for one period.
+    ``watch`` is called after each step; another law may stand in for the servo as ``control``.
     """
-    loop = Loop(settings, view, camera)
-    while not loop.monitor.done:
-        loop.decide_by(control)
-        taken = loop.record()
-        if watch is not None:
-            watch(taken)
-        loop.drive()
-    return loop.monitor.log()
-
-
-def run_many(
-    runs: Sequence[tuple[LoopSettings, View, CameraModel]],
-    *,
-    lap: Callable[[str], None] = lambda part: None,
-) -> list[RunLog]:
-    """
-    Drive many robots side by side, which is faster, and return their records in this order.
-
-    Each record is, bit by bit, what ``run`` returns. ``lap`` is told when a part of each round is
-    over, one of PARTS.
-    """
-    _keep_memory()
-    loops = [Loop(*each) for each in runs]
-    going = [loop for loop in loops if not loop.monitor.done]
-    while going:
-        robot_views = look(going)
-        lap('world')
-        perceptions = [perceive(*robot_view) for robot_view in robot_views]
-        lap('perception')
-        for loop, perception in zip(going, perceptions, strict=True):
-            loop.decide(perception)
-        lap('servo')
-        for loop in going:
-            loop.record()
-        lap('record')
-        for loop in going:
-            loop.drive()
-        lap('base')
-        going = [loop for loop in going if not loop.monitor.done]
-    return [loop.monitor.log() for loop in loops]
-
-
-def _keep_memory() -> None:
-    """
-    Let the allocator keep what it frees: stacked arrays are larger than it keeps at first.
-
-    The GNU one takes the size of the largest block that was freed for the usual size. Otherwise
-    each array of a stack comes as new pages, which cost as much as what is computed in it.
-    """
-    np.empty(LARGEST_BLOCK, np.uint8)
+    return Loop(settings, view, camera).run(watch=watch, control=control)

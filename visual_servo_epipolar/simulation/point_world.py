@@ -1,6 +1,6 @@
 """Point world: a seeded cloud of features and a noisy camera, for closed loops without images."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,26 +103,6 @@ class PointWorld(View):
         pixels, visible = self.project(pose, frame)
         return self.tracked(pixels, visible, frame)
 
-    @property
-    def alike(self) -> Hashable:
-        """The true camera, with its lenses, and the number of points."""
-        return PointWorld, self.camera, len(self.points), lenses_of(self.rig), self._shutter
-
-    @classmethod
-    def observe_each(
-        cls, views: Sequence['PointWorld'], poses: Sequence[Pose], frames: Sequence[int]
-    ) -> list[Features]:
-        """Return the features of each of alike worlds from its pose in its frame."""
-        each = list(zip(views, poses, frames, strict=True))
-        points = np.stack([world.seen(pose, frame) for world, pose, frame in each], axis=1)
-        zooms = np.array([world._shutter.zoom(frame) for world, _, frame in each])
-        first = views[0]
-        pixels, visible = first.rolling(points, zooms[:, None, None])
-        return [
-            world.tracked(pixels[row], visible[row], frame)
-            for row, (world, _, frame) in enumerate(each)
-        ]
-
     def tracked(self, pixels: FloatArray, visible: BoolArray, frame: int) -> Features:
         """Return the features at true ``pixels``, shape (N, 2), where ``visible``, shape (N,)."""
         taken_for = self.taken_for(frame)
@@ -158,20 +138,17 @@ class PointWorld(View):
             places = [pitched(*each) for each in zip(places, poses, pitches, strict=True)]
         return np.stack([(self.points - centre) @ axes for axes, centre in places])
 
-    def rolling(
-        self, points: FloatArray, zoom: float | FloatArray
-    ) -> tuple[FloatArray, BoolArray]:
-        """Return pixels, (..., N, 2), and which are in view, (..., N), of what was ``seen``."""
+    def rolling(self, points: FloatArray, zoom: float) -> tuple[FloatArray, BoolArray]:
+        """Return pixels, shape (N, 2), and which are in view, shape (N,), of what was ``seen``."""
         lenses, camera = lenses_of(self.rig), self.camera
         pixels, visible = through(lenses, points[len(points) // 2], camera)
         for _ in range(ROUNDS if len(points) > 1 else 0):
             rows = np.clip(np.nan_to_num(pixels[..., 1]) / camera.height, 0.0, 1.0)
             pixels, visible = through(lenses, interpolated(points, rows), camera)
-        if not np.all(zoom == 1.0):
+        if zoom != 1.0:
             centre = np.array([camera.cx, camera.cy])
             pixels = centre + zoom * (pixels - centre)
-            inside = camera.contains(pixels.reshape(-1, 2)).reshape(visible.shape)
-            visible = visible & inside
+            visible = visible & camera.contains(pixels)
         return pixels, visible
 
     def taken_for(self, frame: int) -> IntArray | None:

@@ -1,14 +1,11 @@
 """View: what every source of features in a closed loop takes and gives."""
 
-from collections.abc import Hashable, Sequence
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.nod import LEVEL, Nod
-
-V = TypeVar('V', bound='View')
 
 
 class View(Protocol):
@@ -23,23 +20,3 @@ class View(Protocol):
 
     def move(self, twist: Twist, nod: Nod = LEVEL) -> None:
         """Let base and body move so while images are exposed; an instant shows the pitch alone."""
-
-    @property
-    def alike(self) -> Hashable:
-        """What views have in common that ``observe_each`` can take at once."""
-        return type(self)
-
-    @classmethod
-    def observe_each(
-        cls: type[V], views: Sequence[V], poses: Sequence[Pose], frames: Sequence[int]
-    ) -> list[Features]:
-        """
-        Return the features of many alike ``views``, each from its own pose in its own frame.
-
-        They equal, bit by bit, those of ``observe``; a class that is faster with many views at
-        once overrides this.
-        """
-        return [
-            view.observe(pose, frame)
-            for view, pose, frame in zip(views, poses, frames, strict=True)
-        ]

@@ -4,12 +4,9 @@ Plan of a sweep: starts, laws and scenario, and the commands that repeat it.
 A worker does it chunk by chunk: it drives a few starts through the closed loop.
 """
 
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
-from itertools import groupby
 import json
-from operator import itemgetter
 import shlex
 import traceback
 from typing import Any
@@ -18,7 +15,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.simulation.closed_loop import run, run_many
+from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, verdict
@@ -27,7 +24,7 @@ from visual_servo_epipolar.simulation.view import View
 from visual_servo_epipolar.simulation.views import view_of
 
 RUN_STREAM = 6  # keeps the seeds of the runs apart from other draws of one seed
-# Runs handed to a worker at a time: on features it drives them side by side.
+# Runs handed to a worker at a time, whose results are kept when all of them are there.
 CHUNK = {'features': 64, 'images': 1}
 CHUNKS_A_WORKER = 4  # at least, so that no worker waits long for the last one
 
@@ -161,38 +158,12 @@ def work(plan: SweepPlan, chunk: Chunk) -> list[Result]:
     """Do the runs of ``chunk`` and return their results in its order."""
     cv2.setNumThreads(1)  # there is a worker for each core
     results = []
-    for scenario, indices in _by_scenario(plan, chunk):
-        seeds = [plan.run_seed(index) for index in indices]
-        starts = [
-            start_in(plan.region, plan.seed, index, scenario.seeded(seed), source=plan.source)
-            for index, seed in zip(indices, seeds, strict=True)
-        ]
-        results += run_chunk(scenario, starts, seeds, plan.source)
+    for index in chunk.indices:
+        seed = plan.run_seed(index)
+        scenario = plan.scenario_of(chunk.law, index)
+        start = start_in(plan.region, plan.seed, index, scenario, source=plan.source)
+        results.append(result_of(scenario, start, seed, plan.source))
     return results
-
-
-def _by_scenario(plan: SweepPlan, chunk: Chunk) -> Iterator[tuple[Scenario, list[int]]]:
-    """Yield stretches of the chunk in one scenario; only the seeds of its runs differ."""
-    scenarios = [(plan.scenario_of(chunk.law, index).seeded(0), index) for index in chunk.indices]
-    for scenario, stretch in groupby(scenarios, key=itemgetter(0)):
-        yield scenario, [index for _, index in stretch]
-
-
-def run_chunk(
-    scenario: Scenario, starts: Sequence[Start], seeds: Sequence[int], source: str
-) -> list[Result]:
-    """
-    Drive from each start with its seed and return the JSON document of each run.
-
-    Runs on features are driven side by side, each as it would be alone. A run that raises counts
-    as failed; its result then has the key ``traceback`` as well.
-    """
-    if source == 'features':
-        with suppress(Exception):  # a defect: one by one, below, it will say in which run
-            return _side_by_side(scenario, starts, seeds)
-    return [
-        _alone(scenario, start, seed, source) for start, seed in zip(starts, seeds, strict=True)
-    ]
 
 
 def run_of(scenario: Scenario, start: Start, seed: int, source: str) -> Run:
@@ -201,16 +172,12 @@ def run_of(scenario: Scenario, start: Start, seed: int, source: str) -> Run:
     return seeded.loop(start, seed), view_of(seeded, source, seed), seeded.camera.nominal_camera
 
 
-def _side_by_side(
-    scenario: Scenario, starts: Sequence[Start], seeds: Sequence[int]
-) -> list[Result]:
-    both = zip(starts, seeds, strict=True)
-    logs = run_many([run_of(scenario, start, seed, 'features') for start, seed in both])
-    rigs = [new_rig(scenario.seeded(seed).camera) for seed in seeds]
-    return [verdict(log, rig) for log, rig in zip(logs, rigs, strict=True)]
+def result_of(scenario: Scenario, start: Start, seed: int, source: str) -> Result:
+    """
+    Drive from ``start`` with a seed and return the JSON document of the run.
 
-
-def _alone(scenario: Scenario, start: Start, seed: int, source: str) -> Result:
+    A run that raises counts as failed; its result then has the key ``traceback`` as well.
+    """
     try:
         log = run(*run_of(scenario, start, seed, source))
         return verdict(log, new_rig(scenario.seeded(seed).camera))

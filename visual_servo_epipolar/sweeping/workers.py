@@ -22,8 +22,7 @@ from visual_servo_epipolar.sweeping.provenance import digest
 # Read when a process starts, or loads numpy and OpenCV: workers are started afresh for that.
 THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 # The GNU allocator keeps what is freed. The pyramids of a first match, 20 MB a level, come as new
-# pages otherwise, which takes a quarter of the match. Once set it no longer adapts, as
-# ``closed_loop`` lets it where no worker has set it.
+# pages otherwise, which takes a quarter of the match.
 MEMORY = {'MALLOC_MMAP_THRESHOLD_': str(32 << 20), 'MALLOC_TRIM_THRESHOLD_': str(1 << 30)}
 KEPT = 'finished runs are kept, and the same command goes on from there'
 

@@ -133,10 +133,10 @@ def decide(
     return advance(state, perception, settings, since_command=since_command)
 
 
-def update_map(state: ServoState, *, noise: bool = True) -> ServoState:
-    """Return the state after what no command waits for; ``noise`` may be left to the next view."""
+def update_map(state: ServoState) -> ServoState:
+    """Return the state after what no command waits for."""
     views, memory = state.view.map.update_map(), state.view.memory
-    if noise and memory is not None:
+    if memory is not None:
         memory = noise_learnt(memory)
     if views is not state.view.map:
         memory = with_wrong_matches(memory, views)

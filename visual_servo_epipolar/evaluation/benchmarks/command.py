@@ -3,9 +3,7 @@
 import argparse
 from collections.abc import Mapping
 from contextlib import closing
-from pathlib import Path
 from pkgutil import resolve_name
-import sys
 from typing import Any
 
 from visual_servo_epipolar.commands.arguments import (
@@ -16,36 +14,28 @@ from visual_servo_epipolar.commands.arguments import (
     duration,
 )
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.files.output import OutputFile, write_json
+from visual_servo_epipolar.commands.files.output import write_json
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.settings import expanded
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
 # Each row names a module, or a name in one, with run(*, seed, quick, say) -> document and
-# table(document) -> text; OPTIONS are those of the command line that its run takes beside,
-# figures(document) what histories compare.
+# table(document) -> text; OPTIONS are those of the command line that its run takes beside.
 HERE = 'visual_servo_epipolar.evaluation.benchmarks'
 BENCHMARKS: Mapping[str, str] = {
     'estimation': f'{HERE}.estimation.benchmark',
     'tracking': f'{HERE}.tracking.benchmark',
-    'matching': f'{HERE}.tracking.matching',
-    'sweep': f'{HERE}.speed.sweep',
     'laws': f'{HERE}.arrivals.laws',
-    'loop': f'{HERE}.speed.demo',
     'latency': f'{HERE}.speed.latency',
-    'soak': f'{HERE}.speed.soak',
-    'recording': f'{HERE}.speed.recording',
     'calibration': f'{HERE}.arrivals.calibration',
-    'render': f'{HERE}.speed.rendering',
     'ablation': f'{HERE}.arrivals.ablation',
     'mounts': f'{HERE}.arrivals.mounts',
     'mounts_images': f'{HERE}.arrivals.mounts:ON_IMAGES',
     'real': f'{HERE}.estimation.real',
     'routes': f'{HERE}.estimation.routes',
 }
-LATENCY_NODES = ('unicycle,camera,tracker,servo', 'tracker,servo')
 # Too long to be run unless they are named.
-ON_REQUEST = ('mounts_images', 'soak', 'real', 'routes', 'matching')
+ON_REQUEST = ('mounts_images', 'real', 'routes')
 # Functions that read the FOLDER after the name of a benchmark, by the option that it becomes.
 FOLDERS = {
     'real': ('photographs', f'{HERE}.estimation.real:read_pairs'),
@@ -65,31 +55,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add_flags(parser, {'--quick': 'run a few trials only, to see that it works'})
     add_seed(parser)
-    parser.add_argument(
-        '--nodes',
-        choices=LATENCY_NODES,
-        default=LATENCY_NODES[0],
-        metavar='LIST',
-        help=f'processes that latency starts: {" or ".join(LATENCY_NODES)}, as on a robot; '
-        'default the first',
-    )
-    seconds = 'duration of each row of latency (default 60), or of soak (default 1800)'
+    seconds = 'duration of each row of latency (default 60)'
     add_words(parser, {'--seconds S': seconds}, type=duration)
-    model = 'network that matching measures beside SIFT'
-    add_words(parser, {'--matcher-model FILE.onnx': model}, default='')
     add_json(parser)
-    history = 'append the figures to FILE, and report regressions on this machine'
-    add_words(parser, {'--history FILE': history}, type=OutputFile)
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the benchmarks one after the other, print their tables; return 0."""
-    from visual_servo_epipolar.evaluation.benchmarks import history
-
-    if options.history == '-':
-        raise InputError('--history needs the name of a file, got -; name one')
-    earlier = history.read(Path(options.history)) if options.history else []
     for name, (option, reader) in FOLDERS.items():
         setattr(options, option, _folder(options.which, name, reader))
     unknown = sorted(set(options.which) - set(BENCHMARKS))
@@ -98,7 +71,6 @@ def run(options: argparse.Namespace) -> int:
             f'unknown benchmark {", ".join(unknown)}; choose from {", ".join(BENCHMARKS)}'
         )
     results: dict[str, Any] = {}
-    figures: dict[str, dict[str, float]] = {}
     for name in options.which or [name for name in BENCHMARKS if name not in ON_REQUEST]:
         benchmark = _benchmark(name)
         with closing(Progress()) as progress:
@@ -108,13 +80,7 @@ def run(options: argparse.Namespace) -> int:
             )
         if options.json != '-':
             print(benchmark.table(results[name]))
-        if hasattr(benchmark, 'figures'):
-            figures[name] = benchmark.figures(results[name])
     write_json(results, options.json)
-    if options.history:
-        now = history.entry(figures)
-        print(history.comparison(earlier, now), file=sys.stderr)
-        history.append(Path(options.history), now)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Chains of nodes from image to twist, as processes: their camera, and the answers heard."""
+"""Tracker and servo as processes: this process is their camera, and hears their answers."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -19,14 +19,12 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.evaluation.live import echo
 from visual_servo_epipolar.evaluation.live.processes import (
     arguments,
-    camera_arguments,
     Listener,
     start_nodes,
     START_S,
 )
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 RELIABLE = arguments(camera_reliability='reliable')
@@ -79,35 +77,7 @@ class Answers:
         return [order[stamp_ns] for stamp_ns in self.answered]
 
 
-class TwistListener(Listener):
-    """Hears the twists that others answer with, and calls their services."""
-
-    def __init__(self, stack: ExitStack, name: str) -> None:
-        super().__init__(stack, name)
-        self.drive = Answers()
-        for topic in ('cmd_vel', echo.ANSWERS):
-            self.node.create_subscription(TwistStamped, topic, self._on_answer, qos.COMMAND)
-
-    def call(self, service: str) -> str:
-        """Call a service of std_srvs/Trigger, and return what it says."""
-        client = self.node.create_client(Trigger, service)
-        try:
-            if not client.wait_for_service(START_S):
-                raise VisualServoError(f'no node served {service} within {START_S:g} s')
-            future: Any = client.call_async(Trigger.Request())
-            self._executor.spin_until_future_complete(future, START_S)
-            answer = future.result()
-        finally:
-            self.node.destroy_client(client)
-        if answer is None or not answer.success:
-            raise VisualServoError(f'{service} failed: {answer and answer.message}')
-        return str(answer.message)
-
-    def _on_answer(self, message: TwistStamped) -> None:
-        self.drive.took(message)
-
-
-class PlayedCamera(TwistListener):
+class PlayedCamera(Listener):
     """
     Nodes in processes of their own; this process is their camera, and hears their twists.
 
@@ -124,12 +94,30 @@ class PlayedCamera(TwistListener):
         nodes: Mapping[str, Sequence[str]],
     ) -> None:
         super().__init__(stack, 'bench_camera')
+        self.drive = Answers()
+        for topic in ('cmd_vel', echo.ANSWERS):
+            self.node.create_subscription(TwistStamped, topic, self._on_answer, qos.COMMAND)
         self._camera, self._images, self._count = camera, cycle(images), 0
         self._image_pub = self.node.create_publisher(Image, 'image_raw', qos.STREAM)
         self._echo_pub = self.node.create_publisher(Image, echo.IMAGES, qos.STREAM)
         self._info_pub = self.node.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
         self._desired_pub = self.node.create_publisher(Image, 'desired/image_raw', qos.LATCHED)
         self.processes = start_nodes(stack, nodes, folder)
+
+    def call(self, service: str) -> str:
+        """Call a service of std_srvs/Trigger, and return what it says."""
+        client = self.node.create_client(Trigger, service)
+        try:
+            if not client.wait_for_service(START_S):
+                raise VisualServoError(f'no node served {service} within {START_S:g} s')
+            future: Any = client.call_async(Trigger.Request())
+            self._executor.spin_until_future_complete(future, START_S)
+            answer = future.result()
+        finally:
+            self.node.destroy_client(client)
+        if answer is None or not answer.success:
+            raise VisualServoError(f'{service} failed: {answer and answer.message}')
+        return str(answer.message)
 
     def show_goal(self, photograph: Pixels) -> None:
         """Publish the photograph, and wait until the servo answers to images."""
@@ -176,52 +164,5 @@ class PlayedCamera(TwistListener):
         self.drive.sent[stamp_ns] = time.monotonic()
         publisher.publish(message)
 
-
-BASE_RATE = 100.0  # of ground truth [Hz]; more than images a second
-
-
-class FourNodes(TwistListener):
-    """
-    Base, camera, tracker and servo as processes.
-
-    The camera publishes camera_info just before its image: an image is on the wire from when its
-    camera_info is heard.
-    """
-
-    as_driven: int | None = None  # there is no other run of theirs
-
-    def __init__(self, stack: ExitStack, settings: CameraSettings, folder: Path) -> None:
-        super().__init__(stack, 'bench_listener')
-        self.node.create_subscription(CameraInfo, 'camera_info', self._on_info, qos.STREAM)
-        nodes = {
-            'unicycle_node': arguments(
-                enable_stamped_cmd_vel='true', start=list(START), rate=BASE_RATE
-            ),
-            'camera_node': camera_arguments(settings),
-            **TRACKER_AND_SERVO,
-        }
-        self.processes = start_nodes(stack, nodes, folder)
-
-    def wait_for_answers(self) -> None:
-        """Wait until the servo answers to images."""
-        self.wait(lambda: bool(self.drive.latencies), 'the servo has answered to no image')
-
-    def begin(self) -> None:
-        """Begin a run from the start."""
-        for node in ('unicycle_node', 'servo_node'):
-            self.call(f'{node}/reset')
-
-    def turn(self, seconds: float) -> Answers:
-        """Drive for ``seconds`` [s], and return the answers."""
-        self.drive = drive = Answers()
-        self.spin_for(seconds)
-        return self.without_last_image(drive)
-
-    def without_last_image(self, drive: Answers) -> Answers:
-        """Return the answers without the last image: its answer may be on its way."""
-        self.drive = Answers()
-        drive.sent = dict(list(drive.sent.items())[:-1])
-        return drive
-
-    def _on_info(self, message: CameraInfo) -> None:
-        self.drive.sent[read.stamp_ns(message.header)] = time.monotonic()
+    def _on_answer(self, message: TwistStamped) -> None:
+        self.drive.took(message)

@@ -9,7 +9,7 @@ from typing import Any
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import runs_on_points
 from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
-from visual_servo_epipolar.simulation.closed_loop import run_many
+from visual_servo_epipolar.simulation.closed_loop import run as drive
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.sweeping.summary import (
     arrived,
@@ -62,7 +62,7 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
     for (name, mount, region, starts), ratio in product(places, ratios):
         say(f'calibration: {name}, camera {mount}, {region}, f_hat/f = {ratio:g} ...')
         runs = runs_on_points(_scenario(name, mount, ratio), region, starts, seed)
-        results = [summarise(log) for log in run_many(runs)]
+        results = [summarise(drive(*each)) for each in runs]
         row = {'method': name, 'mount': mount, 'region': region, 'ratio': ratio}
         rows.append(row | scores(results) | {'runs': results})
     return {'seed': seed, 'shift_px': SHIFT_PX, 'rows': rows}

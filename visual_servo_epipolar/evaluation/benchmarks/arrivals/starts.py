@@ -42,7 +42,7 @@ def summaries_of(plans: Sequence[SweepPlan], say: Callable[[str], None]) -> list
 
 
 def runs_on_points(scenario: Scenario, region: str, count: int, seed: int) -> list[Run]:
-    """Return what ``run_many`` needs for the first starts in ``region``."""
+    """Return what the closed loop needs for the first starts in ``region``."""
     runs = []
     for index, own in enumerate(range(seed, seed + count)):
         start = start_in(region, seed, index, scenario.seeded(own))

@@ -70,11 +70,7 @@ def drive_by_pose(name: str, settings: LoopSettings, view: View, camera: CameraM
     """Drive by a law of POSE_LAWS until the features match, and return the record."""
     loop, law = Loop(settings, view, camera), POSE_LAWS[name]
     control = as_step(lambda *_: law(loop.pose, settings.servo))
-    while not loop.monitor.done:
-        loop.decide_by(control)
-        loop.record()
-        loop.drive()
-    return loop.monitor.log()
+    return loop.run(control=control)
 
 
 def least_time(start: Pose, settings: ServoSettings) -> float:

@@ -3,8 +3,8 @@ Latency benchmark: from an image on the wire to the twist on the wire.
 
 The floor beside it, in the same run by turns: an echo node that answers each image of the same
 size by an empty twist, and what tracker and servo take for the same images in memory: one upon the
-other, and at the rate at which they come. Where the camera is this process, images are those of a
-run that the servo has driven before: it commands now as it did, and is as sure of where it is.
+other, and at the rate at which they come. The camera is this process; images are those of a run
+that the servo has driven before: it commands now as it did, and is as sure of where it is.
 """
 
 from collections.abc import Callable, Mapping
@@ -27,7 +27,6 @@ from visual_servo_epipolar.evaluation.benchmarks.speed.driven_run import (
 from visual_servo_epipolar.evaluation.live.chain import (
     Answers,
     ECHO,
-    FourNodes,
     PlayedCamera,
     TRACKER_AND_SERVO,
 )
@@ -35,8 +34,7 @@ from visual_servo_epipolar.evaluation.live.processes import costs, spent, Stretc
 from visual_servo_epipolar.evaluation.tables import aligned
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
-OPTIONS = ('nodes', 'seconds')  # of the command line that this benchmark takes
-FOUR = 'unicycle,camera,tracker,servo'
+OPTIONS = ('seconds',)  # of the command line that this benchmark takes
 FULL = CameraSettings(frame_rate=30.0)
 CELLS = (
     replace(
@@ -94,24 +92,19 @@ class TwoNodes:
 
 
 def run(
-    *,
-    seed: int,
-    quick: bool,
-    say: Callable[[str], None],
-    nodes: str = FOUR,
-    seconds: float | None = None,
+    *, seed: int, quick: bool, say: Callable[[str], None], seconds: float | None = None
 ) -> dict[str, Any]:
     """Return the document: for each size of image latency, floor, drops and costs."""
     seconds = seconds or (QUICK_SECONDS if quick else SECONDS)
     rows = [
-        _measure_size(replace(cell, seed=seed), nodes, seconds, say)
+        _measure_size(replace(cell, seed=seed), seconds, say)
         for cell in (CELLS[:1] if quick else CELLS)
     ]
-    return {'nodes': nodes, 'seconds': seconds, 'rows': rows}
+    return {'seconds': seconds, 'rows': rows}
 
 
 def _measure_size(
-    settings: CameraSettings, nodes: str, seconds: float, say: Callable[[str], None]
+    settings: CameraSettings, seconds: float, say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Return the row of one size: latencies, floor, drops, and what each process costs."""
     size, rate = [settings.width, settings.height], settings.frame_rate
@@ -122,9 +115,10 @@ def _measure_size(
         say(f'{title}: tracker and servo in memory ...')
         floor, paced = in_memory(run), in_memory(run, paced=True)
         say(f'{title}: starting nodes ...')
-        started = ECHO if nodes == FOUR else {**ECHO, **TRACKER_AND_SERVO}
-        loop = PlayedCamera(stack, run.camera, run.images, Path(scratch), started)
-        chain = FourNodes(stack, settings, Path(scratch)) if nodes == FOUR else TwoNodes(loop, run)
+        loop = PlayedCamera(
+            stack, run.camera, run.images, Path(scratch), {**ECHO, **TRACKER_AND_SERVO}
+        )
+        chain = TwoNodes(loop, run)
         chain.wait_for_answers()
         loop.wait_for_listeners(1, to_echo=True)
         row = _by_turns(chain, loop, rate, seconds, lambda text: say(f'{title}: {text}'))
@@ -143,7 +137,7 @@ def _turns(seconds: float) -> int:
 
 
 def _by_turns(
-    chain: FourNodes | TwoNodes,
+    chain: TwoNodes,
     loop: PlayedCamera,
     rate: float,
     seconds: float,
@@ -160,9 +154,8 @@ def _by_turns(
         nodes += chain.turn(seconds / turns)
         stretches.append((before, costs(chain.processes)))
         echoes += loop.show(ECHO_SHARE * seconds / turns, rate, to_echo=True)
-    answers, same = _answers(nodes), chain.as_driven
     return {
-        'nodes': {**answers, 'as_driven': None if same is None else same / len(nodes.twists)},
+        'nodes': {**_answers(nodes), 'as_driven': chain.as_driven / len(nodes.twists)},
         'echo': _answers(echoes),
         'processes': spent(stretches, len(nodes.sent)),
     }
@@ -189,7 +182,7 @@ def table(document: Mapping[str, Any]) -> str:
     costs_of = [(_title(row), name, it) for row in rows for name, it in row['processes'].items()]
     return '\n'.join(
         [
-            f'Latency, image on the wire to twist on the wire; nodes {document["nodes"]}, '
+            'Latency, image on the wire to twist on the wire; tracker and servo, '
             f'{document["seconds"]:g} s a row, [ms]',
             '',
             *aligned(LATENCIES, map(_latencies, rows)),
@@ -199,27 +192,13 @@ def table(document: Mapping[str, Any]) -> str:
     )
 
 
-def figures(document: Mapping[str, Any]) -> dict[str, float]:
-    """Return what to compare between runs; less is better."""
-    rows = {}
-    for row in document['rows']:
-        size = 'x'.join(map(str, row['size']))
-        rows[f'{size} p50 over floor'] = row['nodes']['p50'] / row['floor']['sum_ms']
-        rows[f'{size} p50 over floor at the rate'] = (
-            row['nodes']['p50'] / row['paced_floor']['sum_ms']
-        )
-        rows[f'{size} p99 [ms]'] = row['nodes']['p99']
-        rows[f'{size} drops'] = float(row['nodes']['drops'])
-    return rows
-
-
 def _latencies(row: Mapping[str, Any]) -> list[str]:
     nodes, echo, floor, paced = (row[it] for it in ('nodes', 'echo', 'floor', 'paced_floor'))
     return [
         _title(row),
         *(f'{nodes[name]:.1f}' for name in QUANTILES),
         *(str(nodes[name]) for name in ('images', 'drops')),
-        '-' if nodes['as_driven'] is None else f'{nodes["as_driven"]:.1%}',
+        f'{nodes["as_driven"]:.1%}',
         *(f'{echo[name]:.1f}' for name in ('p50', 'p99')),
         *(f'{floor[f"{name}_ms"]:.1f}' for name in ('tracker', 'servo', 'sum')),
         f'{nodes["p50"] / floor["sum_ms"]:.2f}',

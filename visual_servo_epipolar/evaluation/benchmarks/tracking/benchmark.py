@@ -13,7 +13,6 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.evaluation.benchmarks.tracking.scores import (
     ended_tracks,
-    figures,
     recovery_time,
     scores,
     table,
@@ -29,7 +28,7 @@ from visual_servo_epipolar.evaluation.benchmarks.tracking.world import (
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
-__all__ = ['figures', 'run', 'table']
+__all__ = ['run', 'table']
 
 SCENES = (101, 102, 103, 104, 105)  # none of them served to tune the tracker
 DISTURBED_SCENES = 2

@@ -191,15 +191,6 @@ def table(document: Mapping[str, Any]) -> str:
     )
 
 
-def figures(document: Mapping[str, Any]) -> dict[str, float]:
-    """Return what to compare between runs; less is better."""
-    return {
-        f'{"x".join(map(str, it["size"]))} anchored frame over pyramid and flow': it['ratio']
-        for it in document['over_floor']
-        if it['ratio'] is not None
-    }
-
-
 def _px(it: Mapping[str, Any], *names: str) -> str:
     return ' '.join(number(it[name], 3) for name in names)
 
