@@ -243,6 +243,12 @@ def test_an_earlier_name_means_what_the_kind_itself_says() -> None:
     assert from_mapping(Renamed, {'pace': 6}, 'a file').speed == 6.0
 
 
+@pytest.mark.parametrize('name', ['auxiliary_features', 'passing_features'])
+def test_a_setting_that_is_gone_is_refused_in_one_line(name: str) -> None:
+    with pytest.raises(ValueError, match=f'^a file has no setting {name} any more; leave it out$'):
+        from_mapping(TrackerSettings, {'levels': 3, name: 0}, 'a file')
+
+
 def test_a_broken_estimator_is_refused_before_there_is_an_image(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

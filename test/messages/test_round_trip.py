@@ -10,7 +10,7 @@ from rosbags.typesys import get_typestore, Stores
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures, Features
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.simulation.closed_loop import published
 
@@ -31,18 +31,12 @@ def feature_sets(draw: st.DrawFn) -> Features:
     count = draw(st.integers(0, 5))
     pixels = arrays(np.float64, (count, 2), elements=finite)
     whole = arrays(np.int64, count, elements=st.integers(0, 2**32 - 1))
-    more = draw(st.integers(0, 3))
-    numbers = arrays(np.int64, more, elements=st.integers(0, 2**32 - 1))
-    auxiliary = AuxiliaryFeatures(
-        draw(numbers), draw(arrays(np.float64, (more, 2), elements=finite)), draw(numbers)
-    )
     return Features(
         ids=draw(whole),
         current=draw(pixels),
         desired=draw(pixels),
         ages=draw(whole),
         errors=draw(arrays(np.float64, count, elements=finite)),
-        auxiliary=auxiliary,
     )
 
 
@@ -55,9 +49,6 @@ def from_bag(message):
 def assert_same_features(actual: Features, expected: Features) -> None:
     for name in ('ids', 'current', 'desired', 'ages', 'errors'):
         np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name), name)
-    for name in AuxiliaryFeatures.__slots__:
-        both = [getattr(each.auxiliary, name) for each in (actual, expected)]
-        np.testing.assert_array_equal(*both, name)
 
 
 def pixels(channels: int) -> np.ndarray:
@@ -68,6 +59,15 @@ def pixels(channels: int) -> np.ndarray:
 @given(value=feature_sets())
 def test_features_come_back_exactly(value: Features) -> None:
     assert_same_features(read.features(write.features(value, STAMP_NS, 'camera')), value)
+
+
+def test_rows_that_the_photograph_does_not_show_are_left_out() -> None:
+    """Earlier trackers could publish them, with nan for where the photograph has them."""
+    value = Features([1, 2], np.ones((2, 2)), np.ones((2, 2)), [0, 0], [0.0, 0.0])
+    message = write.features(value, STAMP_NS, 'camera')
+    rows = np.frombuffer(message.data, write.TRACK_LAYOUT)
+    rows['desired_u'][1] = rows['desired_v'][1] = np.nan
+    assert read.features(message).ids.tolist() == [1]
 
 
 @given(value=feature_sets())

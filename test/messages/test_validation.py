@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.cameras.equirectangular import of_size
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures, Features
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.photographs import photographs
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -41,23 +41,12 @@ def test_a_feature_may_lie_a_pixel_outside_and_no_more(u, count, of_desired) -> 
     assert warning.startswith(expected) if count == 0 else warning == ''
 
 
-def test_one_that_the_photograph_does_not_show_must_lie_in_the_image_as_well() -> None:
-    shown = features(10.0, of_desired=False)
-    for u, count in ((30.0, 1), (642.0, 0)):
-        more = replace(shown, auxiliary=AuxiliaryFeatures([2**24], [[u, 10.0]], [0]))
-        taken, warning = checked_features(more, CAMERA)
-        assert len(taken.auxiliary) == count
-        assert warning.startswith('tracks refused: 1 of 3 features lie') == (count == 0)
-
-
-@pytest.mark.parametrize('ids', [([1, 1], [9]), ([1, 2], [2])])
-def test_ids_that_stand_twice_are_refused(ids) -> None:
-    shown = replace(features(10.0, of_desired=False), ids=ids[0])
+def test_ids_that_stand_twice_are_refused() -> None:
     taken, warning = checked_features(
-        replace(shown, auxiliary=AuxiliaryFeatures(ids[1], [[30.0, 10.0]], [0])), CAMERA
+        replace(features(10.0, of_desired=False), ids=[1, 1]), CAMERA
     )
-    assert len(taken) == len(taken.auxiliary) == 0
-    assert warning.startswith('tracks refused: of 3 ids 2 differ')
+    assert len(taken) == 0
+    assert warning.startswith('tracks refused: of 2 ids 1 differ')
 
 
 def test_a_cloud_that_is_none_of_tracks_is_refused_with_the_reason() -> None:

@@ -323,3 +323,9 @@ def test_settings_that_contradict_each_other_are_refused_at_the_start(bench) -> 
 def test_a_parameter_of_an_earlier_version_is_named_with_its_new_name(bench) -> None:
     with pytest.raises(ValueError, match='calls the parameter room spiral_ratio now; rename it'):
         bench.start(ServoNode, room=0.5)
+
+
+def test_a_parameter_that_is_gone_is_refused_in_one_line(bench) -> None:
+    message = '^tracker_node has no parameter auxiliary_features any more; delete it from your'
+    with pytest.raises(ValueError, match=message):
+        bench.start(TrackerNode, auxiliary_features=0)

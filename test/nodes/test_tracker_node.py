@@ -90,25 +90,6 @@ def test_tracks_are_those_of_the_core(rig, photograph, view) -> None:
     np.testing.assert_array_equal(features.desired, expected.desired)
 
 
-def test_features_that_the_photograph_does_not_show_come_last(
-    bench, simulator, photograph, view
-) -> None:
-    rig = Rig(bench, simulator, auxiliary_features=5).calibrated().taught(photograph)
-    features = rig.track(view)
-    assert len(features) >= 40
-    assert 1 <= len(features.auxiliary) <= 5
-    assert not rig.clouds[-1].is_dense
-    rows = np.frombuffer(bytes(rig.clouds[-1].data), write.TRACK_LAYOUT)
-    assert np.isnan(rows['desired_u']).tolist() == [False] * len(features) + [True] * len(
-        features.auxiliary
-    )
-    expected = Tracker(TrackerSettings(auxiliary_features=5))
-    expected.set_desired(photograph)
-    np.testing.assert_array_equal(
-        features.auxiliary.current, expected.track(view).auxiliary.current
-    )
-
-
 def test_each_image_gives_one_cloud_with_its_stamp(rig, photograph, view) -> None:
     rig.calibrated().taught(photograph)
     for number in range(3):

@@ -10,12 +10,12 @@ import pytest
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.perception.observation import AuxiliaryRays, Observation, observe
+from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
-from visual_servo_epipolar.core.tracking.features import Features, FIRST_AUXILIARY
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
@@ -42,29 +42,6 @@ def shuffled(seen: Observation) -> Observation:
     return replace(few, current=np.roll(few.current, 3, axis=0))
 
 
-def auxiliary(seen: Observation) -> Observation:
-    """Return every third feature as one that the photograph does not show."""
-    rows = np.flatnonzero(seen.ids % 3 == 0)
-    others = of_rows(seen, np.flatnonzero(seen.ids % 3 > 0))
-    rays = AuxiliaryRays(
-        FIRST_AUXILIARY + seen.ids[rows], seen.current[rows], seen.resolution[rows, 0]
-    )
-    return replace(others, auxiliary=rays)
-
-
-def nothing_of_the_photograph(seen: Observation) -> Observation:
-    """Leave what passes."""
-    return replace(of_rows(seen, np.arange(0)), auxiliary=seen.auxiliary)
-
-
-def people(seen: Observation) -> Observation:
-    """Leave what passes, each where another is: somebody walks before it."""
-    left = nothing_of_the_photograph(seen)
-    assert left.auxiliary is not None
-    rays = np.roll(left.auxiliary.current, 3, axis=0)
-    return replace(left, auxiliary=replace(left.auxiliary, current=rays))
-
-
 def of_rows(seen: Observation, rows: np.ndarray) -> Observation:
     angles = None if seen.pixel_angles is None else seen.pixel_angles[rows]
     return replace(
@@ -81,7 +58,6 @@ def driven(
     for_s: float,
     *,
     scenario: str = 'nominal',
-    always: Hide = lambda seen: seen,
     around: Callable[[View], View] = lambda view: view,
     end_s: float = 200.0,
     **settings: object,
@@ -95,7 +71,6 @@ def driven(
     def control(state: ServoState, seen: Observation, servo: ServoSettings) -> ServoState:
         first.append(seen.stamp_ns)
         hidden = BEGIN_S <= 1e-9 * (seen.stamp_ns - first[0]) < BEGIN_S + for_s
-        seen = always(seen)
         after = step(state, hide(seen) if hidden else seen, servo)
         if hidden:
             states.append(after)
@@ -118,55 +93,6 @@ def test_eight_remembered_features_are_enough_to_drive_on(count: int, scenario: 
     assert float(str(summary['position_error_m'])) < 0.004
     assert {state.phase for state in states}.isdisjoint({Phase.HOLDING, Phase.FAILED})
     assert all(state.measurement is not None and state.measurement.carried for state in states)
-
-
-@pytest.mark.parametrize('scenario', few_of(['realistic', 'nominal', 'flat']))
-def test_what_the_photograph_does_not_show_is_enough_to_drive_on(scenario: str) -> None:
-    summary, states = driven(nothing_of_the_photograph, 6.0, scenario=scenario, always=auxiliary)
-    assert summary['outcome'] == 'arrived'
-    assert float(str(summary['position_error_m'])) < 0.004
-    assert {state.phase for state in states}.isdisjoint({Phase.HOLDING, Phase.FAILED})
-    assert max(state.twist.linear for state in states) > 0.1
-
-
-def test_who_walks_by_carries_nobody_on() -> None:
-    summary, states = driven(people, 4.0, always=auxiliary)
-    assert all(state.twist == STANDSTILL for state in states)
-    assert {state.phase for state in states} == {Phase.HOLDING}
-    assert summary['outcome'] == 'arrived'
-
-
-def test_at_the_goal_it_waits_for_the_photograph_s_features() -> None:
-    """Hidden until the end: where nothing else tells, it is no arrival, and none is missed."""
-    summary, states = driven(
-        nothing_of_the_photograph, 1e3, always=auxiliary, few_features_timeout=60.0
-    )
-    assert summary['outcome'] == 'failed'
-    assert summary['attempts'] == 1
-    assert float(str(summary['position_error_m'])) < 0.02
-    assert Phase.RETREATING not in {state.phase for state in states}
-
-
-def test_once_they_are_back_at_the_goal_it_has_arrived() -> None:
-    """What was not seen of the photograph in between is no parallax."""
-    summary, states = driven(
-        nothing_of_the_photograph, 35.0, always=auxiliary, few_features_timeout=60.0
-    )
-    assert states[-1].phase is Phase.MATCHING_FEATURES
-    assert summary['outcome'] == 'arrived', summary['reason']
-    assert summary['attempts'] == 1
-    assert float(str(summary['position_error_m'])) < 0.003
-
-
-@pytest.mark.parametrize('count', few_of([5, 3, 1], keep=()))
-def test_a_few_of_the_photograph_s_decide_nothing_at_the_goal(count: int) -> None:
-    def few_and_auxiliary(seen: Observation) -> Observation:
-        return replace(of_rows(seen, np.arange(count)), auxiliary=seen.auxiliary)
-
-    summary, states = driven(few_and_auxiliary, 1e3, always=auxiliary, few_features_timeout=60.0)
-    assert summary['outcome'] == 'failed'
-    assert Phase.ARRIVED not in {state.phase for state in states}
-    assert float(str(summary['position_error_m'])) < 0.02
 
 
 def test_without_a_memory_the_robot_stands_as_before() -> None:

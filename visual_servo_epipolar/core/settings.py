@@ -61,20 +61,29 @@ class Settings:
     Base of every settings value: a value that exists is within its ranges.
 
     ``RENAMED`` has the names of earlier versions, which files and bags may still use; a kind has
-    those of all its bases, too.
+    those of all its bases, too. ``GONE`` has names that mean nothing any more, each with the
+    value by which it was off: a file is refused, a bag that was recorded with another is replayed
+    with a note.
     """
 
     RENAMED: ClassVar[Mapping[str, str]] = {}
+    GONE: ClassVar[Mapping[str, Any]] = {}
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        bases = (vars(base).get('RENAMED', {}) for base in reversed(cls.__mro__))
-        cls.RENAMED = dict(item for renamed in bases for item in renamed.items())
+        for table in ('RENAMED', 'GONE'):
+            bases = (vars(base).get(table, {}) for base in reversed(cls.__mro__))
+            setattr(cls, table, dict(item for names in bases for item in names.items()))
 
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
             object.__setattr__(self, item.name, _checked(item.name, value, item))
+
+
+def names_of(settings: Settings | type[Settings]) -> list[str]:
+    """Return the names that ``settings`` have, and had in earlier versions."""
+    return [*(item.name for item in fields(settings)), *settings.RENAMED, *settings.GONE]
 
 
 def from_mapping(kind: type[SettingsT], values: Mapping[str, Any], where: str) -> SettingsT:
@@ -96,6 +105,8 @@ def updated(settings: SettingsT, values: Mapping[str, Any], where: str) -> Setti
         raise ValueError(f'{where} must map names to values, got {values!r}; write "name: value"')
     values = _renamed(settings.RENAMED, values, where)
     known = [item.name for item in fields(settings)]
+    if gone := sorted(settings.GONE.keys() & values.keys()):
+        raise ValueError(f'{where} has no setting {", ".join(gone)} any more; leave it out')
     unknown = sorted(set(map(str, values)) - set(known))
     if unknown:
         raise ValueError(f'{where} has no setting {", ".join(unknown)}; {hint(unknown, known)}')

@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_qua
 from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures, Features
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages.images.encodings import GrayReader
 
 NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
@@ -158,7 +158,7 @@ def features(message: Any) -> Features:
     """
     Return the features of a sensor_msgs/PointCloud2 as the tracker publishes it.
 
-    Rows without desired pixels, nan both, are features that the photograph does not show.
+    Rows without desired pixels, nan both, of earlier versions, are left out.
     """
     layout = _layout_of_tracks(message)
     count = int(message.width) * int(message.height)
@@ -169,18 +169,13 @@ def features(message: Any) -> Features:
         )
     every = np.frombuffer(message.data, layout, count=count)
     unshown = np.isnan(every['desired_u']) & np.isnan(every['desired_v'])
-    rows, auxiliary = every[~unshown], every[unshown]
+    rows = every[~unshown]
     return Features(
         ids=rows['id'].astype(np.int64),
         current=np.stack([rows['u'], rows['v']], axis=1).astype(np.float64),
         desired=np.stack([rows['desired_u'], rows['desired_v']], axis=1).astype(np.float64),
         ages=rows['age'].astype(np.int64),
         errors=rows['error'].astype(np.float64),
-        auxiliary=AuxiliaryFeatures(
-            auxiliary['id'].astype(np.int64),
-            np.stack([auxiliary['u'], auxiliary['v']], axis=1).astype(np.float64),
-            auxiliary['age'].astype(np.int64),
-        ),
         goal=_of_first_row(message, 'goal') or NO_GOAL,
     )
 

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import camera_of_size
@@ -66,19 +64,15 @@ def checked_tracks(message: Any, camera: CameraModel) -> tuple[Features, str]:
 
 def checked_features(features: Features, camera: CameraModel) -> tuple[Features, str]:
     """Return ``features``; none, and a warning, if they cannot come from ``camera``."""
-    ids = np.concatenate([features.ids, features.auxiliary.ids])
-    different = len(set(ids.tolist()))
-    if different < len(ids):
+    different = len(set(features.ids.tolist()))
+    if different < len(features):
         return Features(), (
-            f'tracks refused: of {len(ids)} ids {different} differ; connect the tracks of one '
-            'tracker_node'
+            f'tracks refused: of {len(features)} ids {different} differ; connect the tracks of '
+            'one tracker_node'
         )
     current, desired = features.current, features.desired
-    shown = camera.contains(current, margin=-BORDER_PX) & camera.contains(
-        desired, margin=-BORDER_PX
-    )
-    auxiliary = camera.contains(features.auxiliary.current, margin=-BORDER_PX)
-    inside = np.concatenate([shown, auxiliary])
+    inside = camera.contains(current, margin=-BORDER_PX)
+    inside &= camera.contains(desired, margin=-BORDER_PX)
     if inside.all():
         return features, ''
     return Features(), (

@@ -197,26 +197,19 @@ def features(
     """
     Return tracks as a sensor_msgs/PointCloud2, a row a feature.
 
-    Features that the photograph does not show come last, with desired_u, desired_v and error nan.
     The height is 0 where there is no photograph, also of empty tracks, which have no row to tell
     its goal. ``repeats``: how many images in a row have been the very same; ``back``: how many
     images ago it came last, 0 if it is new.
     """
-    auxiliary = value.auxiliary
-    rows = np.empty(len(value) + len(auxiliary), TRACK_LAYOUT)
-    shown, unshown = rows[: len(value)], rows[len(value) :]
-    shown['id'], shown['age'], shown['error'] = value.ids, value.ages, value.errors
-    shown['u'], shown['v'] = value.current.T
-    shown['desired_u'], shown['desired_v'] = value.desired.T
-    if len(auxiliary):
-        unshown['id'], unshown['age'] = auxiliary.ids, auxiliary.ages
-        unshown['u'], unshown['v'] = auxiliary.current.T
-        unshown['desired_u'] = unshown['desired_v'] = unshown['error'] = np.nan
+    rows = np.empty(len(value), TRACK_LAYOUT)
+    rows['id'], rows['age'], rows['error'] = value.ids, value.ages, value.errors
+    rows['u'], rows['v'] = value.current.T
+    rows['desired_u'], rows['desired_v'] = value.desired.T
     rows['goal'], rows['repeats'], rows['back'] = value.goal, repeats, back
     height = int(value.goal != NO_GOAL or len(rows) > 0)
     message = PointCloud2(header=header(stamp_ns, frame_id), height=height, width=len(rows))
     message.fields = [PointField(**field) for field in TRACK_FIELDS]
-    message.is_dense, message.point_step = not len(auxiliary), TRACK_LAYOUT.itemsize
+    message.is_dense, message.point_step = True, TRACK_LAYOUT.itemsize
     message.row_step = message.point_step * len(rows)
     message.data.frombytes(rows.tobytes())
     return message

@@ -53,6 +53,10 @@ def declare(node: Node, kind: type[SettingsT]) -> SettingsT:
                 f'{node.get_name()} calls the parameter {name} {kind.RENAMED[name]} now; '
                 'rename it in your file'
             )
+        if name in kind.GONE:
+            raise ValueError(
+                f'{node.get_name()} has no parameter {name} any more; delete it from your file'
+            )
     values: dict[str, Any] = {}
     for item in fields(kind):
         default = list(item.default) if isinstance(item.default, tuple) else item.default

@@ -10,7 +10,7 @@ import yaml
 from visual_servo_epipolar.core.cameras.model import field_of_view
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import hint, setting, Settings, updated
+from visual_servo_epipolar.core.settings import hint, names_of, setting, Settings, updated
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import (
@@ -217,8 +217,7 @@ def _node(key: Any) -> str:
 
 
 def _names(section: str) -> list[str]:
-    settings: Settings = getattr(Scenario(), section)
-    return [*(item.name for item in fields(settings)), *settings.RENAMED]
+    return names_of(getattr(Scenario(), section))
 
 
 def _section(name: str, values: Any, where: str) -> Settings:

@@ -22,6 +22,7 @@ from visual_servo_epipolar.bags.replaying.replay import replay, ReplayedStep
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
 
+TRACKER_SETTINGS = '/tracker_node/settings'
 FIRST = ('/desired/image_raw', '/tracker_node/desired/image_raw', '/tracker_node/settings')
 
 
@@ -185,14 +186,15 @@ def test_tracks_alone_are_replayed_by_themselves(small_run, tmp_path) -> None:
     assert replayed(path)[2].equal
 
 
+def _recorded(small_run, topic: str) -> str:
+    """Return the recorded text of settings."""
+    (raw,) = (raw for each, _, raw in small_run if each == topic)
+    return TYPES.deserialize_cdr(raw, kind_of(topic)).data
+
+
 def test_a_network_that_is_gone_keeps_no_tracks_from_being_replayed(small_run, tmp_path) -> None:
-    topic = '/tracker_node/settings'
-    (settings,) = (
-        TYPES.deserialize_cdr(raw, kind_of(each)).data
-        for each, _, raw in small_run
-        if each == topic
-    )
-    gone = settings.replace('matcher: sift', 'matcher: onnx')
+    topic = TRACKER_SETTINGS
+    gone = _recorded(small_run, topic).replace('matcher: sift', 'matcher: onnx')
     gone = gone.replace("matcher_model: ''", 'matcher_model: /gone.onnx')
     message = (topic, 0, serialize_message(write.text(gone)))
     path = write_bag(tmp_path / 'gone', [message, *without(small_run, topic)])
@@ -232,6 +234,22 @@ def test_a_bag_of_another_version_is_noted(small_run, tmp_path) -> None:
         _, notes = plan(opened, read_run(opened, assign_roles(opened, {})), ReplayOverrides())
     assert len(notes) == 1
     assert re.fullmatch(r'recorded with version 9\.\S+, replayed with 0\.\S+', notes[0])
+
+
+@pytest.mark.parametrize('value', [0, 20])
+def test_a_recorded_setting_that_is_gone_is_noted_where_it_was_on(
+    small_run, tmp_path, value
+) -> None:
+    settings = _recorded(small_run, TRACKER_SETTINGS)
+    more = settings.replace('matcher: sift', f'auxiliary_features: {value}\n  matcher: sift')
+    indent = settings.partition('matcher: sift')[0].rpartition('\n')[2]
+    more = more.replace('\n  matcher', f'\n{indent}matcher')
+    message = (TRACKER_SETTINGS, 0, serialize_message(write.text(more)))
+    path = write_bag(tmp_path / 'gone', [message, *without(small_run, TRACKER_SETTINGS)])
+    with Bag(path) as opened:
+        _, notes = plan(opened, read_run(opened, assign_roles(opened, {})), ReplayOverrides())
+    expected = 'recorded with auxiliary_features 20: this version replays without it'
+    assert notes == ([expected] if value else [])
 
 
 def test_the_path_of_ground_truth_is_that_of_the_recorded_run(bag) -> None:

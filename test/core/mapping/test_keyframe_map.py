@@ -24,8 +24,9 @@ from visual_servo_epipolar.core.mapping.feature_observations import (
     FeatureObservations,
     MapSettings,
 )
+from visual_servo_epipolar.core.mapping.fitting import correspondences_of
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap, MOST_REFUSED
-from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.mapping.localization import MapLocalization, seen_rays
 
 DEVIATIONS = 4.0
 
@@ -52,13 +53,6 @@ def fewer(observations: FeatureObservations, rows: np.ndarray) -> FeatureObserva
     )
 
 
-def a_third_unshown(observations: FeatureObservations) -> FeatureObservations:
-    """Return observations of which each third feature is none of the photograph's."""
-    desired = observations.desired.copy()
-    desired[observations.ids % 3 == 0] = np.nan
-    return FeatureObservations(observations.ids, observations.current, desired, observations.noise)
-
-
 def standing(drive: StudyTrial, place: tuple[float, float, float]) -> StudyTrial:
     """Return the same scene, seen from one more place."""
     return trial(drive.settings, 3, np.vstack([drive.views[:, :3], place]))
@@ -83,7 +77,7 @@ def test_a_focal_length_that_is_wrong_is_found_out_on_the_way(drive, ratio) -> N
 def test_the_same_drive_gives_the_same_bits(drive, memory) -> None:
     again = map_after_drive(drive)
     one, other = (m.after(drive.observations(14), drive.motion(14))[1] for m in (memory, again))
-    for name in ('pose', 'covariance', 'own', 'inverse_depth', 'rays'):
+    for name in ('pose', 'covariance', 'own', 'inverse_depth', 'photograph'):
         assert np.array_equal(getattr(one, name), getattr(other, name))
 
 
@@ -237,9 +231,11 @@ def test_predicted_rays_are_where_features_are_seen(drive, memory) -> None:
     _, said = memory.after(observations)
     rows = {number: row for row, number in enumerate(said.ids.tolist())}
     at = [rows[number] for number in observations.ids[said.inliers].tolist()]
-    angle = np.linalg.norm(said.rays[at] - observations.current[said.inliers], axis=1)
+    structure = correspondences_of(memory.geometry, said.ids).everything.structure
+    rays = seen_rays(structure, said.pose)
+    angle = np.linalg.norm(rays[at] - observations.current[said.inliers], axis=1)
     assert np.median(angle) < 2.0 * np.median(observations.noise)
-    pixels = drive.settings.camera.pixels(said.rays)
+    pixels = drive.settings.camera.pixels(rays)
     assert pixels[at] == pytest.approx(drive.pixels[15, observations.ids[said.inliers]], abs=2.0)
 
 
@@ -388,62 +384,6 @@ def test_where_a_wall_has_a_twin_it_waits_for_more_views(wall: bool) -> None:
             bearings=told if memory.geometry is None else (),
         )
     assert (memory.update_map().geometry is None) == wall
-
-
-def test_what_the_photograph_does_not_show_is_learnt_and_is_enough() -> None:
-    """The third of the features that is unshown tells the last view's place alone."""
-    errors = []
-    for seed in range(6):
-        drive = trial(StudySettings(wrong=0.0), seed)
-        memory = KeyframeMap(drive.mount)
-        for k in range(last_of(drive)):
-            told = two_views(drive, k)._asdict() if memory.geometry is None else {}
-            memory, _ = memory.after(
-                a_third_unshown(drive.observations(k)), drive.motion(k), **told
-            )
-        assert memory.geometry is not None
-        assert memory.geometry.noise_ratio == pytest.approx(1.0, abs=0.1)
-        unshown = ~memory.geometry.window.shown
-        assert int((unshown & memory.geometry.trusted).sum()) >= 15
-        view = a_third_unshown(drive.observations(last_of(drive)))
-        _, said = memory.after(view.take(~view.shown), learns=False)
-        truth = drive.views[-1]
-        assert near_truth(said, truth, drive.scale)
-        errors.append(1e3 * math.dist(said.pose[:2], truth[:2]))
-    assert np.median(errors) < 6.0
-
-
-def test_a_geometry_begins_without_what_the_photograph_does_not_show(drive) -> None:
-    memory = KeyframeMap(drive.mount)
-    for k in range(last_of(drive)):
-        told = two_views(drive, k)._asdict() if memory.geometry is None else {}
-        memory, _ = memory.after(a_third_unshown(drive.observations(k)), drive.motion(k), **told)
-        memory = memory.update_map()
-        assert np.isfinite(memory.window.photograph).all()
-        if memory.geometry is not None:
-            break
-    assert memory.geometry is not None
-    assert memory.window.shown.all()
-
-
-def test_what_walks_about_does_not_silence_it(drive) -> None:
-    """More of it than of the photograph's features that are known: each view has other rays."""
-    rng, memory, said = np.random.default_rng(3), KeyframeMap(drive.mount), []
-    for k in range(last_of(drive)):
-        told = two_views(drive, k)._asdict() if memory.geometry is None else {}
-        seen = drive.observations(k)
-        walking = rng.normal([0.0, 0.0, 2.0], 0.5, (2 * len(seen), 3))
-        walking /= np.linalg.norm(walking, axis=1)[:, None]
-        both = FeatureObservations(
-            np.concatenate([seen.ids, 1000 + np.arange(len(walking))]),
-            np.concatenate([seen.current, walking]),
-            np.concatenate([seen.desired, np.full(walking.shape, np.nan)]),
-            np.concatenate([seen.noise, np.full((len(walking), 2), 1e-3)]),
-        )
-        memory, view = memory.after(both, drive.motion(k), **told)
-        said.append(bool(view))
-    assert memory.geometry is not None
-    assert all(said[said.index(True) :])
 
 
 def test_no_geometry_begins_where_none_fits(drive) -> None:

@@ -9,7 +9,7 @@ import pytest
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.perception.leaning_head import levelled, UNTOLD, with_jitter
-from visual_servo_epipolar.core.perception.observation import AuxiliaryRays, Observation
+from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.rigs.pan_tilt import PanTiltHead
 from visual_servo_epipolar.core.rigs.rig import AT_REST, HeadLimits, Joints
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
@@ -29,8 +29,7 @@ def through(pan: float) -> np.ndarray:
 
 def seen(pan: float, photograph: float = 0.0) -> Observation:
     head = PanTiltHead(HeadLimits(photograph=Joints(photograph)))
-    auxiliary = AuxiliaryRays(np.arange(20), through(pan), np.ones(20))
-    view = Observation(0, through(pan), through(photograph), 769.0, auxiliary=auxiliary)
+    view = Observation(0, through(pan), through(photograph), 769.0)
     return view.on_rig(head, Joints(pan))
 
 
@@ -38,8 +37,7 @@ def seen(pan: float, photograph: float = 0.0) -> Observation:
 def test_rays_of_a_known_lean_are_those_of_the_virtual_camera(pan: float) -> None:
     view = levelled(seen(pan, photograph=0.3), KNOWN, COLD)
     virtual = through(0.0)
-    assert view.auxiliary is not None
-    for rays in (view.current, view.desired, view.auxiliary.current):
+    for rays in (view.current, view.desired):
         np.testing.assert_allclose(rays, virtual, atol=2e-5)
     assert np.abs(seen(pan).current - virtual).max() > 0.01
 

@@ -10,7 +10,6 @@ from visual_servo_epipolar.core.cameras.equirectangular import of_size
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
-from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures
 
 PANORAMA = of_size(320, 160)
 CANVAS, BAND = Canvas.of(PANORAMA), Canvas.of(of_size(320, 100))
@@ -64,13 +63,6 @@ def test_what_is_around_a_feature_is_put_back_with_it(u: float, v: float) -> Non
     back = CANVAS.own(warps(there))
     beside = back.current + step @ back.affine[0].T
     np.testing.assert_allclose(CANVAS.points(beside), CANVAS.points(there + step), atol=1e-9)
-
-
-def test_auxiliary_features_are_put_back_and_found_but_once() -> None:
-    beyond = np.array([[5.0, 90.0], [8.0, 90.0], [100.0, 90.0]])
-    kept = CANVAS.own_auxiliary(AuxiliaryFeatures(np.arange(3), beyond, np.array([4, 0, 0])))
-    assert kept.ids.tolist() == [0, 2]
-    assert kept.current[0].tolist() == [325.0, 90.0]
 
 
 def test_neighbours_across_the_seam_are_near() -> None:

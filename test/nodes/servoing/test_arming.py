@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 from diagnostic_msgs.msg import DiagnosticArray
-import numpy as np
 import pytest
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo
@@ -11,7 +10,7 @@ from servo_rig import AWAY, CAMERA, HandSetClock, Rig, STAMP_NS, WORLD
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures, Features
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 
@@ -144,17 +143,6 @@ def test_a_photograph_out_of_view_arms_it_for_a_while(bench) -> None:
     rig.let_time_pass(9.0)
     rig.show()
     assert rig.twists()[-1] != STANDSTILL
-
-
-def test_features_that_the_photograph_does_not_show_are_none_of_it(bench) -> None:
-    rig = Armed(bench)
-    current = WORLD.observe(AWAY, 0).current
-    ids = 2**24 + np.arange(len(current))
-    rig.show(Features(auxiliary=AuxiliaryFeatures(ids, current, np.ones(len(current)))))
-    unseen = 'no feature of the photograph is in view'
-    assert rig.order().message.startswith(f'armed, will drive once this is resolved: {unseen}')
-    rig.let_time_pass(10.1)
-    bench.until(lambda: bool(bench.logged(f'in time ({unseen})')), 'the log')
 
 
 @pytest.mark.parametrize('timeout', [10.0, 2.0])

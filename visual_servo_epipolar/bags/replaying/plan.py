@@ -135,10 +135,18 @@ def settings_in_time(
         for after_ns, recorded in history:
             values = {name: value for name, value in recorded.values.items() if name in names}
             _note_version(recorded, notes)
+            _note_gone(default, recorded, notes)
             timeline.append((after_ns, updated(default, {**values, **changes}, where)))
         return timeline or [(None, updated(default, changes, section))]
     except (TypeError, ValueError) as error:
         raise InputError(str(error)) from None
+
+
+def _note_gone(settings: Settings, recorded: NodeSettings, notes: list[str]) -> None:
+    for name, off in settings.GONE.items():
+        note = f'recorded with {name} {recorded.values.get(name)}: this version replays without it'
+        if recorded.values.get(name, off) != off and note not in notes:
+            notes.append(note)
 
 
 def _note_version(recorded: NodeSettings, notes: list[str]) -> None:

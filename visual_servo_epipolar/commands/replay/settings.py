@@ -10,7 +10,7 @@ import yaml
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import hint, Settings
+from visual_servo_epipolar.core.settings import hint, names_of, Settings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.messages.settings_text import sections
 from visual_servo_epipolar.nodes.startup import table
@@ -83,7 +83,7 @@ def _from_file(path: Path) -> Changes:
                     f'{path}: {key} has no parameter {", ".join(unknown)}; '
                     f'{hint(unknown, sorted(accepted))}'
                 )
-            names = {item.name for item in fields(kind)} | set(kind.RENAMED)
+            names = names_of(kind)
             fitting = {name: value for name, value in values.items() if name in names}
             changes.setdefault(section, {}).update(fitting)
     if not any(changes.values()):

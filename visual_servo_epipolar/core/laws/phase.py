@@ -21,8 +21,7 @@ class Phase:
     heading of the photograph, no more. ``backs_off``: it drives away from the goal.
     ``closes_in``: the distance to the goal hardly grows, so that the limits of way and excursion
     hold. ``ranges``: the line of sight turns enough to range the goal. ``straight``: it drives
-    straight at the goal, so that D shows its slope. ``by_photograph``: only the photograph's own
-    features tell that its aim is reached.
+    straight at the goal, so that D shows its slope.
     """
 
     value: str
@@ -33,7 +32,6 @@ class Phase:
     closes_in: bool = False
     ranges: bool = False
     straight: bool = False
-    by_photograph: bool = False
 
     known: ClassVar[dict[str, 'Phase']] = {}  # by word, those of laws in use at the end
     WAITING: ClassVar['Phase']
@@ -66,13 +64,11 @@ def _same(value: str, *facts: bool) -> Phase:
 
 
 Phase.WAITING = Phase('waiting')
-Phase.ORIENTING = Phase('orienting', drives=True, turns_in_place=True, by_photograph=True)
+Phase.ORIENTING = Phase('orienting', drives=True, turns_in_place=True)
 Phase.RETREATING = Phase('retreating', drives=True, backs_off=True)
 Phase.DISPLACING = Phase('displacing', drives=True)
 Phase.ZEROING_EPIPOLES = Phase('zeroing_epipoles', drives=True, closes_in=True, ranges=True)
-Phase.MATCHING_FEATURES = Phase(
-    'matching_features', drives=True, closes_in=True, straight=True, by_photograph=True
-)
+Phase.MATCHING_FEATURES = Phase('matching_features', drives=True, closes_in=True, straight=True)
 Phase.ARRIVED = Phase('arrived', ended=True)
 Phase.HOLDING = Phase('holding')
 Phase.FAILED = Phase('failed', ended=True)

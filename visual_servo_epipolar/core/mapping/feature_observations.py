@@ -20,8 +20,7 @@ class FeatureObservations:
     ``ids``, shape (N,), never change their meaning while there is one photograph; ``current`` and
     ``desired`` are unit rays in axes of the cameras (right, down, forward), shape (N, 3), with the
     distortion of the lens removed; ``noise``, shape (N, 2), is the deviation of the angle of each
-    current and desired ray [rad]. Features that the photograph does not show have nan for a
-    desired ray.
+    current and desired ray [rad].
     """
 
     ids: IntArray
@@ -61,11 +60,6 @@ class FeatureObservations:
     def __len__(self) -> int:
         return len(self.ids)
 
-    @property
-    def shown(self) -> BoolArray:
-        """Which features the photograph shows, (N,)."""
-        return np.asarray(~np.isnan(self.desired[:, 0]))
-
     def take(self, rows: BoolArray) -> 'FeatureObservations':
         """Return the rows chosen by a mask, shape (N,)."""
         if rows.all():
@@ -83,8 +77,6 @@ def _checked(array: Any, name: str, shape: tuple[int, int]) -> FloatArray:
             'pass one row for each feature'
         )
     finite = np.isfinite(values).all(axis=1)
-    if name == 'desired':
-        finite |= np.isnan(values).all(axis=1)
     if not finite.all():
         bad = int((~finite).sum())
         raise ValueError(f'{name} must be finite, got {bad} rows with NaN or inf; drop them')

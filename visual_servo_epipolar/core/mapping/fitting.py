@@ -166,7 +166,7 @@ def correspondences_of(geometry: Geometry, ids: IntArray) -> Correspondences:
     """Return the correspondences of a view of features ``ids``, (N,)."""
     rows = geometry.window.rows_of(ids)
     known = rows >= 0
-    known[known] = (geometry.trusted & geometry.window.placed)[rows[known]]
+    known[known] = geometry.trusted[rows[known]]
     chosen, everything = rows[known], anchors_of(geometry)
     return Correspondences(
         geometry,

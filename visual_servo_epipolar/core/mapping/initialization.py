@@ -149,8 +149,7 @@ def orient_ahead(at: Evaluation) -> Evaluation:
 
 def is_sound(geometry: Geometry, trusted: float = LEAST_TRUSTED) -> bool:
     """Whether residuals are noise, in every view, and a share of features is ``trusted``."""
-    shown = geometry.trusted[geometry.window.shown]
-    share = shown.mean() if len(shown) else 0.0
+    share = geometry.trusted.mean() if len(geometry.trusted) else 0.0
     held = bool(held_views(geometry).all())
     return held and geometry.noise_ratio < MOST_NOISE and float(share) >= trusted
 

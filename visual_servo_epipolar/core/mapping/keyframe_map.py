@@ -124,8 +124,7 @@ class KeyframeMap:
             return after._localize(after.geometry, observations, learns)
         if not learns:
             return after, MapLocalization('nothing is remembered to hold the view against')
-        shown = observations.take(observations.shown)
-        return after._begin(shown, bearings, attitude or self.mount)
+        return after._begin(observations, bearings, attitude or self.mount)
 
     def update_map(self) -> 'KeyframeMap':
         """Return the map with what the last view adds: the first geometry, or a better one."""
@@ -213,7 +212,7 @@ class KeyframeMap:
         if is_keyframe(
             geometry,
             pose,
-            observations=int(observations.shown.sum()),
+            observations=len(observations),
             new=view.new,
             settings=settings,
         ):

@@ -32,8 +32,8 @@ class MapLocalization:
     alone and which averages out over views; ``shift``, (5,), the part of the pose that the
     shrinkage makes. ``inliers``, (N,), are the observations that agree; ``dropped`` the ids of
     wrong matches. Of all features of the map: ``ids``, (M,), ``inverse_depth`` along the
-    photograph's rays [1/m] and ``photograph``, (M, 3), those rays. The photograph has ``shown``
-    some, (M,), of which those ``counted``, (M,), are no wrong matches. ``depth`` is the median
+    photograph's rays [1/m] and ``photograph``, (M, 3), those rays. Those
+    ``counted``, (M,), are no wrong matches. ``depth`` is the median
     one [m]; ``seen`` are the features and the pose, (5,), that they are seen from. ``slopes`` are
     those of its correspondences.
     """
@@ -48,10 +48,8 @@ class MapLocalization:
     ids: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     inverse_depth: FloatArray = field(default_factory=lambda: np.empty(0))
     photograph: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
-    shown: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     counted: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     depth: float = math.nan
-    seen: tuple[Structure, FloatArray] | None = None
     slopes: dict[tuple[int, bool], float] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
@@ -100,11 +98,6 @@ class MapLocalization:
         """Angle by which the offset moves a feature of median depth [rad]."""
         return self.distance / self.depth
 
-    @property
-    def rays(self) -> FloatArray:
-        """Where this view would see the features, (M, 3): hardly ever asked for."""
-        return np.empty((0, 3)) if self.seen is None else seen_rays(*self.seen)
-
 
 def seen_rays(structure: Structure, pose: FloatArray) -> FloatArray:
     """Return the unit rays, (M, 3), at which a view at ``pose``, (5,), sees features."""
@@ -126,10 +119,8 @@ def localization_of(resection: Resection, by: Correspondences) -> MapLocalizatio
         ids=geometry.window.ids,
         inverse_depth=geometry.unknowns.inverse_depth,
         photograph=geometry.window.photograph,
-        shown=geometry.window.shown,
-        counted=geometry.counted,
+        counted=geometry.trusted,
         depth=geometry.depth,
-        seen=(by.everything.structure, resection.pose),
         slopes=by.slopes,
     )
 
@@ -145,8 +136,6 @@ class MapMeasurement:
     ``own`` are those parts of the three deviations that average out over views. ``difference`` is
     D at unit focal length as the offset makes it, ``difference_slope`` its slope along the axis
     [1/m]; ``parallax`` [rad] that of the median feature; ``inliers`` counts features that agree.
-    ``view_rays``, (M, 3), is where a view that shows none of the photograph's features would see
-    them; None where it does.
     """
 
     bearings: Bearings | None
@@ -164,7 +153,6 @@ class MapMeasurement:
     difference_deviation: float
     difference_slope: float
     inliers: int
-    view_rays: FloatArray | None = None
 
 
 def map_measurement_of(said: MapLocalization, slope: float) -> MapMeasurement:

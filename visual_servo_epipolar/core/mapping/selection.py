@@ -9,15 +9,11 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
 from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
-from visual_servo_epipolar.core.mapping.adjustment.projection import turns_of
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.adjustment.window import (
-    FREE,
     KeyframeWindow,
-    PHOTOGRAPH,
     Unknowns,
     X,
     Y,
@@ -34,7 +30,6 @@ from visual_servo_epipolar.core.mapping.resection import Resection
 NEW_SHARE = 0.1  # of the observations of a view that are of features not in the map
 FEWEST_NEW = 3
 MIN_KEYFRAME_FEATURES = 8
-GUESSED_DEPTHS = 1.5  # of the scene, at which what was seen once is looked for
 CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of the scene
 MIN_FEATURES = 8  # of a view to begin with
 MOST_VIEWS = 4  # to begin with: more cost more time, and are passed soon
@@ -50,8 +45,8 @@ class PendingKeyframe(NamedTuple):
 
     @property
     def new(self) -> int:
-        """Number of the photograph's features that are not in the map."""
-        return int(np.count_nonzero((self.correspondences.rows < 0) & self.observations.shown))
+        """Number of features that are not in the map."""
+        return int(np.count_nonzero(self.correspondences.rows < 0))
 
 
 def is_keyframe(
@@ -98,29 +93,6 @@ def kept_features(window: KeyframeWindow, trusted: BoolArray, most: int) -> Bool
     return np.asarray(best & kept)
 
 
-def with_guessed_rays(
-    observations: FeatureObservations, pose: FloatArray, geometry: Geometry
-) -> FeatureObservations:
-    """
-    Return observations of a view at ``pose``, (5,), all with rays of the photograph.
-
-    Of what it does not show the place is guessed, on the ray of this view; the noise of the ray
-    that it would have in the photograph leaves it free.
-    """
-    unshown = ~observations.shown
-    if not unshown.any():
-        return observations
-    upright = np.zeros((2, 5))
-    upright[0, 3:], upright[1] = geometry.unknowns.shared[PHOTOGRAPH], pose
-    photograph, view = turns_of(upright)
-    points = GUESSED_DEPTHS * geometry.depth * observations.current[unshown] @ view
-    points += [pose[X], 0.0, pose[Y]]
-    desired, noise = observations.desired.copy(), observations.noise.copy()
-    desired[unshown] = normalised(points @ photograph.T)
-    noise[unshown, 1] = FREE
-    return FeatureObservations(observations.ids, observations.current, desired, noise)
-
-
 def with_keyframe(
     geometry: Geometry,
     observations: FeatureObservations,
@@ -130,7 +102,6 @@ def with_keyframe(
 ) -> Evaluation:
     """Return the window with one more keyframe at ``pose``, and with what is too much let go."""
     before, trusted = geometry.unknowns, geometry.trusted
-    observations = with_guessed_rays(observations, pose, geometry)
     window = geometry.window.with_view(observations, *places)
     more = len(window.ids) - len(trusted)
     unknowns = Unknowns(

@@ -33,14 +33,10 @@ def levelled(observation: Observation, attitude: Attitude, told: Attitude) -> Ob
     here, photograph = (
         _change(head, joints, lean) for joints in (head.joints, head.rig.photograph)
     )
-    auxiliary = observation.auxiliary
-    if auxiliary is not None:
-        auxiliary = replace(auxiliary, current=auxiliary.current @ here.T)
     return replace(
         observation,
         current=observation.current @ here.T,
         desired=observation.desired @ photograph.T,
-        auxiliary=auxiliary,
     )
 
 

@@ -12,26 +12,11 @@ from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 from visual_servo_epipolar.core.geometry.rotation import rotated
 from visual_servo_epipolar.core.rigs.rig import HeadView, Joints, Rig
-from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures, Features
+from visual_servo_epipolar.core.tracking.features import Features
 
 # Of the angle of a pixel, where another lens sees a feature than in the photograph: its centre is
 # elsewhere, by what nobody tells.
 OTHER_LENS = 8.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AuxiliaryRays:
-    """
-    Features that the photograph does not show: ``ids``, shape (M,), and unit rays, (M, 3).
-
-    ``resolution``, shape (M,), is the angle of one pixel at each of them [rad]; ``rows`` are as
-    those of an ``Observation``.
-    """
-
-    ids: IntArray
-    current: FloatArray
-    resolution: FloatArray
-    rows: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,17 +56,16 @@ class Observation(MatchedRays):
     One set of matches, and what else is known of them and of the moment.
 
     ``dropped`` is the number of features left out, for the lens cannot say where they are;
-    ``wide`` is a lens that sees farther off its axis than a plane can hold; ``auxiliary`` does not
-    count; ``odometry`` is where the wheels say that the base was then, in any frame, None where
-    they do not say; ``head`` tells that the rays are in axes of its rig, None without a head.
-    ``rows``, shape (N,), are those of the current features from the middle of the image, in
-    heights of it; None where rays are as if all rows were read at once.
+    ``wide`` is a lens that sees farther off its axis than a plane can hold; ``odometry`` is where
+    the wheels say that the base was then, in any frame, None where they do not say; ``head`` tells
+    that the rays are in axes of its rig, None without a head. ``rows``, shape (N,), are those of
+    the current features from the middle of the image, in heights of it; None where rays are as if
+    all rows were read at once.
     """
 
     dropped: int = 0
     wide: bool = False
     ids: IntArray | None = None
-    auxiliary: AuxiliaryRays | None = None
     odometry: Pose | None = None
     head: HeadView | None = None
     rows: FloatArray | None = None
@@ -100,7 +84,6 @@ class Observation(MatchedRays):
             desired=nothing,
             pixel_angles=None,
             ids=None,
-            auxiliary=None,
             rows=None,
         )
 
@@ -112,20 +95,11 @@ class Observation(MatchedRays):
         """
         if self.rows is None:
             return self
-        current, auxiliary = self.current, self.auxiliary
-        if turn.any():
-            current = rotated(current, self.rows[:, None] * turn)
-            if auxiliary is not None and auxiliary.rows is not None:
-                rays = rotated(auxiliary.current, auxiliary.rows[:, None] * turn)
-                auxiliary = replace(auxiliary, current=rays, rows=None)
-        return replace(self, current=current, auxiliary=auxiliary, rows=None)
+        current = rotated(self.current, self.rows[:, None] * turn) if turn.any() else self.current
+        return replace(self, current=current, rows=None)
 
     def on_rig(self, rig: Rig, joints: Joints) -> 'Observation':
         """Return the observation in axes of a ``rig``; ``joints`` are its angles at the image."""
-        auxiliary = self.auxiliary
-        if auxiliary is not None:
-            rays = rig.rays(auxiliary.current, joints)
-            auxiliary = replace(auxiliary, current=rays, rows=None)
         return replace(
             self,
             current=rig.rays(self.current, joints),
@@ -133,7 +107,6 @@ class Observation(MatchedRays):
             edges=rig.edges(self.edges, joints),
             pixel_angles=self.resolution,  # those of the camera, wherever it looks
             wide=True,  # seen from the base, features lie on any side
-            auxiliary=auxiliary,
             head=HeadView(joints, rig.reach(self.edges), rig),
             rows=None,  # a head keeps the camera from turning
         )
@@ -153,7 +126,6 @@ class Observation(MatchedRays):
             focal=self.focal / ratio,
             edges=(left, right),
             pixel_angles=self.resolution * np.stack([growth_current, growth_desired], axis=1),
-            auxiliary=None,  # for memories, which have none of a lens that is being learnt
         )
 
 
@@ -193,18 +165,5 @@ def observe(features: Features, camera: CameraModel, stamp_ns: int) -> Observati
         dropped=count - kept,
         wide=camera.wide,
         ids=ids,
-        auxiliary=auxiliary_rays(features.auxiliary, camera),
         rows=None if camera.wraps else pixels[:kept, 1] / camera.height - 0.5,
     )
-
-
-def auxiliary_rays(auxiliary: AuxiliaryFeatures, camera: CameraModel) -> AuxiliaryRays | None:
-    """Return the rays of features that the photograph does not show; None where there are none."""
-    if not len(auxiliary):
-        return None
-    rays = camera.rays(auxiliary.current)
-    usable = camera.round_trips(auxiliary.current, rays)
-    rays, rows = rays[usable], auxiliary.current[usable, 1] / camera.height - 0.5
-    if not len(rays):
-        return None
-    return AuxiliaryRays(auxiliary.ids[usable], rays, camera.resolution(rays), rows)

@@ -1,8 +1,6 @@
 """Perception of one view: observe, estimate, validate, measure."""
 
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.lens import change, for_wrong_rays
@@ -86,22 +84,15 @@ def perceive(
     return Perception(measurement, estimate.memory, fundamental, observation)
 
 
-def of_few(
-    blank: Perception, settings: PerceptionSettings, rays: FloatArray | None
-) -> Measurement:
+def of_few(blank: Perception, settings: PerceptionSettings) -> Measurement:
     """
-    Return what too few features show all the same, to who knows where they are.
+    Return what too few features for two views show all the same, to a map of the features.
 
-    Turn, parallax, D and margins of a ``blank`` perception of three features or more; of nothing
-    the margins of ``rays``, (M, 3), at which the photograph's features would be seen. No bearings.
+    Turn, parallax, D and margins of a ``blank`` perception of three features or more, no bearings.
     """
     observation, memory = blank.observation, blank.memory
     if observation is None:
         return blank.measurement
-    if rays is not None:
-        every, keep = np.ones(len(rays), bool), settings.keep_features
-        margins, present = measures.margins(rays, every, observation, keep)
-        return replace(blank.measurement, view_margins=margins, present_margins=present)
     nothing = ValidatedEstimate(memory, blank.measurement.reason)
     rotation = fit_rotation(observation.current, observation.desired)
     return measures.measured(observation, rotation, nothing, settings)

@@ -5,7 +5,7 @@ import math
 from visual_servo_epipolar.core.geometry.wall import aside
 from visual_servo_epipolar.core.laws.decisions import is_close, is_settled
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.phases.arrival import is_in_doubt, sees_nothing_of_it
+from visual_servo_epipolar.core.laws.phases.arrival import is_in_doubt
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -24,9 +24,7 @@ def settle(
     if is_close(state, settings):
         state = state.changed(time_in_tolerance=state.settling.time_in_tolerance + dt)
     measurement = state.measurement or perception.measurement
-    # Whether this is the goal the photograph's features alone can tell.
-    blind = state.phase.by_photograph and sees_nothing_of_it(measurement)
-    if blind or not is_settled(state, settings):
+    if not is_settled(state, settings):
         return state.changed(settled=0) if state.settling.settled else state
     if state.phase is Phase.HOLDING and not _follows(measurement, previous, settings):
         state = state.changed(settled=0)

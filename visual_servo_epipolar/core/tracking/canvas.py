@@ -14,7 +14,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
-from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures
 from visual_servo_epipolar.core.tracking.robust_geometry import (
     agree_on_one_geometry,
     epipolar_geometry,
@@ -106,14 +105,6 @@ class Canvas:
         affine = warps.affine.copy()
         affine[over, 1] *= -1.0  # south is on the other side of a pole, east is to the right yet
         return replace(warps, current=current, affine=affine)
-
-    def own_auxiliary(self, auxiliary: AuxiliaryFeatures) -> AuxiliaryFeatures:
-        """Return ``auxiliary`` features put back likewise, of new ones the image's own."""
-        whole = self.owns(auxiliary.current)
-        if self.camera is None or whole.all():
-            return auxiliary
-        auxiliary = auxiliary.take(whole | (auxiliary.ages > 0))
-        return replace(auxiliary, current=self._put_back(auxiliary.current)[0])
 
     def _put_back(self, pixels: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return own ``pixels``, shape (N, 2), and which lay over a pole, shape (N,)."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from visual_servo_epipolar.core.settings import fixed, setting, Settings
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 class TrackerSettings(Settings):
     """How many features, how carefully they are tracked, when they are given up."""
 
-    RENAMED: ClassVar[Mapping[str, str]] = {'passing_features': 'auxiliary_features'}
+    GONE: ClassVar[Mapping[str, Any]] = {'passing_features': 0, 'auxiliary_features': 0}
 
     max_features: int = setting(60, 'Features tracked at a time', low=8, high=1000)
     min_features: int = setting(
@@ -43,9 +43,6 @@ class TrackerSettings(Settings):
         'side, within which features are not gone by; 0 = none [deg]',
         low=0.0,
         high=60.0,
-    )
-    auxiliary_features: int = setting(
-        0, 'Features tracked that the photograph does not show, for the memory', low=0, high=1000
     )
     matcher: str = fixed(
         'sift',

@@ -21,7 +21,6 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
     inside_border,
 )
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
-from visual_servo_epipolar.core.tracking.auxiliary import AuxiliaryTracker
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.canvas import Canvas
 from visual_servo_epipolar.core.tracking.features import Features
@@ -61,7 +60,6 @@ class Tracker:
         self._tracked = Tracks.empty()
         self._candidates: Candidates | None = None
         self._predictions, self._is_prepared = Predictions(), True
-        self._auxiliary = AuxiliaryTracker()
         self._frame = 0
         self.goal: Goal[None] = Goal()
         self._rematching = Rematching()
@@ -175,7 +173,6 @@ class Tracker:
         self._previous = None
         self._rematching.forget()
         self._begin(0)
-        self._auxiliary.forget()
 
     def _begin(self, photograph: int) -> None:
         """Begin to track that number of ``photograph``, of which no feature is known."""
@@ -206,18 +203,13 @@ class Tracker:
             frame = Frame(self.canvas.painted(image))
             tracked = self._tracked_in(frame)
             self._tracked = replace(tracked, warps=self.canvas.own(tracked.warps))
-            known = self._tracked.warps.current
-            auxiliary = self._auxiliary.follow(
-                self._previous, frame, known, self.settings, self.canvas
-            )
         except (OpenCVError, np.linalg.LinAlgError) as error:
             self.redetect()
             self.reason = f'the image could not be tracked in: {" ".join(str(error).split())}'
             return Features()
         self._previous, self._is_prepared = frame, False
         shown = self._tracked.take(self.canvas.shows(self._tracked.warps.current))
-        auxiliary = auxiliary.take(self.canvas.shows(auxiliary.current))
-        return self._tied.features(shown, auxiliary, self.goal.id)
+        return self._tied.features(shown, self.goal.id)
 
     def _check_size(self, height: int, width: int) -> None:
         """Raise ValueError for an image that is not as large as the desired one [px]."""

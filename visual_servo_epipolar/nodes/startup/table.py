@@ -1,10 +1,10 @@
 """Table of the nodes: what each does and is connected to, and where its settings are."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from importlib import import_module
 
-from visual_servo_epipolar.core.settings import Settings
+from visual_servo_epipolar.core.settings import names_of, Settings
 
 PACKAGE = 'visual_servo_epipolar'
 
@@ -126,6 +126,6 @@ def owner_of(parameter: str) -> str:
 
 
 def accepted_names(*nodes: str) -> set[str]:
-    """Return the parameters of ``nodes``, with their names in earlier versions."""
+    """Return the parameters of ``nodes``, with the names of earlier versions."""
     kinds = [kind for node in nodes for kind in settings_of(node)]
-    return {name for kind in kinds for name in (*kind.RENAMED, *(f.name for f in fields(kind)))}
+    return {name for kind in kinds for name in names_of(kind)}

@@ -35,10 +35,7 @@ class TrackerReports(NodeReports):
     def overlay(self, image: Pixels | None, features: Features, stamp_ns: int, frame: str) -> None:
         """Draw the tracks into their image, where somebody looks."""
         if image is not None and self._overlay_pub.get_subscription_count():
-            auxiliary = features.auxiliary.current if len(features.auxiliary) else None
-            overlay = draw_overlay(
-                image, features.current, features.desired, auxiliary_pixels=auxiliary
-            )
+            overlay = draw_overlay(image, features.current, features.desired)
             self._overlay_pub.publish(write.image(overlay, 'bgr8', stamp_ns, frame))
 
     def expect_images(self, words: str = 'no image has come yet') -> None:

@@ -33,7 +33,6 @@ DARK: BGR = (20, 20, 20)
 EPIPOLE = '#FF50FF'
 
 CROSS = np.array([((-1.0, -1.0), (1.0, 1.0)), ((-1.0, 1.0), (1.0, -1.0))])
-SQUARE = np.array([[(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]])
 MAX_EPIPOLAR_LINES = 10  # more hide the picture
 LINE_OPACITY = 0.55
 
@@ -47,18 +46,17 @@ def draw_overlay(
     epipole_current: float | None = None,
     horizon: float | None = None,
     fundamental: FloatArray | None = None,
-    auxiliary_pixels: FloatArray | None = None,
     size: tuple[int, int] | None = None,
 ) -> Image:
     """
     Return a colour picture, BGR, of the features drawn over a grey ``image``, shape (H, W).
 
-    ``current_pixels`` and ``desired_pixels``, (N, 2), are the same features row by row;
-    ``auxiliary_pixels``, (M, 2), are those that the photograph does not show. The header has the
-    ``phase``, or any other text. ``epipole_current`` is the abscissa of the epipole from the left
-    border, drawn in the row ``horizon`` if it lies in the image. With ``fundamental``, F such that
-    p_desired^T F p_current = 0, a few epipolar lines are drawn. All are in pixels of the image;
-    ``size`` is that of the picture, width and height, the image's if not given.
+    ``current_pixels`` and ``desired_pixels``, (N, 2), are the same features row by row.
+    The header has the ``phase``, or any other text. ``epipole_current`` is the abscissa of the
+    epipole from the left border, drawn in the row ``horizon`` if it lies in the image. With
+    ``fundamental``, F such that p_desired^T F p_current = 0, a few epipolar lines are drawn. All
+    are in pixels of the image; ``size`` is that of the picture, width and height, the image's if
+    not given.
 
     Raises ValueError if the image is not grey and of 8 bits, or the features do not match.
     """
@@ -72,9 +70,6 @@ def draw_overlay(
     unit = _unit(picture)
     if fundamental is not None:
         _draw_epipolar_lines(picture, shown.fundamental(fundamental), desired, unit)
-    if auxiliary_pixels is not None:
-        auxiliary = as_points(auxiliary_pixels, 'auxiliary_pixels')
-        _draw_auxiliary(picture, shown.points(auxiliary), unit)
     _draw_features(picture, current, desired, unit)
     if epipole_current is not None and 0.0 <= epipole_current < gray.shape[1]:
         row = 0.5 * gray.shape[0] if horizon is None else horizon
@@ -145,12 +140,6 @@ def _draw_features(picture: Image, current: FloatArray, desired: FloatArray, uni
     crosses = (current[:, None, None] + 8.0 * unit * CROSS).reshape(-1, 2, 2)
     draw_lines(picture, crosses, DARK, bold + 2, smooth=False)
     draw_lines(picture, crosses, RED, bold)
-
-
-def _draw_auxiliary(picture: Image, pixels: FloatArray, unit: float) -> None:
-    squares = pixels[:, None] + 5.0 * unit * SQUARE
-    for colour, width in ((DARK, 3), (LINE, 1)):
-        draw_lines(picture, squares, colour, width, closed=True)
 
 
 def _draw_epipole(picture: Image, at: FloatArray, unit: float) -> None:

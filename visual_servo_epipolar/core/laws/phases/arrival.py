@@ -123,11 +123,6 @@ def is_in_doubt(measurement: Measurement, settings: ServoSettings) -> bool:
     return settings.remembers and measurement.offset is None
 
 
-def sees_nothing_of_it(measurement: Measurement) -> bool:
-    """Return whether others than the photograph's features carry on: they cannot tell the end."""
-    return measurement.carried and math.isnan(measurement.feature_error)
-
-
 def stands_aside(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether a few looks are enough for who is in doubt: it stands clearly aside."""
     first = is_in_doubt(measurement, settings) and state.run.attempts == 1
@@ -140,7 +135,7 @@ def is_at_goal(state: ServoState, measurement: Measurement, settings: ServoSetti
 
     Who is in doubt has to look for longer, in step 2.
     """
-    if is_in_doubt(measurement, settings) or sees_nothing_of_it(measurement):
+    if is_in_doubt(measurement, settings):
         return False
     if not faces_goal(state, measurement, settings):
         return False

@@ -58,11 +58,6 @@ class Geometry:
         return np.asarray(self.window.ids[~self.trusted])
 
     @cached_property
-    def counted(self) -> BoolArray:
-        """Which features are the photograph's, and no wrong matches, shape (N,)."""
-        return np.asarray(self.trusted & self.window.shown)
-
-    @cached_property
     def system(self) -> System:
         """Normal equations at the best unknowns."""
         return system_of(self.evaluation)
@@ -95,12 +90,11 @@ class Geometry:
         75 directions 30 are left, and a view is resected on as many unknowns less.
         """
         window, root = self.window, self.root
-        placed = self.trusted & window.placed
-        shown = self._coupled[placed].reshape(-1, len(root))
-        count, noise = max(2 * int(placed.sum()), 1), float(window.photograph_noise.min())
+        features = self._coupled[self.trusted].reshape(-1, len(root))
+        count, noise = max(2 * int(self.trusted.sum()), 1), float(window.photograph_noise.min())
         photograph = root[-SHARED:-2] * (math.sqrt(count) / noise)
         mount = root[-2:] / self.evaluation.factors.jitter
-        rows = np.concatenate([shown, photograph, mount])
+        rows = np.concatenate([features, photograph, mount])
         squares, axes = np.linalg.eigh(rows.T @ rows)
         return np.asarray(root @ axes[:, squares > NEGLIGIBLE])
 
@@ -124,11 +118,10 @@ class Geometry:
     @cached_property
     def noise_ratio(self) -> float:
         """Deviation of residuals over what was expected of the noise."""
-        counted = self.counted
-        weight = self.evaluation.weight * counted
+        weight = self.evaluation.weight * self.trusted
         squares = float((weight * self.evaluation.squares).sum())
-        squares += float((self.unknowns.offsets**2).sum(0) @ counted)
-        freedom = 2.0 * weight.sum() - counted.sum() - 5 * len(self.window)
+        squares += float((self.unknowns.offsets**2).sum(0) @ self.trusted)
+        freedom = 2.0 * weight.sum() - self.trusted.sum() - 5 * len(self.window)
         return math.sqrt(squares / freedom) if freedom > 0.0 else math.inf
 
     def prepare(self) -> None:

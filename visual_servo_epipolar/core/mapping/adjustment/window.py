@@ -19,7 +19,6 @@ from visual_servo_epipolar.core.mapping.feature_observations import (
 
 VIEW, SHARED = 5, 5  # unknowns of a view; of all: tilt, roll of the photograph, lens, the mount's
 X, Y, HEADING, TILT, ROLL = range(VIEW)
-FREE = 0.5  # deviation of the ray of the photograph of a feature that it does not show [rad]
 PHOTOGRAPH, LENS, MOUNT = slice(0, 2), 2, slice(3, 5)  # of the shared unknowns
 
 
@@ -45,16 +44,6 @@ class KeyframeWindow:
 
     def __len__(self) -> int:
         return len(self.driven_places)
-
-    @cached_property
-    def shown(self) -> BoolArray:
-        """Which features the photograph shows, (N,)."""
-        return np.asarray(self.photograph_noise < FREE)
-
-    @cached_property
-    def placed(self) -> BoolArray:
-        """Which features have a place, (N,): shown by the photograph, or by two views."""
-        return np.asarray(self.shown | (self.seen.sum(0) > 1))
 
     @cached_property
     def tangents(self) -> FloatArray:

@@ -36,7 +36,6 @@ LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
 # Of views that show too little for two: what must agree with one place, which is where they drove.
 LEAST_CARRIED, CARRIED_SHARE = 6, 0.6
 BY_COMMANDS, BY_WHEELS = MapSettings(), MapSettings(scale_deviation=0.03)
-DRIFT_PX = 1.0  # deviation of what nothing anchors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +89,10 @@ def localize(
     is_few = perception.measurement.features < settings.min_features
     few_s = max(before.few_s + (dt if is_few else -dt), 0.0)
     few_s = min(few_s, settings.few_features_timeout)
-    observations = observations_of(observation, perception.memory.noise)
+    noise = np.maximum(perception.memory.noise * observation.resolution, LEAST_NOISE)
+    observations = FeatureObservations.owning(
+        observation.ids, observation.current, observation.desired, noise
+    )
     after, said = _localized(views, observations, perception, increment, learns=not is_few)
     if is_few:
         is_over = few_s >= settings.few_features_timeout
@@ -104,11 +106,7 @@ def localize(
     if observation.head is not None:
         said = with_heading_noise(said, encoder_noise)
     said, place = filter_pose(said, before.place, motion)
-    reading = reading_in_view(said, observation)
-    agree = int(said.inliers[: len(observation)].sum())
-    if reading is not None and is_few and agree < LEAST_CARRIED:
-        reading = replace(reading, view_rays=said.rays[said.counted])
-    return MapState(after, place, few_s), reading
+    return MapState(after, place, few_s), reading_in_view(said, observation)
 
 
 def _localized(
@@ -127,23 +125,6 @@ def _localized(
         bearings=() if bearings is None else (bearings,),
         attitude=perception.memory.attitude,
         learns=learns,
-    )
-
-
-def observations_of(observation: Observation, noise_px: float) -> FeatureObservations:
-    """Return what an observation shows, auxiliary features as well; of deviation ``noise_px``."""
-    noise = np.maximum(noise_px * observation.resolution, LEAST_NOISE)
-    current, desired, auxiliary = observation.current, observation.desired, observation.auxiliary
-    ids = np.arange(len(observation)) if observation.ids is None else observation.ids
-    if auxiliary is None:
-        return FeatureObservations.owning(ids, current, desired, noise)
-    new = ~are_among(auxiliary.ids, ids)
-    own = np.maximum(max(noise_px, DRIFT_PX) * auxiliary.resolution[new], LEAST_NOISE)
-    return FeatureObservations.owning(
-        np.concatenate([ids, auxiliary.ids[new]]),
-        np.concatenate([current, auxiliary.current[new]]),
-        np.concatenate([desired, np.full((int(new.sum()), 3), np.nan)]),
-        np.concatenate([noise, np.stack([own, own], axis=1)]),
     )
 
 
@@ -172,10 +153,8 @@ def measurement_of(
             return with_difference(perception, settings)
         return sharpened(measurement, reading, settings)
     if reading is not None:
-        few = of_few(perception, settings, reading.view_rays)
-        if reading.view_rays is not None:
-            few = replace(few, parallax=reading.parallax)
-        return sharpened(replace(few, carried=True), reading, settings)
+        few = replace(of_few(perception, settings), carried=True)
+        return sharpened(few, reading, settings)
     if not after.is_over or settings.few_features_timeout == 0.0:
         return measurement
     over = f'few_features_timeout of {settings.few_features_timeout:g} s is over'

@@ -11,7 +11,6 @@ from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.goal import goal_id
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
-from visual_servo_epipolar.core.tracking.features import FIRST_AUXILIARY
 from visual_servo_epipolar.core.tracking.matchers.base import Matcher
 from visual_servo_epipolar.core.tracking.matching import (
     CurrentView,
@@ -22,6 +21,7 @@ from visual_servo_epipolar.core.tracking.matching import (
 from visual_servo_epipolar.core.tracking.photographs.tied_view import tied, TiedView
 
 IDS = 1 << 14  # of a photograph, more than it has keypoints
+SLOTS = 1023  # of that many ids each, for further photographs
 ALIKE = 0.9  # correlation above which two photographs are of one light
 FEW, FEW_PERIOD = 20, 3  # below so many features, matching may come after so few frames
 SIZE = (64, 48)  # to which photographs are reduced: light is seen, a millimetre is not [px]
@@ -113,10 +113,10 @@ class Photographs:
         So that a memory never takes its features for those of one that was left out, nor after
         a start that has other photographs than the last one.
         """
-        slots, taken = FIRST_AUXILIARY // IDS - 1, {view.first_id for view in self.views}
-        slot = goal_id(image) % slots
+        taken = {view.first_id for view in self.views}
+        slot = goal_id(image) % SLOTS
         while IDS * (1 + slot) in taken:
-            slot = (slot + 1) % slots
+            slot = (slot + 1) % SLOTS
         return IDS * (1 + slot)
 
 

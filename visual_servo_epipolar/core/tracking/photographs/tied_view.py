@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, inside_border
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import squared_lengths, Warps
-from visual_servo_epipolar.core.tracking.features import AuxiliaryFeatures, Features
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.matching import (
     BORDER,
     DesiredView,
@@ -58,15 +58,13 @@ class TiedView:
         """Return the photograph that defines the goal."""
         return cls(view, Anchor(view.image), view.keypoints.pixels)
 
-    def features(self, tracks: Tracks, auxiliary: AuxiliaryFeatures, goal: int) -> Features:
+    def features(self, tracks: Tracks, goal: int) -> Features:
         """Return the features of a ``goal`` that ``tracks`` of this view are."""
         warps = tracks.warps
         ids, desired = warps.ids, warps.desired
         if self.first_id:
             ids, desired = ids + self.first_id, self.first_pixels[ids]
         canvas = self.view.canvas
-        if len(auxiliary):
-            auxiliary = replace(auxiliary, current=canvas.pixels_of_image(auxiliary.current))
         # The border of the image is where every position was tested: all are finite.
         return Features.owning(
             ids,
@@ -74,7 +72,6 @@ class TiedView:
             canvas.pixels_of_image(desired),
             tracks.ages,
             tracks.residuals,
-            auxiliary,
             goal,
         )
 
