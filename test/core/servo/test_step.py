@@ -26,7 +26,7 @@ from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import step as servo_step
 from visual_servo_epipolar.core.servo.session import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.state import RunState, ServoState
 
 # Accelerations as good as unlimited: what the laws ask for shows at once.
 SETTINGS = ServoSettings(
@@ -617,3 +617,11 @@ def test_a_gap_in_a_long_phase_counts_from_the_last_tracks_on() -> None:
     assert after(*seen(long + 0.7, long + 0.8, long + 0.9), state=state).phase.drives
     silence = SETTINGS.holding_timeout + 0.1
     assert advance(state, measurement(long + silence), SETTINGS).phase is Phase.FAILED
+
+
+def test_a_state_changes_fields_of_several_parts() -> None:
+    run = RunState(reason='why')
+    after = ServoState(run=run).changed(settled=3, attempts=2, known=None)
+    assert (after.settling.settled, after.run) == (3, replace(run, attempts=2))
+    with pytest.raises(TypeError, match='setled'):
+        ServoState().changed(setled=3)

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
-from visual_servo_epipolar.core.lapack import solved
 from visual_servo_epipolar.core.mapping.adjustment.equations import OUTLIER, robust_weight
 from visual_servo_epipolar.core.mapping.adjustment.projection import (
     BY_FEATURE,
@@ -219,7 +218,7 @@ def fit_pose(anchors: Anchors, seen: MatchedFeatures, start: FloatArray) -> Pose
         matrix.ravel()[::EVERY] += ridge
         vector = rows @ residuals.ravel()
         vector[TILT:] += known * (pose[TILT:] - anchors.attitude)
-        step = solved(matrix, vector)
+        step = np.linalg.solve(matrix, vector)
         pose = pose - step
         moved = float(step @ vector)
         farthest = max(farthest, moved)

@@ -37,14 +37,13 @@ from visual_servo_epipolar.core.mapping.selection import (
     PendingKeyframe,
     with_keyframe,
 )
-from visual_servo_epipolar.core.values import changed
 
 MIN_AGREEING = 5  # of features of the map that agree
 MIN_SHARE = 0.5  # of the map's features in view that agree
 MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
 
 
-@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
+@dataclass(frozen=True, eq=False)
 class KeyframeMap:
     """
     Map of keyframes and features; a new photograph needs a new map.
@@ -119,7 +118,7 @@ class KeyframeMap:
         heading = 0.0 if before.pose is None else float(before.pose[2])
         way = _turned(np.zeros(2) if motion is None else motion, heading)
         other = way if alternative_motion is None else _turned(alternative_motion, heading)
-        after = changed(before, places=before.places + [way, other])
+        after = replace(before, places=before.places + [way, other])
         if after.geometry is not None:
             return after._localize(after.geometry, observations, learns)
         if not learns:
@@ -131,7 +130,7 @@ class KeyframeMap:
         if self.bootstrap.is_due:
             after = self._initialize()
         elif self.pending is not None and self.geometry is not None:
-            after = changed(self, pending=None)._with_keyframe(self.geometry, self.pending)
+            after = replace(self, pending=None)._with_keyframe(self.geometry, self.pending)
         else:
             return self
         geometry, before = after.geometry, after.correspondences
@@ -140,7 +139,7 @@ class KeyframeMap:
         geometry.prepare()
         if before is None or before.geometry is geometry:
             return after
-        return changed(after, correspondences=correspondences_of(geometry, before.ids))
+        return replace(after, correspondences=correspondences_of(geometry, before.ids))
 
     def _begin(
         self, observations: FeatureObservations, bearings: Sequence[Bearings], attitude: Attitude
@@ -195,7 +194,7 @@ class KeyframeMap:
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
         resection = resect(geometry, it.anchors, seen, fit, shrinkage, errors=it.errors)
         said = localization_of(resection, it)
-        after = changed(
+        after = replace(
             self,
             pose=resection.pose,
             shrinkage=resection.shrinkage,

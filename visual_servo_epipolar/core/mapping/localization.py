@@ -21,7 +21,7 @@ def _nothing() -> FloatArray:
     return np.full((VIEW, VIEW), np.nan)
 
 
-@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
+@dataclass(frozen=True, eq=False)
 class MapLocalization:
     """
     Localization of one view in the map; without one, the ``reason`` why is not empty.

@@ -20,7 +20,6 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.lapack import inverse, solved
 from visual_servo_epipolar.core.mapping.adjustment.equations import robust_weight
 from visual_servo_epipolar.core.mapping.adjustment.projection import (
     BY_FEATURE,
@@ -123,10 +122,10 @@ def resect(
     shared = np.concatenate([whitening.rows(shared), by_mount])
     joint = shared.T @ shared
     joint.ravel()[:: len(joint) + 1] += 1.0  # errors of the window, one deviation each
-    left = rows - shared @ solved(joint, shared.T @ rows)
+    left = rows - shared @ np.linalg.solve(joint, shared.T @ rows)
     matrix = rows[:, :-1].T @ left[:, :-1]
     matrix.ravel()[: VIEW * (VIEW + 2) : VIEW + 2] += RIDGE  # of the view
-    covariance = inverse(matrix)
+    covariance = np.linalg.inv(matrix)
     gain = covariance @ left[:, :-1].T
     covariance = 0.5 * (covariance + covariance.T)
     after, pose, shift = _stepped(fit.pose, gain @ rows[:, -1], covariance)

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 UNBOUNDED = (math.inf, math.inf)
 
 
-@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
+@dataclass(frozen=True, eq=False)
 class Measurement:
     """
     What one observation tells about the goal.

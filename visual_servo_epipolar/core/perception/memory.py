@@ -28,7 +28,7 @@ class Still(NamedTuple):
     first_noise: float
 
 
-@dataclass(frozen=True)  # without slots: ``values.changed``
+@dataclass(frozen=True)
 class PerceptionMemory:
     """
     What perception carries from frame to frame.

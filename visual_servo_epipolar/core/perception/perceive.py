@@ -1,6 +1,7 @@
 """Perception of one view: observe, estimate, validate, measure."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.lens import change, for_wrong_rays
@@ -18,7 +19,6 @@ from visual_servo_epipolar.core.perception.validated import (
     validated_estimate,
     ValidatedEstimate,
 )
-from visual_servo_epipolar.core.values import changed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +61,7 @@ def perceive(
         attitude = memory.attitude
         axes = base_axes(attitude.tilt, attitude.roll, settings.mount_yaw)
         shutter = memory.shutter.updated(observation, axes, settings.readout)
-        memory = changed(memory, shutter=shutter)
+        memory = replace(memory, shutter=shutter)
         observation = observation.at_one_instant(shutter.turn(settings.readout))
     observation = levelled(observation.corrected(memory.lens), memory.attitude, settings.mount)
     count = len(observation)
@@ -110,7 +110,7 @@ def with_difference(perception: Perception, settings: PerceptionSettings) -> Mea
         return measurement
     rotation = fit_rotation(observation.current, observation.desired)
     counted = measures.usual_matches(observation, ValidatedEstimate(perception.memory, SPARED))
-    differences = measures.differences(
+    known: dict[str, Any] = measures.differences(
         observation, rotation, measurement.heading_error, counted, perception.memory, settings
     )
-    return changed(measurement, **differences)
+    return replace(measurement, **known)

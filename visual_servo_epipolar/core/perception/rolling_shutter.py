@@ -17,7 +17,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray, frozen, IntArray, median
 from visual_servo_epipolar.core.geometry.rays import dot
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, rotated, rotation_vector
-from visual_servo_epipolar.core.lapack import inverse, solved
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.stamps import seconds_between
 
@@ -138,7 +137,7 @@ class RollingShutter:
         information = self.information
         if not information[2, 2] > 0.0:
             information = information + np.diag([0.0, 0.0, 1.0])
-        covariance = inverse(information)
+        covariance = np.linalg.inv(information)
         value = float(covariance[0] @ self.weighted)
         return value, math.hypot(math.sqrt(covariance[0, 0]), MODEL_S)
 
@@ -292,9 +291,9 @@ def sheared(pair: RowPair, axes: BaseAxes) -> Shear | None:
         normal = columns.T @ (columns * weights[:, None])
         if np.linalg.cond(normal) > 1.0 / np.finfo(np.float64).eps:
             return None
-        solution = solved(normal, columns.T @ (weights * shift))
+        solution = np.linalg.solve(normal, columns.T @ (weights * shift))
         misses = shift - columns @ solution
         noise = max(NORMAL * median(np.abs(misses)), LEAST_RAD)
         weights = 1.0 / (1.0 + (misses / (OUTLYING * noise)) ** 2)
-    deviation = noise * math.sqrt(inverse(normal)[3, 3])
+    deviation = noise * math.sqrt(np.linalg.inv(normal)[3, 3])
     return Shear(float(solution[3]), math.hypot(deviation, ASIDE * pair.parallax))

@@ -1,6 +1,6 @@
 """Validated estimates: the geometry of one pair of views, or why there is none to act on."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
@@ -27,7 +27,6 @@ from visual_servo_epipolar.core.perception.validation import (
     turned_otherwise,
     TWO_GEOMETRIES,
 )
-from visual_servo_epipolar.core.values import changed
 
 SPARED = 'a memory of views knows the epipoles'
 NOISE_ADAPTION = 0.1
@@ -121,7 +120,7 @@ def without_baseline(
     """
     if settings.calibrated:  # through an unknown lens a turn alone leaves more than noise
         still = Still(observation, rotation, settings.pixel_noise)
-        memory = changed(memory, unlearnt=still)
+        memory = replace(memory, unlearnt=still)
     return ValidatedEstimate(memory, reason)
 
 
@@ -138,7 +137,7 @@ def noise_learnt(memory: PerceptionMemory) -> PerceptionMemory:
     fundamental = fundamental_of_small_baseline(still.rotation, seen.current, seen.desired)
     residual = median_residual(fundamental, seen.current, seen.desired, seen.resolution)
     now = noise_of_residual(float(residual), len(seen))
-    return changed(memory, noise=_noise(now, memory.noise, still.first_noise), unlearnt=None)
+    return replace(memory, noise=_noise(now, memory.noise, still.first_noise), unlearnt=None)
 
 
 def prior_of(

@@ -20,7 +20,6 @@ from visual_servo_epipolar.core.servo.motion.check import Evidence, MotionCheck
 from visual_servo_epipolar.core.servo.motion.verdicts import NOISE_OF_PARALLAX
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Known, ServoState
-from visual_servo_epipolar.core.values import changed
 
 AHEAD = 0.5  # sine of the bearing up to which the goal is ahead or behind
 KNOWN_PARALLAX = 3.0  # deviations of a parallax of which a metre shows a part
@@ -76,14 +75,14 @@ def _undone(state: ServoState, measurement: Measurement) -> ServoState:
     before, identified = state.known[0]
     lost_map = replace(before, views=None, place=None)  # nobody knows the way since
     extrinsics, pose = identified.extrinsics, state.identified.odometry.pose
-    identified = changed(
+    identified = replace(
         identified,
         dead_band=state.identified.dead_band,
-        extrinsics=extrinsics and changed(extrinsics, placed=False),
+        extrinsics=extrinsics and replace(extrinsics, placed=False),
         odometry=replace(identified.odometry, check=None, pose=pose),
         straight=None,
     )
-    goal = changed(state.view.goal, map=lost_map)
+    goal = replace(state.view.goal, map=lost_map)
     return state.changed(goal=goal, identified=identified, leg=None)
 
 

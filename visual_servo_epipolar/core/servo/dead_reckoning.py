@@ -1,5 +1,6 @@
 """Dead reckoning: what commands make of travel, distance, range and rates between two images."""
 
+from dataclasses import replace
 import math
 from typing import NamedTuple
 
@@ -14,7 +15,6 @@ from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.identification.odometry import Odometry
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Identification, MotionState, ServoState
-from visual_servo_epipolar.core.values import changed
 
 RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next two
 RANGE_SMOOTHING = 0.2
@@ -90,9 +90,9 @@ def reckon(
     extrinsics, acted = identified.extrinsics, drive.acted
     known, ranged = state.identified.extrinsics, state.motion
     if extrinsics is not None and extrinsics.believed != (known is not None and known.believed):
-        ranged = changed(ranged, leg=None, range=extrinsics.distance)
+        ranged = replace(ranged, leg=None, range=extrinsics.distance)
     leg = _leg(ranged.leg, state.measurement, acted)
-    return changed(
+    return replace(
         ranged,
         distance=_distance(state, acted, settings),
         leg=leg,

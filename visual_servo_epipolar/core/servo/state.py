@@ -1,7 +1,7 @@
 """State: all that the servo carries from one image to the next, in parts."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 import math
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
@@ -28,7 +28,6 @@ from visual_servo_epipolar.core.servo.identification.straight_leg import Straigh
 from visual_servo_epipolar.core.servo.motion.check import MotionCheck
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import seconds_between
-from visual_servo_epipolar.core.values import changed
 
 StateT = TypeVar('StateT', bound='ServoState')
 NO_MAP = MapState()
@@ -39,9 +38,6 @@ class Known(NamedTuple):
 
     map: MapState
     identified: 'Identification'
-
-
-# Parts have no slots: ``values.changed``.
 
 
 @dataclass(frozen=True)
@@ -219,8 +215,8 @@ class ServoState:
             else:
                 whole[name] = value
         for part, fields_of_it in parts.items():
-            whole[part] = changed(getattr(self, part), **fields_of_it)
-        return changed(self, **whole)
+            whole[part] = replace(getattr(self, part), **fields_of_it)
+        return replace(self, **whole)
 
     @property
     def phase(self) -> Phase:

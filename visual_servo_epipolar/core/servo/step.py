@@ -49,7 +49,6 @@ from visual_servo_epipolar.core.servo.pulse_turn import pulse_turn, turns_by_pul
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import settle
 from visual_servo_epipolar.core.servo.state import ServoState, ViewState
-from visual_servo_epipolar.core.values import changed
 
 LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
 
@@ -83,7 +82,7 @@ def _see(
     return ViewState(
         measurement=fusion.measurement,
         memory=fusion.memory,
-        goal=changed(state.view.goal, map=fusion.map),
+        goal=replace(state.view.goal, map=fusion.map),
         period=usual_period(state.view.period, dt),
         rotation_bias=fusion.rotation_bias,
         trusted_heading=_trusted_heading(state, fusion.measurement, settings),
@@ -142,7 +141,7 @@ def update_map(state: ServoState) -> ServoState:
         memory = with_wrong_matches(memory, views)
     elif memory is state.view.memory:
         return state
-    return state.changed(goal=changed(state.view.goal, map=views), memory=memory)
+    return state.changed(goal=replace(state.view.goal, map=views), memory=memory)
 
 
 def advance(

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
-from visual_servo_epipolar.core.lapack import solved
 from visual_servo_epipolar.core.tracking.alignment.warps import (
     keeps_all,
     numbers,
@@ -138,7 +137,7 @@ def fit_motion(before: FloatArray, after: FloatArray) -> ImageMotion | None:
     rows, weight = _homogeneous(before - centre), np.ones(len(before))
     for _ in range(ROUNDS):
         weighted = rows.T * (weight * weight)
-        affine = solved(weighted @ rows + RIDGE, weighted @ after)
+        affine = np.linalg.solve(weighted @ rows + RIDGE, weighted @ after)
         residual = np.sqrt(squared_lengths(after - rows @ affine))
         weight = 1.0 / (1.0 + (residual / (2.0 * median(residual) + 0.1)) ** 2)
     residuals: FloatArray = (after - rows @ affine) * weight[:, None]

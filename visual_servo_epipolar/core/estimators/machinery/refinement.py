@@ -22,7 +22,6 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import linearised, table_of
 from visual_servo_epipolar.core.geometry.rays import Axes, tangents
-from visual_servo_epipolar.core.lapack import inverse, solved
 
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
 LARGEST_STEP = 0.2  # a longer one leaves where the linearisation means anything [rad]
@@ -93,7 +92,7 @@ class Fit(NamedTuple):
         Where one match has more than half a parameter to itself, nothing speaks for it: what it
         alone fixes, such as an epipole on top of it, counts as not known (Huber 1981, 7.2).
         """
-        covariance = inverse(self.information)
+        covariance = np.asarray(np.linalg.inv(self.information))
         moves = covariance @ self.slopes
         leverage = (moves * self.slopes).sum(axis=0)
         lonely = leverage > LEVERAGE
@@ -226,7 +225,7 @@ def _solved(information: FloatArray, pull: FloatArray) -> FloatArray:
     """Return the solutions of normal equations, shape (..., P), nan where they are singular."""
     try:
         if pull.ndim == 1:
-            return solved(information, pull)
+            return np.asarray(np.linalg.solve(information, pull))
         return np.asarray(np.linalg.solve(information, pull[..., None])[..., 0])
     except np.linalg.LinAlgError:
         if pull.ndim == 1:

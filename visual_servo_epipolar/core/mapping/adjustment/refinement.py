@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
-from visual_servo_epipolar.core.lapack import solved
 from visual_servo_epipolar.core.mapping.adjustment.equations import (
     Evaluation,
     OUTLIER,
@@ -173,7 +172,7 @@ def _stepped(at: Evaluation, system: System, damping: float) -> Evaluation:
     scale = 1.0 / np.sqrt(np.diag(system.matrix))
     matrix = system.matrix * scale * scale[:, None]
     matrix[np.diag_indices_from(matrix)] += damping
-    step = -scale * solved(matrix, scale * system.vector)
+    step = -scale * np.linalg.solve(matrix, scale * system.vector)
     return replace(at, unknowns=at.unknowns.moved(step, system.features(step)))
 
 

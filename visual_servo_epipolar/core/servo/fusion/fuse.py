@@ -21,7 +21,6 @@ from visual_servo_epipolar.core.perception.rivals import (
 from visual_servo_epipolar.core.servo.fusion.map_state import localize, MapState, measurement_of
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.values import changed
 
 SKIPPED = 3  # views between two that are estimated all the same: noise and attitude may change
 
@@ -62,7 +61,7 @@ def fuse(
     memory, seen = perception.memory, perception.observation
     needed = measurement.bearings is None and not measurement.parallax <= settings.near_parallax
     if needed and memory.two_view_skip and seen is not None:  # the estimate that was skipped
-        memory = changed(memory, two_view_skip=0, wrong=None)
+        memory = replace(memory, two_view_skip=0, wrong=None)
         perception = perceive(seen, settings, state.view.frame, memory)
         measurement = measurement_of(perception, reading, after, settings)
     memory = two_view_skip(perception.memory, measurement, reading, after)
@@ -80,18 +79,18 @@ def _with_rivals(
     """Return what perception carries on of two geometries that fit: one, once the way tells."""
     before, extrinsics, twist = memory.rivals, state.identified.extrinsics, state.twist
     if not measurement.rivals or seen is None or not state.phase.drives:
-        return memory if before is None else changed(memory, rivals=None)
+        return memory if before is None else replace(memory, rivals=None)
     if before is None:
         before = begun(measurement.rivals, measurement.rotation_heading)
     ordered = in_order(measurement.rivals, before)
     yaw = 0.0 if extrinsics is None else float(extrinsics.mount[0])
     if twist.angular != 0.0 or twist.linear == 0.0:
-        return changed(memory, rivals=turned(before, ordered, yaw))
+        return replace(memory, rivals=turned(before, ordered, yaw))
     rivals = followed(before, ordered, seen, way)
     decided = rivals.decided(yaw)
     if decided is None:
-        return changed(memory, rivals=rivals)
-    return changed(memory, rivals=None, bearings=ahead_of_both(ordered[decided], seen))
+        return replace(memory, rivals=rivals)
+    return replace(memory, rivals=None, bearings=ahead_of_both(ordered[decided], seen))
 
 
 def disproved(perception: Perception, settings: ServoSettings) -> Fusion:
@@ -105,7 +104,7 @@ def disproved(perception: Perception, settings: ServoSettings) -> Fusion:
         difference=math.nan,
         reason='the bearings contradict what was driven; they are looked for anew',
     )
-    memory = changed(fresh_memory(settings), shutter=perception.memory.shutter)
+    memory = replace(fresh_memory(settings), shutter=perception.memory.shutter)
     return Fusion(measurement, memory, MapState())
 
 
@@ -119,8 +118,8 @@ def two_view_skip(
     by_two = measurement.bearings is not None and not measurement.remembered
     if reading is None or by_two or after.views is None:
         known = memory.two_view_skip or memory.wrong is not None
-        return changed(memory, two_view_skip=0, wrong=None) if known else memory
-    return changed(
+        return replace(memory, two_view_skip=0, wrong=None) if known else memory
+    return replace(
         memory,
         bearings=reading.bearings if measurement.remembered else memory.bearings,
         two_view_skip=memory.two_view_skip - 1 if memory.two_view_skip else SKIPPED,
@@ -135,4 +134,4 @@ def with_wrong_matches(
     if memory is None or memory.wrong is None or after.views is None:
         return memory
     wrong = after.views.wrong
-    return memory if wrong == memory.wrong else changed(memory, wrong=wrong)
+    return memory if wrong == memory.wrong else replace(memory, wrong=wrong)

@@ -29,7 +29,6 @@ from visual_servo_epipolar.core.servo.fusion.pose_filter import (
     with_heading_noise,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.values import changed
 
 PREFERENCE = 3.0  # deviations of two views that one of the memory may have
 LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
@@ -184,7 +183,7 @@ def sharpened(
             'rivals': (),
             'reason': '',
         }
-    return changed(
+    return replace(
         measurement,
         **bearings,
         heading_error=reading.heading_error,

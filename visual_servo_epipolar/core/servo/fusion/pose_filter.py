@@ -1,16 +1,14 @@
 """Pose filter: where the robot is near the goal, averaged over views by what it drove."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.lapack import solved
 from visual_servo_epipolar.core.mapping.adjustment.window import HEADING
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.odometry.increments import Motion
-from visual_servo_epipolar.core.values import changed
 
 # Unknowns: the place, right and ahead [m], and heading error [rad]; the share of a way that leads
 # to the side, as a camera may look elsewhere than where the base drives.
@@ -87,7 +85,7 @@ def filter_pose(
     change = _change(said, before)
     both = np.empty((PLACE, UNKNOWNS + 1))
     both[:, :UNKNOWNS], both[:, UNKNOWNS] = before.covariance[:PLACE], change
-    shares = solved(before.covariance[:PLACE, :PLACE] + own, both)
+    shares = np.linalg.solve(before.covariance[:PLACE, :PLACE] + own, both)
     gain = shares[:, :UNKNOWNS].T
     if change @ shares[:, UNKNOWNS] > SURPRISE:
         return said, first_pose(mean, own, before.decayed_motion)
@@ -97,7 +95,7 @@ def filter_pose(
     covariance[:PLACE, :PLACE] += known[:PLACE, :PLACE] - own[:PLACE, :PLACE]
     own[:PLACE, :PLACE] = known[:PLACE, :PLACE]
     pose[:PLACE] = now.mean[:PLACE] + said.shift[:PLACE]
-    return changed(said, pose=pose, covariance=covariance, own=own), now
+    return replace(said, pose=pose, covariance=covariance, own=own), now
 
 
 def with_heading_noise(said: MapLocalization, noise: float) -> MapLocalization:
@@ -105,14 +103,14 @@ def with_heading_noise(said: MapLocalization, noise: float) -> MapLocalization:
     covariance, own = said.covariance.copy(), said.own.copy()
     covariance[HEADING, HEADING] += noise * noise
     own[HEADING, HEADING] += noise * noise
-    return changed(said, covariance=covariance, own=own)
+    return replace(said, covariance=covariance, own=own)
 
 
 def agrees(said: MapLocalization, place: FilteredPose) -> bool:
     """Return whether a recollection is of a robot at ``place``, within the noise of a view."""
     change = _change(said, place)
     covariance = said.own[:PLACE, :PLACE] + place.covariance[:PLACE, :PLACE]
-    return float(change @ solved(covariance, change)) <= SURPRISE
+    return float(change @ np.linalg.solve(covariance, change)) <= SURPRISE
 
 
 def _change(said: MapLocalization, place: FilteredPose) -> FloatArray:

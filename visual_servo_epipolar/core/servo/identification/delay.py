@@ -6,7 +6,7 @@ one whose turns fit those that are seen best is that of the base, be its wheels 
 begins late may have been held; who ends late as well obeys late.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 import math
 
@@ -20,7 +20,6 @@ from visual_servo_epipolar.core.servo.identification.curvature import heading_de
 from visual_servo_epipolar.core.servo.identification.physical import MOST_DELAY_S
 from visual_servo_epipolar.core.servo.settings import ServoSettings, with_identified
 from visual_servo_epipolar.core.stamps import seconds_between
-from visual_servo_epipolar.core.values import changed
 
 STEP_S = 0.05  # between two delays that may be [s]
 DELAYS: FloatArray = np.arange(round(MOST_DELAY_S / STEP_S) + 1, dtype=np.float64) * STEP_S
@@ -42,7 +41,7 @@ def _zeros() -> FloatArray:
     return np.zeros(len(DELAYS))
 
 
-@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
+@dataclass(frozen=True, eq=False)
 class Delay:
     """
     Delay ``value`` [s], 0 until it is known.
@@ -76,7 +75,7 @@ class Delay:
         gap = seconds_between(self.since_ns, now_ns)
         if goes_on and 0.0 < gap < INTERVAL:
             return self
-        began = changed(self, since_ns=now_ns, heading=heading, by_memory=by_memory)
+        began = replace(self, since_ns=now_ns, heading=heading, by_memory=by_memory)
         if not goes_on:
             return began
         turn = math.remainder(heading - self.heading, 2.0 * math.pi)
@@ -94,7 +93,7 @@ class Delay:
             return began
         keep = math.exp(-largest * largest / FADING)
         change = np.abs(turns) - abs(turns[_usual(settings.configured_latency)[-1]])
-        after = changed(
+        after = replace(
             began,
             seen=keep * self.seen + turn * turns,
             power=keep * self.power + turns * turns,
@@ -102,7 +101,7 @@ class Delay:
             longer=keep * self.longer + np.maximum(change, 0.0) ** 2,
             energy=keep * self.energy + turn * turn,
         )
-        return changed(after, value=after._value(settings))
+        return replace(after, value=after._value(settings))
 
     def _value(self, settings: ServoSettings) -> float:
         """Return the delay that turns tell, the one before where they tell none for certain."""

@@ -9,7 +9,7 @@ a distance that is not known (Aidala, Hammel 1983): psi [rad], the logarithm of 
 yaw [rad], and the lever arm forward and left [m], in axes of the camera.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
 
@@ -18,7 +18,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
-from visual_servo_epipolar.core.values import changed
 
 PSI, RHO, YAW, FORWARD, LEFT = range(5)
 IDENTITY = np.eye(5)
@@ -39,7 +38,7 @@ RANGED = (0.25, 0.5)
 MAX_CONTRADICTIONS = 12  # beyond which bearings contradict what was driven
 
 
-@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
+@dataclass(frozen=True, eq=False)
 class Extrinsics:
     """
     Mean, shape (5,), and covariance, (5, 5), of the place of the camera and of its mount.
@@ -154,7 +153,7 @@ def placed(before: Extrinsics, bearings: Bearings, deviation: float) -> Extrinsi
     mean[PSI] = bearings.psi  # the distance is the last one, or that of told_extrinsics
     covariance[:2] = covariance[:, :2] = 0.0
     covariance[PSI, PSI], covariance[RHO, RHO] = deviation**2, FIRST_DEVIATION**2
-    return changed(
+    return replace(
         before,
         mean=mean,
         covariance=covariance,
@@ -177,7 +176,7 @@ def moved(before: Extrinsics, heading: float, *, at: FloatArray | None = None) -
         turn = math.remainder(heading - before.heading, 2.0 * math.pi)
         covariance[PSI, PSI] += LENS * LENS * abs(turn)
     mean = path.from_mean(before.mean, at)
-    return changed(before, mean=mean, covariance=covariance, heading=heading, travel=0.0)
+    return replace(before, mean=mean, covariance=covariance, heading=heading, travel=0.0)
 
 
 def moved_to(before: Extrinsics, heading: float, psi: float, deviation: float) -> Extrinsics:
@@ -218,14 +217,14 @@ def seen_anew(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrins
     mean[PSI] = psi
     covariance[PSI] = covariance[:, PSI] = 0.0
     covariance[PSI, PSI] = CORRELATION * deviation * deviation
-    return changed(before, mean=mean, covariance=covariance), innovation
+    return replace(before, mean=mean, covariance=covariance), innovation
 
 
 def corrected(before: Extrinsics, of: int, innovation: float, noise: float) -> Extrinsics:
     """Return the belief after one of its states was measured, with variance ``noise`` (Kalman)."""
     column = before.covariance[:, of]
     gain = column / (float(column[of]) + noise)
-    return changed(
+    return replace(
         before,
         mean=before.mean + gain * innovation,
         covariance=before.covariance - gain[:, None] * column,
@@ -253,7 +252,7 @@ def ranged(before: Extrinsics, distance: float, deviation: float) -> Extrinsics:
         mean[RHO] = math.log(distance)
         covariance[RHO] = covariance[:, RHO] = 0.0
         covariance[RHO, RHO] = variance
-        return changed(before, mean=mean, covariance=covariance)
+        return replace(before, mean=mean, covariance=covariance)
     if known <= variance:
         return before
     return corrected(before, RHO, innovation, variance * known / (known - variance))

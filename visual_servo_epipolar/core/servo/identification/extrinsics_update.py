@@ -1,5 +1,6 @@
 """Extrinsics update: when what bearings tell of the mount is learnt, and when it is believed."""
 
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -20,7 +21,6 @@ from visual_servo_epipolar.core.servo.identification.extrinsics import (
     unplaced,
     YAW,
 )
-from visual_servo_epipolar.core.values import changed
 
 SIGNIFICANT = (4.0, 3.5)  # deviations from what was told, until believed: at first, after a miss
 # Below which little is gained [rad, m, m]; an offset aside alone is never told apart for certain.
@@ -46,9 +46,9 @@ def update_extrinsics(
     deviation = max(measurement.deviation, LEAST_DEVIATION) if bearings else math.nan
     remembers = measurement.remembered
     if not before.placed:
-        before = changed(before, remembers=remembers)
+        before = replace(before, remembers=remembers)
         return placed(before, bearings, deviation) if bearings else before
-    before = changed(before, travel=before.travel + travel)
+    before = replace(before, travel=before.travel + travel)
     heading = measurement.heading_error
     turn = math.remainder(heading - before.heading, 2.0 * math.pi)
     if not math.isfinite(heading) or max(abs(before.travel), abs(turn)) < LEAST_STEP:
@@ -64,19 +64,19 @@ def update_extrinsics(
         after = ranged(after, math.hypot(*measurement.offset), measurement.offset_deviation)
     if bearings is None or after.distance < NEAR:
         return after
-    before = changed(before, remembers=remembers)
+    before = replace(before, remembers=remembers)
     seen_now = seen_anew if switched else seen
-    after, innovation = seen_now(changed(after, remembers=remembers), bearings.psi, deviation)
+    after, innovation = seen_now(replace(after, remembers=remembers), bearings.psi, deviation)
     if abs(innovation) > GATE:
         anew = placed(before, bearings, deviation)
-        return changed(anew, contradictions=before.contradictions + FAULT)
+        return replace(anew, contradictions=before.contradictions + FAULT)
     if switched:
         return after
     if not is_plausible(after):
         anew = placed(unplaced(before.told, before.deviations), bearings, deviation)
-        return changed(anew, contradictions=before.contradictions + FAULT)
+        return replace(anew, contradictions=before.contradictions + FAULT)
     believed = after.believed or is_significant(after, missed)
-    return changed(after, contradictions=max(before.contradictions - 1, 0), believed=believed)
+    return replace(after, contradictions=max(before.contradictions - 1, 0), believed=believed)
 
 
 def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:
@@ -86,7 +86,7 @@ def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:
         return before
     innovation = math.remainder(yaw - before.mean[YAW], 2.0 * math.pi)
     after = corrected(before, YAW, innovation, deviation * deviation)
-    return changed(after, believed=True) if is_plausible(after) else before
+    return replace(after, believed=True) if is_plausible(after) else before
 
 
 def is_plausible(belief: Extrinsics) -> bool:

@@ -1,5 +1,6 @@
 """Identify: what an image shows of camera, base and wheels, and the measurement that leads to."""
 
+from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -12,7 +13,6 @@ from visual_servo_epipolar.core.servo.identification.extrinsics_update import up
 from visual_servo_epipolar.core.servo.identification.straight_leg import straight_on
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Identification, ServoState
-from visual_servo_epipolar.core.values import changed
 
 BIAS_SMOOTHING = 0.2  # weight of the newest value in an exponential mean
 MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed
@@ -67,11 +67,11 @@ def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measuremen
         return measurement
     if measurement.offset is not None:
         offset = offset_at_axle(measurement.offset, measurement.heading_error, mount)
-        measurement = changed(measurement, offset=offset)
+        measurement = replace(measurement, offset=offset)
     if measurement.bearings is None:
         return measurement
     bearings = at_axle(measurement.bearings, mount, extrinsics.distance)
-    return changed(measurement, bearings=bearings, camera_bearings=measurement.bearings)
+    return replace(measurement, bearings=bearings, camera_bearings=measurement.bearings)
 
 
 def _rotation_bias(state: ServoState, measurement: Measurement) -> float:
@@ -96,4 +96,4 @@ def _without_bias(measurement: Measurement, bias: float) -> Measurement:
     if math.isnan(bias):
         return measurement
     heading = math.remainder(measurement.rotation_heading + bias, 2.0 * math.pi)
-    return changed(measurement, heading_error=heading)
+    return replace(measurement, heading_error=heading)

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
-from visual_servo_epipolar.core.lapack import solved
 from visual_servo_epipolar.core.tracking.alignment.sampling import (
     affine_maps,
     float_image,
@@ -147,7 +146,7 @@ class SteepestDescent:
         if not trace > 0.0:  # stripes of a pixel: contrast without a slope
             return np.zeros(descent.shape, np.float32)
         hessian += DAMPING * trace / PARAMETERS * IDENTITY
-        update = self._scale * (solved(hessian, descent) * norm)
+        update = self._scale * (np.linalg.solve(hessian, descent) * norm)
         return np.asarray(update.astype(np.float32))
 
 
