@@ -8,7 +8,6 @@ from typing import Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
-from rosbags.typesys.store import Typestore
 
 from visual_servo_epipolar.bags.storages import CDR, types_of
 from visual_servo_epipolar.core.errors import InputError
@@ -43,12 +42,12 @@ def hash_of(kind: str, text: str) -> str:
         return ''
 
 
-def _types_of_jazzy(kind: str) -> Typestore | None:
+def _types_of_jazzy(kind: str) -> Any:
     """Return the types of a stock Jazzy if ``kind`` is one of them."""
     return types_of(CDR) if kind in types_of(CDR).fielddefs else None
 
 
-def _types_of_installed_files(kind: str) -> Typestore | None:
+def _types_of_installed_files(kind: str) -> Any:
     """Return the types that installed .msg files make of ``kind``, or None."""
     types: dict[str, Any] = {}
     pending = [kind]

@@ -14,6 +14,7 @@ import io
 from operator import attrgetter
 from pathlib import Path
 import sqlite3
+from typing import Any
 
 from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import make_reader
@@ -23,7 +24,6 @@ from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 from rosbags import rosbag1
 from rosbags.typesys import get_typestore, Stores
-from rosbags.typesys.store import Typestore
 
 from visual_servo_epipolar.bags import containers
 from visual_servo_epipolar.core.errors import InputError
@@ -81,7 +81,7 @@ def kind_of(item: StoredTopic) -> str:
 
 
 @cache
-def types_of(encoding: str) -> Typestore:
+def types_of(encoding: str) -> Any:
     """Return the types of ROS; those read here have not changed since dashing."""
     return get_typestore(Stores.ROS1_NOETIC if encoding == ROS1 else Stores.ROS2_JAZZY)
 

@@ -8,7 +8,6 @@ import cv2
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 import numpy as np
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from visualization_msgs.msg import MarkerArray
 
@@ -19,6 +18,7 @@ from visual_servo_epipolar.messages.joints import COMMAND_TYPES, joint_states, r
 from visual_servo_epipolar.messages.transforms import FrameAxes, frames, upright
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
+from visual_servo_epipolar.nodes.startup.guards import GuardedNode
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import CameraFrames, CameraRig
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
@@ -35,7 +35,7 @@ from visual_servo_epipolar.simulation.run_monitor import period_ns
 WARN_PERIOD_S = 2.0
 
 
-class CameraNode(Node):
+class CameraNode(GuardedNode):
     """Hosts a ``CameraSimulator``: an image a frame of ground truth, in any kind of time."""
 
     def __init__(self, **options: Any) -> None:

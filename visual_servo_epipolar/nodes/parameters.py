@@ -19,7 +19,7 @@ import yaml
 
 from visual_servo_epipolar.core.settings import alike, range_of, Settings
 from visual_servo_epipolar.nodes.startup import command_line, table
-from visual_servo_epipolar.nodes.startup.guards import explain_refusals, guard, wrong_type
+from visual_servo_epipolar.nodes.startup.guards import GuardedNode, wrong_type
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
 PARAMETERS = 'ros__parameters'
@@ -39,14 +39,14 @@ class ParameterSection:
         return re.fullmatch(pattern, node) is not None
 
 
-def declare(node: Node, kind: type[SettingsT]) -> SettingsT:
+def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     """
     Declare every field of ``kind`` and return the settings that YAML and command line ask for.
 
     Raises ValueError for a value that cannot be used, of another type, or a name of an earlier
     version; rclpy raises for a wrong range.
     """
-    given = getattr(node, '_parameter_overrides', {})
+    given = node.given
     for name in given:
         if name in kind.RENAMED:
             raise ValueError(
@@ -110,22 +110,20 @@ def override(name: str, value: Any) -> Parameter:
     return Parameter(name, value=(list(value) or None) if isinstance(value, tuple) else value)
 
 
-def finish(node: Node, options: Mapping[str, Any]) -> None:
+def finish(node: GuardedNode, options: Mapping[str, Any]) -> None:
     """
-    End the declarations: guard the parameters, and raise ValueError for one that nobody declared.
+    End the declarations: raise ValueError for a parameter that is given but not declared.
 
     ROS ignores it silently, and a misspelt gain then drives the robot with its default. A name of
     another node of this package may stand in a file that both read. ``options`` are those that the
     node was made with. Warns of a file that sets nothing of the node.
     """
-    explain_refusals(node)
-    guard(node)
     name, words = node.get_name(), _ros_arguments(options)
     files = {path: read_sections(path) for path in command_line.values(words, '--params-file')}
     direct = command_line.parameter_names(words, name)
     direct |= {item.name for item in options.get('parameter_overrides') or ()}
     shared = {item for sections in files.values() for item in _names_for(node, sections)} - direct
-    for item in sorted(getattr(node, '_parameter_overrides', {})):
+    for item in sorted(node.given):
         if node.has_parameter(item) or item.startswith('qos_'):
             continue
         owner = table.owner_of(item)

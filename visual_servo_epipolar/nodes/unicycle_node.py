@@ -6,7 +6,6 @@ from typing import Any
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
@@ -15,6 +14,7 @@ from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.lifecycle.gates import serve
+from visual_servo_epipolar.nodes.startup.guards import GuardedNode
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import UnicycleSettings
 from visual_servo_epipolar.simulation.bases.ackermann import AckermannSettings
@@ -34,7 +34,7 @@ WARN_PERIOD_S = 2.0
 BEGIN_PERIOD_S = 0.5
 
 
-class UnicycleNode(Node):
+class UnicycleNode(GuardedNode):
     """Hosts a ``SimulatedBase``; in lockstep each command is a frame, and /clock is its own."""
 
     def __init__(self, **options: Any) -> None:

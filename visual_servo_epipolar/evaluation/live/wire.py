@@ -11,7 +11,7 @@ import traceback
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
-from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy
@@ -249,7 +249,7 @@ def hook_rclpy(wire: Wire) -> Iterator[None]:
     def publish(publisher: Publisher, message: Any) -> None:
         wire.publish(publisher, message)
 
-    def log(logger: RcutilsLogger, message: str, severity: int, **_: Any) -> bool:
+    def log(logger: Any, message: str, severity: int, **_: Any) -> bool:
         wire.logs.append((wire.now_ns, str(logger.name), int(severity), str(message)))
         return True
 
@@ -258,7 +258,7 @@ def hook_rclpy(wire: Wire) -> Iterator[None]:
             (Clock, 'now', now),
             (Publisher, 'publish', publish),
             (Publisher, 'wait_for_all_acked', lambda publisher, timeout=None: True),
-            (RcutilsLogger, 'log', log),
+            (type(get_logger('')), 'log', log),
         ):
             stack.callback(setattr, kind, name, getattr(kind, name))
             setattr(kind, name, function)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar
 
-from rclpy.impl.implementation_singleton import rclpy_implementation
+from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecyclePublisher
 from rclpy.lifecycle.managed_entity import TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleState
@@ -92,22 +92,23 @@ def remedy(node: Any) -> str:
 
 def answer_the_impossible(node: Any) -> None:
     """Let ``node`` refuse a transition that its state does not have (rclpy#1209), and live on."""
-    service = getattr(node, '_service_change_state', None)
-    if service is None:  # without its interface nobody can ask
-        return
-    change = service.callback
+    for service in node.services:
+        if service.srv_type is ChangeState:
+            service.callback = _refusing(node, service.callback)
 
+
+def _refusing(node: Any, change: Callback) -> Callback:
     def answer(request: Any, response: Any) -> Any:
         try:
             return change(request, response)
-        except rclpy_implementation.RCLError:
+        except RuntimeError:  # RCLError
             wanted = request.transition.label or f'with the id {request.transition.id}'
             name = node.get_fully_qualified_name()
             node.get_logger().warning(f'{name} is {node.state}: there is no transition {wanted}')
             response.success = False
             return response
 
-    service.callback = answer
+    return answer
 
 
 def serve(

@@ -16,6 +16,7 @@ from visual_servo_epipolar.nodes.lifecycle.gates import (
     ManagedPublisher,
     remedy,
 )
+from visual_servo_epipolar.nodes.startup.guards import CLOCK, GuardedNode
 from visual_servo_epipolar.nodes.startup.settings import LifecycleSettings
 
 SUCCESS, FAILURE, ERROR = (
@@ -24,10 +25,9 @@ SUCCESS, FAILURE, ERROR = (
     TransitionCallbackReturn.ERROR,
 )
 REFUSALS = (VisualServoError, ValueError, OSError)  # what configure and activate may raise
-CLOCK = '/clock'  # rclpy itself listens to it
 
 
-class ManagedNode(LifecycleNode):
+class ManagedNode(GuardedNode, LifecycleNode):
     """
     Node with a life cycle: unconfigured, inactive, active.
 

@@ -4,9 +4,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import TypeVar
-
-from rclpy.impl.rcutils_logger import RcutilsLogger
+from typing import Any, TypeVar
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
@@ -116,7 +114,7 @@ class RouteRecording:
 class RouteRenewal:
     """Renewal of a route in its folder after an arrival, on a thread of its own."""
 
-    def __init__(self, logger: RcutilsLogger) -> None:
+    def __init__(self, logger: Any) -> None:
         self._logger, self._thread = logger, ThreadPoolExecutor(1, 'route_renewal')
         self._run: RouteRun | None = None
         self._folder, self._writing = Path(), self._thread.submit(lambda: None)

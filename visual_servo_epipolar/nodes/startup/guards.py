@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.settings import hint
 
 TYPE_NUMBERS = frozenset(item.value for item in Parameter.Type)
 CLOCK = '/clock'
+OF_RCLPY = {'use_sim_time', 'start_type_description_service'}
 BEFORE_TIME = '/clock is below 0, it is left out; mend what publishes it'
 REPEAT_S = 30.0
 TYPES = {
@@ -28,16 +29,48 @@ TYPES = {
 }
 
 
-def guard(node: Node) -> None:
-    """Let ``node`` refuse parameters of no type, and a /clock below zero, and live on."""
-    source = node._time_source
-    for service in node.services:
-        if service.srv_type in (SetParameters, SetParametersAtomically):
-            service.callback = _refusing_unknown_types(service.callback)
-    source.clock_callback = _refusing_negative_times(node, source.clock_callback)  # type: ignore[assignment, method-assign]
-    for item in node.subscriptions:  # where time is simulated from the start
-        if item.topic_name == CLOCK:
-            item.callback = source.clock_callback
+class GuardedNode(Node):
+    """
+    Node that refuses in words what rclpy would raise of out of spin.
+
+    That is a parameter of no type, or of a wrong one, and a /clock below zero. ``given`` are the
+    parameters of files and command line, by name, declared or not.
+    """
+
+    def __init__(self, name: str, **options: Any) -> None:
+        super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
+        names = self.list_parameters([], 0).names
+        self.given = {item.name: item for item in self.get_parameters(names)}
+        for item in self.given.keys() - OF_RCLPY:  # declared anew, with their ranges
+            self.undeclare_parameter(item)
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **more: Any) -> Any:
+        """Create a service; those of rclpy that change parameters refuse unknown types."""
+        if srv_type in (SetParameters, SetParametersAtomically):
+            callback = _refusing_unknown_types(callback)
+        return super().create_service(srv_type, srv_name, callback, **more)
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Any, qos_profile: Any, **more: Any
+    ) -> Any:
+        """Create a subscription; that of rclpy to /clock leaves times below zero out."""
+        if topic == CLOCK and not more.get('raw'):
+            callback = _refusing_negative_times(self, callback)
+        return super().create_subscription(msg_type, topic, callback, qos_profile, **more)
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set all parameters or none; a reason says which type is expected, rclpy names none."""
+        foreign = [item.name for item in parameter_list if not self.has_parameter(item.name)]
+        if foreign:
+            known = sorted(self.list_parameters([], 0).names)
+            reason = f'{self.get_name()} has no parameter {foreign[0]}; {hint(foreign[:1], known)}'
+            return SetParametersResult(successful=False, reason=reason)
+        result = super().set_parameters_atomically(parameter_list)
+        if not result.successful:
+            kinds = [self.describe_parameter(item.name).type for item in parameter_list]
+            reasons = filter(None, map(wrong_type, parameter_list, map(Parameter.Type, kinds)))
+            result.reason = next(reasons, result.reason)
+        return result
 
 
 def _refusing_unknown_types(plain: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
@@ -71,26 +104,6 @@ def _refusing_negative_times(
         plain(message)
 
     return tell
-
-
-def explain_refusals(node: Node) -> None:
-    """Let the reason for a refused change say which type is expected; rclpy names none."""
-    plain = node.set_parameters_atomically
-
-    def explained(changes: list[Parameter]) -> SetParametersResult:
-        foreign = [item.name for item in changes if not node.has_parameter(item.name)]
-        if foreign:
-            known = sorted(node.list_parameters([], 0).names)
-            reason = f'{node.get_name()} has no parameter {foreign[0]}; {hint(foreign[:1], known)}'
-            return SetParametersResult(successful=False, reason=reason)
-        result = plain(changes)
-        if not result.successful:
-            expected = [Parameter.Type(node.describe_parameter(p.name).type) for p in changes]
-            reasons = filter(None, map(wrong_type, changes, expected))
-            result.reason = next(reasons, result.reason)
-        return result
-
-    node.set_parameters_atomically = explained  # type: ignore[assignment, method-assign]
 
 
 def wrong_type(given: Parameter, expected: Parameter.Type) -> str:
