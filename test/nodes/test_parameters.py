@@ -329,3 +329,8 @@ def test_a_parameter_that_is_gone_is_refused_in_one_line(bench) -> None:
     message = '^tracker_node has no parameter auxiliary_features any more; delete it from your'
     with pytest.raises(ValueError, match=message):
         bench.start(TrackerNode, auxiliary_features=0)
+
+
+def test_a_list_that_is_given_may_be_empty(bench) -> None:
+    node = bench.start(RecorderNode, exclude=(), autostart=False)
+    assert not node.get_parameter_or('exclude').value

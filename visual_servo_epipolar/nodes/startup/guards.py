@@ -13,7 +13,6 @@ from visual_servo_epipolar.core.settings import hint
 
 TYPE_NUMBERS = frozenset(item.value for item in Parameter.Type)
 CLOCK = '/clock'
-OF_RCLPY = {'use_sim_time', 'start_type_description_service'}
 BEFORE_TIME = '/clock is below 0, it is left out; mend what publishes it'
 REPEAT_S = 30.0
 TYPES = {
@@ -38,11 +37,17 @@ class GuardedNode(Node):
     """
 
     def __init__(self, name: str, **options: Any) -> None:
+        self.given: dict[str, Parameter] = {}
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
-        names = self.list_parameters([], 0).names
-        self.given = {item.name: item for item in self.get_parameters(names)}
-        for item in self.given.keys() - OF_RCLPY:  # declared anew, with their ranges
-            self.undeclare_parameter(item)
+
+    def declare_parameters(
+        self, namespace: str, parameters: list[Any], ignore_override: bool = False
+    ) -> list[Parameter]:
+        """Declare parameters; of those that rclpy declares as given, by no kind, take note."""
+        if not ignore_override:
+            return super().declare_parameters(namespace, parameters)
+        self.given = {name: Parameter(name, value=value) for name, value, *_ in parameters}
+        return []
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **more: Any) -> Any:
         """Create a service; those of rclpy that change parameters refuse unknown types."""
