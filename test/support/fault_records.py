@@ -4,7 +4,7 @@ from collections.abc import Sequence
 import math
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
-from visual_servo_epipolar.evaluation.faults.judging.record import (
+from visual_servo_epipolar.evaluation.faults.judge import (
     Limits,
     Record,
     SafetyBounds,

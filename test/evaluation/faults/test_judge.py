@@ -6,8 +6,8 @@ from fault_records import BOUNDS, drive, LIMITS, ramp, record
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.evaluation.faults.judging.judge import judge_run
-from visual_servo_epipolar.evaluation.faults.judging.record import (
+from visual_servo_epipolar.evaluation.faults.judge import (
+    judge_run,
     Limits,
     Record,
     RunVerdict,

@@ -10,12 +10,11 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.evaluation.faults import campaign
+from visual_servo_epipolar.evaluation.faults import campaign, robot
 from visual_servo_epipolar.evaluation.faults import run as runs
 from visual_servo_epipolar.evaluation.faults.campaign import FAULTS
-from visual_servo_epipolar.evaluation.faults.catalogue import orders
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import EVERYWHERE, Fault, StruckRun
-from visual_servo_epipolar.evaluation.faults.judging.record import Record
+from visual_servo_epipolar.evaluation.faults.fault import EVERYWHERE, Fault, StruckRun
+from visual_servo_epipolar.evaluation.faults.judge import Record
 from visual_servo_epipolar.evaluation.faults.processes import RunListener
 from visual_servo_epipolar.evaluation.live.wire import Envelope
 from visual_servo_epipolar.evaluation.live.world import (
@@ -247,7 +246,7 @@ def test_transitions_are_asked_for_by_the_service_and_refused_where_there_is_non
 @pytest.fixture
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let what was missing at a start come soon after the order has lapsed."""
-    monkeypatch.setattr(orders, 'LATER_S', 14.0)
+    monkeypatch.setattr(robot, 'LATER_S', 14.0)
 
 
 @pytest.mark.parametrize('name', few_of([name for name in FAULTS if name.startswith('arming_')]))

@@ -10,18 +10,10 @@ from typing import Any, NamedTuple
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint
-from visual_servo_epipolar.evaluation.faults import processes
+from visual_servo_epipolar.evaluation.faults import processes, robot, sensing
 from visual_servo_epipolar.evaluation.faults import run as simulated
-from visual_servo_epipolar.evaluation.faults.catalogue import (
-    calibration,
-    images,
-    orders,
-    robot,
-    routes,
-    streams,
-)
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Faults
-from visual_servo_epipolar.evaluation.faults.judging.record import RunVerdict, SAFE
+from visual_servo_epipolar.evaluation.faults.fault import Fault, Faults
+from visual_servo_epipolar.evaluation.faults.judge import RunVerdict, SAFE
 from visual_servo_epipolar.evaluation.faults.processes import PROCESSES
 from visual_servo_epipolar.evaluation.tables import markdown
 from visual_servo_epipolar.sweeping.provenance import commit
@@ -29,17 +21,17 @@ from visual_servo_epipolar.sweeping.workers import worker_pool
 
 FAULTS: Faults = {
     'none': Fault('nothing is wrong'),
-    **streams.IMAGE_STREAM,
-    **images.SHOWN,
-    **images.SCENES,
-    **streams.TRACK_STREAM,
-    **calibration.FAULTS,
-    **orders.CLOCKS,
-    **orders.ORDERS,
+    **sensing.IMAGE_STREAM,
+    **sensing.SHOWN,
+    **sensing.SCENES,
+    **sensing.TRACK_STREAM,
+    **sensing.CALIBRATION,
+    **robot.CLOCKS,
+    **robot.ORDERS,
     **robot.BASE,
     **robot.NODE_ENDS,
     **robot.ENCODERS,
-    **routes.ROUTES,
+    **robot.ROUTES,
 }
 WORDS = {name: fault.what for name, fault in FAULTS.items()}
 WORDS |= {name: fault.what for name, fault in PROCESSES.items()}

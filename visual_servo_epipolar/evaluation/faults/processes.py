@@ -23,8 +23,8 @@ from std_msgs.msg import String
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.evaluation.faults.judging.judge import judge_run
-from visual_servo_epipolar.evaluation.faults.judging.record import (
+from visual_servo_epipolar.evaluation.faults.judge import (
+    judge_run,
     Limits,
     moving,
     Record,
@@ -32,7 +32,7 @@ from visual_servo_epipolar.evaluation.faults.judging.record import (
     ServoCommand,
     TrueMotion,
 )
-from visual_servo_epipolar.evaluation.faults.judging.witness import BASE, MUTE, SERVO
+from visual_servo_epipolar.evaluation.faults.witness import BASE, MUTE, SERVO
 from visual_servo_epipolar.evaluation.live.processes import (
     arguments,
     camera_arguments,

@@ -12,15 +12,9 @@ from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
-    ALWAYS,
-    EVERYWHERE,
-    Fault,
-    StruckRun,
-)
-from visual_servo_epipolar.evaluation.faults.judging.judge import judge_run
-from visual_servo_epipolar.evaluation.faults.judging.record import moving, SafetyBounds
-from visual_servo_epipolar.evaluation.faults.judging.witness import BASE, SERVO, Witness
+from visual_servo_epipolar.evaluation.faults.fault import ALWAYS, EVERYWHERE, Fault, StruckRun
+from visual_servo_epipolar.evaluation.faults.judge import judge_run, moving, SafetyBounds
+from visual_servo_epipolar.evaluation.faults.witness import BASE, SERVO, Witness
 from visual_servo_epipolar.evaluation.live.world import small_camera, World, WorldSettings
 
 LOOK_S = 0.1  # how often the phase is looked at

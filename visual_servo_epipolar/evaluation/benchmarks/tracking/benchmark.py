@@ -1,34 +1,37 @@
-"""Tracking benchmark: accuracy, robustness and speed on rendered approaches."""
+"""
+Tracking benchmark: errors of features along rendered approaches, calm and disturbed, and time.
 
-from collections.abc import Callable, Mapping, Sequence
+Errors are those of trackable features. A gross error is a feature reported as good, off the edges
+of depth, more than GROSS from its place, whether or not that place is hidden: nothing flagged it.
+Those on edges of depth are counted apart, for they have no single true place.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from time import perf_counter
+import math
+from time import perf_counter, process_time
 from typing import Any
 
+import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.flow import CRITERIA, Points
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.evaluation.benchmarks.tracking.scores import (
-    ended_tracks,
-    recovery_time,
-    scores,
-    table,
-)
-from visual_servo_epipolar.evaluation.benchmarks.tracking.timing import over_floor, times
 from visual_servo_epipolar.evaluation.benchmarks.tracking.world import (
     approach,
     FrameErrors,
     RenderedWorld,
+    STANDING,
     start_of,
     TrueFeatures,
 )
+from visual_servo_epipolar.evaluation.tables import aligned, number
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-
-__all__ = ['run', 'table']
 
 SCENES = (101, 102, 103, 104, 105)  # none of them served to tune the tracker
 DISTURBED_SCENES = 2
@@ -50,6 +53,12 @@ DISTURBANCES: Mapping[str, Mapping[str, Any]] = {
     'noise': {'extra_noise': 5.0},
 }
 TIMED = 60  # images, the last ones of an approach
+GROSS = 3.0  # a feature farther than this from its place is a wrong one [px]
+FLOOR_FIGURES = (
+    *('tracker_ms', 'floor_ms'),
+    *('ratio_low', 'ratio', 'ratio_high', 'ratio_worst', 'worst_ms'),
+)
+ENOUGH = 26  # features of the paper's experiments
 
 
 @dataclass(slots=True)
@@ -82,19 +91,13 @@ class TrackerRun:
 
 @dataclass(frozen=True, slots=True)
 class TrackingPlan:
-    """
-    How much is done.
-
-    Scenes, how many of them disturbed and how, frames, camera; whether time on a ``single``
-    thread is taken, too.
-    """
+    """How much is done: scenes, how many of them disturbed and how, frames, camera."""
 
     scenes: Sequence[int] = SCENES
     disturbed: int = DISTURBED_SCENES
     frames: int = 200
     camera: CameraSettings = CameraSettings(noise=2.0, gain_drift=0.05)
     disturbances: Sequence[str] = tuple(DISTURBANCES)
-    single: bool = True
 
 
 QUICK = TrackingPlan(
@@ -111,7 +114,6 @@ QUICK = TrackingPlan(
         gain_drift=0.05,
     ),
     disturbances=('light -30 %', 'occluder at once'),
-    single=False,
 )
 
 
@@ -125,9 +127,9 @@ def measure(plan: TrackingPlan, seed: int, say: Callable[[str], None]) -> dict[s
     scenes: list[dict[str, Any]] = []
     disturbed: list[dict[str, Any]] = []
     kept: list[Image] = []
-    for number, scene in enumerate(plan.scenes):
-        names = plan.disturbances if number < plan.disturbed else ()
-        keep = TIMED if number == 0 else 0
+    for index, scene in enumerate(plan.scenes):
+        names = plan.disturbances if index < plan.disturbed else ()
+        keep = TIMED if index == 0 else 0
         calm, rough, images = _scene(plan, scene, seed, names, keep, say)
         scenes.append(calm)
         disturbed += rough
@@ -139,7 +141,6 @@ def measure(plan: TrackingPlan, seed: int, say: Callable[[str], None]) -> dict[s
         'size': [plan.camera.width, plan.camera.height],
         'scenes': scenes,
         'disturbed': disturbed,
-        'time': times(kept[0], kept[1:], single=plan.single),
         'over_floor': [over_floor(images[0], images[1:]) for images in _sizes(plan, seed, kept)],
     }
 
@@ -233,3 +234,208 @@ def _rough_figures(world: RenderedWorld, tracked: TrackerRun) -> dict[str, Any]:
         'recovered_after': recovery_time(tracked.errors, over),
         **_figures(world, tracked),
     }
+
+
+def scores(truth: TrueFeatures, frames: Sequence[FrameErrors]) -> dict[str, Any]:
+    """Return the figures of one run."""
+    counts = [len(each.features) for each in frames]
+    gross = [~each.on_edge & (each.distances > GROSS) for each in frames]
+    tracks = [each.features.ids[rows] for each, rows in zip(frames, gross, strict=True)]
+    edges, wrong = sum(int(each.on_edge.sum()) for each in frames), sum(map(len, tracks))
+    ages = [each.features.ages for each in frames[1:]]
+    route, goal = (
+        np.concatenate([*(each.distances[each.trackable] for each in part), np.empty(0)])
+        for part in (frames[:-STANDING], frames[-STANDING:])
+    )
+    return {
+        'route_px': _percentile(route, 50.0),
+        'route_p95_px': _percentile(route, 95.0),
+        'goal_px': _percentile(goal, 50.0),
+        'goal_p95_px': _percentile(goal, 95.0),
+        'gross': wrong,
+        'gross_share': wrong / max(sum(counts) - edges, 1),
+        'gross_tracks': len(np.unique(np.concatenate(tracks))),
+        'edge_share': edges / max(sum(counts), 1),
+        'fewest': min(counts),
+        'fewest_places': min(map(places, frames)),
+        'few_frames': sum(count < ENOUGH for count in counts),
+        'redetections': sum(bool((age == 0).any()) for age in ages),
+        **_pose_errors(truth, frames[-STANDING:]),
+    }
+
+
+def places(frame_errors: FrameErrors) -> int:
+    """Count the features at different places: two at one pixel tell no more than one."""
+    return len(np.unique(np.rint(frame_errors.features.desired), axis=0))
+
+
+def ended_tracks(before: FrameErrors, features: Features) -> Features:
+    """Return the tracks of the frame ``before`` that were right and are not in ``features``."""
+    tracks = before.features
+    rows = ~np.isin(tracks.ids, features.ids) & (before.distances <= GROSS)
+    return Features(
+        tracks.ids[rows],
+        tracks.current[rows],
+        tracks.desired[rows],
+        tracks.ages[rows],
+        tracks.errors[rows],
+    )
+
+
+def recovery_time(frames: Sequence[FrameErrors], first: int) -> int | None:
+    """Return how many frames after ``first`` there are enough features for good; None: never."""
+    few = [
+        frame
+        for frame, frame_errors in enumerate(frames)
+        if frame >= first and len(frame_errors.features) < ENOUGH
+    ]
+    if not few:
+        return 0
+    return None if few[-1] == len(frames) - 1 else few[-1] + 1 - first
+
+
+def _pose_errors(truth: TrueFeatures, goal: Sequence[FrameErrors]) -> dict[str, float | None]:
+    errors = [error for error in map(truth.pose_error, goal) if error is not None]
+    names = ('pose_x_mm', 'pose_y_mm', 'pose_heading_deg')
+    if not errors:
+        return dict.fromkeys(names)
+    typical = np.abs(np.array(errors)).mean(axis=0) * [1e3, 1e3, math.degrees(1.0)]
+    return dict(zip(names, typical.tolist(), strict=True))
+
+
+def _percentile(values: FloatArray, share: float) -> float | None:
+    return float(np.percentile(values, share)) if len(values) else None
+
+
+def over_floor(desired: Image, images: Sequence[Image]) -> dict[str, Any]:
+    """
+    Return the anchored tracker's time of a frame over that of one pyramid and one bare flow.
+
+    Processor time on one thread, the two by turns on the same images, shape (H, W), and features;
+    medians [ms], and of the ratio the quartiles and the worst frame. A frame in which the whole
+    image is matched is another matter.
+    """
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        rows = _by_turns(desired, images)
+    finally:
+        cv2.setNumThreads(threads)
+    height, width = desired.shape
+    document: dict[str, Any] = {'size': [width, height], 'frames': len(rows)}
+    if not len(rows):
+        return document | dict.fromkeys(FLOOR_FIGURES)
+    tracker, floor = np.median(rows, axis=0)
+    ratio = np.percentile(rows[:, 0] / rows[:, 1], (25, 50, 75, 100))
+    figures = 1e3 * tracker, 1e3 * floor, *ratio, 1e3 * rows[:, 0].max()
+    return document | dict(zip(FLOOR_FIGURES, map(float, figures), strict=True))
+
+
+def _by_turns(desired: Image, images: Sequence[Image]) -> FloatArray:
+    """Return seconds of the tracker and of the floor, (N, 2), of images that it follows."""
+    tracker, rows = _tracker(desired), []
+    features = tracker.track(images[0])
+    for k in range(1, len(images)):
+        points, matchings = features.current.astype(np.float32), tracker.matchings
+        alone = _floor(images[k - 1], images[k], points) if k % 2 else 0.0  # neither always first
+        start = process_time()  # finds the image in the cache
+        features = tracker.track(images[k])
+        seconds = process_time() - start
+        if not k % 2:
+            alone = _floor(images[k - 1], images[k], points)
+        if len(points) and tracker.matchings == matchings:
+            rows.append((seconds, alone))
+    return np.array(rows).reshape(-1, 2)
+
+
+def _floor(last: Image, image: Image, points: Points) -> float:
+    """Return the time of one pyramid and one bare flow of ``points``, (N, 2) [s]."""
+    settings = TrackerSettings()
+    window, start = (settings.window, settings.window), process_time()
+    if len(points):
+        cv2.buildOpticalFlowPyramid(image, window, settings.levels, withDerivatives=False)
+        cv2.calcOpticalFlowPyrLK(
+            last, image, points, None, winSize=window, maxLevel=settings.levels, criteria=CRITERIA
+        )
+    return process_time() - start
+
+
+CALM = (
+    'scene | configuration | en route med p95 | at goal med p95 | gross (tracks) share | fewest '
+    '| edges | pose x y mm, deg | redet. | ms med max'
+)
+ROUGH = (
+    'scene | disturbance | med, during | at goal | gross (tracks) | fewest '
+    f'| frames < {ENOUGH} | regained after | given up | redet.'
+)
+
+
+def table(document: Mapping[str, Any]) -> str:
+    """Return the document as text: accuracy, robustness, time."""
+    width, height = document['size']
+    calm = (
+        _calm_row(scene['scene'], name, it)
+        for scene in document['scenes']
+        for name, it in scene['configurations'].items()
+    )
+    return '\n'.join(
+        [
+            f'Tracking, {document["frames"]} rendered frames of {width}x{height} a scene, '
+            'errors in px against ground truth',
+            '',
+            *aligned(CALM, calm, left=2),
+            '',
+            *aligned(ROUGH, map(_rough_row, document['disturbed']), left=2),
+            '',
+            *_floor_rows(document['over_floor']),
+        ]
+    )
+
+
+def _px(it: Mapping[str, Any], *names: str) -> str:
+    return ' '.join(number(it[name], 3) for name in names)
+
+
+def _calm_row(scene: int, name: str, it: Mapping[str, Any]) -> list[str]:
+    return [
+        str(scene),
+        name,
+        _px(it, 'route_px', 'route_p95_px'),
+        _px(it, 'goal_px', 'goal_p95_px'),
+        f'{it["gross"]} ({it["gross_tracks"]}) {100 * it["gross_share"]:.2f} %',
+        f'{it["fewest"]}/{it["fewest_places"]}',
+        f'{100 * it["edge_share"]:.0f} %',
+        f'{_px(it, "pose_x_mm", "pose_y_mm")} {number(it["pose_heading_deg"], 4)}',
+        str(it['redetections']),
+        f'{it["frame_ms"]:.1f} {it["slowest_ms"]:.0f}',
+    ]
+
+
+def _rough_row(it: Mapping[str, Any]) -> list[str]:
+    back = it['recovered_after']
+    return [
+        str(it['scene']),
+        it['disturbance'],
+        _px(it, 'route_px', 'during_px'),
+        _px(it, 'goal_px'),
+        f'{it["gross"]} ({it["gross_tracks"]})',
+        f'{it["fewest"]}/{it["fewest_places"]}',
+        str(it['few_frames']),
+        'never' if back is None else f'{back} frames',
+        '+'.join(map(str, it['given_up'])),
+        str(it['redetections']),
+    ]
+
+
+def _floor_rows(sizes: list[Mapping[str, Any]]) -> Iterator[str]:
+    yield 'processor time a frame, anchored, one thread; ratio to one pyramid and one bare flow'
+    for it in sizes:
+        size = 'x'.join(map(str, it['size']))
+        tracker, floor = (number(it[name], 2) for name in ('tracker_ms', 'floor_ms'))
+        ratio, low, high, worst = (
+            number(it[f'ratio{name}'], 2) for name in ('', '_low', '_high', '_worst')
+        )
+        yield (
+            f'  {size:<10}{tracker:>8} ms, floor {floor} ms, ratio {ratio} (quartiles '
+            f'{low} to {high}, worst frame {worst}, {number(it["worst_ms"], 1)} ms)'
+        )

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.routes.run import FOLLOWING, LOCALIZING
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.evaluation.faults.judging.record import (
+from visual_servo_epipolar.evaluation.faults.judge import (
     Limits,
     Record,
     SeenTracks,

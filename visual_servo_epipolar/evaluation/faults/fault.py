@@ -10,7 +10,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.evaluation.faults.judging.witness import Witness
+from visual_servo_epipolar.evaluation.faults.witness import Witness
 from visual_servo_epipolar.evaluation.live.wire import Envelope, Filter
 from visual_servo_epipolar.evaluation.live.world import World, WorldSettings
 

@@ -1,1 +1,0 @@
-"""Catalogue of faults: each a row of a table, and what it does to a scene."""
