@@ -27,6 +27,7 @@ NODES = (
 SCENARIO = (RunSettings, PointSettings)  # sections run and points
 DECLARATION = re.compile(r'parameters\.declare\(self, (\w+)\)')
 HEADER = ('| parameter | default | range | what | |', '|---|---|---|---|---|')
+ALONE = 'Scenario files and replay alone:'
 HEAD = """\
 # Parameters
 
@@ -38,12 +39,12 @@ compares the two.
   it does not have. A file under `/**:` may hold the parameters of several nodes, as
   [`robot.yaml`](../config/robot.yaml) does.
 * *fixed* marks parameters that can be set at the start only. The others can be changed while the
-  robot drives: `ros2 param set /servo_node look_ahead 0.3`.
+  robot drives: `ros2 param set /servo_node max_linear 0.3`.
 * *Step 1*, *Step 2*: of laws `paper`, `corrected` and `full`. Law `smooth` has one motion instead,
   and ends by step 2 only where it has no memory of views. What names neither serves all laws.
 * Scenario files accept these names in sections `servo`, `tracker`, `base`, `camera` and
-  `disturbances`, and the names at the end of this page.
-  `visual_servo replay --set servo.look_ahead=0.3` accepts those of servo and tracker.
+  `disturbances`, the names under *scenario files and replay alone*, and those at the end of this
+  page. `visual_servo replay --set servo.look_ahead=0.3` accepts those of servo and tracker.
 * Every node also takes `use_sim_time`, as all ROS nodes do.
 * `~` stands for the home folder in names of files and folders.
 """
@@ -74,7 +75,10 @@ def _sections(kind: type[Settings]) -> Iterator[str]:
     for item in fields(kind):
         owners.setdefault(_owner(kind, item.name), []).append(item)
     for owner, items in owners.items():
-        yield '\n'.join([_title(owner), *HEADER, *map(_row, items), ''])
+        rows = [_row(item) for item in items if not range_of(item).internal]
+        others = ', '.join(f'`{item.name}`' for item in items if range_of(item).internal)
+        table = [*HEADER, *rows, ''] if rows else []
+        yield '\n'.join([_title(owner), *table, *([f'{ALONE} {others}.\n'] if others else [])])
 
 
 def _owner(kind: type, name: str) -> type:

@@ -8,6 +8,7 @@ from rclpy.node import Node
 import yaml
 
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.settings import parameters_of
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.dock_node import DockNode
 from visual_servo_epipolar.nodes.parameters import read_sections
@@ -153,14 +154,20 @@ def test_a_file_with_nothing_but_parameters_of_others_is_warned_of(bench, tmp_pa
 
 def test_a_file_that_sets_the_clock_alone_is_not_warned_of(bench, tmp_path) -> None:
     start(bench, ServoNode, *given(file(tmp_path, **under('/**', use_sim_time=False))))
-    start(bench, TrackerNode, *given(file(tmp_path, **under('other', window=9))))
+    start(bench, TrackerNode, *given(file(tmp_path, **under('other', max_features=9))))
     bench.until(lambda: bench.logged('parameter of /tracker_node'), 'the second warning')
     assert not bench.logged('parameter of /servo_node')
 
 
 @pytest.mark.parametrize('kind', [ServoNode, TrackerNode, UnicycleNode, CameraNode])
 def test_a_file_may_hold_the_parameters_of_all_nodes(bench, tmp_path, kind) -> None:
-    values = {'turn_gain': 0.5, 'window': 9, 'wheel_ratio': 1.1, 'tilt': 0.1, 'split_size': 1.0}
+    values = {
+        'turn_gain': 0.5,
+        'max_features': 90,
+        'wheel_ratio': 1.1,
+        'tilt': 0.1,
+        'split_size': 1.0,
+    }
     node = start(bench, kind, *given(file(tmp_path, **under('/**', **values))))
     assert sum(node.has_parameter(name) for name in values) == 1
 
@@ -196,9 +203,24 @@ def test_a_name_of_another_node_is_refused_on_the_command_line(bench, tmp_path) 
         bench.start(ServoNode, max_features=50)
 
 
+@pytest.mark.parametrize(
+    ('kind', 'name', 'value'),
+    [(ServoNode, 'look_ahead', 0.5), (TrackerNode, 'window', 31), (CameraNode, 'person', 0.5)],
+)
+def test_what_belongs_to_an_experiment_is_no_parameter_but_programs_may_give_it(
+    bench, tmp_path, kind, name, value
+) -> None:
+    path = file(tmp_path, **under('/**', **{name: value}))
+    for words in (('-p', f'{name}:={value}'), given(path)):
+        with pytest.raises(ValueError, match=f'has no parameter {name} any more: .* replay --set'):
+            start(bench, kind, *words)
+    assert not bench.start(kind).has_parameter(name)
+    assert bench.start(kind, **{name: value}).get_parameter(name).value == value
+
+
 ROBOT = yaml.safe_load((CONFIG / 'robot.yaml').read_text())['/**']['ros__parameters']
 SERVO, TRACKER, DOCK = (
-    {item.name: item for kind in table.settings_of(node) for item in fields(kind)}
+    {item.name: item for kind in table.settings_of(node) for item in parameters_of(kind)}
     for node in ('servo_node', 'tracker_node', 'dock_node')
 )
 

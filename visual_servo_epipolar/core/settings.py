@@ -18,7 +18,11 @@ SettingsT = TypeVar('SettingsT', bound='Settings')
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """What a setting may be: closed range, choice of words, a path; and whether it may change."""
+    """
+    What a setting may be: closed range, choice of words, a path; and whether it may change.
+
+    ``internal``: it is no parameter of a node.
+    """
 
     text: str
     low: float | None = None
@@ -26,6 +30,7 @@ class Range:
     choices: tuple[str, ...] = ()
     read_only: bool = False
     path: bool = False
+    internal: bool = False
 
 
 def setting(
@@ -46,6 +51,22 @@ def setting(
 def fixed(default: Any, text: str, **limits: Any) -> Any:
     """Declare a settings field that cannot change while a node runs; ``limits`` as for others."""
     return setting(default, text, read_only=True, **limits)
+
+
+def internal(default: Any, text: str, **limits: Any) -> Any:
+    """
+    Declare a settings field that is no parameter of a node; ``limits`` as for others.
+
+    Scenario files, replay and Python set it: it belongs to an experiment, not to a robot.
+    """
+    item = setting(default, text, **limits)
+    inner = replace(item.metadata['range'], internal=True)
+    return field(default=default, metadata={'range': inner})
+
+
+def parameters_of(kind: 'type[Settings] | Settings') -> 'list[Field[Any]]':
+    """Return the fields that are parameters of a node."""
+    return [item for item in fields(kind) if not range_of(item).internal]
 
 
 def range_of(item: 'Field[Any]') -> Range:

@@ -17,12 +17,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 import yaml
 
-from visual_servo_epipolar.core.settings import alike, range_of, Settings
+from visual_servo_epipolar.core.settings import alike, parameters_of, range_of, Settings
 from visual_servo_epipolar.nodes.startup import command_line, table
 from visual_servo_epipolar.nodes.startup.guards import GuardedNode, wrong_type
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
 PARAMETERS = 'ros__parameters'
+INTERNAL = 'given by programs alone'  # of settings that are no parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,9 @@ class ParameterSection:
 
 def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     """
-    Declare every field of ``kind`` and return the settings that YAML and command line ask for.
+    Declare the parameters of ``kind`` and return the settings that YAML and command line ask for.
+
+    An internal setting is declared where it is given: ``finish`` lets programs alone give it.
 
     Raises ValueError for a value that cannot be used, of another type, or a name of an earlier
     version; rclpy raises for a wrong range.
@@ -59,6 +62,8 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
             )
     values: dict[str, Any] = {}
     for item in fields(kind):
+        if range_of(item).internal and item.name not in given:
+            continue
         default = list(item.default) if isinstance(item.default, tuple) else item.default
         expected = Parameter(item.name, value=default).type_
         reason = wrong_type(given[item.name], expected) if item.name in given else ''
@@ -121,7 +126,9 @@ def finish(node: GuardedNode, options: Mapping[str, Any]) -> None:
     name, words = node.get_name(), _ros_arguments(options)
     files = {path: read_sections(path) for path in command_line.values(words, '--params-file')}
     direct = command_line.parameter_names(words, name)
-    direct |= {item.name for item in options.get('parameter_overrides') or ()}
+    by_program = {item.name for item in options.get('parameter_overrides') or ()}
+    direct |= by_program
+    _refuse_internal(node, sorted(set(node.given) - by_program))
     shared = {item for sections in files.values() for item in _names_for(node, sections)} - direct
     for item in sorted(node.given):
         if node.has_parameter(item) or item.startswith('qos_'):
@@ -132,6 +139,22 @@ def finish(node: GuardedNode, options: Mapping[str, Any]) -> None:
     for path, sections in files.items():
         _refuse_homonyms(node, path, sections)
         _warn_of_no_effect(node, path, sections)
+
+
+def _refuse_internal(node: Node, names: Sequence[str]) -> None:
+    """Raise ValueError for internal settings among the ``names`` that files and users give."""
+    declared = [name for name in names if node.has_parameter(name)]
+    found = [
+        name
+        for name, item in zip(declared, node.describe_parameters(declared), strict=True)
+        if item.additional_constraints == INTERNAL
+    ]
+    if found:
+        raise ValueError(
+            f'{node.get_name()} has no parameter {", ".join(found)} any more: the default serves '
+            'every robot; take it out of your file (scenario files and visual_servo replay --set '
+            'keep it)'
+        )
 
 
 def _ros_arguments(options: Mapping[str, Any]) -> list[str]:
@@ -147,7 +170,7 @@ def _hint(node: Node, parameter: str, owner: str) -> str:
         return f', but {owner} has; give it there, or in a file that both read'
     declared = sorted(node.list_parameters([], 0).names)
     kinds = [kind for name in table.NODES for kind in table.settings_of(name)]
-    known = {item.name for kind in kinds for item in fields(kind)}  # a file may be shared
+    known = {item.name for kind in kinds for item in parameters_of(kind)}  # a file may be shared
     close = alike(parameter, sorted({*declared, *known}))
     return f'; did you mean {close[0]}?' if close else f'; it has {", ".join(declared)}'
 
@@ -200,7 +223,12 @@ def _descriptor(item: Any) -> ParameterDescriptor:
     text = limits.text
     if limits.choices:
         text = f'{text}: one of {", ".join(limits.choices)}'
-    descriptor = ParameterDescriptor(name=item.name, description=text, read_only=limits.read_only)
+    descriptor = ParameterDescriptor(
+        name=item.name,
+        description=text,
+        read_only=limits.read_only,
+        additional_constraints=INTERNAL if limits.internal else '',
+    )
     if limits.low is None or limits.high is None:
         return descriptor
     if isinstance(item.default, float):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from visual_servo_epipolar.core.settings import fixed, Settings
+from visual_servo_epipolar.core.settings import fixed, internal, Settings
 
 MIN_SPLIT_MB = 0.1  # definitions of messages alone take some 0.03
 
@@ -22,7 +22,7 @@ class RecordSettings(Settings):
     queue_size: float = fixed(
         256.0, 'Messages that may wait for the disk [MB]', low=0.001, high=1e5
     )
-    when_full: str = fixed(
+    when_full: str = internal(
         'drop',
         'When that many wait: drop and count, or wait (only where time itself waits)',
         choices=('drop', 'wait'),

@@ -7,7 +7,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.rigs.fixed_mount import Mount
-from visual_servo_epipolar.core.settings import fixed, setting, Settings
+from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ class DockPoseSettings(PerceptionSettings):
         low=1e-4,
         high=1.0,
     )
-    path_scale_deviation: float = setting(
+    path_scale_deviation: float = internal(
         0.01, 'Deviation of the scale of all driven ways', low=0.0, high=0.5
     )
     publish_deviation: float = setting(
@@ -55,9 +55,9 @@ class DockPoseSettings(PerceptionSettings):
     publish_heading: float = setting(
         0.02, 'Deviation of the heading below which it is published [rad]', low=1e-4, high=3.0
     )
-    key_views: int = fixed(10, 'Views along the path that are kept', low=3, high=40)
-    key_travel: float = setting(0.05, 'Distance between kept views [m]', low=0.005, high=5.0)
-    key_turn: float = setting(0.1, 'Turn after which a view is kept [rad]', low=0.01, high=3.0)
+    key_views: int = internal(10, 'Views along the path that are kept', low=3, high=40)
+    key_travel: float = internal(0.05, 'Distance between kept views [m]', low=0.005, high=5.0)
+    key_turn: float = internal(0.1, 'Turn after which a view is kept [rad]', low=0.01, high=3.0)
 
     @property
     def mount_is_told(self) -> bool:

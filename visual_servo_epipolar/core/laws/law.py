@@ -72,8 +72,7 @@ DEPARTURES: dict[str, str] = {
 DEFAULT_LAW = 'full'
 TEXT = (
     'Control law: paper (sign as printed), corrected (true sigma), full (all departures), smooth '
-    '(one motion), or one of another package; departures may be added and left out, as in '
-    'full-retreat'
+    '(one motion), or one of another package'
 )
 
 

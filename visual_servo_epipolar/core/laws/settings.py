@@ -10,12 +10,12 @@ from visual_servo_epipolar.core.bases.registry import base_of, DEFAULT_BASE
 from visual_servo_epipolar.core.laws.law import DEFAULT_LAW, DEPARTURES, Law
 from visual_servo_epipolar.core.laws.law import TEXT as LAW_TEXT
 from visual_servo_epipolar.core.laws.machine import StateMachine
-from visual_servo_epipolar.core.settings import fixed, setting, Settings
+from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 
 
 def departure_setting(name: str) -> Any:
     """Declare a setting that leaves a departure from the paper out of any law."""
-    return setting(True, f'Whether laws may {DEPARTURES[name]}')
+    return internal(True, f'Whether laws may {DEPARTURES[name]}')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ class ControlSettings(Settings):
     curvature_feedforward: bool = departure_setting('curvature_feedforward')
     new_attempts: bool = departure_setting('new_attempts')
     final_turn: bool = departure_setting('final_turn')
-    memory: bool = departure_setting('memory')
+    memory: bool = setting(True, f'Whether laws may {DEPARTURES["memory"]}')
     learnt_dead_band: bool = departure_setting('learnt_dead_band')
     anticipation: bool = departure_setting('anticipation')
 
@@ -56,7 +56,7 @@ class ControlSettings(Settings):
     nearest_distance: float = setting(
         1.0, 'Derived gains: lower bound of the distance at the start [m]', low=0.05, high=100.0
     )
-    scene_depth: float = setting(
+    scene_depth: float = internal(
         3.0,
         'Derived gains: depth of the nearest features, used until the slope of D is measured [m]',
         low=0.1,
@@ -75,11 +75,11 @@ class ControlSettings(Settings):
         0.23, 'Step 1: gain k2 of eq. (12) on the desired epipole', low=0.0, high=5.0
     )
     exponent: float = setting(7.0 / 9.0, 'Step 1: beta/gamma of eq. (12)', low=0.05, high=1.0)
-    finite_time: bool = setting(False, 'Step 1: use eq. (20), zero both epipoles in finite time')
+    finite_time: bool = internal(False, 'Step 1: use eq. (20), zero both epipoles in finite time')
     initial_distance: float = setting(
         8.0, 'Upper bound d_hat_0 of the distance to the goal [m]', low=0.1, high=100.0
     )
-    min_distance: float = setting(0.3, 'Floor of the estimate d_hat [m]', low=0.01, high=10.0)
+    min_distance: float = internal(0.3, 'Floor of the estimate d_hat [m]', low=0.01, high=10.0)
     k_t: float = setting(
         16.0, 'Step 2: gain k_t of eq. (21), D at unit focal length [m/s]', low=0, high=200
     )
@@ -90,10 +90,10 @@ class ControlSettings(Settings):
         low=0.01,
         high=50.0,
     )
-    gain_at_goal: float = setting(
+    gain_at_goal: float = internal(
         1.0, 'Step 2: factor of its gain at D = 0; 1 is constant', low=0.1, high=10.0
     )
-    gain_slope: float = setting(
+    gain_slope: float = internal(
         20.0, 'Step 2: initial decrease of that factor with |D|', low=0.0, high=1e4
     )
     turn_gain: float = setting(
@@ -103,10 +103,10 @@ class ControlSettings(Settings):
         low=0,
         high=5,
     )
-    look_ahead: float = setting(
+    look_ahead: float = internal(
         0.6, 'Step 2: look-ahead of line following [m]', low=0.05, high=10.0
     )
-    curvature_drift: float = setting(
+    curvature_drift: float = internal(
         0.01,
         'Curvature feed-forward: how much the curvature from unequal wheels may change per '
         'metre [rad/m]',
@@ -134,29 +134,29 @@ class ControlSettings(Settings):
         low=0.0,
         high=999,
     )
-    braking: float = setting(
+    braking: float = internal(
         0.2, 'Step 1: deceleration to end it with [m/s^2]', low=0.01, high=20.0
     )
-    spiral_ratio: float = setting(
+    spiral_ratio: float = internal(
         0.4, 'Step 1: fraction of the distance that remains after the spiral', low=0.05, high=0.95
     )
-    least_spiral_ratio: float = setting(
+    least_spiral_ratio: float = internal(
         0.15,
         'Step 1: least remaining fraction of the distance after the spiral; below it the '
         'robot backs off',
         low=0.01,
         high=0.95,
     )
-    min_displacement: float = setting(
+    min_displacement: float = internal(
         0.14, 'Step 1: least bearing of the displaced current epipole [rad]', low=0.01, high=0.6
     )
-    max_displacement: float = setting(
+    max_displacement: float = internal(
         0.35, 'Step 1: largest bearing of the displaced current epipole [rad]', low=0.05, high=1.0
     )
-    displacement_tolerance: float = setting(
+    displacement_tolerance: float = internal(
         0.03, 'Step 1: bearing error at which the displacement is done [rad]', low=1e-4, high=0.3
     )
-    singular_epipole: float = setting(
+    singular_epipole: float = internal(
         0.02,
         'Step 1: bearing of e_au below which law paper displaces it first [rad]',
         low=0,
@@ -191,7 +191,7 @@ class ControlSettings(Settings):
     dead_band_angular: float = setting(
         0.0, 'Angular speed that the base cannot follow [rad/s]', low=0.0, high=2.0
     )
-    dead_band_mode: str = setting(
+    dead_band_mode: str = internal(
         'pulse',
         'What becomes of slower commands: raise (the paper), zero, pulse (now and then the '
         'threshold or more, so that the average is right)',

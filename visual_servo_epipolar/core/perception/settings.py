@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.estimators.registry import (
     may_learn_focal,
     UNCALIBRATED,
 )
-from visual_servo_epipolar.core.settings import fixed, setting, Settings
+from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +23,7 @@ class PerceptionSettings(Settings):
         '(upright camera), soft_planar (tilt, roll and floor jitter found out), or one of another '
         'package',
     )
-    seed: int = fixed(0, 'Seed of the random subsets', low=0, high=2**31 - 1)
+    seed: int = internal(0, 'Seed of the random subsets', low=0, high=2**31 - 1)
     focal_deviation: float = fixed(
         0.0,
         'Estimator soft_planar: deviation of the logarithm of the focal length in camera_info; 0 '
@@ -31,33 +31,33 @@ class PerceptionSettings(Settings):
         low=0.0,
         high=3.0,
     )
-    compensate_rotation: bool = setting(
+    compensate_rotation: bool = internal(
         True, 'Whether laws may take D from features turned to the desired heading'
     )
-    min_parallax: float = setting(
+    min_parallax: float = internal(
         2.5,
         'Parallax below which there is no baseline, at a noise of pixel_noise [px]',
         low=0.0,
         high=100.0,
     )
     min_features: int = setting(12, 'Features below which the servo holds', low=8, high=1000)
-    keep_features: int = setting(
+    keep_features: int = internal(
         30, 'Turns: features that no turn may take out of view', low=8, high=1000
     )
-    min_confidence: float = setting(
+    min_confidence: float = internal(
         0.4, 'Confidence of the cheirality vote to be trusted, 0 to 1', low=0.0, high=1.0
     )
-    max_deviation: float = setting(
+    max_deviation: float = internal(
         0.1, 'Standard deviation of a bearing above which it is not trusted [rad]', low=0, high=3
     )
-    max_leap: float = setting(
+    max_leap: float = internal(
         0.15,
         'Largest change of a bearing per frame; larger ones are accepted once three '
         'frames confirm them [rad]',
         low=0.0,
         high=4.0,
     )
-    min_spread: float = setting(
+    min_spread: float = internal(
         0.03, 'Least spread of the features that agree [rad]', low=0.0, high=1.0
     )
     pixel_noise: float = setting(0.3, 'Prior noise of tracked coordinates [px]', low=0.01, high=10)

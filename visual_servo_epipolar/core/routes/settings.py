@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.settings import internal, setting, Settings
 
 STEERINGS = STRUCTURE, EPIPOLE = 'structure', 'epipole'
 OF_THE_RUN = 'reverse', 'station', 'laps', 'steering'  # which hold from the next repetition on
@@ -12,15 +12,15 @@ OF_THE_RUN = 'reverse', 'station', 'laps', 'steering'  # which hold from the nex
 class TeachSettings(Settings):
     """When a new key view is taken, and what its features must show."""
 
-    min_shared: float = setting(
+    min_shared: float = internal(
         0.4,
         'A new key view is taken below this share of remaining features',
         low=0.1,
         high=0.9,
     )
-    max_spacing: float = setting(1.5, 'Longest way between key views [m]', low=0.1, high=10.0)
-    max_turn: float = setting(0.35, 'Largest turn between key views [rad]', low=0.05, high=1.0)
-    overlap: float = setting(
+    max_spacing: float = internal(1.5, 'Longest way between key views [m]', low=0.1, high=10.0)
+    max_turn: float = internal(0.35, 'Largest turn between key views [rad]', low=0.05, high=1.0)
+    overlap: float = internal(
         0.35,
         'How far the structure of a key view extends beyond its neighbours [m]',
         low=0.0,
@@ -29,7 +29,7 @@ class TeachSettings(Settings):
     pause: float = setting(
         3.0, 'Standstill that marks a station; 0 = none does [s]', low=0.0, high=60.0
     )
-    features: int = setting(250, 'Features of a key view', low=20, high=400)
+    features: int = internal(250, 'Features of a key view', low=20, high=400)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,7 @@ class FollowSettings(Settings):
     steering_length: float = setting(
         0.5, 'Distance over which an offset from the path decays [m]', low=0.05, high=5.0
     )
-    steering: str = setting(
+    steering: str = internal(
         STRUCTURE,
         'Steered by: the structure of the key views, or the epipole of the next (Becerra 2014)',
         choices=STEERINGS,
@@ -66,7 +66,7 @@ class FollowSettings(Settings):
         low=1,
         high=1000,
     )
-    station_distance: float = setting(
+    station_distance: float = internal(
         0.3, 'Way before a station from which the servo drives [m]', low=0.0, high=2.0
     )
     renewals: int = setting(

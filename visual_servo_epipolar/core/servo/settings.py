@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.rigs.fixed_mount import Mount
 from visual_servo_epipolar.core.rigs.registry import DEFAULT_RIG, rig_of
 from visual_servo_epipolar.core.rigs.rig import HeadLimits, Joints, Rig
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, told_extrinsics
-from visual_servo_epipolar.core.settings import fixed, setting
+from visual_servo_epipolar.core.settings import fixed, internal, setting
 
 LEAST_EXCURSION = 1.05  # start distances: below it noise alone would fail the run
 MOUNT = tuple(f'camera_{item.name}' for item in fields(Mount))
@@ -71,16 +71,16 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     latch_engage: float = setting(
         0.002, 'Step 1: bearing of e_du that counts as zero [rad]', low=0.0, high=0.2
     )
-    latch_release: float = setting(
+    latch_release: float = internal(
         0.007, 'Step 1: bearing of e_du at which it has escaped again [rad]', low=0.0, high=0.5
     )
-    align_tolerance: float = setting(
+    align_tolerance: float = internal(
         0.0015, 'Step 1: bearing of e_au at which it ends [rad]', low=1e-5, high=0.1
     )
-    align_frames: int = setting(
+    align_frames: int = internal(
         3, 'Step 1: frames in a row that must be aligned at its end', low=1, high=100
     )
-    arrival_difference: float = setting(
+    arrival_difference: float = internal(
         1e-4, '|D| at unit focal length below which the features match', low=1e-8, high=0.1
     )
     arrival_position: float = setting(
@@ -96,29 +96,29 @@ class ServoSettings(PerceptionSettings, ControlSettings):
         low=1e-5,
         high=0.1,
     )
-    arrival_parallax: float = setting(
+    arrival_parallax: float = internal(
         1.5e-4,
         'Parallax beyond noise above which the robot is not at the goal [rad]',
         low=0,
         high=1,
     )
-    arrival_frames: int = setting(5, 'Frames in a row that must match', low=1, high=100)
-    near_parallax: float = setting(
+    arrival_frames: int = internal(5, 'Frames in a row that must match', low=1, high=100)
+    near_parallax: float = internal(
         0.02, 'Parallax below which a goal without trusted bearings is near [rad]', low=0, high=1
     )
-    sideways_bearing: float = setting(
+    sideways_bearing: float = internal(
         0.6,
         'Retreat: bearing of e_du above which the robot backs off first [rad]',
         low=0,
         high=1.6,
     )
-    retreat_bearing: float = setting(
+    retreat_bearing: float = internal(
         0.5, 'Bearing of e_du at which backing off ends [rad]', low=0.01, high=1.5
     )
-    retreat_heading: float = setting(
+    retreat_heading: float = internal(
         0.1, 'Heading error above which the robot turns before it backs off [rad]', low=0, high=1
     )
-    retreat_difference: float = setting(
+    retreat_difference: float = internal(
         0.06, '|D| at unit focal length to back off to at least', low=0.001, high=1.0
     )
     retreat_speed: float = setting(0.2, 'Speed of backing off [m/s]', low=0.01, high=2.0)
@@ -135,7 +135,7 @@ class ServoSettings(PerceptionSettings, ControlSettings):
         low=0,
         high=10,
     )
-    divergence: float = setting(
+    divergence: float = internal(
         1.5, 'Bearing of e_du at which step 1 has failed [rad]', low=0.5, high=1.57
     )
     phase_timeout: float = setting(120.0, 'Longest stay in one phase [s]', low=1.0, high=3600.0)

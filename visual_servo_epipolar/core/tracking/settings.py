@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from visual_servo_epipolar.core.settings import fixed, setting, Settings
+from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 
 
@@ -18,23 +18,23 @@ class TrackerSettings(Settings):
     min_features: int = setting(
         40, 'Features below which the image is matched anew', low=1, high=1000
     )
-    rematch_period: int = setting(
+    rematch_period: int = internal(
         11, 'Fewest frames between two whole-image matches', low=1, high=10000
     )
-    window: int = setting(21, 'Side of the Lucas-Kanade window [px]', low=5, high=101)
-    levels: int = setting(4, 'Pyramid levels above the full image', low=0, high=8)
-    forward_backward: float = setting(
+    window: int = internal(21, 'Side of the Lucas-Kanade window [px]', low=5, high=101)
+    levels: int = internal(4, 'Pyramid levels above the full image', low=0, high=8)
+    forward_backward: float = internal(
         1.0, 'Largest forward-backward distance [px]', low=0.01, high=20.0
     )
-    anchor_period: int = setting(
+    anchor_period: int = internal(
         1, 'Frames between two alignments with the desired image; 0 = never', low=0, high=1000
     )
-    anchor_iterations: int = setting(4, 'Iterations of an alignment', low=1, high=50)
-    min_correlation: float = setting(
+    anchor_iterations: int = internal(4, 'Iterations of an alignment', low=1, high=50)
+    min_correlation: float = internal(
         0.85, 'Correlation with the desired patch to be kept', low=0.0, high=1.0
     )
-    candidates: int = setting(240, 'Candidate features that can be reacquired', low=8, high=5000)
-    search_per_frame: int = setting(
+    candidates: int = internal(240, 'Candidate features that can be reacquired', low=8, high=5000)
+    search_per_frame: int = internal(
         8, 'Most lost features looked for in one frame', low=0, high=200
     )
     stitch_band: float = setting(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
-from visual_servo_epipolar.core.settings import fixed, setting, Settings
+from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 
 RELIABILITIES = ('auto', 'reliable', 'best_effort')  # of images, as in nodes.qos
 RESUMES = ('automatic', 'manual')
@@ -79,7 +79,7 @@ class DriverNodeSettings(CalibrationSettings):
     ackermann: bool = fixed(
         False, 'Publish ackermann_msgs/AckermannDriveStamped on ackermann_cmd too, for a car'
     )
-    watchdog: bool = fixed(
+    watchdog: bool = internal(
         True, 'Stop the robot when tracks or images stay away; off where time itself waits'
     )
     max_latency: float = setting(
@@ -301,7 +301,7 @@ class RecorderNodeSettings(LifecycleSettings):
     topics: tuple[str, ...] = fixed(('*',), 'Topics to record: names, or patterns with * and ?')
     exclude: tuple[str, ...] = fixed(('*overlay/image_raw',), 'Topics not to record, likewise')
     autostart: bool = fixed(True, 'Begin as soon as the node is active, not on ~/start')
-    report: bool = fixed(True, 'Publish /diagnostics once a second')
+    report: bool = internal(True, 'Publish /diagnostics once a second')
     on_error: str = fixed(
         'continue', 'When the disk fails or is full, the robot', choices=('continue', 'stop_servo')
     )

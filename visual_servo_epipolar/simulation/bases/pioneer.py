@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     Twist,
 )
 from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.settings import internal, setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.simulation.nod import LEVEL
 
@@ -54,16 +54,16 @@ class PioneerSettings(Settings):
         0.0, 'Angular speed below which the motors stand [rad/s]', low=0.0, high=2.0
     )
     command_delay: float = setting(0.0, 'Delay from command to motors [s]', low=0.0, high=2.0)
-    step_linear: float = setting(
+    step_linear: float = internal(
         0.0, 'Linear speeds are multiples of it; 0 = any speed [m/s]', low=0.0, high=0.5
     )
-    step_angular: float = setting(
+    step_angular: float = internal(
         0.0, 'Angular speeds are multiples of it; 0 = any speed [rad/s]', low=0.0, high=1.0
     )
-    caster_kick: float = setting(
+    caster_kick: float = internal(
         0.0, 'Turn by which casters that swivel push the base aside [rad]', low=0.0, high=0.5
     )
-    nod: float = setting(
+    nod: float = internal(
         0.0,
         'Pitch of the body on its springs after a step of 0.5 m/s^2: it nods at 3 Hz [rad]',
         low=0.0,

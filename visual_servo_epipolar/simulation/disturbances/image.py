@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, frozen, Image
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.settings import internal, Settings
 from visual_servo_epipolar.simulation.disturbances.occluders import board, Occluder, person
 from visual_servo_epipolar.simulation.light.exposure import brightened
 from visual_servo_epipolar.simulation.mounts.sensor import Sensor, SensorSettings
@@ -26,34 +26,34 @@ OPAQUE = 255
 class DisturbanceSettings(Settings):
     """Which disturbances there are, and when; none by default."""
 
-    disturbed_from: int = setting(60, 'First disturbed frame', low=0, high=10**6)
-    disturbed_for: int = setting(33, 'Disturbed frames in a row', low=1, high=10**6)
-    disturbed_every: int = setting(
+    disturbed_from: int = internal(60, 'First disturbed frame', low=0, high=10**6)
+    disturbed_for: int = internal(33, 'Disturbed frames in a row', low=1, high=10**6)
+    disturbed_every: int = internal(
         0, 'Frames from one disturbance to the next; 0 = there is but one', low=0, high=10**6
     )
-    light_step: float = setting(
+    light_step: float = internal(
         0.0, 'Change of the light from the first frame on', low=-0.95, high=2.0
     )
-    light_wave: float = setting(0.0, 'Amplitude of a slow change of light', low=0.0, high=0.9)
-    light_period: float = setting(120.0, 'Frames in one wave of light', low=2.0, high=1e6)
-    shadow: float = setting(
+    light_wave: float = internal(0.0, 'Amplitude of a slow change of light', low=0.0, high=0.9)
+    light_period: float = internal(120.0, 'Frames in one wave of light', low=2.0, high=1e6)
+    shadow: float = internal(
         0.0, 'Light taken by a shadow that crosses the image', low=0.0, high=1.0
     )
-    shadow_width: float = setting(
+    shadow_width: float = internal(
         0.3, 'Width of that shadow, share of the image', low=0.01, high=2.0
     )
-    occlusion: float = setting(0.0, 'Share of the image behind an obstacle', low=0.0, high=0.9)
-    occlusion_from: str = setting(
+    occlusion: float = internal(0.0, 'Share of the image behind an obstacle', low=0.0, high=0.9)
+    occlusion_from: str = internal(
         'nowhere', 'Whence the obstacle comes: at once, or slides in', choices=('nowhere', 'side')
     )
-    person: float = setting(
+    person: float = internal(
         0.0, 'Height of a passer-by, share of the image; a third as wide', low=0.0, high=1.5
     )
-    motion_blur: float = setting(0.0, 'Length of the motion blur [px]', low=0.0, high=100.0)
-    blur_angle: float = setting(
+    motion_blur: float = internal(0.0, 'Length of the motion blur [px]', low=0.0, high=100.0)
+    blur_angle: float = internal(
         0.0, 'Direction of the blur, from right to down [rad]', low=-math.pi, high=math.pi
     )
-    extra_noise: float = setting(
+    extra_noise: float = internal(
         0.0, 'Extra noise, standard deviation [grey levels]', low=0.0, high=50.0
     )
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from visual_servo_epipolar.core.settings import fixed, setting, Settings
+from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 from visual_servo_epipolar.simulation.light.lights import CEILING, Light, LIGHTS
 
 DAY = ('noon', 'ceiling', 'dusk', 'lamp_right', 'lamp_side')
@@ -31,10 +31,10 @@ class LightSettings(Settings):
         CEILING, 'Light of the run; each: one of five, by the seed', choices=(*LIGHTS, EACH)
     )
     photograph_light: str = fixed(CEILING, 'Light of the photograph', choices=tuple(LIGHTS))
-    passing_light: str = setting(
+    passing_light: str = internal(
         SAME, 'Light that passes; same: none does', choices=(SAME, *LIGHTS)
     )
-    passing_exposure: float = setting(
+    passing_exposure: float = internal(
         1.0, 'Factor of the exposure that passes', low=0.1, high=10.0
     )
     changed: str = fixed(
@@ -43,27 +43,27 @@ class LightSettings(Settings):
         'storey: lamps and windows, a third of the pictures, furniture; storey: all three',
         choices=('none', 'monitor', 'door', LAMPS, PICTURES, FURNITURE, STOREY),
     )
-    changed_seed: int = fixed(0, 'Seed of what changed in a storey', low=0, high=2**31 - 1)
-    gamma: float = setting(
+    changed_seed: int = internal(0, 'Seed of what changed in a storey', low=0, high=2**31 - 1)
+    gamma: float = internal(
         1.0, 'Gamma of the run: grey is to the power of it, white stays white', low=0.4, high=2.5
     )
     exposure: str = setting(
         'fixed', 'Exposure: fixed, or auto as it follows the light', choices=('fixed', 'auto')
     )
-    target_grey: float = setting(
+    target_grey: float = internal(
         100.0, 'Mean grey that the exposure aims at', low=10.0, high=200.0
     )
-    max_gain: float = setting(
+    max_gain: float = internal(
         4.0, 'Largest gain of the exposure, the noise grows with it', low=1.0, high=64.0
     )
-    exposure_step: float = setting(
+    exposure_step: float = internal(
         0.25, 'Largest step of the exposure from image to image [stops]', low=0.1, high=4.0
     )
-    white_balance: str = setting(
+    white_balance: str = internal(
         'fixed', 'White balance of a camera of colours', choices=('fixed', 'auto')
     )
-    flicker: float = setting(0.0, 'Share of the light that flickers', low=0.0, high=1.0)
-    flicker_rate: float = setting(100.0, 'Rate of the flicker [Hz]', low=1.0, high=1000.0)
+    flicker: float = internal(0.0, 'Share of the light that flickers', low=0.0, high=1.0)
+    flicker_rate: float = internal(100.0, 'Rate of the flicker [Hz]', low=1.0, high=1000.0)
 
     def thing(self, *, has_changed: bool) -> RoomChange:
         """Return what changes, and whether it has, in the photograph or in the run."""

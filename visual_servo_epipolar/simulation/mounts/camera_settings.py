@@ -6,7 +6,7 @@ import math
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant, WIDEST
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera, CAMERAS, with_intrinsics
-from visual_servo_epipolar.core.settings import fixed, setting, Settings
+from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.mounts.shutter import Receipt, Shutter
 
@@ -61,7 +61,7 @@ class CameraSettings(Settings):
     jitter: float = setting(
         0.0, 'Deviation of tilt and of roll by an uneven floor [rad]', low=0.0, high=0.1
     )
-    bumps: float = setting(
+    bumps: float = internal(
         0.0,
         'Height of the bumps of the floor, 1.2 to 2.4 m long and each in its place: 5 mm lean the '
         'robot by up to 1 to 1.5 deg [m]',
@@ -69,7 +69,7 @@ class CameraSettings(Settings):
         high=0.05,
     )
     noise: float = fixed(2.0, 'Noise, standard deviation [grey levels]', low=0.0, high=50.0)
-    gain_drift: float = fixed(0.0, 'Amplitude of the drift of the gain', low=0.0, high=0.9)
+    gain_drift: float = internal(0.0, 'Amplitude of the drift of the gain', low=0.0, high=0.9)
     blur: float = fixed(0.0, 'Blur, sigma [px]', low=0.0, high=10.0)
     jpeg: int = fixed(
         0, 'Quality of the JPEG that images come as; 0 = as they are', low=0, high=100
@@ -88,10 +88,10 @@ class CameraSettings(Settings):
         low=0.0,
         high=0.1,
     )
-    breathing: float = setting(
+    breathing: float = internal(
         0.0, 'Share by which the focus changes the focal length, up and down', low=0.0, high=0.2
     )
-    breathing_period: float = setting(
+    breathing_period: float = internal(
         2.0, 'Period of that change of the focal length [s]', low=0.1, high=100.0
     )
     stamp_delay: float = setting(
@@ -101,14 +101,14 @@ class CameraSettings(Settings):
         low=0.0,
         high=1.0,
     )
-    stamp_jitter: float = setting(0.0, 'Standard deviation of that time [s]', low=0.0, high=0.2)
-    believed_focal_ratio: float = fixed(
+    stamp_jitter: float = internal(0.0, 'Standard deviation of that time [s]', low=0.0, high=0.2)
+    believed_focal_ratio: float = internal(
         1.0, 'Focal length in camera_info over the true one', low=0.1, high=10.0
     )
-    believed_shift_u: float = fixed(
+    believed_shift_u: float = internal(
         0.0, 'Principal point in camera_info, right of the true one [px]', low=-1e4, high=1e4
     )
-    believed_shift_v: float = fixed(
+    believed_shift_v: float = internal(
         0.0, 'Principal point in camera_info, below the true one [px]', low=-1e4, high=1e4
     )
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.rigs.rig import HeadCommand, Joints
-from visual_servo_epipolar.core.settings import fixed, setting, Settings
+from visual_servo_epipolar.core.settings import internal, setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 
 SUBSTEP_NS = NANOSECONDS // 100  # of joints on their way
@@ -21,20 +21,22 @@ class HeadSettings(Settings):
     head_pan_limit: float = setting(
         1.745, 'Largest pan angle to either side [rad]', low=0.0, high=6.2
     )
-    head_tilt_limit: float = setting(0.6, 'Largest tilt angle up or down [rad]', low=0.0, high=1.5)
+    head_tilt_limit: float = internal(
+        0.6, 'Largest tilt angle up or down [rad]', low=0.0, high=1.5
+    )
     head_speed: float = setting(2.0, 'Speed of a joint [rad/s]', low=0.01, high=50.0)
-    head_acceleration: float = setting(
+    head_acceleration: float = internal(
         10.0, 'Acceleration of a joint [rad/s^2]', low=0.1, high=1000.0
     )
-    head_delay: float = setting(0.05, 'Delay from command to motion [s]', low=0.0, high=1.0)
-    head_encoder_noise: float = setting(
+    head_delay: float = internal(0.05, 'Delay from command to motion [s]', low=0.0, high=1.0)
+    head_encoder_noise: float = internal(
         3e-4, 'Deviation of an angle that is read [rad]', low=0.0, high=0.1
     )
-    head_encoder_offset: float = setting(
+    head_encoder_offset: float = internal(
         0.0, 'Pan angle that is read where the head looks ahead [rad]', low=-0.5, high=0.5
     )
-    head_lever: float = fixed(0.0, 'Camera ahead of the pan axis [m]', low=-0.5, high=0.5)
-    head_start_pan: float = setting(0.0, 'Pan angle at the start [rad]', low=-6.2, high=6.2)
+    head_lever: float = internal(0.0, 'Camera ahead of the pan axis [m]', low=-0.5, high=0.5)
+    head_start_pan: float = internal(0.0, 'Pan angle at the start [rad]', low=-6.2, high=6.2)
 
 
 class SimulatedHead:

@@ -8,7 +8,7 @@ centre, and so does every ``CameraModel``: near things differ by it.
 
 from dataclasses import dataclass, replace
 
-from visual_servo_epipolar.core.settings import fixed, Settings
+from visual_servo_epipolar.core.settings import fixed, internal, Settings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.mounts.simulated_rig import LensPlacement
@@ -21,7 +21,7 @@ class LensSettings(Settings):
     lens_baseline: float = fixed(
         0.1, 'Distance between the centres of both lenses [m]', low=0.0, high=0.5
     )
-    lens_rotation: tuple[float, float, float] = fixed(
+    lens_rotation: tuple[float, float, float] = internal(
         (0.0, 0.0, 0.0), 'Turn of the lens behind, about right, down and ahead [rad]'
     )
 
