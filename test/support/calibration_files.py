@@ -328,6 +328,4 @@ FILES = {
     'OpenCV JSON': OPENCV_JSON,
     'Kalibr': CAMCHAIN[: CAMCHAIN.index('cam1:')],
     'EuRoC': EUROC,
-    'COLMAP': COLMAP,
-    'nerfstudio': TRANSFORMS,
 }

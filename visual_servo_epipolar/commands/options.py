@@ -35,7 +35,7 @@ MOUNT_DEVIATION = 1.0  # of a tilt and roll that are given [deg]
 # As the settings of the servo have it, which take four times as long to load as all of this.
 PHASE_TIMEOUT, PHASE_TIMEOUT_HELP = 120.0, 'Longest stay in one phase [s], 1 to 3600 (default 120)'
 CAMERA = (
-    'camera file of camera_calibration, OpenCV, Kalibr, COLMAP or nerfstudio, or a camera_info '
+    'camera file of camera_calibration, OpenCV or Kalibr, or a camera_info '
     'as printed by ros2 topic echo; FILE#cam1 picks one of several cameras'
 )
 BAG = 'rosbag2 folder, .mcap, .db3, or ROS 1 .bag'

@@ -2,20 +2,28 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+import re
 from typing import Any
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.calibrations import matrices, programs
+from visual_servo_epipolar.messages.calibrations import kalibr, matrices
 from visual_servo_epipolar.messages.calibrations.calibration import Calibration, Cameras
 from visual_servo_epipolar.messages.calibrations.documents import documents
 
 KINDS = (
     "camera_calibration's ost.yaml and ost.txt, ros2 topic echo of a camera_info, OpenCV's "
-    "FileStorage (YAML, XML, JSON), Kalibr's camchain, COLMAP's cameras.txt, nerfstudio's "
-    'transforms.json'
+    "FileStorage (YAML, XML, JSON), Kalibr's camchain"
 )
-READERS = (programs.nerfstudio_cameras, programs.kalibr_cameras, matrices.cameras)
+# Images of both begin at the edge of their first pixel, ours in its middle.
+CONVERTED = (
+    'camera file is of {}, which is not read; write it as YAML: image_width, image_height, '
+    'camera_matrix [fx, 0, cx - 0.5, 0, fy, cy - 0.5, 0, 0, 1], distortion_model plumb_bob or '
+    'equidistant, distortion_coefficients [k1, k2, p1, p2] or [k1, k2, k3, k4]'
+)
+COLMAP_LINE = re.compile(r'\d+ [A-Z][A-Z_0-9]+ \S+ \S+ .*', re.DOTALL)
+NERFSTUDIO_KEYS = {'fl_x', 'camera_angle_x', 'frames'}
+READERS = (kalibr.kalibr_cameras, matrices.cameras)
 NAMED = 5  # of the cameras of a file, in a message
 
 
@@ -37,9 +45,7 @@ def from_text(
     can be used.
     """
     text = text.removeprefix('\ufeff')  # as editors of Windows begin a file
-    calibration = _with_size(
-        _chosen(programs.colmap_cameras(text) or _cameras(documents(text)), name), size
-    )
+    calibration = _with_size(_chosen(_cameras(documents(text)), name), size)
     if rectified and not calibration.p:
         raise ValueError(
             "camera file lacks 'projection_matrix', which rectified images need; write it with "
@@ -73,8 +79,12 @@ def _cameras(parsed: list[Any]) -> Cameras:
     found: dict[str, Any] = {}
     known: list[Any] = []
     for index, document in enumerate(parsed):
+        if isinstance(document, str) and COLMAP_LINE.fullmatch(document):
+            raise ValueError(CONVERTED.format('COLMAP'))
         if not isinstance(document, Mapping):
             raise ValueError(f'a camera file must map names to values; supported are {KINDS}')
+        if NERFSTUDIO_KEYS & document.keys():
+            raise ValueError(CONVERTED.format('nerfstudio'))
         content = {key: value for key, value in document.items() if key != 'header'}
         if content in known:
             continue

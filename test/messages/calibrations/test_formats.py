@@ -1,12 +1,7 @@
 """Calibrations of other programs: each format gives the camera that was calibrated."""
 
-import json
-import math
-
 from calibration_files import (
     CAMCHAIN,
-    COLMAP,
-    COLMAP_HEAD,
     ECHO,
     FILES,
     FISHEYE,
@@ -17,7 +12,6 @@ from calibration_files import (
     OST_YAML,
     PINHOLE,
     PLUMB_BOB,
-    TRANSFORMS,
 )
 import cv2
 from hypothesis import given
@@ -58,7 +52,7 @@ def test_the_projection_is_that_of_rectified_images(program) -> None:
     assert from_text(FILES[program], rectified=True) == RECTIFIED
 
 
-@pytest.mark.parametrize('program', ['Kalibr', 'COLMAP', 'nerfstudio', 'OpenCV YAML'])
+@pytest.mark.parametrize('program', ['Kalibr', 'OpenCV YAML'])
 def test_a_file_without_a_projection_is_none_of_rectified_images(program) -> None:
     with pytest.raises(ValueError, match="lacks 'projection_matrix', which rectified images need"):
         from_text(FILES[program], rectified=True)
@@ -149,81 +143,6 @@ def test_which_of_several_cameras_is_asked_for() -> None:
         from_text(ECHO + ECHO.replace('385.25', '385.0'))
     with pytest.raises(ValueError, match='the cameras 1, 2, got no name'):
         from_text(OST_TXT + OST_TXT.replace('322.25', '321.25'))
-    many = ''.join(f'{n} PINHOLE 640 480 385 386 320 240\n' for n in range(3, 30))
-    with pytest.raises(ValueError, match=r'the cameras 3, 4, 5, 6, 7, \.\.\., got no name'):
-        from_text(COLMAP_HEAD + many)
-    assert from_text(many, name='17').cx == 319.5
-
-
-F, FX, FY, CX, CY = 380.0, 385.25, 386.5, 322.25, 238.75
-COLMAP_MODELS = {
-    'SIMPLE_PINHOLE 640 480 380 322.75 239.25': Camera(640, 480, F, F, CX, CY),
-    'PINHOLE 640 480 385.25 386.5 322.75 239.25': Camera(640, 480, FX, FY, CX, CY),
-    'SIMPLE_RADIAL 640 480 380 322.75 239.25 -0.1': Camera(
-        640, 480, F, F, CX, CY, (-0.1, 0, 0, 0)
-    ),
-    'RADIAL 640 480 380 322.75 239.25 -0.1 0.02': Camera(
-        640, 480, F, F, CX, CY, (-0.1, 0.02, 0, 0)
-    ),
-    'FULL_OPENCV 640 480 385.25 386.5 322.75 239.25 .4 .1 5e-4 -3e-4 .01 .7 .2 .02': Camera(
-        *(640, 480, FX, FY, CX, CY),
-        (0.4, 0.1, 5e-4, -3e-4, 0.01, 0.7, 0.2, 0.02),
-        'rational_polynomial',
-    ),
-    'OPENCV_FISHEYE 640 480 385.25 386.5 322.75 239.25 0.012 -0.0025 0.0007 -0.0001': Equidistant(
-        640, 480, FX, FY, CX, CY, FISHEYE
-    ),
-    'SIMPLE_RADIAL_FISHEYE 640 480 380 322.75 239.25 0.01': Equidistant(
-        640, 480, F, F, CX, CY, (0.01, 0.0, 0.0, 0.0)
-    ),
-    'RADIAL_FISHEYE 640 480 380 322.75 239.25 0.01 -0.002': Equidistant(
-        640, 480, F, F, CX, CY, (0.01, -0.002, 0.0, 0.0)
-    ),
-}
-
-
-@pytest.mark.parametrize('line', COLMAP_MODELS)
-def test_colmap_models_are_ours_half_a_pixel_aside(line) -> None:
-    assert_alike(from_text(f'{COLMAP_HEAD}7 {line}\n'), COLMAP_MODELS[line])
-
-
-@pytest.mark.parametrize('model', ['FOV', 'THIN_PRISM_FISHEYE', 'RAD_TAN_THIN_PRISM_FISHEYE'])
-def test_other_models_of_colmap_are_named(model) -> None:
-    with pytest.raises(ValueError, match=f'of camera 1 must be one of SIMPLE.*, got .{model}.'):
-        from_text(COLMAP.replace('OPENCV', model))
-
-
-def transforms(**changes) -> str:
-    document = {**json.loads(TRANSFORMS), **changes}
-    return json.dumps({key: value for key, value in document.items() if value is not None})
-
-
-def test_nerfstudio_says_its_lens_and_size_in_several_ways() -> None:
-    lens = dict(zip(('k1', 'k2', 'k3', 'k4'), FISHEYE, strict=True), p1=None, p2=None)
-    fisheye = Equidistant(640, 480, *PINHOLE, FISHEYE)
-    assert_alike(from_text(transforms(**lens, camera_model='OPENCV_FISHEYE')), fisheye)
-    assert_alike(from_text(transforms(**lens, camera_model=None, is_fisheye=True)), fisheye)
-    assert_alike(from_text(transforms(w=None, h=None), size=(640, 480)), EXPECTED)
-    with pytest.raises(ValueError, match='no image size; add w and h to it'):
-        from_text(transforms(w=None, h=None))
-    angle = 2.0 * math.atan(320.0 / 385.25)
-    camera = from_text(transforms(fl_x=None, fl_y=None, camera_angle_x=angle, cx=None, cy=None))
-    np.testing.assert_allclose([camera.fx, camera.cx, camera.cy], [385.25, 319.5, 239.5])
-    with pytest.raises(ValueError, match="must be SIMPLE_PINHOLE, .* got 'EQUIRECTANGULAR'"):
-        from_text(transforms(camera_model='EQUIRECTANGULAR'))
-    with pytest.raises(ValueError, match='k4 of OPENCV must be 0'):
-        from_text(transforms(k4=0.1))
-
-
-def test_cameras_of_single_frames_are_asked_for_where_they_differ() -> None:
-    intrinsics = {key: json.loads(TRANSFORMS)[key] for key in ('fl_x', 'fl_y', 'cx', 'cy')}
-    frames = [{'file_path': f'{n}.png', **intrinsics} for n in range(3)]
-    nothing = dict.fromkeys(intrinsics)
-    assert_alike(from_text(transforms(frames=frames, **nothing)), EXPECTED)
-    frames[2]['fl_x'] = 400.0
-    with pytest.raises(ValueError, match=r'the cameras 0\.png, 2\.png, got no name'):
-        from_text(transforms(frames=frames, **nothing))
-    assert from_text(transforms(frames=frames, **nothing), name='2.png').fx == 400.0
 
 
 LENSES = (
