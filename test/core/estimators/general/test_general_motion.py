@@ -1,5 +1,6 @@
 """Motions of a camera in the hand: as good as noise allows, and their deviation is honest."""
 
+from dataclasses import replace
 from functools import lru_cache
 import math
 from typing import Any
@@ -209,3 +210,32 @@ def test_a_few_matches_off_a_wall_do_not_decide_from_where_it_is_seen(wrong: int
     found, _ = judged(view, SETTINGS)
     told = np.array([found.bearing_current, found.bearing_desired, found.rotation])
     assert not found.trusted or errors(told, truth)[:2].max() < 3.0
+
+
+def test_errors_that_parts_of_the_image_share_average_out_less() -> None:
+    rng, ratios = np.random.default_rng(4), []
+    for pair in drawn('level'):
+        cell = (pair.desired // (pair.desired.max(axis=0) / [4.0, 2.0] + 1e-6)).astype(int)
+        shared = rng.normal(0.0, 1.0, (4, 2, 2))[cell[:, 0], cell[:, 1]]
+        alone, together = (
+            spread_of(general_motion(rays), rays)[1].noise[:2].max()
+            for rays in (
+                rays_from(replace(pair, current=pair.current + offset))
+                for offset in (rng.permutation(shared), shared)
+            )
+        )
+        ratios.append(together / alone)
+    assert np.median(ratios) > 1.3
+
+
+def test_the_lens_of_a_small_image_is_no_worse() -> None:
+    view = observed(drawn('hand')[0])
+    large, small, tiny = (
+        spread_of(general_motion(rays), rays)[1].camera.max()
+        for rays in (
+            rays_of(view.current, view.desired, np.full_like(view.resolution, pixel))
+            for pixel in (1.0 / 800.0, 1.0 / 400.0, 1.0 / 130.0)
+        )
+    )
+    assert large < 0.8 * small
+    assert tiny < 1.2 * small

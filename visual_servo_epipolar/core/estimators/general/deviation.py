@@ -1,8 +1,9 @@
 """
 Deviation of the bearings of a general motion: of noise as residuals show it, and of the camera.
 
-The covariance is a sandwich: residuals with their own tails, not those of a model. What a camera
-file may be wrong by moves all residuals together, which no number of matches averages out.
+The covariance is a sandwich: residuals with their own tails, not those of a model, and as they
+err together in parts of the image. What a camera file may be wrong by moves all residuals, which
+no number of matches averages out.
 """
 
 import math
@@ -48,6 +49,10 @@ ROWS_PX, FOCUS_RATIO = 0.5, 0.0005
 # Less where it has not turned: what moves in a hand turns.
 TURNED, LEAST_HAND = math.radians(2.0), 0.25
 HALF_HEIGHT = 0.35  # sine of the angle off the axis at which those pixels are seen
+# Of the images for which these pixels hold: larger ones are those of a sensor that was binned, or
+# of an image that was reduced, and neither lens nor hand is worse [rad].
+LARGEST_PIXEL = 1.0 / 400.0
+PARTS = 4, 2  # of the image, across and down, in each of which residuals may err together
 RAY_PARTS = ('x_a', 'y_a', 'z_a', 'x_d', 'y_d', 'z_d')
 COMMON = 4  # kinds of errors that both views share
 ALIKE = 4.0  # matches that tell as much of these errors as one would, if its noise were its own
@@ -72,7 +77,8 @@ class Spread(NamedTuple):
     """
     Deviations of bearings, current and desired, and of the heading, (3,) each [rad].
 
-    ``tails`` is by how much squared residuals are larger than those of normal noise.
+    ``tails`` is by how much squared residuals, as they sum up, are larger than those of normal
+    noise of which each is independent.
     """
 
     noise: FloatArray
@@ -85,12 +91,13 @@ class Spread(NamedTuple):
         return np.hypot(self.noise, self.camera)
 
 
-def spread_of(fit: GeneralFit, rays: Rays) -> tuple[GeneralFit, Spread]:
+def spread_of(fit: GeneralFit, rays: Rays, shared: float = 1.0) -> tuple[GeneralFit, Spread]:
     """
     Return the fit, better where looking around found something, and the spread of its best motion.
 
     Near the best motion the covariance tells it. Where the baseline hardly shows, costs are no
-    parabola: all directions around are tried, each with its best rotation.
+    parabola: all directions around are tried, each with its best rotation. ``shared`` is how many
+    matches tell as much as an independent one.
     """
     for _ in range(ROUNDS):
         around, costs = _around(fit, rays)
@@ -98,11 +105,14 @@ def spread_of(fit: GeneralFit, rays: Rays) -> tuple[GeneralFit, Spread]:
             break
         fit = improved(fit, around.take(costs.argsort()[:RETRIED]), rays)
     last = step(fit.motions.take(slice(1)), fit.table, fit.scale)
+    changes = _camera_changes(last, fit, rays)
+    better, left = _beside_camera(fit, last, changes)
     inverse = np.linalg.inv(last.information)[0]
     pulls = (last.slopes * (last.weight * last.residual)[:, None])[0]
     meat = pulls @ pulls.T
     count = max(int((last.weight > 0.0).sum()), UNKNOWNS + 1)
-    spare = count / (count - UNKNOWNS)
+    together = _together(last.slopes[0] * (last.weight[0] * left), inverse, rays)
+    spare = max(shared, together) * count / (count - UNKNOWNS)
     tails = max(float(np.trace(inverse @ meat)) / (UNKNOWNS * fit.scale**2), 1.0) * spare
     covariance = inverse @ (0.5 * spare * (meat + fit.scale**2 * last.information[0])) @ inverse
     slopes = _slopes(fit.motions.take(slice(1)), last.tangents)[0]
@@ -110,10 +120,24 @@ def spread_of(fit: GeneralFit, rays: Rays) -> tuple[GeneralFit, Spread]:
     motions = Motions(*(np.concatenate(p) for p in zip(around, fit.motions, strict=True)))
     excess = np.concatenate([costs - fit.costs[0], _lasting_excess(fit, rays)])
     noise = np.maximum(noise, _implied(motions, excess, fit, tails))
-    changes = _camera_changes(last, fit, rays)
     shifts = inverse @ (last.slopes[0] * last.weight[0]) @ changes.T
     camera = np.sqrt(np.square(slopes @ shifts).sum(axis=-1))
-    return _beside_camera(fit, last, changes), Spread(noise, camera, tails)
+    return better, Spread(noise, camera, tails)
+
+
+def _together(pulls: FloatArray, inverse: FloatArray, rays: Rays) -> float:
+    """
+    Return how much larger the variance is than if each residual had its own, at least 1.
+
+    What moves, a shutter or a look-alike moves all matches of a part of the image: their
+    ``pulls``, (5, N), then add up within parts, more than by chance.
+    """
+    rank = np.arctan2(rays.x_d, rays.z_d).argsort().argsort()
+    across = rank * PARTS[0] // rays.matches
+    part = across * PARTS[1] + (rays.y_d > np.median(rays.y_d))
+    sums = pulls @ (part[:, None] == np.arange(PARTS[0] * PARTS[1]))
+    each, whole = ((inverse * (of @ of.T)).sum() for of in (pulls, sums))
+    return max(float(whole / each), 1.0)
 
 
 def _lasting_excess(fit: GeneralFit, rays: Rays) -> FloatArray:
@@ -170,9 +194,13 @@ def _camera_changes(last: GeneralStep, fit: GeneralFit, rays: Rays) -> FloatArra
     return changes
 
 
-def _beside_camera(fit: GeneralFit, last: GeneralStep, changes: FloatArray) -> GeneralFit:
+def _beside_camera(
+    fit: GeneralFit, last: GeneralStep, changes: FloatArray
+) -> tuple[GeneralFit, FloatArray]:
     """
     Return the fit with its best motion, before all, estimated together with errors of the camera.
+
+    And the residuals, (N,), that these leave.
 
     These have a prior of one deviation each; many matches tell the part of them that no motion
     makes, as if there were fewer: neighbours err alike. Which matches are right is settled before:
@@ -184,11 +212,12 @@ def _beside_camera(fit: GeneralFit, last: GeneralStep, changes: FloatArray) -> G
     prior = np.diag(np.r_[np.full(UNKNOWNS, RIDGE), np.full(len(changes), ALIKE * fit.scale**2)])
     change = -np.linalg.solve(weighted @ slopes.T + prior, weighted @ last.residual[0])
     best = changed(fit.motions.take(slice(1)), last.tangents, change[None, :UNKNOWNS])
-    return fit._replace(
+    better = fit._replace(
         motions=Motions(*map(np.concatenate, zip(best, fit.motions, strict=True))),
         costs=np.concatenate([fit.costs[:1], fit.costs]),
         inliers=np.concatenate([fit.inliers[:1], fit.inliers]),
     )
+    return better, last.residual[0] + change @ slopes
 
 
 def _wrong_cameras(rays: Rays) -> list[FloatArray]:
@@ -206,7 +235,7 @@ def _wrong_cameras(rays: Rays) -> list[FloatArray]:
 
 def _moved(ray: FloatArray, pixel: FloatArray, kind: int) -> FloatArray:
     """Return rays, (3, N), by a principal point aside, down, a focal length or a distortion."""
-    across = np.sqrt(ray[0] ** 2 + ray[1] ** 2)
+    across, pixel = np.sqrt(ray[0] ** 2 + ray[1] ** 2), np.minimum(pixel, LARGEST_PIXEL)
     if kind in (0, 1, COMMON, COMMON + 1):
         direction = np.zeros(3)
         direction[kind % COMMON] = 1.0
@@ -271,12 +300,13 @@ def planar_deviations(planar: Estimate, spread: Spread) -> FloatArray:
     Return the deviations of a planar motion, (3,) [rad]: current, desired, heading.
 
     A level plane is as far from that of motion as tilt and roll are unknown: to second order that
-    turns bearings between the axis and across it.
+    turns bearings between the axis and across it. Its covariance is that of normal noise and of
+    the mount; what noise has beyond the normal is in the ``spread``.
     """
     covariance = planar.whole_covariance
     psi, phi = covariance[0, 0], covariance[1, 1]
-    variances = np.array([phi, psi, max(psi + phi - 2.0 * covariance[0, 1], 0.0)]) * spread.tails
-    variances += spread.camera**2
+    variances = np.array([phi, psi, max(psi + phi - 2.0 * covariance[0, 1], 0.0)])
+    variances += (1.0 - 1.0 / spread.tails) * spread.noise**2 + spread.camera**2
     if planar.attitude is not None:
         lean = planar.attitude.tilt_deviation**2 + planar.attitude.roll_deviation**2
         bearings = np.array([planar.bearings.current, planar.bearings.desired])

@@ -12,17 +12,35 @@ from visual_servo_epipolar.core.geometry.epipolar import in_pixels
 from visual_servo_epipolar.core.perception.inspection.judgement import Inspection, judged
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
-from visual_servo_epipolar.core.tracking.alignment.sampling import float_image
+from visual_servo_epipolar.core.tracking.alignment.sampling import (
+    float_image,
+    FloatImage,
+    patch_radius,
+)
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
-from visual_servo_epipolar.core.tracking.alignment.warps import Warps
+from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.matchers.base import Matcher
 from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
-from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView, match, Matches
+from visual_servo_epipolar.core.tracking.matching import (
+    desired_view,
+    DesiredView,
+    match,
+    Matches,
+    warps_of,
+)
+from visual_servo_epipolar.core.tracking.reacquisition import (
+    MAX_UNSEEN,
+    PredictedFeatures,
+    reacquire,
+)
 from visual_servo_epipolar.core.tracking.robust_geometry import MIN_MATCHES
 
 REFINEMENT = 15  # iterations of the alignment after the match
 MIN_CORRELATION = 0.75
+ENOUGH, ROUNDS = 250, 2  # matches; searches for more among their neighbours
+AMONG_NEIGHBOURS = 0.85  # correlation of those, for which no descriptor speaks
+COMPARED = 500  # patches with which all are compared, to see how they overlap
 
 
 def inspect(
@@ -42,11 +60,11 @@ def inspect(
     canvas = Canvas.of(current_camera) if current_camera == desired_camera else PLANE
     try:
         view, painted = desired_view(desired, matcher, canvas=canvas), canvas.painted(current)
-        pixels_current, pixels_desired = map(
-            canvas.pixels_of_image, _aligned(view, match(view, painted), painted)
-        )
+        matches = _aligned(view, match(view, painted), painted)
     except TrackingError as error:
         return Inspection(False, str(error))
+    pixels_current = canvas.pixels_of_image(matches.current)
+    pixels_desired = canvas.pixels_of_image(matches.desired)
     rays_current = current_camera.rays(pixels_current)
     rays_desired = desired_camera.rays(pixels_desired)
     usable = current_camera.round_trips(pixels_current, rays_current)
@@ -64,7 +82,8 @@ def inspect(
         pixel_angles=resolution,
         wide=current_camera.wide,
     )
-    found, essential = judged(observation, settings)
+    shared = _overlap(matches.current, 2 * patch_radius(painted.shape) + 1)
+    found, essential = judged(observation, settings, shared)
     doubt = doubtful_tilt(current_camera, found.tilt)
     if found.trusted and doubt:
         found = replace(found, trusted=False, reason=doubt)
@@ -72,12 +91,10 @@ def inspect(
     return replace(found, current=pixels_current, desired=pixels_desired, fundamental=in_px)
 
 
-def _aligned(view: DesiredView, matches: Matches, image: Image) -> tuple[FloatArray, FloatArray]:
-    """Return the matches, current and desired, aligned to a fraction of a pixel."""
-    desired = view.keypoints.pixels[matches.indices]
-    affine = matches.scales[:, None, None] * np.eye(2)
-    start = Warps(matches.indices, desired, matches.pixels, affine)
-    alignment = Anchor(view.image).align(start, float_image(image), iterations=REFINEMENT)
+def _aligned(view: DesiredView, matches: Matches, image: Image) -> Warps:
+    """Return the matches aligned to a fraction of a pixel, and more where they are few."""
+    start, anchor, pixels = warps_of(matches, view), Anchor(view.image), float_image(image)
+    alignment = anchor.align(start, pixels, iterations=REFINEMENT)
     good = alignment.correlation >= MIN_CORRELATION
     if int(good.sum()) < MIN_MATCHES:
         if not np.ptp(view.keypoints.sizes):  # of a matcher that knows no sizes: too coarse
@@ -85,8 +102,40 @@ def _aligned(view: DesiredView, matches: Matches, image: Image) -> tuple[FloatAr
                 f'of {len(good)} matches {int(good.sum())} show the same, {MIN_MATCHES} are '
                 'needed; move nearer, or take the photograph in such light'
             )
-        return matches.pixels, desired  # blurred, or seen from far aside: as SIFT has them
-    return alignment.warps.current[good], desired[good]
+        return start  # blurred, or seen from far aside: as SIFT has them
+    found = alignment.warps.take(good)
+    for _ in range(ROUNDS):
+        found = found.joined(_among_neighbours(found, view, anchor, pixels))
+    return found
+
+
+def _among_neighbours(found: Warps, view: DesiredView, anchor: Anchor, image: FloatImage) -> Warps:
+    """
+    Return keypoints of a ``view`` that no descriptor told in ``image``, where neighbours predict.
+
+    Those of most texture, up to ENOUGH with what is ``found``.
+    """
+    ids = np.flatnonzero(~contained(np.arange(len(view.keypoints)), found.ids))
+    ids = ids[view.corners[ids].argsort(kind='stable')[::-1]]
+    ids = ids[: 2 * max(ENOUGH - len(found), 0)]
+    desired = view.keypoints.pixels[ids]
+    nowhere = Warps(ids, desired, desired, np.tile(np.eye(2), (len(ids), 1, 1)))
+    predicted = PredictedFeatures(nowhere, np.full(len(ids), MAX_UNSEEN + 1))
+    more = reacquire(predicted, found, anchor, image, view.canvas)
+    alignment = anchor.align(more, image, iterations=REFINEMENT)
+    return alignment.warps.take(alignment.correlation >= AMONG_NEIGHBOURS)
+
+
+def _overlap(pixels: FloatArray, side: int) -> float:
+    """
+    Return how many matches at ``pixels``, (N, 2), tell as much as one that is independent.
+
+    Patches of a ``side`` [px] that overlap have the noise of the same pixels: errors of two of
+    them correlate by the share of the area that they have in common.
+    """
+    some = pixels[:: max(len(pixels) // COMPARED, 1)]
+    common = np.maximum(1.0 - np.abs(some[:, None] - pixels) / side, 0.0).prod(axis=2)
+    return float(common.sum() / len(some))
 
 
 def _in_pixels(

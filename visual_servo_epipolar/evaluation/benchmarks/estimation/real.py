@@ -6,6 +6,7 @@ The pairs of a folder with a truth.json, or simulated ones as hands, phones and 
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 import json
 import math
 from pathlib import Path
@@ -38,6 +39,7 @@ TRIALS, QUICK_TRIALS = 60, 2
 PEERS = {'MAGSAC': cv2.USAC_MAGSAC, 'RANSAC': cv2.RANSAC}
 PEER_PX = 1.5
 WRONG = 3.0  # error [deg]
+BANDS = {'deviation_deg': (0.0, 0.4, 0.7, 1.0), 'matches': (0, 70, 120, 250)}  # begins of them
 COLUMNS = (
     'set | n | trusted | median / p90 / max [deg] | wrong | error/dev., median / p95 '
     '| MAGSAC, RANSAC wrong | of MAGSAC right'
@@ -144,10 +146,6 @@ def angle_errors(found: FloatArray, true: FloatArray) -> FloatArray:
     return np.degrees(np.abs(np.remainder(found - true + np.pi, 2.0 * np.pi) - np.pi))
 
 
-def _peer(rays: Rays, true: FloatArray, noise: float, method: int) -> float:
-    return float(angle_errors(opencv_motion(rays, noise, method), true)[:2].max())
-
-
 def opencv_motion(rays: Rays, noise: float, method: int) -> FloatArray:
     """Return bearings and heading by OpenCV's essential matrix, (3,); nan of none; noise [rad]."""
     front = np.minimum(rays[0][:, 2], rays[1][:, 2]) > LEAST_FORWARD
@@ -164,10 +162,14 @@ def opencv_motion(rays: Rays, noise: float, method: int) -> FloatArray:
 
 
 def table(document: Mapping[str, Any]) -> str:
-    """Return the document as text: a line for each set of pairs, and one for all."""
+    """Return the document as text: a line for each set of pairs, for all, and for each band."""
     pairs = document['pairs']
     groups = dict.fromkeys(it['group'] for it in pairs)
     sets = {name: [it for it in pairs if it['group'] == name] for name in groups} | {'all': pairs}
+    for key, begins in BANDS.items():
+        for low, high in pairwise([*begins, math.inf]):
+            among = [it for it in pairs if low <= it[key] < high]
+            sets |= {f'{key} {low:g} to {high:g}': among} if among else {}
     words = (
         f'The larger error of both bearings, of trusted pairs; wrong: > {WRONG:g} deg; peers '
         'on the same matches, of all pairs; of those that MAGSAC has right, how many are trusted'

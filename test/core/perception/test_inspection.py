@@ -1,0 +1,40 @@
+"""Two small photographs, of which descriptors tell few matches."""
+
+import math
+
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.perception.inspection.judgement import judged
+from visual_servo_epipolar.core.perception.inspection.photographs import inspect
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
+from visual_servo_epipolar.core.tracking.matching import desired_view, match
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+
+POSE = Pose.from_start(0.8, -3.0, 10.0)
+WORLD = CameraSimulator(
+    CameraSettings(width=320, height=240, focal_length=160.0, principal_u=159.5, principal_v=119.5)
+)
+
+
+def test_what_descriptors_do_not_tell_is_searched_for_beside_what_they_do() -> None:
+    desired, current = WORLD.photograph(), WORLD.capture(POSE, 0)
+    found = inspect(desired, current, WORLD.camera, WORLD.camera, PerceptionSettings())
+    described = match(desired_view(desired, SIFT), current)
+    assert len(found.current) > 2 * len(described.indices)  # 228 beside 50
+    truth = Bearings.from_pose(POSE)
+    assert found.trusted
+    assert abs(math.degrees(found.bearing_current - truth.current)) < 1.0
+    assert abs(math.degrees(found.bearing_desired - truth.desired)) < 1.0
+
+
+def test_patches_that_overlap_make_bearings_less_certain_than_as_many_others() -> None:
+    settings = PerceptionSettings()
+    found = inspect(
+        WORLD.photograph(), WORLD.capture(POSE, 0), WORLD.camera, WORLD.camera, settings
+    )
+    rays = WORLD.camera.rays(found.current), WORLD.camera.rays(found.desired)
+    apart, _ = judged(Observation(0, *rays, WORLD.camera.focal), settings)
+    assert found.deviation > 1.1 * apart.deviation
