@@ -258,7 +258,7 @@ def hook_rclpy(wire: Wire) -> Iterator[None]:
             (Clock, 'now', now),
             (Publisher, 'publish', publish),
             (Publisher, 'wait_for_all_acked', lambda publisher, timeout=None: True),
-            (type(get_logger('')), 'log', log),
+            (type(get_logger('wire')), 'log', log),
         ):
             stack.callback(setattr, kind, name, getattr(kind, name))
             setattr(kind, name, function)
