@@ -20,8 +20,9 @@ import numpy as np
 from visual_servo_epipolar.commands.arguments import rig_path
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import RunLog
-from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, phase_colour
+from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load

@@ -16,8 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import least_time, RunLog, seconds
-from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, phase_colour
+from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario

@@ -15,12 +15,8 @@ from visual_servo_epipolar.core.tracking.photographs import photographs
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.messages.validation import (
-    checked_features,
-    checked_tracks,
-    left_out,
-    track,
-)
+from visual_servo_epipolar.messages.tracking import track
+from visual_servo_epipolar.messages.validation import checked_features, checked_tracks, left_out
 
 CAMERA = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
 INSIDE = [[10.0, 10.0], [20.0, 20.0]]

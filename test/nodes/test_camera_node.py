@@ -6,13 +6,13 @@ import pytest
 from sensor_msgs.msg import CameraInfo, Image
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.simulation.closed_loop import published
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.nod import LEVEL, Nod
-from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 TINY = {
     'width': 64,

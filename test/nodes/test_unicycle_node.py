@@ -13,11 +13,11 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import unicycle_node
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.closed_loop import published
-from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 START = (0.5, -2.0, 10.0)
 PERIOD_NS = period_ns(11.0)

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 PACKAGE = Path(__file__).parents[2] / 'visual_servo_epipolar'
 MOST_LINES, MOST_FIELDS = 40, 12
 # These lists only become shorter. Functions: so many lines at most.
@@ -93,3 +95,29 @@ def test_laws_know_the_servo_by_its_types_alone() -> None:
         if isinstance(node, ast.ImportFrom)  # at run time: not below TYPE_CHECKING
     ]
     assert [each for each in imports if 'core.servo' in (each[1] or '')] == []
+
+
+# Lines that the module of a node reaches, with all that it imports; they only become fewer.
+MOST_REACHED = {'tracker_node': 11_500, 'unicycle_node': 6_500, 'servo_node': 25_500}
+
+
+def imported(path: Path) -> set[Path]:
+    """Return the modules of the package that a module imports, also for types alone."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        if isinstance(node, ast.ImportFrom) and (node.module or '').startswith(PACKAGE.name):
+            module = PACKAGE.parent / (node.module or '').replace('.', '/')
+            for place in (module, *(module / item.name for item in node.names)):
+                if place.with_suffix('.py').is_file():
+                    found.add(place.with_suffix('.py'))
+    return found
+
+
+@pytest.mark.parametrize('node', MOST_REACHED)
+def test_a_node_reaches_no_more_than_it_needs(node: str) -> None:
+    reached, left = set(), {PACKAGE / f'nodes/{node}.py'}
+    while left:
+        reached |= left
+        left = {found for path in left for found in imported(path)} - reached
+    lines = sum(len(path.read_text(encoding='utf-8').splitlines()) for path in reached)
+    assert lines <= MOST_REACHED[node], sorted(str(path) for path in reached)

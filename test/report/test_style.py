@@ -9,13 +9,12 @@ from servo_states import PHASES
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
+from visual_servo_epipolar.core.laws.registry import GREY, phase_colour
 from visual_servo_epipolar.report.style import (
-    phase_colour,
     rgb,
     robot_body,
     robot_nose,
     text_colour_on,
-    UNKNOWN_COLOUR,
     view_wedge,
 )
 
@@ -40,8 +39,8 @@ def test_phases_differ_even_to_the_colour_blind(eye: FloatArray) -> None:
 
 
 def test_word_that_is_no_phase_has_a_colour() -> None:
-    assert phase_colour('tracking') == UNKNOWN_COLOUR
-    assert UNKNOWN_COLOUR not in [phase_colour(phase.value) for phase in PHASES]
+    assert phase_colour('tracking') == GREY
+    assert GREY not in [phase_colour(phase.value) for phase in PHASES]
 
 
 def test_text_is_black_on_bright_and_white_on_dark() -> None:

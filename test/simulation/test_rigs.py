@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.servo.run_log import Sample
+from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.closed_loop import Loop, run
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.run_monitor import period_ns, verdict
+from visual_servo_epipolar.simulation.run_monitor import verdict
 from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import view_of
 

@@ -9,9 +9,9 @@ import yaml
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.nodes.startup.table import accepted_names
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer
-from visual_servo_epipolar.simulation.run_monitor import period_ns
 from visual_servo_epipolar.simulation.scenario import (
     CONNECTION,
     from_document,

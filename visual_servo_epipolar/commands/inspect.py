@@ -138,7 +138,7 @@ def _draw(inspection: Inspection, image: Image, camera: CameraModel, path: Path)
         image,
         inspection.current,
         inspection.desired,
-        phase='inspected' if inspection.trusted else 'not trusted',
+        header='inspected' if inspection.trusted else 'not trusted',
         epipole_current=epipole if math.isfinite(epipole) else None,
         horizon=camera.cy,
         fundamental=inspection.fundamental if inspection.trusted else None,

@@ -337,7 +337,7 @@ COMMANDS: Mapping[str, CommandRow] = {
         'write an HTML page on a run, a bag or a route',
         'Write one HTML page on a run, a bag or a route; the page needs no network.',
         add_report,
-        'report.run:report',
+        'report.command:report',
     ),
     'route': CommandRow(
         'learn a way from a drive, and repeat it by photographs',

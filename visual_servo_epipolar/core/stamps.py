@@ -5,6 +5,11 @@ OTHER_CLOCK_S = 60.0  # a difference that no delay explains: two clocks
 NOT_ADVANCING = 'the stamps do not advance; is /clock published?'
 
 
+def period_ns(frame_rate: float) -> int:
+    """Return the time between two frames [ns]: whole, so that stamps add up exactly."""
+    return round(NANOSECONDS / frame_rate)
+
+
 def seconds_between(earlier_ns: int, later_ns: int) -> float:
     """Return the time between two stamps [s]."""
     return (later_ns - earlier_ns) / NANOSECONDS

@@ -1,4 +1,4 @@
-"""Diagnostics of the servo and of the tracker, and markers of the servo."""
+"""Diagnostics, results and markers of the servo."""
 
 from dataclasses import dataclass
 import math
@@ -110,38 +110,6 @@ def result(
         level=RESULT_LEVELS.get(word, DiagnosticStatus.OK),
         summary=summary.removesuffix(': '),
         values={'outcome': word, 'reason': reason, **progress(state)},
-        stamp_ns=stamp_ns,
-    )
-
-
-def tracking_diagnosis(
-    reason: str,
-    features: int,
-    stamp_ns: int,
-    *,
-    name: str,
-    age_s: float | None = None,
-    behind: str = '',
-    photograph: str = '',
-) -> DiagnosticArray:
-    """
-    Return the ``reason`` why the photograph is not found, '' if it is, as a status.
-
-    With the age ``age_s`` [s] of the image whose tracks were published, where it is known, and in
-    which words the tracker falls ``behind``, '' if it does not; ``photograph`` says which of
-    several is found.
-    """
-    values: dict[str, object] = {'features': features, 'untracked_because': reason}
-    if age_s is not None:
-        values['image_age_s'] = round(age_s, 3)
-    if photograph:
-        values['photograph'] = photograph
-    found = f'{photograph or "the photograph"} is found'
-    return write.diagnostics(
-        name,
-        level=DiagnosticStatus.WARN if reason or behind else DiagnosticStatus.OK,
-        summary='; '.join(filter(None, (reason, behind))) or found,
-        values=values,
         stamp_ns=stamp_ns,
     )
 

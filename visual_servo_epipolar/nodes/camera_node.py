@@ -13,6 +13,7 @@ from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.messages.joints import COMMAND_TYPES, joint_states, read_head_command
 from visual_servo_epipolar.messages.transforms import FrameAxes, frames, upright
@@ -30,7 +31,6 @@ from visual_servo_epipolar.simulation.mounts.shutter import BodyState, PoseHisto
 from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings, SimulatedHead
 from visual_servo_epipolar.simulation.mounts.two_lenses import LensSettings
 from visual_servo_epipolar.simulation.nod import Nod
-from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 WARN_PERIOD_S = 2.0
 

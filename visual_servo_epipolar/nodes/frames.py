@@ -1,21 +1,19 @@
 """Frames over ROS: /tf of the simulated robot, and the mount of the camera out of /tf_static."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from geometry_msgs.msg import TransformStamped
 import numpy as np
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.rigs.fixed_mount import Mount, mount_of
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import read, transforms
 from visual_servo_epipolar.nodes import qos
 
 Transform = tuple[FloatArray, FloatArray]
-MountedT = TypeVar('MountedT', ServoSettings, DockPoseSettings)
+MountedT = TypeVar('MountedT', bound='MountSettings')
 UNTOLD = Mount(tilt=0.0, roll=0.0, yaw=0.0, forward=0.0, left=0.0)
 DEEPEST = 100  # frames between a camera and its base: more are a circle
 
@@ -36,6 +34,17 @@ class TransformBroadcaster:
         """Publish all ``messages`` as one; a static one replaces what was sent before."""
         if self._publisher is not None:
             self._publisher.publish(transforms.tf_message(self._kind, messages))
+
+
+class MountSettings(Protocol):
+    """Settings of how a camera is mounted."""
+
+    @property
+    def mount_is_told(self) -> bool:
+        """Whether any setting says how the camera is mounted."""
+
+    def mounted(self: MountedT, mount: Mount) -> MountedT:
+        """Return the settings of a camera mounted so; ValueError if they do not allow it."""
 
 
 class StaticMount:

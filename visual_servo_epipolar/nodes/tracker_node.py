@@ -18,8 +18,9 @@ from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.messages import event_log, read, validation, write
+from visual_servo_epipolar.messages import event_log, read, write
 from visual_servo_epipolar.messages.images.encodings import GrayReader
+from visual_servo_epipolar.messages.tracking import track, TrackingResult
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.lifecycle.gates import serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
@@ -203,7 +204,7 @@ class TrackerNode(ManagedNode):
             self._reports.miss('images wait for a usable camera_info')
             return
         self._inputs.compare_frames(message.header.frame_id)
-        tracking = validation.track(
+        tracking = track(
             self._tracker,
             message,
             self._camera or self._unusable,
@@ -250,7 +251,7 @@ class TrackerNode(ManagedNode):
         )
         self._tracks_pub.publish(tracks)
 
-    def _report(self, tracking: validation.TrackingResult) -> None:
+    def _report(self, tracking: TrackingResult) -> None:
         assert self._stamp_ns is not None
         age_s = self._lateness.age_s(self._stamp_ns)
         behind = self._lateness.complaint(age_s)

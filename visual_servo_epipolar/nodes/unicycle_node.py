@@ -10,6 +10,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
@@ -28,7 +29,6 @@ from visual_servo_epipolar.simulation.bases.registry import (
     nod_of,
     SimulatedBase,
 )
-from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 WARN_PERIOD_S = 2.0
 BEGIN_PERIOD_S = 0.5

@@ -14,6 +14,7 @@ from matplotlib.patches import Circle, Patch, Rectangle
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
+from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import (
     end_s,
     least_time_of,
@@ -36,7 +37,6 @@ from visual_servo_epipolar.report.style import (
     FIELD_OF_VIEW,
     FIGURE_SETTINGS,
     INK,
-    phase_colour,
     phase_label,
 )
 

@@ -9,12 +9,12 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import PhaseSpan, RunLog, seconds
 from visual_servo_epipolar.report.style import (
     CURRENT_COLOUR,
     DESIRED_COLOUR,
     INK,
-    phase_colour,
     phase_label,
     text_colour_on,
 )

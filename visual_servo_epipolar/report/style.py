@@ -7,9 +7,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.laws.registry import phase_row
 
-UNKNOWN_COLOUR = '#5A5A5A'
 CURRENT_COLOUR = '#D55E00'
 DESIRED_COLOUR = '#0072B2'
 INK = '#222222'
@@ -43,12 +41,6 @@ _BODY = (
     *((-0.25, -0.12), (-0.17, -0.20), (0.12, -0.20), (0.20, -0.10)),
 )
 _NOSE = ((0.20, 0.0), (0.05, 0.09), (0.05, -0.09))
-
-
-def phase_colour(phase: str) -> str:
-    """Return the colour of a phase as '#RRGGBB'; a word that is no phase is grey."""
-    row = phase_row(phase)
-    return row.colour if row else UNKNOWN_COLOUR
 
 
 def phase_label(phase: str) -> str:

@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.servo.run_log import (
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
-from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns, seconds_between
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.mounts.shutter import Receipt
 from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings
@@ -41,11 +41,6 @@ class LoopSettings:
     base: Settings = field(default_factory=PioneerSettings)
     head: HeadSettings | None = None
     field_of_view: float | None = None
-
-
-def period_ns(frame_rate: float) -> int:
-    """Return the time between two frames [ns]: whole, so that stamps add up exactly."""
-    return round(NANOSECONDS / frame_rate)
 
 
 class RunMonitor:

@@ -21,6 +21,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.routes.run import RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
+from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
 from visual_servo_epipolar.nodes import qos
@@ -29,7 +30,6 @@ from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.routes.drives import repeat, route_scenario, Taught, teach
 from visual_servo_epipolar.simulation.routes.ways import rounded
-from visual_servo_epipolar.simulation.run_monitor import period_ns
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 SCENARIO = route_scenario(Scenario(base=PioneerSettings(wheel_ratio=1.01)), 1).with_servo(

@@ -30,7 +30,7 @@ def is_green(pixel: Image) -> bool:
 @pytest.mark.parametrize('size', SIZES)
 def test_current_is_a_red_cross_and_desired_a_green_circle(size: tuple[int, int]) -> None:
     current, desired = np.array([[200.0, 300.0]]), np.array([[400.0, 200.0]])
-    picture = draw_overlay(gray(size), current, desired, phase='displacing')
+    picture = draw_overlay(gray(size), current, desired, header='displacing')
     assert picture.shape == (size[1], size[0], 3)
     assert is_red(picture[300, 200])
     around = picture[200, 400:420]
@@ -88,7 +88,7 @@ def test_epipole_outside_is_not_marked(abscissa: float | None) -> None:
 
 def test_no_features_far_features_and_an_unknown_phase_are_drawn() -> None:
     far = np.array([[1e9, -1e9]])
-    picture = draw_overlay(gray((640, 480)), far, far, phase='tracking')
+    picture = draw_overlay(gray((640, 480)), far, far, header='tracking')
     assert picture.shape == (480, 640, 3)
     assert (picture[60:] == 128).all()  # nothing of a feature that is out of the image
     assert (picture[:60] != 128).any()  # the phase stands there

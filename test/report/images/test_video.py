@@ -10,12 +10,13 @@ import pytest
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.images.encoders import Codec, OPENCV, PYAV
 from visual_servo_epipolar.report.images.map_view import HEADER, MapBounds, MapView, WIDTH
 from visual_servo_epipolar.report.images.video import HEIGHT, VideoWriter
-from visual_servo_epipolar.report.style import phase_colour, rgb
+from visual_servo_epipolar.report.style import rgb
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 CAMERA = CameraSettings(

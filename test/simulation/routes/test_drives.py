@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.routes.run import RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.core.routes.teaching import Teacher
+from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
@@ -33,7 +34,6 @@ from visual_servo_epipolar.simulation.routes.drives import (
 )
 from visual_servo_epipolar.simulation.routes.ways import DrivenWay, rounded, way_named
 from visual_servo_epipolar.simulation.routes.worlds import world_of
-from visual_servo_epipolar.simulation.run_monitor import period_ns
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 SCENARIO = route_scenario(Scenario(base=PioneerSettings(wheel_ratio=1.01)), 1).with_servo(

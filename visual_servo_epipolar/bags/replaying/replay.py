@@ -38,6 +38,7 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.messages.event_log import Entry, REDETECTED
 from visual_servo_epipolar.messages.images.encodings import GrayReader
+from visual_servo_epipolar.messages.tracking import track
 
 T = TypeVar('T')
 
@@ -174,7 +175,7 @@ class ReplayTracker:
         for entry in self._events.due(key[0]):
             if entry.event == REDETECTED:
                 self._tracker.redetect()
-        result = validation.track(self._tracker, item.message, camera, self._reader)
+        result = track(self._tracker, item.message, camera, self._reader)
         features, warning = result.features, result.warning
         if not isinstance(camera, str):
             features, untrusted = validation.checked_features(features, camera)

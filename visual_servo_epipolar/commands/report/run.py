@@ -1,6 +1,5 @@
 """``visual_servo report``: the page on a run of demo or simulate, on a bag, or on a route."""
 
-import argparse
 from collections.abc import Mapping
 import math
 import os
@@ -11,7 +10,6 @@ from urllib.parse import quote
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.commands.files.output import OutputFolder
 from visual_servo_epipolar.commands.files.run_folder import versions
 from visual_servo_epipolar.commands.report.tables import (
     parameter_section,
@@ -19,14 +17,10 @@ from visual_servo_epipolar.commands.report.tables import (
     result_table,
     version_section,
 )
-from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, seconds, summarise
-from visual_servo_epipolar.files import made_folder
-from visual_servo_epipolar.messages.routes.route_folder import is_route
 from visual_servo_epipolar.report import figures
 from visual_servo_epipolar.report.page import (
     figure_html,
-    FILE,
     film,
     Headline,
     jpeg,
@@ -36,7 +30,6 @@ from visual_servo_epipolar.report.page import (
     strip,
     write_page,
 )
-from visual_servo_epipolar.report.run_file import FILE as RUN_FILE
 from visual_servo_epipolar.report.run_file import load_run
 from visual_servo_epipolar.report.style import phase_label
 
@@ -54,49 +47,6 @@ FOOTER = (
 EMBEDDED_BYTES = 8_000_000  # largest video that a page holds; a mail takes about 20 MB
 MIME = {'.mp4': 'video/mp4', '.webm': 'video/webm'}
 IN_BROWSERS = ('h264', 'avc1', 'VP80', 'VP90', 'vp09', 'AV01', 'av01')  # as OpenCV names them
-
-
-def report(options: argparse.Namespace) -> int:
-    """Write the page; return 0 when it is there, whatever became of the run."""
-    source = Path(options.bag)
-    if source.name == RUN_FILE and source.is_file():
-        source = source.parent
-    is_run, is_taught = (source / RUN_FILE).is_file(), is_route(source)
-    folder = Path(options.out or _default_folder(source, is_run))
-    OutputFolder(folder).check()
-    if is_run or is_taught:
-        _refuse_bag_options(options)
-    with made_folder(folder):
-        if is_run:
-            report_run(source, folder / FILE)
-        elif is_taught:
-            from visual_servo_epipolar.commands.report.route import report_route
-
-            report_route(source, folder / FILE)
-        else:
-            from visual_servo_epipolar.commands.report.bag import report_bag  # imports this one
-
-            report_bag(options, folder / FILE)
-    print(f'written: {folder / FILE}')
-    return 0
-
-
-def _default_folder(source: Path, is_run: bool) -> Path:
-    """Return where the page goes: not into a bag, which is no place for other files."""
-    if is_run:
-        return source
-    named = source if source.name not in ('', '..') else source.resolve()
-    return named.with_name(f'{named.stem if named.is_file() else named.name}_report')
-
-
-def _refuse_bag_options(options: argparse.Namespace) -> None:
-    names = ('set', 'params', 'topics', 'namespace', 'desired', 'camera', 'tracks', 'repair')
-    given = [f'--{name}' for name in names if getattr(options, name)]
-    if given:
-        raise InputError(
-            f'{options.bag} is no bag: {", ".join(given)} cannot change what is in it; '
-            'leave them out, or report on a bag'
-        )
 
 
 def report_run(folder: Path, path: Path) -> None:

@@ -17,6 +17,9 @@ LAWS: Registry[Law] = Registry(
 )
 
 
+GREY = '#5A5A5A'
+
+
 @lru_cache(maxsize=256)
 def law_named(expression: str) -> Law:
     """
@@ -90,6 +93,12 @@ def phase_words(word: str) -> str:
     """Return what the robot does in a phase, a verb first; '' where no law has the phase."""
     row = phase_row(word)
     return row.words if row else ''
+
+
+def phase_colour(word: str) -> str:
+    """Return the colour of a phase as '#RRGGBB'; grey where no law has the phase."""
+    row = phase_row(word)
+    return row.colour if row else GREY
 
 
 def sentence(phase: Phase, reason: str) -> str:

@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.evaluation.live import echo
 from visual_servo_epipolar.evaluation.live.processes import (
     arguments,
@@ -25,7 +26,6 @@ from visual_servo_epipolar.evaluation.live.processes import (
 )
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 RELIABLE = arguments(camera_reliability='reliable')
 # A twist with a stamp is known to answer the image of that stamp.

@@ -1,13 +1,14 @@
 """Reports of the tracker: photograph, overlay, diagnostics; settings and events for bags."""
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.messages import diagnostics, write
-from visual_servo_epipolar.messages.validation import TrackingResult
+from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.messages.tracking import TrackingResult
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.lifecycle.reports import NodeReports
 from visual_servo_epipolar.report.images.overlay import draw_overlay
@@ -54,9 +55,7 @@ class TrackerReports(NodeReports):
             return
         reason = f'{self._missing}, for {age_s:.1f} s; nothing is tracked'
         stamp_ns = int(self._clock.now().nanoseconds)
-        self._diagnose(
-            diagnostics.tracking_diagnosis(reason, 0, stamp_ns, name=self._name, age_s=age_s)
-        )
+        self._publish_status(reason, {'features': 0}, stamp_ns, age_s)
         self._complained = True
 
     def diagnose(
@@ -80,15 +79,34 @@ class TrackerReports(NodeReports):
             self._photograph = photograph
             self._node.get_logger().info(f'{photograph} fits the light best, and is tracked')
         if complains or self._complained or is_another:
-            self._diagnose(
-                diagnostics.tracking_diagnosis(
-                    reason,
-                    features,
-                    stamp_ns,
-                    name=self._name,
-                    age_s=age_s,
-                    behind=behind,
-                    photograph=photograph,
-                )
-            )
+            values: dict[str, object] = {'features': features}
+            values |= {'photograph': photograph} if photograph else {}
+            self._publish_status(reason, values, stamp_ns, age_s, behind)
         self._complained = complains
+
+    def _publish_status(
+        self,
+        reason: str,
+        values: dict[str, object],
+        stamp_ns: int,
+        age_s: float | None,
+        behind: str = '',
+    ) -> None:
+        """
+        Publish the ``reason`` why the photograph is not found, '' if it is, as a status.
+
+        With the age ``age_s`` [s] of the image whose tracks were published, where it is known, and
+        in which words the tracker falls ``behind``, '' if it does not.
+        """
+        values['untracked_because'] = reason
+        if age_s is not None:
+            values['image_age_s'] = round(age_s, 3)
+        found = f'{values.get("photograph", "the photograph")} is found'
+        status = write.diagnostics(
+            self._name,
+            level=DiagnosticStatus.WARN if reason or behind else DiagnosticStatus.OK,
+            summary='; '.join(filter(None, (reason, behind))) or found,
+            values=values,
+            stamp_ns=stamp_ns,
+        )
+        self._diagnose(status)

@@ -7,6 +7,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.report.images.drawing import (
@@ -21,7 +22,6 @@ from visual_servo_epipolar.report.images.drawing import (
 from visual_servo_epipolar.report.style import (
     FIELD_OF_VIEW,
     INK,
-    phase_colour,
     phase_label,
     robot_body,
     robot_nose,

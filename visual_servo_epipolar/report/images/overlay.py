@@ -22,7 +22,7 @@ from visual_servo_epipolar.report.images.drawing import (
     SHIFT,
     text_size,
 )
-from visual_servo_epipolar.report.style import phase_colour, phase_label
+from visual_servo_epipolar.report.style import INK
 
 RED: BGR = (60, 50, 255)
 GREEN: BGR = (70, 225, 60)
@@ -42,7 +42,8 @@ def draw_overlay(
     current_pixels: FloatArray,
     desired_pixels: FloatArray,
     *,
-    phase: str = '',
+    header: str = '',
+    colour: str = INK,
     epipole_current: float | None = None,
     horizon: float | None = None,
     fundamental: FloatArray | None = None,
@@ -52,7 +53,7 @@ def draw_overlay(
     Return a colour picture, BGR, of the features drawn over a grey ``image``, shape (H, W).
 
     ``current_pixels`` and ``desired_pixels``, (N, 2), are the same features row by row.
-    The header has the ``phase``, or any other text. ``epipole_current`` is the abscissa of the
+    The ``header`` stands on its ``colour``, '#RRGGBB'. ``epipole_current`` is the abscissa of the
     epipole from the left border, drawn in the row ``horizon`` if it lies in the image. With
     ``fundamental``, F such that p_desired^T F p_current = 0, a few epipolar lines are drawn. All
     are in pixels of the image; ``size`` is that of the picture, width and height, the image's if
@@ -74,7 +75,7 @@ def draw_overlay(
     if epipole_current is not None and 0.0 <= epipole_current < gray.shape[1]:
         row = 0.5 * gray.shape[0] if horizon is None else horizon
         _draw_epipole(picture, shown.points(np.array([[epipole_current, row]]))[0], unit)
-    _draw_header(picture, phase, errors, unit)
+    _draw_header(picture, header, colour, errors, unit)
     return picture
 
 
@@ -155,17 +156,19 @@ def _draw_epipole(picture: Image, at: FloatArray, unit: float) -> None:
     draw_label(picture, 'epipole', (left, at[1] - 1.5 * arm), size, EPIPOLE)
 
 
-def _draw_header(picture: Image, phase: str, errors: FloatArray, unit: float) -> None:
+def _draw_header(
+    picture: Image, header: str, colour: str, errors: FloatArray, unit: float
+) -> None:
     size, band = 16.0 * unit, round(46.0 * unit)
     picture[:band] //= 5
     middle, left = 0.5 * band, 14.0 * unit
-    if phase:
-        left += draw_label(picture, phase_label(phase), (left, middle), size, phase_colour(phase))
+    if header:
+        left += draw_label(picture, header, (left, middle), size, colour)
     count = f'{len(errors)} features' + (f', {np.median(errors):.1f} px' if len(errors) else '')
     right = picture.shape[1] - text_size(count, size)[0] - 14.0 * unit
     draw_text(picture, count, (right, middle), size, WHITE)
     key = (('x current', RED), ('o desired', GREEN))
     left += 24.0 * unit
-    for text, colour in key:
+    for text, shade in key:
         if left + text_size(text, size)[0] < right - size:
-            left += draw_text(picture, text, (left, middle), size, colour) + 20.0 * unit
+            left += draw_text(picture, text, (left, middle), size, shade) + 20.0 * unit

@@ -10,9 +10,11 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     in_pixels,
 )
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, wrap_angle
+from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.images.overlay import draw_overlay
+from visual_servo_epipolar.report.style import phase_label
 
 
 def picture(
@@ -37,7 +39,8 @@ def picture(
         image,
         features.current,
         features.desired,
-        phase=sample.phase.value,
+        header=phase_label(sample.phase.value),
+        colour=phase_colour(sample.phase.value),
         epipole_current=u,
         horizon=v,
         fundamental=lines,

@@ -17,14 +17,14 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI
-from visual_servo_epipolar.core.laws.registry import LAWS
+from visual_servo_epipolar.core.laws.registry import LAWS, phase_colour
 from visual_servo_epipolar.report.canvas import (
     draw_field_of_view,
     draw_robot,
     legend_outside,
     new_figure,
 )
-from visual_servo_epipolar.report.style import FIELD_OF_VIEW, FIGURE_SETTINGS, INK, phase_colour
+from visual_servo_epipolar.report.style import FIELD_OF_VIEW, FIGURE_SETTINGS, INK
 
 Run = Mapping[str, Any]
 ERRORS_MM = (0.1, 50.0)  # ends of the colour scale; beyond the upper one a run is wrong

@@ -17,12 +17,11 @@ from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
-from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns
 from visual_servo_epipolar.simulation.bases.registry import new_base, SimulatedBase
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.light.settings import LightSettings
 from visual_servo_epipolar.simulation.routes.ways import DrivenWay, Driver, SPACING
-from visual_servo_epipolar.simulation.run_monitor import period_ns
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 REST_FRAMES = 8  # after the last command, until the base stands

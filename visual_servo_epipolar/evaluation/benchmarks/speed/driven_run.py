@@ -16,13 +16,14 @@ from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import decide, update_map
+from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.evaluation.live.chain import START
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings, period_ns
+from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 
 LEAD = 10  # images at rest before the run, in which the tracker finds the photograph
 SAME_LINEAR, SAME_ANGULAR = 1e-3, math.radians(0.5)  # to which two twists are the same [SI]

@@ -12,6 +12,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import RunLog, seconds
 from visual_servo_epipolar.evaluation.reproduction.canvas import label, numbered
 from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import Experiment
@@ -22,7 +23,6 @@ from visual_servo_epipolar.report.style import (
     DESIRED_COLOUR,
     FIGURE_SETTINGS,
     INK,
-    phase_colour,
 )
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 

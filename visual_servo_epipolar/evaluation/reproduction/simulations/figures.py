@@ -9,6 +9,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
+from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.evaluation.reproduction.canvas import label, numbered, page
 from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
     Course,
@@ -23,7 +24,6 @@ from visual_servo_epipolar.report.style import (
     DESIRED_COLOUR,
     FIGURE_SETTINGS,
     INK,
-    phase_colour,
 )
 
 FIRST, SECOND = phase_colour('zeroing_epipoles'), phase_colour('matching_features')
