@@ -9,10 +9,10 @@ from servo_states import behind, in_phase, sight
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws import braking
 from visual_servo_epipolar.core.laws.braking import braked_turn
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.phases import matching_features
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Slope
 from visual_servo_epipolar.core.servo.identification.delay import Delay
@@ -110,9 +110,9 @@ def test_step_2_closes_in_slower_where_more_is_aside_or_unknown(
 ) -> None:
     usual = closing_in(0.0).linear
     assert 0.02 < closing_in(0.02).linear < 0.7 * usual
-    monkeypatch.setattr(matching_features, 'place_deviation', lambda _: 3e-4)
+    monkeypatch.setattr(braking, 'place_deviation', lambda _: 3e-4)
     assert closing_in(0.0).linear == usual
-    monkeypatch.setattr(matching_features, 'place_deviation', lambda _: 1.5e-3)
+    monkeypatch.setattr(braking, 'place_deviation', lambda _: 1.5e-3)
     assert 0.0 < closing_in(0.0).linear < 0.3 * usual
 
 

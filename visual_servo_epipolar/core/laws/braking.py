@@ -24,6 +24,7 @@ CONVERGING_S = 0.25  # the same, where the rest aside decides on the speed
 LEAST_LOOK_AHEAD = 0.02  # [m]
 NEAR = 0.35  # way left on which the rest aside is steered to zero [m]
 RESIDUAL, LEAST_RESIDUAL = 3e-4, 1e-4  # what steering may leave aside [m]
+WELL_KNOWN = 6e-4  # deviation aside up to which it closes in at full speed [m]
 CREEP = 0.03  # least speed for the sake of steering [m/s]
 FACING_FROM, FACING_AT = 0.012, 0.004  # way left at which the heading alone counts, at last [m]
 SHARPER = 4.0  # times a gain, at which a braked motion ends: it is not late by its ramps
@@ -57,6 +58,15 @@ def converging_speed(
     near = min(left, NEAR)
     speed = max(LINE_DAMPING * near / (decays * CONVERGING_S), min(CREEP, near / TAIL_S))
     return math.sqrt(speed * speed + 2.0 * braking * (left - near))
+
+
+def looking_speed(left: float, state: ServoState, settings: ServoSettings) -> float:
+    """Return the speed [m/s] at which views enough show what is aside on the way ``left`` [m]."""
+    # What is unknown falls as 1 / sqrt of the views that see it from near.
+    known = min(WELL_KNOWN / max(place_deviation(state), WELL_KNOWN), 1.0) ** 2
+    slow = max(known * settings.max_linear, CREEP)
+    braking = BRAKING * settings.max_acceleration
+    return math.sqrt(slow * slow + 2.0 * braking * max(left - NEAR, 0.0))
 
 
 def place_deviation(state: ServoState) -> float:

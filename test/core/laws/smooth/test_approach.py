@@ -76,6 +76,25 @@ def test_a_camera_that_looks_aside_leads_along_the_axis_of_the_base() -> None:
     assert abs(approach(STATE, on_axis, SETTINGS).angular) > 0.01
 
 
+def unsure_of(deviation: float) -> ServoState:
+    """Return the state of a robot whose averaged place is unknown by a ``deviation`` [m]."""
+    place = first_pose(np.zeros(3), deviation**2 * np.eye(3), Motion())
+    return STATE.changed(goal=replace(STATE.view.goal, map=MapState(place=place)))
+
+
+def test_what_may_be_no_offset_is_no_reason_to_turn() -> None:
+    aside = known(0.003, -0.04)
+    sure, unsure = (approach(unsure_of(each), aside, SETTINGS) for each in (3e-4, 5e-3))
+    assert 0.0 < unsure.angular < 0.5 * sure.angular
+
+
+def test_a_robot_that_may_not_back_off_comes_in_at_a_speed_that_shows_what_is_aside() -> None:
+    final, on_axis = replace(SETTINGS, max_retreat=0.0), known(0.0, -0.3)
+    usual = approach(STATE, on_axis, SETTINGS)
+    assert approach(unsure_of(3e-4), on_axis, final) == usual
+    assert 0.02 < approach(unsure_of(2.5e-3), on_axis, final).linear < 0.2 * usual.linear
+
+
 def test_without_bearings_or_memory_it_stands() -> None:
     assert command(sight(bearings=None)) == Twist(0.0, 0.0)
 

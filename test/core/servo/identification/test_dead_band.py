@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.identification.dead_band import (
     DeadBand,
     LEAST_ASKED,
@@ -140,6 +141,38 @@ def test_turns_are_counted_over_the_border() -> None:
 
 def test_unequal_wheels_that_undo_a_turn_are_not_taken_for_standing() -> None:
     assert turned(0.02, 0.0, linear=0.1).angular.value == 0.0
+
+
+def at_speed(*turns: float, curvature: float = 0.0, follows: float = 0.0) -> DeadBand:
+    """Return what ``turns`` [rad/s] of 1.6 s each, at 0.2 m/s, tell of a base."""
+    band, heading = DeadBand(), 0.0
+    for velocity in turns:
+        for _ in range(16):
+            heading += (follows * velocity + 0.2 * curvature) * DT
+            seen = sight(heading_error=heading, heading_deviation=3e-4)
+            band = band.updated(seen, None, Twist(0.2, velocity), DT, SETTINGS)
+    return band
+
+
+def test_turns_to_both_sides_that_change_nothing_tell_a_dead_band_at_full_speed() -> None:
+    assert 0.04 < at_speed(0.04, -0.04).angular.value < 0.08
+    assert 0.02 < at_speed(0.02, 0.04, 0.06).angular.value < 0.08
+    assert at_speed(0.04, 0.04).angular.value == 0.0  # as of wheels of a curvature of -0.2
+
+
+@pytest.mark.parametrize('curvature', [0.1, -0.2])
+def test_wheels_of_one_curvature_undo_no_turns_of_others(curvature: float) -> None:
+    undone = -0.2 * curvature
+    band = at_speed(undone, 1.4 * undone, 0.8 * undone, undone, curvature=curvature, follows=1.0)
+    assert band.angular.value == 0.0
+
+
+def test_a_dead_band_is_no_curvature() -> None:
+    state = in_phase(Phase.ORIENTING, curvature=Curvature(0.2))
+    state = state.changed(command=replace(state.command, twist=Twist(0.0, -0.02)))
+    for frame in range(2, 60):
+        state = update(state, Perception(turning(frame), MEMORY), DT, SETTINGS)
+    assert state.identified.curvature.value == 0.0
 
 
 @pytest.mark.parametrize('parallax', [0.5, 20.0])

@@ -82,6 +82,21 @@ def test_who_was_held_first_is_found_out_later() -> None:
     assert learnt(0.5, deaf_s=8.0, seconds=40.0).value == pytest.approx(0.5, abs=0.06)
 
 
+@pytest.mark.parametrize('delay', [0.3, 0.35])
+def test_a_delay_little_beyond_what_laws_bear_is_found_out(delay) -> None:
+    assert learnt(delay, rate=15.0).value == pytest.approx(delay, abs=0.06)
+
+
+def test_turns_that_a_dead_band_swallows_tell_no_delay() -> None:
+    """They would hide for long that turns come late."""
+    seen, commands = replace(sight(), heading_deviation=1e-3, offset=(0.0, -1.0)), CommandsSent()
+    known = Delay()
+    for k in range(100):
+        known = known.updated(replace(seen, stamp_ns=k * 10**8), commands, SETTINGS)
+        commands = commands.after(k * 10**8, Twist(0.2, 0.06))
+    assert not known.power.any()
+
+
 @pytest.mark.parametrize('delay', [0.0, 0.1, BORNE])
 def test_what_laws_bear_is_left_alone(delay) -> None:
     assert learnt(delay).value == 0.0

@@ -7,11 +7,9 @@ from visual_servo_epipolar.core.laws.braking import (
     braked,
     BRAKING,
     converging_speed,
-    CREEP,
     heading_share,
     LEAST_LOOK_AHEAD,
-    NEAR,
-    place_deviation,
+    looking_speed,
     settled_turn,
     STEERING_S,
     unfelt_latency,
@@ -37,7 +35,6 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 
 DOUBTFUL_LOOKS = 3  # times the frames of one that is sure: the noise has to be known
 YAW_FOR_NEW_ATTEMPT = math.radians(0.5)  # that the camera is learnt to differ by in this phase
-WELL_KNOWN = 6e-4  # deviation aside up to which it closes in at full speed [m]
 LEAST_DELAY = 1e-3  # of a loop [s]
 
 
@@ -107,10 +104,7 @@ def _converging_speed(
     braking = BRAKING * settings.max_acceleration
     aside = abs(x) + LEAST_LOOK_AHEAD * abs(measurement.heading_error)
     speed = converging_speed(aside, -y, state, braking, 1.0)
-    # What is unknown falls as 1 / sqrt of the views that see it from near.
-    known = min(WELL_KNOWN / max(place_deviation(state), WELL_KNOWN), 1.0) ** 2
-    slow = max(known * settings.max_linear, CREEP)
-    return min(speed, math.sqrt(slow * slow + 2.0 * braking * max(-y - NEAR, 0.0)))
+    return min(speed, looking_speed(-y, state, settings))
 
 
 def _look_ahead(

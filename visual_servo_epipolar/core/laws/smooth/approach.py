@@ -10,13 +10,16 @@ from visual_servo_epipolar.core.laws.braking import (
     converging_speed,
     heading_share,
     LEAST_LOOK_AHEAD,
+    looking_speed,
     NEAR,
+    place_deviation,
     rate_within,
     STEERING_S,
     TAIL_S,
     unfelt_latency,
 )
 from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
+from visual_servo_epipolar.core.laws.phases.lines import LAST_TURN
 from visual_servo_epipolar.core.laws.smooth.all_round import (
     driving_share,
     goes_around,
@@ -82,7 +85,10 @@ def approach(state: ServoState, measurement: Measurement, settings: ServoSetting
     elif speed > 0.0 and not around:
         aside = abs(sight.x) + LEAST_LOOK_AHEAD * abs(sight.heading)
         speed = min(speed, converging_speed(aside, left, state, braking, 1.0 + GAINS.k1))
-    look_ahead = max(STEERING_S * abs(speed), LEAST_LOOK_AHEAD)
+        if settings.max_retreat == 0.0:  # a miss is final
+            speed = min(speed, looking_speed(left, state, settings))
+    # What is not known to be aside is no reason to turn.
+    look_ahead = max(STEERING_S * abs(speed), LEAST_LOOK_AHEAD, place_deviation(state) / LAST_TURN)
     pose = _aimed_pose(sight, look_ahead, around)
     kappa = _visible_curvature(pose, measurement)
     speed = min(speed, _steerable(kappa, settings))

@@ -7,7 +7,10 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
-from visual_servo_epipolar.core.servo.identification.physical import largest_dead_band
+from visual_servo_epipolar.core.servo.identification.physical import (
+    largest_dead_band,
+    MOST_CURVATURE,
+)
 from visual_servo_epipolar.core.servo.settings import ServoSettings, with_identified
 
 LATE_S = 0.5  # by which a base may follow late
@@ -20,10 +23,9 @@ DEVIATIONS = 8.0  # of a position, that the motion commanded must be
 # Over the velocity that was not followed, and over one of about what was learnt already: it may be
 # twenty times as fast that is followed.
 MARGIN, MARGIN_AGAIN, LEARNT = 1.3, 1.9, 0.8
+UNLIKE = 0.25  # of a curvature, by which two differ: measured to 1 / DEVIATIONS each
 MOST_HOP = 0.005, math.radians(0.5)  # half a pulse: no end may be wider for it [m], [rad]
 REFINING = 0.005  # of a distance, that it changes by while a memory learns its scale
-# Up to which speed [m/s], and way of a turn [m/rad], unequal wheels undo no turn; nor by pulses.
-CREEPING, MOST_WAY = 0.002, 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +37,9 @@ class Threshold:
     the last ``idle`` [s]; since the position was ``origin`` they ``asked`` for a motion, ``power``
     the sum of their squares over time. Before that it ``stood`` below such a velocity: once may
     have been measured wrong, it takes two times. Metres or radians.
+
+    Wheels of a curvature ``bend`` [rad/m] would have undone the turn on the ``way`` [m]; inf where
+    there was none. No wheels undo turns of two different curvatures.
     """
 
     value: float = 0.0
@@ -45,9 +50,18 @@ class Threshold:
     power: float = 0.0
     stood: float = 0.0
     idle: float = 0.0
+    way: float = 0.0
+    bend: float = math.inf
 
     def updated(
-        self, position: float, deviation: float, velocity: float, dt: float, *, most: float
+        self,
+        position: float,
+        deviation: float,
+        velocity: float,
+        dt: float,
+        *,
+        most: float,
+        way: float = 0.0,
     ) -> 'Threshold':
         """
         Return the threshold after ``velocity`` was commanded for ``dt`` [s].
@@ -58,15 +72,20 @@ class Threshold:
         """
         side = math.copysign(1.0, velocity) if velocity else self.side
         turns = side * self.side < 0.0 and (self.asked != 0.0 or not self.value)
-        if not math.isfinite(deviation) or abs(velocity) > most or turns:
+        if not math.isfinite(deviation) or abs(velocity) > most:
             return Threshold(self.value)
+        if turns:
+            return Threshold(self.value, stood=self.stood, bend=self.bend)
         lasted = self.lasted + dt if side else 0.0
         idle = 0.0 if velocity else self.idle + dt
         if lasted <= LATE_S or math.isnan(self.origin):
             lasted = min(lasted, LATE_S)
-            return Threshold(self.value, side, lasted, position, stood=self.stood, idle=idle)
+            begun = Threshold(self.value, side, lasted, position, idle=idle)
+            return replace(begun, stood=self.stood, bend=self.bend)
         asked, power = self.asked + velocity * dt, self.power + velocity * velocity * dt
-        after = Threshold(self.value, side, lasted, self.origin, asked, power, self.stood, idle)
+        after = replace(
+            self, side=side, lasted=lasted, asked=asked, power=power, idle=idle, way=self.way + way
+        )
         # Of pulses the last one has to act, or to be one of many.
         many = lasted >= PATIENCE_S and abs(asked) >= MANY * self.value * dt
         has_acted = many or (self.value > 0.0 and idle + dt > LATE_S)
@@ -80,14 +99,18 @@ class Threshold:
         if self.side * (position - self.origin) >= least * abs(self.asked):
             return again
         usual = self.power / abs(self.asked)  # of those commands, by what they asked for
-        again = replace(again, stood=usual)
+        bend = (position - self.origin - self.asked) / self.way if self.way else math.inf
+        alike = not abs(bend - self.bend) > UNLIKE * max(abs(bend), abs(self.bend))
+        again = replace(again, stood=usual, bend=bend)
+        if abs(bend) <= MOST_CURVATURE and (alike or not self.stood):
+            return again  # unequal wheels undo as much
         if self.value:  # it was seen twice before that pulses are needed
             learnt = MARGIN_AGAIN * usual if LEARNT * self.value <= usual else self.value
         elif self.stood:  # pulses that are too small to be seen would teach nothing
             learnt = max(MARGIN * min(usual, self.stood), LEAST_ASKED / dt)
         else:
             return again
-        return replace(again, value=max(self.value, min(learnt, most)))
+        return replace(again, value=max(self.value, min(learnt, most)), stood=0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +138,6 @@ class DeadBand:
         """Return the dead band after ``twist`` led to a ``measurement`` in ``dt`` [s]."""
         if not learns(settings):
             return DeadBand()
-        turning = max(abs(twist.angular), self.angular.value)
-        creeps = abs(twist.linear) <= max(CREEPING, MOST_WAY * turning, self.linear.value)
         along, place = self.along, None
         if reading is not None:
             place = reading.lateral, reading.longitudinal
@@ -131,9 +152,10 @@ class DeadBand:
             ),
             self.angular.updated(
                 self._unwrapped(measurement.heading_error),
-                heading_deviation(measurement) if creeps else math.nan,
+                heading_deviation(measurement),
                 twist.angular,
                 dt,
+                way=twist.linear * dt,
                 most=_most(settings.max_angular, MOST_HOP[1], dt),
             ),
             along,

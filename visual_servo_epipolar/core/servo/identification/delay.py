@@ -17,7 +17,10 @@ from visual_servo_epipolar.core.laws.prediction import BORNE
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
-from visual_servo_epipolar.core.servo.identification.physical import MOST_DELAY_S
+from visual_servo_epipolar.core.servo.identification.physical import (
+    largest_dead_band,
+    MOST_DELAY_S,
+)
 from visual_servo_epipolar.core.servo.settings import ServoSettings, with_identified
 from visual_servo_epipolar.core.stamps import seconds_between
 
@@ -84,15 +87,16 @@ class Delay:
             or abs(turn) > PUSHED * settings.max_angular * gap
         ):
             return began
-        certain = CERTAINLY_LESS * LEAST_TURN
-        if abs(turn) < certain and gap * sent.fastest_turn < certain:
+        # Of a turn that no base need follow, none tells nothing.
+        slow = max(LEAST_TURN, gap * largest_dead_band(settings.max_angular))
+        if abs(turn) < CERTAINLY_LESS * LEAST_TURN and gap * sent.fastest_turn < slow:
             return began
         turns = sent.turns(self.since_ns, now_ns, DELAYS)
         largest = max(abs(turn), float(np.abs(turns).max()))
         if largest < LEAST_TURN:
             return began
         keep = math.exp(-largest * largest / FADING)
-        change = np.abs(turns) - abs(turns[_usual(settings.configured_latency)[-1]])
+        change = np.abs(turns) - abs(turns[_up_to(settings.configured_latency)[-1]])
         after = replace(
             began,
             seen=keep * self.seen + turn * turns,
@@ -106,11 +110,11 @@ class Delay:
     def _value(self, settings: ServoSettings) -> float:
         """Return the delay that turns tell, the one before where they tell none for certain."""
         left = self._left(LEAST_POWER)
-        usual = _usual(settings.configured_latency)
+        usual, stated = _usual(settings.configured_latency), _up_to(settings.configured_latency)
         soon, best = int(left[usual].argmin()), int(left.argmin())
         if best not in usual:
-            both_ends = min(self.later[best], self.longer[best]) >= LEAST_CHANGE
-            clear = both_ends and left[soon] >= CLEARLY * left[best]
+            both_ends = min(self.later[best], self.longer[best])
+            clear = min(both_ends, left[stated].min()) >= max(CLEARLY * left[best], LEAST_CHANGE)
             return float(DELAYS[best]) if clear and self._fits(left, best) else self.value
         known = int(np.abs(DELAYS - self.value).argmin())
         wrong = self._fits(left, soon) and left[known] > CLEARLY * left[soon]

@@ -8,6 +8,7 @@ from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.servo.dead_reckoning import DrivenInterval
 from visual_servo_epipolar.core.servo.fusion.fuse import disproved, Fusion
+from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics
 from visual_servo_epipolar.core.servo.identification.extrinsics_update import update_extrinsics
 from visual_servo_epipolar.core.servo.identification.straight_leg import straight_on
@@ -41,18 +42,19 @@ def identify(
             before.straight, fusion.reading, drive.travel, extrinsics
         )
     measurement = _of_the_axle(fusion.measurement, extrinsics)
-    odometry = drive.odometry.judge(measurement)
-    bias = _rotation_bias(state, measurement)
+    odometry, bias = drive.odometry.judge(measurement), _rotation_bias(state, measurement)
     measurement = _without_bias(measurement, bias)
     fusion = fusion._replace(measurement=measurement, rotation_bias=bias)
+    band = before.dead_band.updated(measurement, fusion.reading, acted.longest, acted.dt, settings)
+    # Turns that a dead band swallowed looked like a curvature.
+    misled = band.angular.value > before.dead_band.angular.value
+    curvature = Curvature() if misled else before.curvature
     return fusion, Identification(
         extrinsics=extrinsics,
-        curvature=before.curvature.updated(
+        curvature=curvature.updated(
             state.measurement, measurement, acted.twist, acted.dt, drift=settings.curvature_drift
         ),
-        dead_band=before.dead_band.updated(
-            measurement, fusion.reading, acted.longest, acted.dt, settings
-        ),
+        dead_band=band,
         delay=before.delay.updated(measurement, state.motion.sent, settings),
         odometry=odometry,
         # Another scale is another place: a leg cannot go on from one to the other.
