@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.two_lenses import TwoLensSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import TwoLensSettings
 
 CAMERA = TwoLensSettings(width=960, height=480, distortion_model='equirectangular')
 BANDS = (0.0, 2.0, 5.0, 10.0, 20.0, 90.0)  # from the seam [deg]

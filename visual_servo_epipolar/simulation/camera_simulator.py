@@ -7,8 +7,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.light.exposure import Exposure, LitView, toned
-from visual_servo_epipolar.simulation.light.lights import Light, LIGHTS
-from visual_servo_epipolar.simulation.light.settings import LightSettings, SAME
+from visual_servo_epipolar.simulation.light.lights import Light, LIGHTS, LightSettings, SAME
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.sensor import (
@@ -19,8 +18,7 @@ from visual_servo_epipolar.simulation.mounts.sensor import (
     SensorSettings,
 )
 from visual_servo_epipolar.simulation.nod import LEVEL, Nod
-from visual_servo_epipolar.simulation.rendering.exposures import Exposures
-from visual_servo_epipolar.simulation.rendering.renderer import Renderer
+from visual_servo_epipolar.simulation.rendering.renderer import Exposures, Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms.scene import painted_room
 from visual_servo_epipolar.simulation.view import View

@@ -15,8 +15,7 @@ from visual_servo_epipolar.simulation.light.exposure import (
     LitView,
     STOP,
 )
-from visual_servo_epipolar.simulation.light.lights import LIGHTS
-from visual_servo_epipolar.simulation.light.settings import LightSettings
+from visual_servo_epipolar.simulation.light.lights import LIGHTS, LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 CAMERA = CameraSettings(

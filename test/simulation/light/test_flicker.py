@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.simulation.light.exposure import flicker
-from visual_servo_epipolar.simulation.light.settings import LightSettings
+from visual_servo_epipolar.simulation.light.lights import LightSettings
 from visual_servo_epipolar.simulation.mounts.shutter import INSTANT, Shutter
 
 GREY = np.full((200, 4), 100, np.uint8)

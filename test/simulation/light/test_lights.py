@@ -5,8 +5,14 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.light.lights import Box, Lamp, LIGHTS, Window
-from visual_servo_epipolar.simulation.light.settings import DAY, LightSettings
+from visual_servo_epipolar.simulation.light.lights import (
+    Box,
+    DAY,
+    Lamp,
+    LIGHTS,
+    LightSettings,
+    Window,
+)
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 CAMERA = CameraSettings(

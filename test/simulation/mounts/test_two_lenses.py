@@ -9,8 +9,8 @@ from visual_servo_epipolar.core.cameras.registry import camera_of_size
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.canvas import Canvas
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import two_lens_rig, TwoLensSettings
 from visual_servo_epipolar.simulation.mounts.simulated_rig import ONE_LENS
-from visual_servo_epipolar.simulation.mounts.two_lenses import two_lens_rig, TwoLensSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld, through
 
 SIZE = 320, 160

@@ -6,19 +6,20 @@ import pytest
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
-from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
+from visual_servo_epipolar.simulation.rendering.raster import (
+    _blurred_area,
+    _footprint,
+    _subdivisions,
+    MAX_SKEW,
+    PinholeView,
+    rasterize,
+)
 from visual_servo_epipolar.simulation.rendering.sampling import (
     _areas,
     _average,
     _cover,
     _sources,
     _texel_boxes,
-)
-from visual_servo_epipolar.simulation.rendering.strips import (
-    _blurred_area,
-    _footprint,
-    _subdivisions,
-    MAX_SKEW,
 )
 from visual_servo_epipolar.simulation.rendering.textures import SHARPEST
 from visual_servo_epipolar.simulation.rooms.scene import room

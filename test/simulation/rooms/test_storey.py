@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.simulation.light.lights import CEILING, LIGHTS
-from visual_servo_epipolar.simulation.light.settings import (
+from visual_servo_epipolar.simulation.light.lights import (
+    CEILING,
     FURNITURE,
+    LIGHTS,
     PICTURES,
     RoomChange,
     STOREY,

@@ -87,10 +87,10 @@ NODES: Mapping[str, NodeRow] = {
         settings=(
             'simulation.mounts.camera_settings:CameraSettings',
             'simulation.mounts.simulated_head:HeadSettings',
-            'simulation.mounts.two_lenses:LensSettings',
+            'simulation.mounts.camera_settings:LensSettings',
             'nodes.startup.settings:CameraRig',
             'simulation.disturbances.image:DisturbanceSettings',
-            'simulation.light.settings:LightSettings',
+            'simulation.light.lights:LightSettings',
             'nodes.startup.settings:CameraFrames',
         ),
     ),

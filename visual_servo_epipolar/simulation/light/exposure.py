@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.simulation.light.lights import Light
-from visual_servo_epipolar.simulation.light.settings import LightSettings
+from visual_servo_epipolar.simulation.light.lights import Light, LightSettings
 from visual_servo_epipolar.simulation.mounts.shutter import INSTANT, Shutter
 
 STOP = 12  # steps in which the exposure is set, a factor of two [1]

@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.cameras.registry import calibrated_camera, CAMER
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.mounts.shutter import Receipt, Shutter
+from visual_servo_epipolar.simulation.mounts.simulated_rig import LensPlacement
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,3 +174,28 @@ class CameraSettings(Settings):
     def fixed_rig(self) -> FixedRig:
         """Return the rig of a camera that is screwed to the robot."""
         return FixedRig(self.camera, self.mount, self.jitter, self.seed, self.bumps)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LensSettings(Settings):
+    """Two lenses back to back: how far apart they are, and how the one behind is turned."""
+
+    lens_baseline: float = fixed(
+        0.1, 'Distance between the centres of both lenses [m]', low=0.0, high=0.5
+    )
+    lens_rotation: tuple[float, float, float] = internal(
+        (0.0, 0.0, 0.0), 'Turn of the lens behind, about right, down and ahead [rad]'
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoLensSettings(LensSettings, CameraSettings):
+    """A camera of two lenses, whose mount is where the middle between them is."""
+
+
+def two_lens_rig(settings: TwoLensSettings) -> FixedRig:
+    """Return the rig that ``settings`` describe."""
+    half = 0.5 * settings.lens_baseline
+    ahead = LensPlacement(1, (0.0, 0.0, half))
+    behind = LensPlacement(-1, (0.0, 0.0, -half), settings.lens_rotation)
+    return replace(settings.fixed_rig(), lenses=(ahead, behind))

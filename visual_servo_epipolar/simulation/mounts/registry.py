@@ -5,11 +5,14 @@ from dataclasses import fields
 from typing import Any, NamedTuple
 
 from visual_servo_epipolar.core.settings import Settings
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import (
+    CameraSettings,
+    two_lens_rig,
+    TwoLensSettings,
+)
 from visual_servo_epipolar.simulation.mounts.pan_tilt import pan_tilt_rig, PanTiltSettings
 from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings
 from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
-from visual_servo_epipolar.simulation.mounts.two_lenses import two_lens_rig, TwoLensSettings
 
 
 class SimulatedRigModel(NamedTuple):

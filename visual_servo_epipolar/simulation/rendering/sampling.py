@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.simulation.rendering.raster import Box, Raster
-from visual_servo_epipolar.simulation.rendering.strips import MAX_SUBDIVISION
+from visual_servo_epipolar.simulation.rendering.raster import Box, MAX_SUBDIVISION, Raster
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rendering.textures import Sheet
 

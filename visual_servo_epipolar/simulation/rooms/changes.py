@@ -6,19 +6,21 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.simulation.light.lights import Lamp, Light, Window
-from visual_servo_epipolar.simulation.light.settings import (
+from visual_servo_epipolar.simulation.light.lights import (
     FURNITURE,
+    Lamp,
     LAMPS,
+    Light,
     PICTURES,
     RoomChange,
     STOREY,
+    Window,
 )
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, Panel
 from visual_servo_epipolar.simulation.rooms.floor_plan import FloorCell, PLAN
-from visual_servo_epipolar.simulation.rooms.pictures import landscape, lettering, poster, shapes
+from visual_servo_epipolar.simulation.rooms.materials import landscape, lettering, poster, shapes
 from visual_servo_epipolar.simulation.rooms.textures import Painting
 
 Cells = frozenset[str]

@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.simulation.light.lights import CEILING, LIGHTS
-from visual_servo_epipolar.simulation.light.settings import RoomChange
+from visual_servo_epipolar.simulation.light.lights import CEILING, LIGHTS, RoomChange
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, LEFT, REAR, RIGHT

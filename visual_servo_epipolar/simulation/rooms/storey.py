@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.simulation.light.lights import LIGHTS
-from visual_servo_epipolar.simulation.light.settings import RoomChange
+from visual_servo_epipolar.simulation.light.lights import LIGHTS, RoomChange
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, HEIGHT

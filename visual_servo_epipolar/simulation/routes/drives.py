@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns
 from visual_servo_epipolar.simulation.bases.registry import new_base, SimulatedBase
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.light.settings import LightSettings
+from visual_servo_epipolar.simulation.light.lights import LightSettings
 from visual_servo_epipolar.simulation.routes.ways import DrivenWay, Driver, SPACING
 from visual_servo_epipolar.simulation.scenario import Scenario
 

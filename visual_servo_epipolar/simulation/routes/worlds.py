@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.simulation.light.settings import FURNITURE, LAMPS, PICTURES, STOREY
+from visual_servo_epipolar.simulation.light.lights import FURNITURE, LAMPS, PICTURES, STOREY
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 GAMMA = (0.4, 2.5)  # drawn evenly in its logarithm

@@ -7,9 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+pytest.importorskip('rclpy')
+
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.evaluation.benchmarks.speed import driven_run
-from visual_servo_epipolar.evaluation.benchmarks.speed.driven_run import (
+from visual_servo_epipolar.evaluation.benchmarks.speed import latency
+from visual_servo_epipolar.evaluation.benchmarks.speed.latency import (
     are_same,
     driven,
     DrivenRun,
@@ -59,7 +61,7 @@ def test_times_in_memory_are_medians_of_both(run) -> None:
 
 
 def test_no_image_is_from_after_the_end_of_a_run(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(driven_run, 'START', (0.0, 0.0, 0.0))
+    monkeypatch.setattr(latency, 'START', (0.0, 0.0, 0.0))
     arrived = driven(CAMERA, 20.0, tmp_path)
     assert 0 < len(arrived.images) == len(arrived.twists) < 20.0 * CAMERA.frame_rate
 
@@ -88,7 +90,6 @@ class Wire:
 
 
 def test_each_turn_begins_at_the_first_image_with_a_servo_that_begins_anew(run) -> None:
-    latency = pytest.importorskip('visual_servo_epipolar.evaluation.benchmarks.speed.latency')
     wire = Wire([*run.twists[:9], Twist(1.0, 0.0)])
     two = latency.TwoNodes(wire, run)
     for _ in range(2):

@@ -8,10 +8,10 @@ from typing import Any
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.peers import PEERS
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.true_pose import (
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.peers import (
     drive_by_pose,
     least_time,
+    PEERS,
     POSE_LAWS,
 )
 from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
