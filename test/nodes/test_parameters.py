@@ -299,14 +299,14 @@ def test_settings_that_contradict_each_other_are_refused_at_the_start(bench) -> 
         bench.start(ServoNode, latch_engage=0.1)
 
 
-def test_a_parameter_of_an_earlier_version_is_named_with_its_new_name(bench) -> None:
-    with pytest.raises(ValueError, match='calls the parameter room spiral_ratio now; rename it'):
-        bench.start(ServoNode, room=0.5)
+def test_names_of_earlier_versions_are_answered_all_at_once_each_in_a_line(bench) -> None:
+    expected = 'rename or delete them in your file\n  room -> spiral_ratio\n  least_room -> least'
+    with pytest.raises(ValueError, match=expected):
+        bench.start(ServoNode, room=0.5, least_room=0.1)
 
 
-def test_a_parameter_that_is_gone_is_refused_in_one_line(bench) -> None:
-    message = '^tracker_node has no parameter auxiliary_features any more; delete it from your'
-    with pytest.raises(ValueError, match=message):
+def test_a_parameter_that_is_gone_is_answered_with_what_holds(bench) -> None:
+    with pytest.raises(ValueError, match='^tracker_node .*\n  auxiliary_features: gone, 0 holds$'):
         bench.start(TrackerNode, auxiliary_features=0)
 
 

@@ -50,16 +50,11 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     version; rclpy raises for a wrong range.
     """
     given = node.given
-    for name in given:
-        if name in kind.RENAMED:
-            raise ValueError(
-                f'{node.get_name()} calls the parameter {name} {kind.RENAMED[name]} now; '
-                'rename it in your file'
-            )
-        if name in kind.GONE:
-            raise ValueError(
-                f'{node.get_name()} has no parameter {name} any more; delete it from your file'
-            )
+    old = [f'{name} -> {kind.RENAMED[name]}' for name in given if name in kind.RENAMED]
+    old += [f'{name}: gone, {kind.GONE[name]!r} holds' for name in given if name in kind.GONE]
+    if old:
+        lines = '\n  '.join(['rename or delete them in your file', *old])
+        raise ValueError(f'{node.get_name()} is given names of earlier versions; {lines}')
     values: dict[str, Any] = {}
     for item in fields(kind):
         if range_of(item).internal and item.name not in given:
