@@ -328,3 +328,17 @@ def test_a_geometry_that_turns_otherwise_than_the_features_is_not_trusted(
     measurement = perceive(seen, ServoSettings(), 0).measurement
     assert (measurement.bearings is not None) is trusted
     assert ('the features as a whole' in measurement.reason) is not trusted
+
+
+@pytest.mark.parametrize(('apart', 'shared'), [(100.0, 1.0), (0.0, 30.0)])
+def test_features_whose_patches_overlap_make_bearings_as_much_less_certain(
+    apart: float, shared: float
+) -> None:
+    pixels = 100.0 + apart * np.stack(np.divmod(np.arange(30.0), 6.0), axis=1)
+    nothing = np.zeros(30, np.int64)
+    features = Features(np.arange(30), pixels, pixels, nothing, np.zeros(30))
+    assert observe(features, CAMERA, 0).shared == pytest.approx(shared)
+    rng = np.random.default_rng(0)
+    seen = observation(*(blurred(rays, 0.3 / 769.0, rng) for rays in matches(BEHIND)))
+    alone, together = measured(seen), measured(replace(seen, shared=shared))
+    assert together.deviation == pytest.approx(math.sqrt(shared) * alone.deviation)

@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 from visual_servo_epipolar.core.geometry.rotation import rotated
 from visual_servo_epipolar.core.rigs.rig import HeadView, Joints, Rig
+from visual_servo_epipolar.core.tracking.alignment.sampling import overlap
 from visual_servo_epipolar.core.tracking.features import Features
 
 # Of the angle of a pixel, where another lens sees a feature than in the photograph: its centre is
@@ -69,6 +70,7 @@ class Observation(MatchedRays):
     odometry: Pose | None = None
     head: HeadView | None = None
     rows: FloatArray | None = None
+    shared: float = 1.0
 
     @property
     def joints(self) -> Joints | None:
@@ -166,4 +168,5 @@ def observe(features: Features, camera: CameraModel, stamp_ns: int) -> Observati
         wide=camera.wide,
         ids=ids,
         rows=None if camera.wraps else pixels[:kept, 1] / camera.height - 0.5,
+        shared=overlap(pixels[:kept], (camera.height, camera.width)),
     )

@@ -82,7 +82,12 @@ def validated_estimate(
     except DegenerateGeometryError as error:
         return ValidatedEstimate(memory, str(error))
     quality = fit_quality(
-        geometry, observation.current, observation.desired, observation.resolution, memory.noise
+        geometry,
+        observation.current,
+        observation.desired,
+        observation.resolution,
+        memory.noise,
+        observation.shared,
     )
     reason = rejection_reason(geometry, quality, memory, settings, prior.attitude.jitter)
     if settings.calibrated:  # through an unknown lens a turn looks another

@@ -59,16 +59,17 @@ def fit_quality(
     desired: FloatArray,
     resolution: FloatArray,
     noise: float,
+    shared: float = 1.0,
 ) -> FitQuality:
     """
     Return how well ``estimate`` fits unit rays, (N, 3), with angles of a pixel, (N, 2).
 
-    It took the noise of a coordinate for ``noise`` [px].
+    It took the noise of a coordinate for ``noise`` [px]; ``shared`` matches count as one.
     """
     distances = np.abs(sampson_distance(estimate.fundamental, current, desired, resolution))
     inliers = int(np.count_nonzero(estimate.inliers))
     shown = likeliest_noise(distances, noise)
-    growth = max(shown / noise, 1.0) * tails_of_few(inliers)
+    growth = max(shown / noise, 1.0) * tails_of_few(inliers) * math.sqrt(shared)
     variance = max(estimate.covariance[0, 0], estimate.covariance[1, 1], 0.0)
     extent = angular_extent(desired, estimate.inliers)
     deviation = math.hypot(growth * math.sqrt(variance), _apart(estimate))

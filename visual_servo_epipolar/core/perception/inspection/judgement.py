@@ -89,14 +89,13 @@ class Inspection:
 
 
 def judged(
-    observation: Observation, settings: PerceptionSettings, shared: float = 1.0
+    observation: Observation, settings: PerceptionSettings
 ) -> tuple[Inspection, FloatArray | None]:
     """
     Return what matches tell as rays, and E for them, (3, 3), if there is one.
 
     The motion is planar where that is the simplest that explains the matches, else a general one;
     the deviation of the general one holds for both: it looks around for whatever else may be true.
-    ``shared`` is how many matches tell as much as an independent one.
     """
     if len(observation) < settings.min_features:
         reason = f'{len(observation)} features, {settings.min_features} needed'
@@ -105,7 +104,7 @@ def judged(
     found = Inspection(False, '', parallax_px=turn.parallax * observation.focal)
     rays = rays_of(observation.current, observation.desired, observation.resolution)
     try:
-        fit, spread = spread_of(general_motion(rays), rays, shared)
+        fit, spread = spread_of(general_motion(rays), rays, observation.shared)
     except DegenerateGeometryError as error:
         return replace(found, reason=str(error)), None
     planar = _simplest_planar(observation, rays, fit, spread, settings)

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.tracking.alignment.sampling import (
     float_image,
     FloatImage,
-    patch_radius,
+    overlap,
 )
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
@@ -40,7 +40,6 @@ REFINEMENT = 15  # iterations of the alignment after the match
 MIN_CORRELATION = 0.75
 ENOUGH, ROUNDS = 250, 2  # matches; searches for more among their neighbours
 AMONG_NEIGHBOURS = 0.85  # correlation of those, for which no descriptor speaks
-COMPARED = 500  # patches with which all are compared, to see how they overlap
 
 
 def inspect(
@@ -81,9 +80,9 @@ def inspect(
         current_camera.focal,
         pixel_angles=resolution,
         wide=current_camera.wide,
+        shared=overlap(matches.current, painted.shape),
     )
-    shared = _overlap(matches.current, 2 * patch_radius(painted.shape) + 1)
-    found, essential = judged(observation, settings, shared)
+    found, essential = judged(observation, settings)
     doubt = doubtful_tilt(current_camera, found.tilt)
     if found.trusted and doubt:
         found = replace(found, trusted=False, reason=doubt)
@@ -124,18 +123,6 @@ def _among_neighbours(found: Warps, view: DesiredView, anchor: Anchor, image: Fl
     more = reacquire(predicted, found, anchor, image, view.canvas)
     alignment = anchor.align(more, image, iterations=REFINEMENT)
     return alignment.warps.take(alignment.correlation >= AMONG_NEIGHBOURS)
-
-
-def _overlap(pixels: FloatArray, side: int) -> float:
-    """
-    Return how many matches at ``pixels``, (N, 2), tell as much as one that is independent.
-
-    Patches of a ``side`` [px] that overlap have the noise of the same pixels: errors of two of
-    them correlate by the share of the area that they have in common.
-    """
-    some = pixels[:: max(len(pixels) // COMPARED, 1)]
-    common = np.maximum(1.0 - np.abs(some[:, None] - pixels) / side, 0.0).prod(axis=2)
-    return float(common.sum() / len(some))
 
 
 def _in_pixels(

@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 
 RADIUS, LEAST_RADIUS = 10, 6  # patches have 2 radius + 1 pixels a side
 USUAL_SIZE = 640 * 480  # of an image: the radius shrinks with smaller ones [px]
+COMPARED = 500  # patches with which all are compared, to see how they overlap
 NOISE_ROWS, NOISE_SAMPLES = 24, 8000  # of an image, from which its noise is told
 NORMAL = 1.4826  # standard deviation over median absolute deviation
 LEAST_NOISE = 0.5  # of rounding, and of a picture that was compressed [grey levels]
@@ -26,6 +27,19 @@ def patch_radius(shape: tuple[int, ...]) -> int:
     """
     share = min(shape[0] * shape[1] / USUAL_SIZE, 1.0)
     return max(LEAST_RADIUS, round(RADIUS * math.sqrt(share)))
+
+
+def overlap(pixels: FloatArray, shape: tuple[int, ...]) -> float:
+    """
+    Return how many features at ``pixels``, (N, 2), of an image of ``shape`` count as one.
+
+    Patches that overlap have the noise of the same pixels: errors of two of them correlate by the
+    share of the area that they have in common. Features are independent where that is 1.
+    """
+    side = 2.0 * patch_radius(shape) + 1.0
+    some = pixels[:: max(len(pixels) // COMPARED, 1)]
+    common = np.maximum(1.0 - np.abs(some[:, None] - pixels) / side, 0.0).prod(axis=2)
+    return float(common.sum() / max(len(some), 1))
 
 
 def float_image(image: Image) -> FloatImage:
