@@ -27,15 +27,27 @@ LARGE_VALUES = {
 }
 FLAT = ('Settings', 'Circumstances')
 DOUBLE_NAMES = {'Gains', 'Scene'}
+# Private parts of dependencies: rclpy leaves the services of a life cycle on the graph.
+PRIVATE_PARTS = {('nodes/lifecycle/managed_node.py', '_state_machine')}
+DOCUMENTED = {'_replace', '_exit'}  # of named tuples, and of os
+
+
+@cache
+def trees() -> list[tuple[str, ast.Module]]:
+    """Return the files of the package, parsed."""
+    return [
+        (str(path.relative_to(PACKAGE)), ast.parse(path.read_text(encoding='utf-8')))
+        for path in sorted(PACKAGE.rglob('*.py'))
+    ]
 
 
 @cache
 def nodes() -> list[tuple[str, ast.AST]]:
     """Return all classes and functions of the package, with the file that each is in."""
     return [
-        (str(path.relative_to(PACKAGE)), node)
-        for path in sorted(PACKAGE.rglob('*.py'))
-        for node in statements_of(ast.parse(path.read_text(encoding='utf-8')))
+        (file, node)
+        for file, tree in trees()
+        for node in statements_of(tree)
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef))
     ]
 
@@ -89,9 +101,10 @@ def test_a_class_name_occurs_once() -> None:
 
 def test_laws_know_the_servo_by_its_types_alone() -> None:
     imports = [
-        (str(path.relative_to(PACKAGE)), node.module)
-        for path in (PACKAGE / 'core' / 'laws').rglob('*.py')
-        for node in ast.parse(path.read_text(encoding='utf-8')).body
+        (file, node.module)
+        for file, tree in trees()
+        if file.startswith('core/laws/')
+        for node in tree.body
         if isinstance(node, ast.ImportFrom)  # at run time: not below TYPE_CHECKING
     ]
     assert [each for each in imports if 'core.servo' in (each[1] or '')] == []
@@ -121,3 +134,42 @@ def test_a_node_reaches_no_more_than_it_needs(node: str) -> None:
         left = {found for path in left for found in imported(path)} - reached
     lines = sum(len(path.read_text(encoding='utf-8').splitlines()) for path in reached)
     assert lines <= MOST_REACHED[node], sorted(str(path) for path in reached)
+
+
+def test_no_private_part_of_a_dependency_is_used() -> None:
+    own = own_names()
+    found = {(file, name) for file, tree in trees() for name in foreign_names(tree)}
+    assert {each for each in found if is_private(each[1]) and each[1] not in own} == PRIVATE_PARTS
+
+
+def is_private(name: str) -> bool:
+    """Return whether a part of a name has an underscore before it, or is an implementation."""
+    parts = name.split('.')
+    return 'impl' in parts or any(it.startswith('_') and not it.endswith('__') for it in parts)
+
+
+def foreign_names(tree: ast.Module) -> Iterator[str]:
+    """Yield what is imported from other packages, attributes, and what ``getattr`` asks for."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute):
+            yield node.attr
+        elif isinstance(node, ast.Import):
+            yield from (item.name for item in node.names)
+        elif isinstance(node, ast.ImportFrom) and not (node.module or '').startswith(PACKAGE.name):
+            yield from (f'{node.module}.{item.name}' for item in node.names)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ('getattr', 'setattr'):
+            name = node.args[1]
+            if isinstance(name, ast.Constant):
+                yield str(name.value)
+
+
+def own_names() -> set[str]:
+    """Return the names that the package defines itself."""
+    names = set(DOCUMENTED)
+    for _, tree in trees():
+        for node in ast.walk(tree):
+            if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+                names.add(node.name)
+            elif isinstance(node, (ast.Name, ast.Attribute)) and isinstance(node.ctx, ast.Store):
+                names.add(node.id if isinstance(node, ast.Name) else node.attr)
+    return names

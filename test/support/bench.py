@@ -18,13 +18,12 @@ from rcl_interfaces.srv import ListParameters
 import rclpy
 from rclpy.client import Client
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.nodes import parameters
-from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
+from visual_servo_epipolar.nodes.startup.executor import new_executor, spin_once
 
 DOMAINS_A_PROCESS, MAX_DOMAIN = 10, 100  # ports of domains above lie among those of the kernel
 USUAL_SEC = 30.0  # many times what anything here takes, also beside other work
@@ -54,7 +53,7 @@ def next_domain() -> int:
 
 
 def spin_until(
-    executor: SingleThreadedExecutor,
+    executor: Any,
     condition: Callable[[], bool],
     timeout_sec: float,
     waiting_for: str,
@@ -69,13 +68,44 @@ def spin_until(
         left_sec -= min(time.monotonic() - began, LONGEST_TURN_SEC)
 
 
+class Spinner:
+    """Executors of nodes that run in one thread here, and in a process each otherwise."""
+
+    def __init__(self, context: Context) -> None:
+        self._executors = [new_executor(context, with_info=each) for each in (False, True)]
+        self._recorders = 0
+
+    def add_node(self, node: Node) -> None:
+        with_info = getattr(node, 'with_info', False)
+        self._executors[with_info].add_node(node)
+        self._recorders += with_info
+
+    def remove_node(self, node: Node) -> None:
+        with_info = getattr(node, 'with_info', False)
+        self._executors[with_info].remove_node(node)
+        self._recorders -= with_info
+
+    def spin_once(self, timeout_sec: float) -> None:
+        if self._recorders:
+            spin_once(self._executors[True], 0.0)
+            timeout_sec = min(timeout_sec, 0.001)
+        spin_once(self._executors[False], timeout_sec)
+
+    def create_task(self, task: Any) -> Any:
+        return self._executors[False].create_task(task)
+
+    def shutdown(self) -> None:
+        for executor in self._executors:
+            executor.shutdown()
+
+
 class Bench(AbstractContextManager['Bench']):
     """Nodes under test and a probe in one context; all is destroyed at the end."""
 
     def __init__(self, domain_id: int | None = None) -> None:
         self.context = Context()
         rclpy.init(args=[], context=self.context, domain_id=domain_id or next_domain())
-        self.executor = MessageExecutor(context=self.context)
+        self.executor = Spinner(self.context)
         self.nodes: list[Node] = []
         self._refused = False  # whether a node did not start
         self._clients: dict[tuple[str, Any], Client] = {}

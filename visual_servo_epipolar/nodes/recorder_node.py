@@ -35,6 +35,8 @@ PATIENT_DISCOVERIES = 25  # before a topic is missed, five seconds
 class RecorderNode(ManagedNode):
     """Hosts a ``Recorder``, begun and completed while active; messages pass as bytes."""
 
+    with_info = True  # its subscriptions ask for the numbers of messages
+
     def __init__(self, **options: Any) -> None:
         super().__init__('recorder_node', **options)
         self._node_settings = parameters.declare(self, RecorderNodeSettings)

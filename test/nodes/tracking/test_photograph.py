@@ -285,7 +285,7 @@ def test_photographs_in_other_light_are_added_and_kept(bench, simulator, tmp_pat
     assert 'this is photograph 2 of the pose to come back to' in added.message
     assert rig.node._tracker.goal.id == goal
     rig.see()
-    assert bench.logged('of 2 fits the light best')
+    bench.until(lambda: bool(bench.logged('of 2 fits the light best')), 'the log')
     assert 'one photograph more than max_photographs, 2; raise it' in rig.capture().message
     assert [len(images) for images in (load(path).more, list(tmp_path.glob('*.png')))] == [1, 2]
     bench.executor.remove_node(rig.node)

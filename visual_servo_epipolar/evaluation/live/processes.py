@@ -16,7 +16,7 @@ from rclpy.node import Node
 
 from visual_servo_epipolar import processes
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.nodes.startup.executor import isolated_context, MessageExecutor
+from visual_servo_epipolar.nodes.startup.executor import isolated_context, new_executor, spin_once
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.threads import ONE_THREAD
 
@@ -165,8 +165,7 @@ class Listener:
         context = stack.enter_context(isolated_context('LOCALHOST', domain_id=DOMAIN))
         self.node: Node = rclpy.create_node(name, context=context)
         stack.callback(self.node.destroy_node)
-        # rclpy's own would be felt in what it times.
-        self._executor = MessageExecutor(context=context)
+        self._executor = new_executor(context)
         self._executor.add_node(self.node)
 
     def spin_for(self, seconds: float) -> None:
@@ -185,4 +184,4 @@ class Listener:
 
     def _spin_until(self, moment: float) -> None:
         while (remaining := moment - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=remaining)
+            spin_once(self._executor, remaining)

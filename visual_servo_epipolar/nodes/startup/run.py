@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.nodes.startup import command_line, complaints, process
-from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
+from visual_servo_epipolar.nodes.startup.executor import new_executor, spin_once
 
 FAREWELL_S = 0.5  # after `shutdown`, until who asked for it has the answer
 
@@ -67,10 +67,10 @@ def spin(kind: type[Any]) -> int:
 
 def _run(node: Node, ending: list[signal.Signals], suspending: list[bool]) -> None:
     """Call back for ``node`` until a signal, which the lists get, or its life cycle ends it."""
-    executor = MessageExecutor()
+    executor = new_executor(with_info=getattr(node, 'with_info', False))
     executor.add_node(node)
     while not ending and getattr(node, 'state', '') != 'finalized':
-        executor.spin_once(timeout_sec=0.1)
+        spin_once(executor, 0.1)
         if suspending:
             suspending.clear()
             getattr(node, 'suspend', lambda: None)()
