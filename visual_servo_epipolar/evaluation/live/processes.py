@@ -1,8 +1,7 @@
-"""Processes of nodes on this machine alone, what they cost, and a listener to what they say."""
+"""Processes of nodes on this machine alone, and a listener to what they say."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 import os
 from pathlib import Path
 import signal
@@ -28,36 +27,6 @@ END_S = 30.0  # for a process to end, before it is killed
 Process = subprocess.Popen[bytes]
 
 
-@dataclass(frozen=True, slots=True)
-class Cost:
-    """
-    What a process has cost up to now, and holds.
-
-    Processor time [s], resident memory [MB] and its peak [MB], threads, open files and sockets.
-    """
-
-    processor_s: float
-    memory_mb: float
-    peak_mb: float
-    threads: int
-    handles: int
-
-    @classmethod
-    def of(cls, process: Process) -> 'Cost':
-        """Read what the kernel knows of a process."""
-        # User and system time are fields 14 and 15; the name before them may hold blanks.
-        fields = Path(f'/proc/{process.pid}/stat').read_text().rpartition(')')[2].split()
-        ticks = int(fields[11]) + int(fields[12])
-        status = dict(
-            line.split(':', 1)
-            for line in Path(f'/proc/{process.pid}/status').read_text().splitlines()
-        )
-        resident, peak = (int(status[key].split()[0]) * 1024 / 1e6 for key in ('VmRSS', 'VmHWM'))
-        handles = len(os.listdir(f'/proc/{process.pid}/fd'))
-        threads = int(status['Threads'])
-        return cls(ticks / os.sysconf('SC_CLK_TCK'), resident, peak, threads, handles)
-
-
 GEOMETRY = ('width', 'height', 'focal_length', 'principal_u', 'principal_v', 'seed', 'frame_rate')
 
 
@@ -71,59 +40,18 @@ def camera_arguments(camera: CameraSettings) -> tuple[str, ...]:
     return arguments(**{name: getattr(camera, name) for name in GEOMETRY})
 
 
-Stretch = tuple[Mapping[str, Cost], Mapping[str, Cost]]  # costs before and after it
-
-
 def start_nodes(
     stack: ExitStack, nodes: Mapping[str, Sequence[str]], folder: Path, *, logs: bool = False
 ) -> dict[str, Process]:
     """
     Start each node (a module's full name, or one of ours) with its arguments in ``folder``.
 
-    They are in sessions of their own, and end as by ``start_module``. With ``logs``, what each
-    writes to standard error is in NAME.log there.
+    They are in sessions of their own, and end with ``stack``, and with this process, however that
+    ends. With ``logs``, what each writes to standard error is in NAME.log there.
     """
     return {
         name: _start_node(stack, name, arguments, folder, logs=logs)
         for name, arguments in nodes.items()
-    }
-
-
-def start_module(stack: ExitStack, module: str, *arguments: str, **options: Any) -> Process:
-    """
-    Start a module with its arguments as ``python -m`` does, with ``options`` of Popen.
-
-    It ends with ``stack``, and with this process, however that ends.
-    """
-    command = [sys.executable, '-m', processes.__name__, str(os.getpid()), module, *arguments]
-    process = stack.enter_context(subprocess.Popen(command, **options))
-    stack.callback(_end, process)
-    return process
-
-
-def costs(processes: Mapping[str, Process]) -> dict[str, Cost]:
-    """Return what each process has cost up to now."""
-    return {name: Cost.of(process) for name, process in processes.items()}
-
-
-def spent(stretches: Sequence[Stretch], frames: int) -> dict[str, dict[str, Any]]:
-    """
-    Return what ``frames`` cost each process: processor [ms a frame], memory [MB].
-
-    ``stretches`` are the costs before and after each stretch of time that counts.
-    """
-    first, last = stretches[0][0], stretches[-1][1]
-
-    def processor_s(name: str) -> float:
-        return sum(after[name].processor_s - it[name].processor_s for it, after in stretches)
-
-    return {
-        name: {
-            'processor_ms': 1e3 * processor_s(name) / max(frames, 1),
-            'memory_mb': [it.memory_mb, last[name].memory_mb],
-            'peak_mb': last[name].peak_mb,
-        }
-        for name, it in first.items()
     }
 
 
@@ -137,8 +65,13 @@ def _start_node(
     if logs:
         environment['ROS_LOG_DIR'] = str(folder)
         said = stack.enter_context((folder / f'{name}.log').open('wb'))
-    options = {'cwd': folder, 'env': environment, 'stderr': said, 'start_new_session': True}
-    return start_module(stack, module, '--ros-args', *arguments, **options)
+    command = [sys.executable, '-m', processes.__name__, str(os.getpid()), module]
+    command += ['--ros-args', *arguments]
+    process = stack.enter_context(
+        subprocess.Popen(command, cwd=folder, env=environment, stderr=said, start_new_session=True)
+    )
+    stack.callback(_end, process)
+    return process
 
 
 def _end(process: Process) -> None:

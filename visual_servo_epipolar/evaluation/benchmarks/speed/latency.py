@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from itertools import cycle, islice
 import math
+import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 import time
@@ -38,12 +39,10 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.evaluation.live import echo
 from visual_servo_epipolar.evaluation.live.processes import (
     arguments,
-    costs,
     Listener,
-    spent,
+    Process,
     start_nodes,
     START_S,
-    Stretch,
 )
 from visual_servo_epipolar.evaluation.tables import aligned
 from visual_servo_epipolar.messages import read, write
@@ -171,13 +170,9 @@ class PlayedCamera(Listener):
         self.spin_for(SETTLE_S)
         return drive
 
-    def wait_for_listeners(self, count: int, *, to_echo: bool = False) -> None:
-        """Wait until so many subscribe to images."""
-        publisher = self._echo_pub if to_echo else self._image_pub
-        self.wait(
-            lambda: publisher.get_subscription_count() >= count,
-            f'images have found no {count} listeners',
-        )
+    def wait_for_echo(self) -> None:
+        """Wait until the echo subscribes to images."""
+        self.wait(lambda: self._echo_pub.get_subscription_count() > 0, 'no echo has come')
 
     def _publish(self, publisher: Any, image: Pixels, stamp_ns: int) -> None:
         image = image.copy()
@@ -356,6 +351,57 @@ def run(
     return {'seconds': seconds, 'rows': rows}
 
 
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a process has cost up to now: processor time [s], resident memory and its peak [MB]."""
+
+    processor_s: float
+    memory_mb: float
+    peak_mb: float
+
+    @classmethod
+    def of(cls, process: Process) -> 'Cost':
+        """Read what the kernel knows of a process."""
+        # User and system time are fields 14 and 15; the name before them may hold blanks.
+        fields = Path(f'/proc/{process.pid}/stat').read_text().rpartition(')')[2].split()
+        ticks = int(fields[11]) + int(fields[12])
+        status = dict(
+            line.split(':', 1)
+            for line in Path(f'/proc/{process.pid}/status').read_text().splitlines()
+        )
+        resident, peak = (int(status[key].split()[0]) * 1024 / 1e6 for key in ('VmRSS', 'VmHWM'))
+        return cls(ticks / os.sysconf('SC_CLK_TCK'), resident, peak)
+
+
+Stretch = tuple[Mapping[str, Cost], Mapping[str, Cost]]  # costs before and after it
+
+
+def costs(processes: Mapping[str, Process]) -> dict[str, Cost]:
+    """Return what each process has cost up to now."""
+    return {name: Cost.of(process) for name, process in processes.items()}
+
+
+def spent(stretches: Sequence[Stretch], frames: int) -> dict[str, dict[str, Any]]:
+    """
+    Return what ``frames`` cost each process: processor [ms a frame], memory [MB].
+
+    ``stretches`` are the costs before and after each stretch of time that counts.
+    """
+    first, last = stretches[0][0], stretches[-1][1]
+
+    def processor_s(name: str) -> float:
+        return sum(after[name].processor_s - it[name].processor_s for it, after in stretches)
+
+    return {
+        name: {
+            'processor_ms': 1e3 * processor_s(name) / max(frames, 1),
+            'memory_mb': [it.memory_mb, last[name].memory_mb],
+            'peak_mb': last[name].peak_mb,
+        }
+        for name, it in first.items()
+    }
+
+
 def _measure_size(
     settings: CameraSettings, seconds: float, say: Callable[[str], None]
 ) -> dict[str, Any]:
@@ -373,7 +419,7 @@ def _measure_size(
         )
         chain = TwoNodes(loop, run)
         chain.wait_for_answers()
-        loop.wait_for_listeners(1, to_echo=True)
+        loop.wait_for_echo()
         row = _by_turns(chain, loop, rate, seconds, lambda text: say(f'{title}: {text}'))
     echo = row['echo']['p50']
     floors = {'floor': _floor(echo, floor), 'paced_floor': _floor(echo, paced)}

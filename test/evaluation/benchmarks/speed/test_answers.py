@@ -7,8 +7,7 @@ pytest.importorskip('rclpy')
 from geometry_msgs.msg import TwistStamped
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.evaluation.benchmarks.speed.latency import Answers
-from visual_servo_epipolar.evaluation.live.processes import Cost, spent
+from visual_servo_epipolar.evaluation.benchmarks.speed.latency import Answers, Cost, spent
 from visual_servo_epipolar.messages import write
 
 
@@ -27,7 +26,7 @@ def test_an_answer_is_known_by_the_number_of_its_image() -> None:
 
 def test_a_process_costs_what_it_took_in_the_stretches_that_count() -> None:
     def at(processor_s: float, memory_mb: float) -> dict[str, Cost]:
-        return {'servo_node': Cost(processor_s, memory_mb, 130.0, 16, 23)}
+        return {'servo_node': Cost(processor_s, memory_mb, 130.0)}
 
     stretches = [(at(1.0, 100.0), at(1.2, 110.0)), (at(5.0, 115.0), at(5.3, 120.0))]
     assert spent(stretches, 100) == {
