@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
-from visual_servo_epipolar.evaluation.benchmarks.arrivals import calibration
+from visual_servo_epipolar.evaluation.benchmarks import calibration
 from visual_servo_epipolar.report.canvas import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS
 

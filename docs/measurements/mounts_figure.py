@@ -19,8 +19,8 @@ from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from visual_servo_epipolar.evaluation.benchmarks.arrivals import mounts
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.mounts import (
+from visual_servo_epipolar.evaluation.benchmarks import mounts
+from visual_servo_epipolar.evaluation.benchmarks.mounts import (
     AHEADS,
     ASIDES,
     ROLLS,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 import pytest
 from sweeps import result
 
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.mounts import on_features
+from visual_servo_epipolar.evaluation.benchmarks.mounts import on_features
 from visual_servo_epipolar.sweeping.summary import summary_of
 
 DOCS = Path(__file__).parents[2] / 'docs' / 'measurements'

@@ -31,7 +31,7 @@ from visual_servo_epipolar.nodes.startup.settings import RecorderNodeSettings, R
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSettings
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode, UnicycleSettings
 from visual_servo_epipolar.simulation.bases.ackermann import AckermannSettings
-from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
+from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 from visual_servo_epipolar.simulation.light.lights import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings, LensSettings
 

@@ -23,7 +23,7 @@ from visual_servo_epipolar.nodes.startup.guards import GuardedNode
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import CameraFrames, CameraRig
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
+from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 from visual_servo_epipolar.simulation.light.lights import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings, LensSettings
 from visual_servo_epipolar.simulation.mounts.registry import head_settings, rig_settings

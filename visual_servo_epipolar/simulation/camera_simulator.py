@@ -5,7 +5,7 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose, STAND
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
+from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.light.exposure import Exposure, LitView, toned
 from visual_servo_epipolar.simulation.light.lights import Light, LIGHTS, LightSettings, SAME
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings

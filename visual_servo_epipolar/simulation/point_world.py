@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.disturbances.image import Disturbances
+from visual_servo_epipolar.simulation.disturbances import Disturbances
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
 from visual_servo_epipolar.simulation.mounts.shutter import INSTANT, interpolated, Shutter
 from visual_servo_epipolar.simulation.mounts.simulated_rig import (

@@ -24,13 +24,13 @@ from visual_servo_epipolar.nodes.startup.missing import remedy
 HERE = 'visual_servo_epipolar.evaluation.benchmarks'
 BENCHMARKS: Mapping[str, str] = {
     'estimation': f'{HERE}.estimation.benchmark',
-    'tracking': f'{HERE}.tracking.benchmark',
-    'laws': f'{HERE}.arrivals.laws',
-    'latency': f'{HERE}.speed.latency',
-    'calibration': f'{HERE}.arrivals.calibration',
-    'ablation': f'{HERE}.arrivals.ablation',
-    'mounts': f'{HERE}.arrivals.mounts',
-    'mounts_images': f'{HERE}.arrivals.mounts:ON_IMAGES',
+    'tracking': f'{HERE}.tracking',
+    'laws': f'{HERE}.laws',
+    'latency': f'{HERE}.latency',
+    'calibration': f'{HERE}.calibration',
+    'ablation': f'{HERE}.ablation',
+    'mounts': f'{HERE}.mounts',
+    'mounts_images': f'{HERE}.mounts:ON_IMAGES',
     'real': f'{HERE}.estimation.real',
     'routes': f'{HERE}.estimation.routes',
 }

@@ -89,7 +89,7 @@ NODES: Mapping[str, NodeRow] = {
             'simulation.mounts.simulated_head:HeadSettings',
             'simulation.mounts.camera_settings:LensSettings',
             'nodes.startup.settings:CameraRig',
-            'simulation.disturbances.image:DisturbanceSettings',
+            'simulation.disturbances:DisturbanceSettings',
             'simulation.light.lights:LightSettings',
             'nodes.startup.settings:CameraFrames',
         ),

@@ -8,7 +8,7 @@ from typing import Any
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.peers import (
+from visual_servo_epipolar.evaluation.benchmarks.peers import (
     drive_by_pose,
     least_time,
     PEERS,

@@ -8,7 +8,7 @@ from visual_servo_epipolar.core.geometry.motion import integrate, Pose, saturate
 from visual_servo_epipolar.core.laws.smooth.steering import polar_pose
 from visual_servo_epipolar.core.servo.run_log import MotionLimits
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.peers import (
+from visual_servo_epipolar.evaluation.benchmarks.peers import (
     displaced,
     graceful,
     least_time,

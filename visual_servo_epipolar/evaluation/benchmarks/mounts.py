@@ -13,7 +13,7 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import (
+from visual_servo_epipolar.evaluation.benchmarks.starts import (
     ARRIVALS,
     summaries_of,
     TIME,

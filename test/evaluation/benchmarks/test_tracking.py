@@ -8,9 +8,9 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.evaluation.benchmarks.tracking import benchmark as tracking
-from visual_servo_epipolar.evaluation.benchmarks.tracking.benchmark import recovery_time, scores
-from visual_servo_epipolar.evaluation.benchmarks.tracking.world import (
+from visual_servo_epipolar.evaluation.benchmarks import tracking
+from visual_servo_epipolar.evaluation.benchmarks.tracking import recovery_time, scores
+from visual_servo_epipolar.evaluation.benchmarks.tracking_world import (
     approach,
     FrameErrors,
     RenderedWorld,

@@ -6,7 +6,7 @@ from typing import Any
 
 from visual_servo_epipolar.core.laws.law import DEPARTURES
 from visual_servo_epipolar.core.laws.registry import law_named
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import (
+from visual_servo_epipolar.evaluation.benchmarks.starts import (
     ARRIVALS,
     summaries_of,
     TIME,

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from visual_servo_epipolar.evaluation.benchmarks.arrivals import calibration
+from visual_servo_epipolar.evaluation.benchmarks import calibration
 
 GOOD = {
     'outcome': 'arrived',

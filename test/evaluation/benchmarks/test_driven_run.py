@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip('rclpy')
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.evaluation.benchmarks.speed import latency
-from visual_servo_epipolar.evaluation.benchmarks.speed.latency import (
+from visual_servo_epipolar.evaluation.benchmarks import latency
+from visual_servo_epipolar.evaluation.benchmarks.latency import (
     are_same,
     driven,
     DrivenRun,

@@ -7,7 +7,7 @@ pytest.importorskip('rclpy')
 from geometry_msgs.msg import TwistStamped
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.evaluation.benchmarks.speed.latency import Answers, Cost, spent
+from visual_servo_epipolar.evaluation.benchmarks.latency import Answers, Cost, spent
 from visual_servo_epipolar.messages import write
 
 

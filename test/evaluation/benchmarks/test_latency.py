@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from visual_servo_epipolar.evaluation.benchmarks.speed import latency
+from visual_servo_epipolar.evaluation.benchmarks import latency
 
 pytestmark = [pytest.mark.alone, pytest.mark.long]
 MOST = 0.5  # of the twists; where load drops an image, those after it are others for a while

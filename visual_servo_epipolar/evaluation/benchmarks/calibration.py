@@ -7,7 +7,7 @@ from operator import itemgetter
 from typing import Any
 
 from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import runs_on_points
+from visual_servo_epipolar.evaluation.benchmarks.starts import runs_on_points
 from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
 from visual_servo_epipolar.simulation.closed_loop import run as drive
 from visual_servo_epipolar.simulation.scenario import Scenario

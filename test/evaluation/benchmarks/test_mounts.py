@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.evaluation.benchmarks.arrivals import mounts
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.mounts import (
+from visual_servo_epipolar.evaluation.benchmarks import mounts
+from visual_servo_epipolar.evaluation.benchmarks.command import BENCHMARKS, ON_REQUEST
+from visual_servo_epipolar.evaluation.benchmarks.mounts import (
     camera_of_size,
     CameraPlace,
     LENSES,
@@ -17,7 +18,6 @@ from visual_servo_epipolar.evaluation.benchmarks.arrivals.mounts import (
     MountCell,
     SIZES,
 )
-from visual_servo_epipolar.evaluation.benchmarks.command import BENCHMARKS, ON_REQUEST
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.sweeping.summary import summary_of
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.simulation.disturbances.image import (
+from visual_servo_epipolar.simulation.disturbances import (
     blur_kernel,
     Disturbances,
     DisturbanceSettings,

@@ -10,7 +10,7 @@ import pytest
 from visual_servo_epipolar.core import registry
 from visual_servo_epipolar.core.laws.law import DEPARTURES
 from visual_servo_epipolar.core.laws.registry import law_named, LAWS, PAPER
-from visual_servo_epipolar.evaluation.benchmarks.arrivals import ablation
+from visual_servo_epipolar.evaluation.benchmarks import ablation
 from visual_servo_epipolar.sweeping.summary import summary_of
 
 GROUP = 'visual_servo_epipolar.laws'

@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.flow import CRITERIA, Points
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.evaluation.benchmarks.tracking.world import (
+from visual_servo_epipolar.evaluation.benchmarks.tracking_world import (
     approach,
     FrameErrors,
     RenderedWorld,
@@ -30,7 +30,7 @@ from visual_servo_epipolar.evaluation.benchmarks.tracking.world import (
     TrueFeatures,
 )
 from visual_servo_epipolar.evaluation.tables import aligned, number
-from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
+from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 SCENES = (101, 102, 103, 104, 105)  # none of them served to tune the tracker

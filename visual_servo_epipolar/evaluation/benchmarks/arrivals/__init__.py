@@ -1,1 +1,0 @@
-"""Arrivals: closed loops from the same starts, judged by ground truth."""

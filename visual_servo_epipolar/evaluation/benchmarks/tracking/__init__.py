@@ -1,1 +1,0 @@
-"""Tracking benchmark: the tracker on rendered approaches, against ground truth."""

@@ -1,1 +1,0 @@
-"""Disturbances: light, shadow, occluders and motion between the scene and the sensor."""
