@@ -1,14 +1,18 @@
 """Rivals: two geometries of a plane, of which a straight way leaves the true one."""
 
+from dataclasses import replace
 import math
 
 import numpy as np
 import pytest
+from servo_states import in_phase, MEMORY, sight
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
+from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.rivals import (
     ahead_of_both,
@@ -18,6 +22,7 @@ from visual_servo_epipolar.core.perception.rivals import (
     Rivals,
     turned,
 )
+from visual_servo_epipolar.core.servo.fusion.fuse import _with_rivals
 
 WALL = np.array([0.05, 1.0 / 0.7])  # 0.7 m ahead of the goal, turned a little
 NOISE = 5e-4  # of a ray [rad]
@@ -95,3 +100,16 @@ def test_the_scene_lies_ahead_by_one_sign() -> None:
     true = Bearings.from_pose(start)
     for each in (true, true.reversed()):
         assert ahead_of_both(each, observation).psi == pytest.approx(true.psi)
+
+
+@pytest.mark.parametrize(('turn', 'straight'), [(0.004, True), (0.1, False)])
+def test_a_turn_that_undoes_a_curvature_leads_straight_on(turn: float, straight: bool) -> None:
+    """A robot whose way was not counted would back off for ever."""
+    rng, start = np.random.default_rng(5), Pose(0.8, -2.0, 0.5 * math.pi)
+    observation, both = view(start, rng)
+    seen = replace(sight(bearings=None), rivals=both)
+    state = in_phase(Phase.RETREATING, command=Command(Twist(-0.2, turn)))
+    memory = replace(MEMORY, rivals=begun(both, 0.0))
+    after = _with_rivals(memory, seen, observation, state, -0.02).rivals
+    assert after is not None
+    assert after.way == (0.02 if straight else 0.0)

@@ -19,6 +19,7 @@ from visual_servo_epipolar.core.perception.rivals import (
     turned,
 )
 from visual_servo_epipolar.core.servo.fusion.map_state import localize, MapState, measurement_of
+from visual_servo_epipolar.core.servo.identification.physical import MOST_CURVATURE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
@@ -84,7 +85,8 @@ def _with_rivals(
         before = begun(measurement.rivals, measurement.rotation_heading)
     ordered = in_order(measurement.rivals, before)
     yaw = 0.0 if extrinsics is None else float(extrinsics.mount[0])
-    if twist.angular != 0.0 or twist.linear == 0.0:
+    # A turn that undoes the curvature of the wheels leads straight on.
+    if twist.linear == 0.0 or abs(twist.angular) > MOST_CURVATURE * abs(twist.linear):
         return replace(memory, rivals=turned(before, ordered, yaw))
     rivals = followed(before, ordered, seen, way)
     decided = rivals.decided(yaw)
