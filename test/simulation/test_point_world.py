@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from strategies import CAMERA, poses_behind_the_goal
 
-from visual_servo_epipolar.core.estimators.machinery.eight_point import image_sampson_distance
-from visual_servo_epipolar.core.geometry.epipolar import fundamental_from_pose
+from visual_servo_epipolar.core.geometry.epipolar import (
+    fundamental_from_pose,
+    image_sampson_distance,
+)
 from visual_servo_epipolar.core.geometry.motion import (
     DESIRED_POSE,
     HALF_PI,

@@ -26,6 +26,9 @@ def as_points(points: Any, name: str) -> FloatArray:
     return array
 
 
+NORMAL = 1.4826  # standard deviation over the median of absolute values of normal noise
+
+
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
     """Return a read-only copy of ``array``."""
     copy = array.copy()

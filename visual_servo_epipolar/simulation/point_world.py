@@ -111,7 +111,7 @@ class PointWorld(View):
         if self._disturbances is not None:
             visible &= ~self._disturbances.hides(pixels, frame)
         ids = np.flatnonzero(visible)[: self.settings.max_features]
-        return Features.owning(
+        return Features(
             ids=ids,
             current=pixels[ids] + self._noise(frame)[: len(ids)],
             desired=self._desired[ids],

@@ -25,7 +25,6 @@ from strategies import (
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.machinery.eight_point import (
     fundamental_from_matches,
-    image_sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.cheirality import cheirality, oriented_bearings
 from visual_servo_epipolar.core.geometry.epipolar import (
@@ -34,6 +33,7 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     epipoles,
     fundamental_from_bearings,
     fundamental_from_pose,
+    image_sampson_distance,
     rotation_desired_current,
     sampson_distance,
 )

@@ -2,11 +2,13 @@
 
 from collections.abc import Iterator
 from functools import partial
+import sys
 import time
 from typing import Any
 
 from bench import Bench, RELIABLE
 import pytest
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 from std_msgs.msg import UInt32
 from std_srvs.srv import Trigger
@@ -32,6 +34,13 @@ def spun(request) -> Iterator[Bench]:
     """Return a bench whose probe is spun by the executor under test."""
     with Plain(request.param) as bench:
         yield bench
+
+
+def test_before_rclpy_7_1_4_there_is_the_older_executor(monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, 'rclpy.experimental', None)
+    with Plain(with_info=False) as bench:
+        assert isinstance(bench.executor, SingleThreadedExecutor)
+        bench.settle()
 
 
 def talk(bench: Bench) -> Any:

@@ -4,19 +4,19 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, NORMAL
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior, UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.estimators.machinery.eight_point import (
     design_matrix,
     fundamental_from_matches,
     hartley_normalisation,
-    image_sampson_distance,
     MIN_MATCHES,
     transform,
 )
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import rays_of
 from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
+from visual_servo_epipolar.core.geometry.epipolar import image_sampson_distance
 from visual_servo_epipolar.core.geometry.rays import image_points
 
 SUBSETS = 560  # one of 26 matches is clean with probability 99 % at 40 % outliers
@@ -95,7 +95,7 @@ def _minimal_solutions(
 def _inliers(squared: FloatArray, median: float) -> BoolArray:
     """Return the matches within 2.5 robust standard deviations (Rousseeuw and Leroy 1987)."""
     spare = max(len(squared) - MIN_MATCHES, 1)
-    deviation = 1.4826 * (1.0 + 5.0 / spare) * math.sqrt(median)
+    deviation = NORMAL * (1.0 + 5.0 / spare) * math.sqrt(median)
     inliers = squared <= (INLIER_DEVIATIONS * deviation) ** 2
     if int(inliers.sum()) < MIN_MATCHES:
         inliers = squared <= np.sort(squared)[MIN_MATCHES - 1]

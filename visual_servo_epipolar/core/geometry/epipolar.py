@@ -15,7 +15,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
-from visual_servo_epipolar.core.geometry.rays import dot
+from visual_servo_epipolar.core.geometry.rays import dot, homogeneous
 
 MIN_SINGULAR_RATIO = 1e-9
 SMALLEST_SINE = 1e-16
@@ -195,4 +195,22 @@ def sampson_distance(
     across_desired = np.maximum(dot(normal_desired, normal_desired) - square, 0.0)
     variance = np.square(np.broadcast_to(noise, (*square.shape, 2)))
     gradient = across_current * variance[..., 0] + across_desired * variance[..., 1]
+    return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))
+
+
+def image_sampson_distance(
+    fundamental: FloatArray, current: FloatArray, desired: FloatArray
+) -> FloatArray:
+    """
+    Return the first-order distance of each match from F, shape (..., N), in the points' unit.
+
+    ``fundamental`` has shape (..., 3, 3), image-plane points (N, 2). Hartley and Zisserman,
+    eq. 11.9.
+    """
+    p_current, p_desired = homogeneous(current).T, homogeneous(desired).T
+    lines_desired = fundamental @ p_current  # F p_a, (..., 3, N)
+    lines_current = np.swapaxes(fundamental, -1, -2) @ p_desired
+    residual = (lines_desired * p_desired).sum(axis=-2)
+    gradient = (lines_desired[..., :2, :] ** 2).sum(axis=-2)
+    gradient += (lines_current[..., :2, :] ** 2).sum(axis=-2)
     return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))

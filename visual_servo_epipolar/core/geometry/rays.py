@@ -41,6 +41,13 @@ def image_points(rays: FloatArray) -> FloatArray:
     return np.asarray(rays[..., :2] / rays[..., 2:])
 
 
+def homogeneous(points: FloatArray) -> FloatArray:
+    """Return ``points``, shape (N, 2), with a third coordinate 1, shape (N, 3)."""
+    rows = np.ones((len(points), 3))
+    rows[:, :2] = points
+    return rows
+
+
 Axes: TypeAlias = tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]  # x, y, z of two vectors
 
 

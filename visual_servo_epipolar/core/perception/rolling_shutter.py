@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, frozen, IntArray, median
+from visual_servo_epipolar.core.arrays import FloatArray, frozen, IntArray, median, NORMAL
 from visual_servo_epipolar.core.geometry.rays import dot
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, rotated, rotation_vector
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -29,7 +29,6 @@ JERKY, TYPICAL_S = 0.25, 0.02  # part of a jump by which a rate may be off; a us
 OFF_AXLE = 0.03  # deviation of the shear that parallax causes in a turn of 1 rad [rad]
 ASIDE = 0.1  # part of the parallax that is not along the direction of travel
 ROUNDS, OUTLYING = 4, 2.5  # of a robust fit; deviations at which a feature counts half
-NORMAL = 1.4826  # deviation over median of absolute values
 LEAST_RAD = 1e-9  # deviation of a ray that is divided by
 LEAST_SINE = 0.05  # of the angle between a ray and the direction of travel, likewise
 MODEL_S = 1e-3  # least deviation of a readout, of however many images

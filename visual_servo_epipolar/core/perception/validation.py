@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians, NORMAL
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
 from visual_servo_epipolar.core.geometry.rays import handedness, rotation_level_camera
@@ -188,7 +188,7 @@ def rejection_reason(
 
 def noise_of_residual(residual: float, matches: int) -> float:
     """Return the deviation of a coordinate [px] that the median ``residual`` [px] shows."""
-    return 1.4826 * (1.0 + 5.0 / max(matches - 2, 1)) * residual
+    return NORMAL * (1.0 + 5.0 / max(matches - 2, 1)) * residual
 
 
 def turned_otherwise(bearings: Bearings, heading_error: float) -> str:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import FloatArray, NORMAL
 
 REACH = 6  # samples on either side of the last that are looked at
 HALF_WIDTH = 0.25  # of the way over which a sample is smoothed [m]
@@ -120,7 +120,7 @@ def smooth_path(way: FloatArray, poses: FloatArray, speeds: FloatArray) -> Taugh
     weight = np.ones(len(way))
     for _ in range(ROUNDS):
         off = np.abs(poses - _fitted(way, poses, weight)[0])
-        usual = 1.4826 * np.median(off, axis=0) + FLOOR
+        usual = NORMAL * np.median(off, axis=0) + FLOOR
         weight = 1.0 / (1.0 + ((off / (OUTLIER * usual)).max(axis=1)) ** 4)
     smooth, slopes = _fitted(way, poses, weight)
     speed, _ = _fitted(way, speeds[:, None], np.ones(len(way)))

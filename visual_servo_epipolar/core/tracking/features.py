@@ -46,27 +46,5 @@ class Features:
                 )
             object.__setattr__(self, name, frozen(column))
 
-    @classmethod
-    def owning(
-        cls,
-        ids: IntArray,
-        current: FloatArray,
-        desired: FloatArray,
-        ages: IntArray,
-        errors: FloatArray,
-        goal: int = NO_GOAL,
-    ) -> 'Features':
-        """
-        Return features of columns that fit and that nobody will write: neither copied nor checked.
-
-        For the tracker and simulations, whose columns are right as they are made.
-        """
-        features, columns = object.__new__(cls), (ids, current, desired, ages, errors)
-        for column in columns:
-            column.setflags(write=False)
-        for name, value in zip(cls.__slots__, (*columns, goal), strict=True):
-            object.__setattr__(features, name, value)
-        return features
-
     def __len__(self) -> int:
         return len(self.ids)

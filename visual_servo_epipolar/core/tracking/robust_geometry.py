@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
-from visual_servo_epipolar.core.tracking.alignment.warps import squared_lengths
+from visual_servo_epipolar.core.geometry.epipolar import cross_matrix, image_sampson_distance
 
 EPIPOLAR_PX = 2.0  # largest distance of an inlier from its epipolar line
 AGREEMENT_PX = 1.0  # less: a fit by least squares bends towards an outlier
@@ -66,11 +65,8 @@ def agree_on_one_geometry(current: FloatArray, desired: FloatArray, pixel: float
     if not np.isfinite(moments).all():
         return False
     fundamental = np.linalg.eigh(moments)[1][:, 0].reshape(3, 3)
-    across_current, across_desired = columns @ fundamental.T, rows @ fundamental
-    x, y, one = (across_current * rows).T
-    residual = x + y + one
-    gradient = squared_lengths(across_current[:, :2]) + squared_lengths(across_desired[:, :2])
-    return bool((residual**2 <= (scale * AGREEMENT_PX) ** 2 * gradient).all())
+    distance = image_sampson_distance(fundamental, columns[:, :2], rows[:, :2])
+    return bool((np.abs(distance) <= scale * AGREEMENT_PX).all())
 
 
 def _normalised(current: FloatArray, desired: FloatArray) -> tuple[FloatArray, FloatArray, float]:

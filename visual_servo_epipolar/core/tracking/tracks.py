@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
+from visual_servo_epipolar.core.geometry.rays import homogeneous
 from visual_servo_epipolar.core.tracking.alignment.warps import (
     keeps_all,
     numbers,
@@ -112,7 +113,7 @@ class ImageMotion:
         squared += squared_lengths(pixels)[:, None] + (squared_lengths(self.support) + NEAR_PX**2)
         weight = np.divide(1.0, squared, out=squared)
         local = (weight @ self.residuals) / weight.sum(axis=1, keepdims=True)
-        return np.asarray(_homogeneous(pixels) @ self.affine + local)
+        return np.asarray(homogeneous(pixels) @ self.affine + local)
 
     def outliers(self, before: FloatArray, after: FloatArray, limit: float) -> BoolArray:
         """
@@ -120,7 +121,7 @@ class ImageMotion:
 
         They are farther from the map than ``limit`` [px] plus OUTLIER_MEDIANS medians.
         """
-        off = after - _homogeneous(before) @ self.affine
+        off = after - homogeneous(before) @ self.affine
         residual = np.sqrt(squared_lengths(off))
         return np.asarray(residual > limit + OUTLIER_MEDIANS * median(residual))
 
@@ -134,7 +135,7 @@ def fit_motion(before: FloatArray, after: FloatArray) -> ImageMotion | None:
     if len(before) < MIN_SUPPORT:
         return None
     centre = np.add.reduce(before, axis=0) / len(before)
-    rows, weight = _homogeneous(before - centre), np.ones(len(before))
+    rows, weight = homogeneous(before - centre), np.ones(len(before))
     for _ in range(ROUNDS):
         weighted = rows.T * (weight * weight)
         affine = np.linalg.solve(weighted @ rows + RIDGE, weighted @ after)
@@ -143,9 +144,3 @@ def fit_motion(before: FloatArray, after: FloatArray) -> ImageMotion | None:
     residuals: FloatArray = (after - rows @ affine) * weight[:, None]
     affine[2] -= centre @ affine[:2]
     return ImageMotion(np.asarray(affine, dtype=np.float64), before, residuals)
-
-
-def _homogeneous(pixels: FloatArray) -> FloatArray:
-    rows = np.ones((len(pixels), 3))
-    rows[:, :2] = pixels
-    return rows

@@ -12,9 +12,12 @@ from visual_servo_epipolar.core.estimators.machinery.eight_point import (
     design_matrix,
     fundamental_from_matches,
     hartley_normalisation,
+)
+from visual_servo_epipolar.core.geometry.epipolar import (
+    Bearings,
+    fundamental_from_bearings,
     image_sampson_distance,
 )
-from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamental_from_bearings
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 
 K = CAMERA.matrix

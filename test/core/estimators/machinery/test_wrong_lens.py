@@ -9,9 +9,9 @@ from strategies import floats
 
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery import wrong_lens
-from visual_servo_epipolar.core.estimators.machinery.eight_point import image_sampson_distance
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import matrices
 from visual_servo_epipolar.core.estimators.registry import estimate
+from visual_servo_epipolar.core.geometry.epipolar import image_sampson_distance
 from visual_servo_epipolar.core.geometry.lens import unknown_lens
 from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
 from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (

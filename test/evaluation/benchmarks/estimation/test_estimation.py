@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.estimators.machinery.eight_point import image_sampson_distance
 from visual_servo_epipolar.core.geometry.epipolar import (
     Bearings,
     fundamental_from_bearings,
+    image_sampson_distance,
     sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.rays import image_points

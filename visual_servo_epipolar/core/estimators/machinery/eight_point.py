@@ -10,6 +10,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.geometry.rays import homogeneous
 
 MIN_MATCHES = 8
 
@@ -71,26 +72,3 @@ def rank_two(fundamental: FloatArray) -> FloatArray:
     """Return the closest matrix of rank 2 in Frobenius norm."""
     u, singular, vt = np.linalg.svd(fundamental)
     return np.asarray((u[:, :2] * singular[:2]) @ vt[:2])
-
-
-def homogeneous(points: FloatArray) -> FloatArray:
-    """Return ``points``, shape (N, 2), with a third coordinate 1, shape (N, 3)."""
-    return np.column_stack([points, np.ones(len(points))])
-
-
-def image_sampson_distance(
-    fundamental: FloatArray, current: FloatArray, desired: FloatArray
-) -> FloatArray:
-    """
-    Return the first-order distance of each match from F, shape (..., N), in the points' unit.
-
-    ``fundamental`` has shape (..., 3, 3), image-plane points (N, 2). Hartley and Zisserman,
-    eq. 11.9.
-    """
-    p_current, p_desired = homogeneous(current).T, homogeneous(desired).T
-    lines_desired = fundamental @ p_current  # F p_a, (..., 3, N)
-    lines_current = np.swapaxes(fundamental, -1, -2) @ p_desired
-    residual = (lines_desired * p_desired).sum(axis=-2)
-    gradient = (lines_desired[..., :2, :] ** 2).sum(axis=-2)
-    gradient += (lines_current[..., :2, :] ** 2).sum(axis=-2)
-    return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))

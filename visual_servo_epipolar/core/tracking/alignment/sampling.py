@@ -7,13 +7,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image, NORMAL
+from visual_servo_epipolar.core.geometry.rays import homogeneous
 
 RADIUS, LEAST_RADIUS = 10, 6  # patches have 2 radius + 1 pixels a side
 USUAL_SIZE = 640 * 480  # of an image: the radius shrinks with smaller ones [px]
 COMPARED = 500  # patches with which all are compared, to see how they overlap
 NOISE_ROWS, NOISE_SAMPLES = 24, 8000  # of an image, from which its noise is told
-NORMAL = 1.4826  # standard deviation over median absolute deviation
 LEAST_NOISE = 0.5  # of rounding, and of a picture that was compressed [grey levels]
 FloatImage: TypeAlias = NDArray[np.float32]  # for interpolation, shape (H, W)
 
@@ -86,8 +86,7 @@ class PatchGrid:
         self.reach = reach
         side = np.arange(-reach, reach + 1, dtype=np.float64)
         self.offsets = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-        homogeneous = np.column_stack([self.offsets, np.ones(len(self.offsets))])
-        self._rows = homogeneous.T.astype(np.float32)
+        self._rows = homogeneous(self.offsets).T.astype(np.float32)
 
     def sample(self, image: FloatImage, maps: FloatArray) -> FloatImage:
         """

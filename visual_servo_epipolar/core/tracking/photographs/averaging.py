@@ -9,14 +9,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.arrays import FloatArray, Image, NORMAL
 
 STILL_PX = 0.1  # motion at the border of the image that blurs less than tracking errs
 DEVIATIONS = 3.0  # beyond STILL_PX at which a motion is none of noise
 SAMPLES = 20_000  # pixels of a difference that are looked at
 CHANGED_DEVIATIONS, CHANGED_FLOOR = 6.0, 10.0  # of a pixel that has changed, plus grey levels
 CHANGED_SHARE = 0.03  # of such pixels at which something moves in view
-NORMAL = 1.4826  # standard deviation over median absolute deviation
 MOTIONS = 4  # of the columns below: shift along x and y, zoom, roll
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.geometry.rays import homogeneous
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, inside_border
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import squared_lengths, Warps
@@ -65,8 +66,7 @@ class TiedView:
         if self.first_id:
             ids, desired = ids + self.first_id, self.first_pixels[ids]
         canvas = self.view.canvas
-        # The border of the image is where every position was tested: all are finite.
-        return Features.owning(
+        return Features(
             ids,
             canvas.pixels_of_image(warps.current),
             canvas.pixels_of_image(desired),
@@ -148,9 +148,8 @@ def _moved_alike(pixels: FloatArray, common: Warps, motion: ImageMotion) -> Floa
     squared = squared_lengths(pixels)[:, None] - 2.0 * pixels @ common.desired.T
     squared += squared_lengths(common.desired)
     weight = (np.maximum(squared, 0.0) + NEAR_PX**2) ** -2.0
-    rows = np.column_stack([pixels, np.ones(len(pixels))])
     local = (weight @ motion.residuals) / weight.sum(axis=1, keepdims=True)
-    return np.asarray(rows @ motion.affine + local)
+    return np.asarray(homogeneous(pixels) @ motion.affine + local)
 
 
 def _agreed(common: Warps) -> tuple[Warps, ImageMotion]:
