@@ -143,15 +143,23 @@ def test_unequal_wheels_that_undo_a_turn_are_not_taken_for_standing() -> None:
     assert turned(0.02, 0.0, linear=0.1).angular.value == 0.0
 
 
-def at_speed(*turns: float, curvature: float = 0.0, follows: float = 0.0) -> DeadBand:
+def at_speed(
+    *turns: float, curvature: float = 0.0, follows: float = 0.0, drives: float = 1.0
+) -> DeadBand:
     """Return what ``turns`` [rad/s] of 1.6 s each, at 0.2 m/s, tell of a base."""
-    band, heading = DeadBand(), 0.0
+    band, heading, ahead = DeadBand(), 0.0, -5.0
     for velocity in turns:
         for _ in range(16):
             heading += (follows * velocity + 0.2 * curvature) * DT
+            ahead += drives * 0.2 * DT
             seen = sight(heading_error=heading, heading_deviation=3e-4)
-            band = band.updated(seen, None, Twist(0.2, velocity), DT, SETTINGS)
+            place = reading(longitudinal=ahead)
+            band = band.updated(seen, place, Twist(0.2, velocity), DT, SETTINGS)
     return band
+
+
+def test_a_base_that_goes_nowhere_at_speed_is_deaf_and_has_no_dead_band() -> None:
+    assert at_speed(0.04, -0.04, 0.02, drives=0.0).angular.value == 0.0
 
 
 def test_turns_to_both_sides_that_change_nothing_tell_a_dead_band_at_full_speed() -> None:

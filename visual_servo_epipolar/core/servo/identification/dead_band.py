@@ -25,6 +25,9 @@ DEVIATIONS = 8.0  # of a position, that the motion commanded must be
 MARGIN, MARGIN_AGAIN, LEARNT = 1.3, 1.9, 0.8
 UNLIKE = 0.25  # of a curvature, by which two differ: measured to 1 / DEVIATIONS each
 MOST_HOP = 0.005, math.radians(0.5)  # half a pulse: no end may be wider for it [m], [rad]
+# Up to which speed [m/s], and way of a turn [m/rad], a base at rest may have a dead band;
+# beyond, it is deaf.
+CREEPING, MOST_WAY = 0.002, 2.0
 REFINING = 0.005  # of a distance, that it changes by while a memory learns its scale
 
 
@@ -39,7 +42,8 @@ class Threshold:
     have been measured wrong, it takes two times. Metres or radians.
 
     Wheels of a curvature ``bend`` [rad/m] would have undone the turn on the ``way`` [m]; inf where
-    there was none. No wheels undo turns of two different curvatures.
+    there was none. No wheels undo turns of two different curvatures. Of that way the base was seen
+    to have ``gone`` a part.
     """
 
     value: float = 0.0
@@ -51,6 +55,7 @@ class Threshold:
     stood: float = 0.0
     idle: float = 0.0
     way: float = 0.0
+    gone: float = 0.0
     bend: float = math.inf
 
     def updated(
@@ -62,6 +67,7 @@ class Threshold:
         *,
         most: float,
         way: float = 0.0,
+        gone: float = 0.0,
     ) -> 'Threshold':
         """
         Return the threshold after ``velocity`` was commanded for ``dt`` [s].
@@ -83,9 +89,8 @@ class Threshold:
             begun = Threshold(self.value, side, lasted, position, idle=idle)
             return replace(begun, stood=self.stood, bend=self.bend)
         asked, power = self.asked + velocity * dt, self.power + velocity * velocity * dt
-        after = replace(
-            self, side=side, lasted=lasted, asked=asked, power=power, idle=idle, way=self.way + way
-        )
+        after = replace(self, side=side, lasted=lasted, asked=asked, power=power, idle=idle)
+        after = replace(after, way=self.way + way, gone=self.gone + gone)
         # Of pulses the last one has to act, or to be one of many.
         many = lasted >= PATIENCE_S and abs(asked) >= MANY * self.value * dt
         has_acted = many or (self.value > 0.0 and idle + dt > LATE_S)
@@ -98,6 +103,9 @@ class Threshold:
         least = OF_PULSES if self.value else STANDING
         if self.side * (position - self.origin) >= least * abs(self.asked):
             return again
+        drives = abs(self.way) > max(CREEPING * self.lasted, MOST_WAY * abs(self.asked))
+        if drives and abs(self.gone) < STANDING * abs(self.way):
+            return again  # the base is deaf
         usual = self.power / abs(self.asked)  # of those commands, by what they asked for
         bend = (position - self.origin - self.asked) / self.way if self.way else math.inf
         alike = not abs(bend - self.bend) > UNLIKE * max(abs(bend), abs(self.bend))
@@ -156,6 +164,7 @@ class DeadBand:
                 twist.angular,
                 dt,
                 way=twist.linear * dt,
+                gone=along - self.along,
                 most=_most(settings.max_angular, MOST_HOP[1], dt),
             ),
             along,
