@@ -57,6 +57,21 @@ def test_a_route_is_read_as_it_was_written(folder: Path) -> None:
     ]
 
 
+def test_descriptors_take_a_byte_where_that_holds_them(tmp_path: Path) -> None:
+    view = key_view(0)
+    for largest, size in ((255.0, 1), (512.0, 2)):
+        descriptors = np.full_like(view.keypoints.descriptors, largest)
+        keypoints = replace(view.keypoints, descriptors=descriptors)
+        other = replace(view, keypoints=keypoints)
+        write_route(route_of(other, key_view(1)), tmp_path / f'{size}')
+        with np.load(tmp_path / f'{size}' / 'structure.npz') as stored:
+            assert stored['descriptors'].itemsize == size
+            assert stored['covariance'].dtype == np.float32
+        again = read_route(tmp_path / f'{size}').views[0]
+        assert np.array_equal(again.keypoints.descriptors, descriptors)
+        assert np.allclose(again.structure.covariance, view.structure.covariance, rtol=1e-6)
+
+
 def test_what_the_odometry_bridged_is_marked_in_the_folder(tmp_path: Path) -> None:
     bridge = Bridge(0.36, -1.5, 0.004, 0.02)
     views = key_view(0), replace(key_view(1), bridge=bridge), key_view(2)

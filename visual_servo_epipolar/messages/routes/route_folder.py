@@ -188,7 +188,7 @@ def _columns(view: RouteView) -> dict[str, Any]:
     return _keypoint_columns(keypoints) | {
         'offsets': structure.offsets.T,
         'inverse_depth': structure.inverse_depth,
-        'covariance': structure.covariance.transpose(2, 0, 1),
+        'covariance': structure.covariance.transpose(2, 0, 1).astype(np.float32),
         'path': np.column_stack([path.way, path.poses, path.curvatures, path.speeds]),
         'shared': np.concatenate([structure.shared, [structure.jitter, structure.noise]])[None],
         'tuning': np.array([[int(keypoints.tuning or 1)]]),  # type: ignore[call-overload]
@@ -213,11 +213,12 @@ def _arrays(views: Sequence[RouteView]) -> dict[str, Any]:
 
 
 def _keypoint_columns(keypoints: Keypoints) -> dict[str, Any]:
+    whole = keypoints.descriptors
     return {
         'pixels': keypoints.pixels,
         'sizes': keypoints.sizes,
         'angles': keypoints.angles,
-        'descriptors': keypoints.descriptors.astype(np.uint16),
+        'descriptors': whole.astype(np.uint8 if whole.max(initial=0) < 256 else np.uint16),
     }
 
 
@@ -412,7 +413,7 @@ def _key_view(
         keypoints.pixels,
         part['offsets'].T,
         part['inverse_depth'],
-        part['covariance'].transpose(1, 2, 0),
+        part['covariance'].transpose(1, 2, 0).astype(np.float64),
         shared[:SHARED],
         float(shared[SHARED]),
         float(shared[SHARED + 1]) if len(shared) > SHARED + 1 else FORMER_NOISE_PX,
