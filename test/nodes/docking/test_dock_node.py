@@ -65,6 +65,7 @@ def test_without_a_path_nothing_is_published(bench, source, missing) -> None:
 def test_commands_of_another_type_are_named(two_processes) -> None:
     bench, other = two_processes
     other.talk(TwistStamped, 'cmd_vel')
+    bench.until(lambda: bench.probe.count_publishers('cmd_vel') > 0, 'the other to be known')
     see_in_vain(Rig(bench, path_source='commands'))
     bench.until(lambda: bench.logged('publishes geometry_msgs/TwistStamped on /cmd_vel'), 'them')
 
