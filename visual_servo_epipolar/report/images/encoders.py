@@ -1,9 +1,8 @@
 """
 Encoders of a video: PyAV where it is installed, otherwise OpenCV.
 
-Browsers play H.264, VP8 and VP9, no MPEG-4 part 2. The wheels of OpenCV hold no H.264 encoder,
-for its licence, and set its libvpx so that a frame takes 0.2 s; PyAV is FFmpeg with all its
-options. It is optional: what runs on a robot needs no video.
+Browsers play H.264 and VP9, no MPEG-4 part 2, which is what every wheel of OpenCV can write. PyAV
+is FFmpeg with all its options. It is optional: what runs on a robot needs no video.
 """
 
 from collections.abc import Iterator, Mapping
@@ -11,46 +10,41 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
 from importlib import import_module
-import os
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 
-PYAV, OPENCV = 'PyAV', 'OpenCV'
 WHAT_TO_INSTALL = 'pip install av, or apt install python3-av'
-
-
-class Encoder(Protocol):
-    """Encoder: frames in, a file out; ``close`` finishes the file."""
-
-    def write(self, frame: Image) -> None:
-        """Append a frame, BGR."""
-
-    def close(self) -> None:
-        """Write what is still missing; a second call does nothing."""
 
 
 @dataclass(frozen=True)
 class Codec:
-    """
-    Codec: ``name`` is FFmpeg's for PyAV and four letters for OpenCV.
+    """Codec by its name in FFmpeg, with ``options`` for PyAV; without any it is OpenCV's."""
 
-    ``in_browsers``: whether Chromium and Firefox play it.
-    """
-
-    library: str
     name: str
-    in_browsers: bool = True
     options: Mapping[str, str] = field(default_factory=dict)
 
-    def open(self, path: Path, fps: float, size: tuple[int, int]) -> Encoder | None:
-        """Return the encoder for a file, None if this machine has none."""
-        opens = _open_with_pyav if self.library == PYAV else _open_with_opencv
-        return opens(self, path, fps, size)
+    @property
+    def in_browsers(self) -> bool:
+        """Whether Chromium and Firefox play it."""
+        return bool(self.options)
+
+    def open(self, path: Path, fps: float, size: tuple[int, int]) -> Any:
+        """Return the encoder for a file, with write and release; None if this machine has none."""
+        if not self.options:
+            writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*self.name), fps, size)
+            return writer if writer.isOpened() else None
+        av = pyav()
+        if av is None or self.name not in av.codecs_available:
+            return None
+        try:
+            return AvEncoder(self, path, fps, size, av)
+        except (av.error.FFmpegError, ValueError):  # listed, but its library cannot be loaded
+            return None
 
 
 # Camera noise is most of what is to be encoded: nr takes some of it out, crf lets the rest go.
@@ -62,22 +56,13 @@ _X264 = {
     'x264-params': 'nr=1000:threads=1:bframes=0:weightp=0',
     'g': '110',
 }
-_OPENH264 = {'b': '1000000', 'g': '110'}
 _VPX = {'deadline': 'realtime', 'cpu-used': '8', 'row-mt': '1', 'crf': '46', 'b': '0', 'g': '110'}
 
 # Codecs to try, the best first.
-CODECS = (
-    Codec(PYAV, 'libx264', options=_X264),
-    Codec(PYAV, 'libopenh264', options=_OPENH264),
-    Codec(PYAV, 'libvpx-vp9', options=_VPX),
-    Codec(OPENCV, 'avc1'),
-    Codec(OPENCV, 'mp4v', in_browsers=False),
-)
+CODECS = (Codec('libx264', _X264), Codec('libvpx-vp9', _VPX), Codec('mp4v'))
 
 
-def open_encoder(
-    part: Path, path: Path, fps: float, size: tuple[int, int]
-) -> tuple[Encoder, Codec]:
+def open_encoder(part: Path, path: Path, fps: float, size: tuple[int, int]) -> tuple[Any, Codec]:
     """
     Open the first encoder that works for ``path``, an MP4, writing to ``part``.
 
@@ -90,15 +75,14 @@ def open_encoder(
         if encoder is not None:
             return encoder, codec
         part.unlink(missing_ok=True)
-    names = ', '.join(f'{codec.name} ({codec.library})' for codec in CODECS)
     raise InputError(
-        f'{path} needs one of the encoders {names}, and none opened; install PyAV '
-        f'({WHAT_TO_INSTALL}), or check that the folder is writable'
+        f'{path} needs one of the encoders {", ".join(codec.name for codec in CODECS)}, and none '
+        f'opened; install PyAV ({WHAT_TO_INSTALL}), or check that the folder is writable'
     )
 
 
 class AvEncoder:
-    """Encoder by PyAV, of any version since 10."""
+    """Encoder by PyAV, of any version since 10; called as cv2.VideoWriter is."""
 
     def __init__(
         self, codec: Codec, path: Path, fps: float, size: tuple[int, int], av: Any
@@ -127,7 +111,7 @@ class AvEncoder:
             self._container.mux(self._stream.encode(picture))
         self._frames += 1
 
-    def close(self) -> None:
+    def release(self) -> None:
         """Write what the encoder still holds, and the index; raises InputError as ``write``."""
         container, self._container = self._container, None
         if container is None:
@@ -149,21 +133,6 @@ class AvEncoder:
             ) from None
 
 
-class OpenCvEncoder:
-    """Encoder by OpenCV, with what its build has."""
-
-    def __init__(self, writer: Any) -> None:
-        self._writer = writer
-
-    def write(self, frame: Image) -> None:
-        """Append a frame, BGR."""
-        self._writer.write(frame)
-
-    def close(self) -> None:
-        """Write the index."""
-        self._writer.release()
-
-
 def pyav() -> Any:
     """Return PyAV, or None where it is not installed."""
     try:
@@ -171,36 +140,3 @@ def pyav() -> Any:
         return import_module('av')
     except ImportError:
         return None
-
-
-def _open_with_pyav(
-    codec: Codec, path: Path, fps: float, size: tuple[int, int]
-) -> AvEncoder | None:
-    av = pyav()
-    if av is None or codec.name not in av.codecs_available:
-        return None
-    try:
-        return AvEncoder(codec, path, fps, size, av)
-    except (av.error.FFmpegError, ValueError):  # listed, but its library cannot be loaded
-        return None
-
-
-def _open_with_opencv(
-    codec: Codec, path: Path, fps: float, size: tuple[int, int]
-) -> OpenCvEncoder | None:
-    with _quiet():
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec.name), fps, size)
-    return OpenCvEncoder(writer) if writer.isOpened() else None
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep OpenCV from writing about encoders it lacks, which it does past its own log level."""
-    stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(null, 2)
-        yield
-    finally:
-        os.dup2(stderr, 2)
-        os.close(stderr)
-        os.close(null)

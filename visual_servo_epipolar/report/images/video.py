@@ -41,7 +41,7 @@ class VideoWriter(AbstractContextManager['VideoWriter']):
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
-            self._encoder.close()
+            self._encoder.release()
             if kind is None and self.frames and self._part.exists():
                 self._part.replace(self.path)
         finally:
