@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from visual_servo_epipolar.commands.main import main, parser
+from visual_servo_epipolar.commands.main import EVALUATION, main, parser
 from visual_servo_epipolar.core.settings import range_of, Settings
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings, TrackerNodeSettings
 from visual_servo_epipolar.simulation.scenario import CONNECTION, load
 
 PACKAGE = Path(__file__).parents[2] / 'visual_servo_epipolar'
-COMMANDS = next(item for item in parser()._actions if item.dest == 'command').choices
+COMMANDS = next(item for item in parser(EVALUATION)._actions if item.dest == 'command').choices
 
 
 @pytest.mark.parametrize('name', COMMANDS)

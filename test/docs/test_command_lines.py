@@ -38,7 +38,7 @@ def test_the_command_line_is_understood(page: str, line: str) -> None:
     words = shlex.split(line, comments=True)[1:]
     if words in (['--help'], ['--version']):
         return
-    options = parser().parse_args(words)
+    options = parser(words).parse_args(words)
     assert callable(options.run), page
 
 

@@ -13,7 +13,8 @@ from visual_servo_epipolar.evaluation.benchmarks.command import BENCHMARKS, ON_R
 LOADED = """
 import sys
 from visual_servo_epipolar.commands.main import parser
-parser().parse_args(['simulate', '--start', '0', '-1', '0'])
+WORDS = ['simulate', '--start', '0', '-1', '0']
+parser(WORDS).parse_args(WORDS)
 print(*[name for name in sys.modules if name.startswith('visual_servo_epipolar.evaluation')])
 """
 

@@ -3,16 +3,14 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 import os
-import select
 import signal
 import sys
 import threading
-from typing import Any, NoReturn
+from typing import NoReturn
 
 INTERRUPTED, TERMINATED = 130, 143
 CODES = {signal.SIGINT: INTERRUPTED, signal.SIGTERM: TERMINATED}
-STREAMS = (1, 2)
-AGAIN_S = 0.001
+STDERR = 2
 
 
 class Terminated(KeyboardInterrupt):
@@ -28,7 +26,7 @@ def leave_at_once(who: str) -> None:
     """
 
     def leave(number: int, _: object) -> NoReturn:
-        os.write(STREAMS[1], f'{who}: interrupted\n'.encode())
+        os.write(STDERR, f'{who}: interrupted\n'.encode())
         os._exit(CODES[signal.Signals(number)])
 
     for number in CODES:
@@ -54,55 +52,27 @@ def terminable() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield  # signals are none of its business
         return
-    signals = _Signals()
+    received: list[type[KeyboardInterrupt]] = []
+
+    def interrupt(number: int, _: object) -> NoReturn:
+        if number == signal.SIGTERM:
+            signal.signal(number, signal.SIG_IGN)
+        received.append(Terminated if number == signal.SIGTERM else KeyboardInterrupt)
+        raise received[-1]
+
+    heard = [it for it in CODES if signal.getsignal(it) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, interrupt) for number in heard}
     try:
         yield
     except BaseException:
-        signals.end()
-        raise
+        if not received:
+            raise
     finally:
-        signals.restore()
-    signals.end()
-
-
-class _Signals:
-    """SIGINT and SIGTERM as exceptions, and which of them came."""
-
-    def __init__(self) -> None:
-        self._came: type[KeyboardInterrupt] | None = None
-        self._before: dict[int, Any] = {
-            number: signal.signal(number, self._raise)
-            for number in (*CODES, signal.SIGALRM)
-            if signal.getsignal(number) is not signal.SIG_IGN
-        }
-        self._hook, sys.unraisablehook = sys.unraisablehook, self._again
-
-    def restore(self) -> None:
-        """Leave the signals to whom they belonged."""
-        sys.unraisablehook = self._hook
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        for number, handler in self._before.items():
+        for number, handler in before.items():
             if handler is not None:  # of C, which cannot be set again
                 signal.signal(number, handler)
-
-    def end(self) -> None:
-        """Raise what came, if anything did."""
-        if self._came is not None:
-            raise self._came from None
-
-    def _raise(self, number: int, _: object) -> NoReturn:
-        if number == signal.SIGTERM:
-            signal.signal(number, signal.SIG_IGN)
-            self._came = Terminated
-        self._came = self._came or KeyboardInterrupt
-        raise self._came
-
-    def _again(self, lost: 'sys.UnraisableHookArgs') -> None:
-        """Raise once more what Python would print and forget: it was raised in a destructor."""
-        if issubclass(lost.exc_type, KeyboardInterrupt):
-            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
-        else:
-            self._hook(lost)
+    if received:
+        raise Terminated if Terminated in received else KeyboardInterrupt
 
 
 def unread() -> bool:
@@ -124,15 +94,3 @@ def unread() -> bool:
                 raise
             closed = True
     return closed
-
-
-def reader_left(error: OSError) -> bool:
-    """Whether ``error`` is that of printing to a pipe whose reader has left."""
-    return isinstance(error, BrokenPipeError) and (unread() or any(map(_broken, STREAMS)))
-
-
-def _broken(number: int) -> bool:
-    """Whether a file descriptor is a pipe without a reader: unbuffered output is lost at once."""
-    poll = select.poll()
-    poll.register(number, 0)
-    return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))

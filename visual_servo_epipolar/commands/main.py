@@ -1,7 +1,7 @@
 """The command ``visual_servo``: picks the subcommand, turns errors into exit codes."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
@@ -12,7 +12,6 @@ from typing import Any, NoReturn
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.commands.ending import (
     INTERRUPTED,
-    reader_left,
     terminable,
     TERMINATED,
     Terminated,
@@ -38,41 +37,20 @@ class Parser(argparse.ArgumentParser):
 
     commands: Mapping[str, argparse.ArgumentParser]
 
-    def __init__(self, *args: Any, module: str | None = None, **options: Any) -> None:
-        super().__init__(*args, **options)
-        self._module = module
-
-    def load(self) -> None:
-        """Take description and options from the module, if one was named."""
-        if self._module is not None:
-            module, self._module = import_module(self._module), None
-            self.description = _plain(module.__doc__ or '')
-            module.add_options(self)
-
-    def format_help(self) -> str:
-        """Return the help, with the options of the module."""
-        self.load()
-        return super().format_help()
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse ``args``, with the options of the module."""
-        self.load()
-        return super().parse_known_args(args, namespace)
-
     def error(self, message: str) -> NoReturn:
         """Exit with code 2."""
         self.exit(BAD_INPUT, f'{self.prog}: {message}; see {self.prog} --help\n')
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse all of ``args``; what nobody knows is an error of the subcommand."""
+        """Parse all of ``args``; words that are no options are an error of the subcommand."""
         options, unknown = self.parse_known_args(args, namespace)
         if unknown:
             self.commands[options.command].error(f'unrecognized arguments: {" ".join(unknown)}')
         return options
 
 
-def parser() -> Parser:
-    """Return the parser of the whole command line."""
+def parser(words: Collection[str] = ()) -> Parser:
+    """Return the parser of the command line; tools get their options if ``words`` name them."""
     top = Parser(
         prog='visual_servo',
         description='Drive a robot back to where a photograph was taken, by epipolar geometry.',
@@ -84,7 +62,11 @@ def parser() -> Parser:
         row.add_options(command)
         command.set_defaults(run=partial(_call, row.function))
     for name, (tool, summary) in EVALUATION.items():
-        kinds.add_parser(name, help=summary, module=f'{PACKAGE}.evaluation.{tool}')
+        command = kinds.add_parser(name, help=summary)
+        if name in words:
+            module = import_module(f'{PACKAGE}.evaluation.{tool}')
+            command.description = _plain(module.__doc__ or '')
+            module.add_options(command)
     top.commands = kinds.choices
     return top
 
@@ -97,14 +79,16 @@ def _call(function: str, options: argparse.Namespace) -> int:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; without a word where nobody reads it."""
+    words = sys.argv[1:] if args is None else args
     try:
-        code = _run(parser().parse_args(args))
+        try:
+            code = _run(parser(words).parse_args(words))
+        except SystemExit as end:  # --help, or bad usage
+            raise SystemExit(UNREAD if unread() else end.code) from None
         return UNREAD if unread() else code
-    except SystemExit as end:  # --help, or bad usage
-        raise SystemExit(UNREAD if unread() else end.code) from None
+    except BrokenPipeError:
+        return UNREAD
     except OSError as error:
-        if reader_left(error):
-            return UNREAD
         return _complain('visual_servo', f'output cannot be written: {error.strerror}', BAD_INPUT)
 
 
@@ -114,9 +98,9 @@ def _run(options: argparse.Namespace) -> int:
         with terminable():
             check_outputs(options)
             return int(options.run(options))
+    except BrokenPipeError:
+        return UNREAD
     except (VisualServoError, OSError) as error:
-        if isinstance(error, OSError) and reader_left(error):
-            return UNREAD
         code = BAD_INPUT if isinstance(error, (InputError, OSError)) else FAILURE
         return _complain(who, error, code)
     except ImportError as error:
