@@ -34,7 +34,7 @@ POLICIES = {  # of QoS, which earlier distributions write as numbers
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """Topic of a bag: name, message type, its RIHS01 hash, QoS as metadata.yaml has it."""
+    """Topic of a bag: name, message type, its RIHS01 hash, QoS as in metadata.yaml."""
 
     name: str
     kind: str  # such as sensor_msgs/msg/Image
@@ -102,7 +102,7 @@ def listed_files(folder: Path) -> list[str] | None:
 
 
 def qos_profiles(text: str) -> tuple[Mapping[str, Any], ...]:
-    """Return QoS as metadata.yaml has it, from what a storage file says; none if it is broken."""
+    """Return QoS as in metadata.yaml, from what a storage file says; none if it is broken."""
     try:
         return tuple(
             {

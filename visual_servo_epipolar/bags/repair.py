@@ -45,7 +45,7 @@ class RepairedPart:
 
     info: PartInfo
     storage: str
-    compression: str  # none, message or file, as metadata.yaml has it
+    compression: str  # none, message or file, as in metadata.yaml
     remains: str = ''  # a sentence, where the file was not whole
 
 

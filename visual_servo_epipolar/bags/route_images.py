@@ -44,8 +44,8 @@ class RecordedWay:
         projection: str = CAMERA_INFO,
         **kind: bool,
     ) -> None:
-        told = camera is None and projection == CAMERA_INFO
-        roles = ('image', 'camera_info', 'cmd_vel') if told else ('image', 'cmd_vel')
+        by_info = camera is None and projection == CAMERA_INFO
+        roles = ('image', 'camera_info', 'cmd_vel') if by_info else ('image', 'cmd_vel')
         self._bag, self._topics = bag, assign_roles(bag, requested, roles=roles)
         if 'image' not in self._topics:
             raise InputError(
@@ -55,7 +55,7 @@ class RecordedWay:
         self.notes = [*bag.notes]
         self.notes += camera_notes(bag, self._topics, requested)
         self.camera = camera or (
-            self._recorded_camera(kind) if told else self._projected_camera(projection)
+            self._recorded_camera(kind) if by_info else self._projected_camera(projection)
         )
         motion = self._odometry(odometry) or self._topics.get('cmd_vel')
         if motion is None:

@@ -1,4 +1,4 @@
-"""How a command ends early: by Ctrl-C or SIGTERM, or as nobody reads its output any more."""
+"""How a command ends early: by Ctrl-C or SIGTERM, or when its output is no longer read."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -77,7 +77,7 @@ def terminable() -> Iterator[None]:
 
 def unread() -> bool:
     """
-    Write out what was printed; return whether nobody reads it any more, as after ``| head``.
+    Write out what was printed; return whether it is no longer read, as after ``| head``.
 
     Raises OSError where it cannot be written for another reason.
     """

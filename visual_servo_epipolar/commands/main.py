@@ -78,7 +78,7 @@ def _call(function: str, options: argparse.Namespace) -> int:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code; without a word where nobody reads it."""
+    """Run the command line and return its exit code; silently where its output is not read."""
     words = sys.argv[1:] if args is None else args
     try:
         try:

@@ -6,7 +6,7 @@ from zlib import crc32
 
 from visual_servo_epipolar.core.arrays import Image
 
-NO_GOAL = 0  # id of no goal, or of one that nobody tells
+NO_GOAL = 0  # id of no goal, or of an unnamed one
 MapT = TypeVar('MapT')
 
 

@@ -34,7 +34,7 @@ class Registry(Mapping[str, VariantT], Generic[VariantT]):
         self._loaded: dict[str, VariantT] = {}
 
     def __getitem__(self, name: str) -> VariantT:
-        """Return the variant ``name``; KeyError if nobody has it, ValueError if it is broken."""
+        """Return the variant ``name``; KeyError if there is none, ValueError if it is broken."""
         if name in self._own:
             return self._own[name]
         if name not in self._loaded:

@@ -24,8 +24,8 @@ class Words:
     """
     Words of the node about a state, beside its own.
 
-    ``reason``: why the robot stands, '' where the state says it; of one that is ``armed``, told to
-    start, when it begins to drive. ``notice``: what the owner of the robot should know beside.
+    ``reason``: why the robot stands, '' where the state says it; of one that is ``armed``, asked
+    to start, when it begins to drive. ``notice``: what the owner of the robot should know beside.
     """
 
     reason: str = ''

@@ -1,4 +1,4 @@
-"""Coordinate frames as messages: transforms, and markers where nobody publishes any."""
+"""Coordinate frames as messages: transforms, and markers where no other node publishes any."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

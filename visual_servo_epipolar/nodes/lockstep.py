@@ -78,7 +78,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
 
     def record(self, folder: Path, *, exclude: Sequence[str] = ()) -> None:
         """Record every topic but those like ``exclude``; time waits for the disk."""
-        # Only here: without a bag nobody needs the libraries that write one.
+        # Only here: without a bag the libraries that write one are not needed.
         from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 
         topics = {item.topic_name for node in self.nodes for item in node.publishers}

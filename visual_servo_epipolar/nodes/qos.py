@@ -17,9 +17,9 @@ SWITCH = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED_SWITCH = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Any driver's odometry; what comes while images are looked at is needed for the next ones.
 ODOMETRY = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
-# /tf as tf2 has it: many publish on it.
+# /tf as in tf2: many publish on it.
 TRANSFORMS = QoSProfile(depth=100)
-# /tf_static as tf2 has it: latched, and depth 1 would keep that of one publisher alone.
+# /tf_static as in tf2: latched, and depth 1 would keep that of one publisher alone.
 STATIC_TRANSFORMS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 # A reliable subscriber never connects to a best-effort camera driver; a best-effort one connects

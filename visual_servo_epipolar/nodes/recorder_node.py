@@ -146,7 +146,7 @@ class RecorderNode(ManagedNode):
             self._report(status)
 
     def _miss_topics(self) -> None:
-        """Say which topics are to be recorded by name, but published by nobody."""
+        """Say which topics are to be recorded by name, but not published."""
         missing = sorted(self._raw_subscriptions.missing)
         if missing and self._discoveries >= PATIENT_DISCOVERIES:
             self.get_logger().warning(

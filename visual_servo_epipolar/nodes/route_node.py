@@ -200,8 +200,8 @@ class RouteNode(ManagedNode):
         self.received += 1
         self._repetition.freshness.hear()
         self._inputs.compare_frames(message.header.frame_id)
-        told = self._node_settings.projection == CAMERA_INFO
-        if told and self._camera.model is None:
+        by_info = self._node_settings.projection == CAMERA_INFO
+        if by_info and self._camera.model is None:
             self._pending = message
             self._warn(self._camera.missing)
             return

@@ -117,7 +117,7 @@ class ServoNode(ManagedNode):
         self._commands.forget()
 
     def cleanup(self) -> None:
-        """Forget the mount that /tf_static told: the next may be another."""
+        """Forget the mount of /tf_static: the next may be another."""
         if self.is_configured:
             self._settings = self._camera.static_mount.dropped(self._settings)
 
@@ -216,7 +216,7 @@ class ServoNode(ManagedNode):
         if unusable:
             self._warn(unusable)
         seen = self._driven.with_odometry(observe(features, camera, stamp_ns))
-        # The mount may have become known since: the rig of these settings, as a replay has it.
+        # The mount may have become known since: the rig of these settings, as in a replay.
         observation = self._head.with_joints(seen, self._settings.carrier)
         session = session.decide(
             observation,
@@ -266,7 +266,7 @@ class ServoNode(ManagedNode):
             self._run.report()
 
     def _look_around(self) -> None:
-        """Let be told who else may command the base, or cannot take its commands."""
+        """Look for other publishers on cmd_vel, and for a base that cannot take its commands."""
         if self._node_settings.watchdog:
             self._run.notice = self._admission.rivals.notice()
 
@@ -286,7 +286,7 @@ class ServoNode(ManagedNode):
 
     @property
     def _lacking(self) -> str:
-        """What keeps a servo that was told to start from driving; or ''."""
+        """What keeps a servo that was started from driving; or ''."""
         run, admission = self._run, self._admission
         reason = self._camera.missing or self._head.trouble()
         reason = reason or run.trouble or admission.withheld()

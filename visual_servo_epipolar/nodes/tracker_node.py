@@ -197,8 +197,8 @@ class TrackerNode(ManagedNode):
         )
 
     def _on_image(self, message: Image | CompressedImage) -> None:
-        told = self._node_settings.projection == CAMERA_INFO
-        if told and self._camera is None and not self._unusable:
+        by_info = self._node_settings.projection == CAMERA_INFO
+        if by_info and self._camera is None and not self._unusable:
             self._pending_image = message
             self._warn(NO_CAMERA)
             self._reports.miss('images wait for a usable camera_info')

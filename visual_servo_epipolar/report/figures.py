@@ -128,7 +128,7 @@ def save_one(name: str, log: RunLog, folder: Path) -> Path:
     return save(FIGURES[name](log), folder / name)
 
 
-# The one that takes longest first: where each is drawn by a process, others wait for nobody.
+# The one that takes longest first: where each is drawn by a process, the others finish meanwhile.
 FIGURES: Mapping[str, Callable[[RunLog], Figure]] = MappingProxyType(
     {'signals.png': signals, 'trajectory.png': trajectory}
 )

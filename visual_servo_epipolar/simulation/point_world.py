@@ -64,7 +64,7 @@ class PointWorld(View):
     """
     A cloud that fills the goal's image; ``observe`` gives what a good tracker would.
 
-    The camera of ``rig`` is the true one, its rows are exposed as ``shutter`` has it. What
+    The camera of ``rig`` is the true one, its rows are exposed by ``shutter``. What
     ``disturbances`` put before the scene hides points; light and blur do nothing here.
     """
 

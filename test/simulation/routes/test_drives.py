@@ -92,7 +92,7 @@ def test_progress_of_a_robot_that_stands_does_not_move(taught: Taught) -> None:
         step = run.step(image, round(len(ways) * 9e7))
         ways += [] if step.progress is None else [step.progress.way]
     assert len(ways) > 10 and np.ptp(ways) < 0.01
-    assert step.phase == 'failed' and 'told to drive' in step.reason
+    assert step.phase == 'failed' and 'commanded to drive' in step.reason
 
 
 def test_a_robot_that_is_carried_along_the_route_finds_itself_again(taught: Taught) -> None:

@@ -199,7 +199,7 @@ def _read_diagnosis(run: Recording, item: RecordedMessage, key: Key) -> None:
         return
     diagnosis = read.diagnosis(item.message)
     if read.is_of_step(diagnosis):
-        diagnosis['phase'] = read.phase(diagnosis['phase'])  # as a replay has it
+        diagnosis['phase'] = read.phase(diagnosis['phase'])  # as in a replay
         run.diagnoses[read.stamp_ns(item.message.header)] = diagnosis
 
 

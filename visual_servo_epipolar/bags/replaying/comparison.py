@@ -47,7 +47,7 @@ class Comparison:
 
     ``compared`` counts the steps of which something was recorded, ``missing`` recorded steps that
     could not be replayed; ``unpublished`` counts replayed commands that are not on the topic of
-    the commands, None where that is not recorded or cannot be told.
+    the commands, None where that is not recorded or unknown.
     """
 
     tolerance: float

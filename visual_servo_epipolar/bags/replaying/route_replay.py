@@ -33,7 +33,7 @@ STRING = 'std_msgs/msg/String'
 @dataclass(frozen=True, eq=False)
 class RecordedRepetition:
     """
-    Repetition of a route as its node told it: ``image`` is the topic that it drove by.
+    Repetition of a route as its node reported it: ``image`` is the topic that it drove by.
 
     ``steps`` is what each image led to, by its stamp [ns], with the phase where that is clear.
     Without ``cameras`` in the bag it is the one that taught the route.
@@ -123,15 +123,15 @@ def replayed_steps(
     """
     events, reader, left = EventQueue(recorded.events), GrayReader(), {*recorded.steps}
     run: RouteRun | None = None
-    told, follow, servo = recorded.settings, changes.get('follow', {}), changes.get('servo', {})
-    follows = settings_in_time(FollowSettings(), told, follow, [])
-    servos = settings_in_time(ServoSettings(), told, servo, [])
+    changed, follow, servo = recorded.settings, changes.get('follow', {}), changes.get('servo', {})
+    follows = settings_in_time(FollowSettings(), changed, follow, [])
+    servos = settings_in_time(ServoSettings(), changed, servo, [])
     in_force = value_at(follows, 0), value_at(servos, 0)
     for item in bag.messages([recorded.image]):
         with usable(bag.path, item):
             stamp_ns, image = read.stamp_ns(item.message.header), read.gray(item.message, reader)
         if stamp_ns not in left:
-            continue  # nobody drove by it
+            continue  # no command depended on it
         left.remove(stamp_ns)
         before, in_force = in_force, (value_at(follows, stamp_ns), value_at(servos, stamp_ns))
         for entry in events.due(stamp_ns):

@@ -59,7 +59,7 @@ def check_outputs(options: Namespace) -> None:
 
 
 def publish(document: Mapping[str, Any], text: str, target: str | None) -> None:
-    """Write ``document`` to ``target``, then print ``text``, unless standard output has it."""
+    """Write ``document`` to ``target``, then print ``text``, unless it went to stdout."""
     write_json(document, target)
     if target != '-':
         print(text)

@@ -1,5 +1,5 @@
 """
-Limiter: what a base is told of a wanted velocity; the only place, whoever commands.
+Limiter: what a base is sent of a wanted velocity; the only place, whoever commands.
 
 Each step of the servo passes it, alone or at the stations of a route, and so do the following of
 a route and its turns in place.

@@ -41,7 +41,7 @@ LAYOUTS: Mapping[str, Layout] = {
 @dataclass(frozen=True, slots=True)
 class DualFisheye(Equidistant):
     """
-    Two fisheye lenses back to back, each imaged as ``Equidistant`` has it in one half.
+    Two fisheye lenses back to back, each imaged by ``Equidistant`` in one half.
 
     The intrinsics are those of both, in a half that is turned upright. Ahead and back meet at 90
     deg; where a lens sees beyond, a pixel has the ray that its own lens tells.

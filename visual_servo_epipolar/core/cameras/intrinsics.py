@@ -49,7 +49,7 @@ class ImageIntrinsics:
 
     @property
     def matrix(self) -> FloatArray:
-        """K as CameraInfo has it, shape (3, 3): the intrinsic matrix of a pinhole (eq. 2)."""
+        """K as in CameraInfo, shape (3, 3): the intrinsic matrix of a pinhole (eq. 2)."""
         return np.array([[self.fx, self.skew, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     @property
@@ -92,7 +92,7 @@ def checked_matrix(numbers: Sequence[float], name: str = 'K') -> FloatArray:
     rows = np.array(numbers, dtype=np.float64).reshape(3, -1)
     if not np.isfinite(rows).all():
         raise ValueError(f'intrinsics must be finite, {name} is {rows.tolist()}; calibrate')
-    if not rows.any():  # a camera that nobody calibrated
+    if not rows.any():  # an uncalibrated camera
         return rows[:, :3]
     matrix = _normalised(rows)
     if matrix is not None:

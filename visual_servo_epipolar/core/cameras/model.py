@@ -16,7 +16,7 @@ class CameraModel(Protocol):
     Pixel coordinates (u, v) are OpenCV's: u right, v down, integers at pixel centres. Camera axes:
     x right, y down, z forward; a lens may see rays behind, z < 0. ``focal`` [px per rad at the
     centre] only turns thresholds in pixels into angles. Equal cameras are equal values. Of an
-    image that ``wraps``, u and u + width are one column: nobody may subtract pixels across it.
+    image that ``wraps``, u and u + width are one column: pixels must not be subtracted across it.
     """
 
     def __hash__(self) -> int: ...
@@ -35,7 +35,7 @@ class CameraModel(Protocol):
 
     @property
     def distortion_model(self) -> str:
-        """Name under which the registry has it."""
+        """Name in the registry."""
 
     @property
     def matrix(self) -> FloatArray:
@@ -130,7 +130,7 @@ class PlanarCamera(CameraModel, Protocol):
 
 @runtime_checkable
 class TwoLenses(Protocol):
-    """A camera of two lenses, whose centres are apart by what nobody tells."""
+    """A camera of two lenses, whose centres are apart by an unknown distance."""
 
     def looks_back(self, pixels: FloatArray) -> BoolArray:
         """Return which ``pixels``, shape (N, 2), are of the lens that looks back."""

@@ -56,7 +56,7 @@ CAMERAS: Registry[CameraRow] = Registry(
 )
 UNKNOWN = CameraRow(pinhole.Camera)  # refuses the name
 ROUNDING = 1e-6  # of a ray whose distortion is undone
-CAMERA_INFO = 'camera_info'  # the projection that is not told, but calibrated
+CAMERA_INFO = 'camera_info'  # the projection that is calibrated, not given
 # Names of the same lenses: of drivers, of Kalibr and of Apex.AI's and Intel's models.
 SYNONYMS = {
     'none': '',

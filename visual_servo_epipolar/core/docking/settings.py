@@ -65,13 +65,13 @@ class DockPoseSettings(PerceptionSettings):
         return bool(self.camera_place.any() or self.camera_tilt or self.camera_roll)
 
     def mounted(self, mount: Mount) -> 'DockPoseSettings':
-        """Return the settings of a camera mounted as a description of the robot has it."""
-        told = {f'camera_{item.name}': getattr(mount, item.name) for item in fields(mount)}
-        return replace(self, **told)
+        """Return the settings of a camera mounted as in a description of the robot."""
+        configured = {f'camera_{item.name}': getattr(mount, item.name) for item in fields(mount)}
+        return replace(self, **configured)
 
     @property
     def camera_place(self) -> FloatArray:
-        """Place of the camera on the base as told, (3,): forward, left [m], yaw [rad]."""
+        """Place of the camera on the base as configured, (3,): forward, left [m], yaw [rad]."""
         return np.array([self.camera_forward, self.camera_left, self.camera_yaw])
 
     @property

@@ -1,4 +1,4 @@
-"""A camera matrix that nobody calibrated: what is learnt of it while driving."""
+"""Estimate of an uncalibrated camera matrix, learnt while driving."""
 
 from dataclasses import dataclass
 import math
@@ -7,10 +7,10 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 
-SHIFT_DEVIATION = 0.02  # of a principal point that nobody measured, in focal lengths
+SHIFT_DEVIATION = 0.02  # of an unmeasured principal point, in focal lengths
 SHY = 0.3  # part of the variance before above which what one pair says is taken over slowly
 SPURIOUS_DEVIATIONS = 2.0
-MOST_RATIO = 8.0  # of focal lengths, as told over true: no lens is farther from its label
+MOST_RATIO = 8.0  # of focal lengths, as configured over true: no lens is farther from its label
 SMALLEST = 1e-18  # that is divided by
 LEAST_VARIANCE = np.diag([0.003, 0.0005]) ** 2  # of ratio and shift: lenses are no pinholes
 
@@ -20,7 +20,7 @@ class Lens:
     """
     What is wrong with a camera matrix: its rays (x, y, z) truly are along (r x + h z, r y, z).
 
-    ``log_ratio`` is log r, of the focal length that was told over the true one, ``shift`` h moves
+    ``log_ratio`` is log r, of the configured focal length over the true one, ``shift`` h moves
     all image points to the right; the offset of the principal point along v acts as a tilt. The
     ratio is known to ``ratio_deviation``. If it were log_ratio + a, the shift would be shift + a
     ``shift_slope``, and then it is known to ``rest_deviation``. A calibrated camera has deviations

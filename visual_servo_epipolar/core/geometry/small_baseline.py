@@ -35,7 +35,7 @@ def fundamental_of_small_baseline(
     Parameters
     ----------
     rotation : array, shape (3, 3)
-        Best rotation, current -> desired, as ``fit_rotation`` has it.
+        Best rotation, current -> desired, as in ``fit_rotation``.
     current, desired : array, shape (N, 3)
         Unit rays, at least three.
 

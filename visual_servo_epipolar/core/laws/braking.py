@@ -70,7 +70,7 @@ def looking_speed(left: float, state: ServoState, settings: ServoSettings) -> fl
 
 
 def place_deviation(state: ServoState) -> float:
-    """Return what the averaged place is unknown by, aside [m]; 0 where nobody averages."""
+    """Return what the averaged place is unknown by, aside [m]; 0 without an average."""
     place = state.view.map.place
     return 0.0 if place is None else math.sqrt(place.covariance[X, X])
 
@@ -91,8 +91,8 @@ def braked_turn(angle: float, state: ServoState, settings: ServoSettings) -> flo
     """
     Return the rate [rad/s] of a turn in place of which an ``angle`` [rad] is left, as seen.
 
-    It is a trapezoid once turns have told how late the base obeys. Without speed ramps the rate is
-    that of ``turn_gain``.
+    It is a trapezoid once turns have shown how late the base obeys. Without speed ramps the rate
+    is that of ``turn_gain``.
     """
     landing = _landing_turn(angle, state, settings)
     return (
@@ -119,7 +119,7 @@ def _landing_turn(angle: float, state: ServoState, settings: ServoSettings) -> f
     """
     Return the rate [rad/s] of a turn of a trapezoid, whose last frame ends where it is to.
 
-    What was commanded and has not acted is turned already; 0 where nobody knows how much that is.
+    What was commanded and has not acted is turned already; 0 where that is unknown.
     """
     late, measurement = state.identified.delay.response, state.measurement
     if measurement is None or math.isnan(late) or is_late(settings):
@@ -156,5 +156,5 @@ def braked(
 
 
 def unfelt_latency(settings: ServoSettings) -> float:
-    """Return the delay [s] from what is seen to the next command, where nobody foretells it."""
+    """Return the delay [s] from what is seen to the next command, where it is not predicted."""
     return 0.0 if is_late(settings) else settings.latency

@@ -204,7 +204,7 @@ def _too_long(state: ServoState, settings: ServoSettings) -> str:
 
 
 def _against_tolerances(measurement: Measurement, settings: ServoSettings) -> str:
-    """Return in words how far off the robot is in the terms of the tolerances that are told."""
+    """Return in words how far off the robot is in the terms of the configured tolerances."""
     words = ''
     if settings.arrival_position > 0.0 and measurement.offset is not None:
         offset = 1e3 * math.hypot(*measurement.offset)

@@ -8,7 +8,7 @@ machine of a law (``machine.StateMachine``). A law may define phases and events 
 from dataclasses import astuple, dataclass
 from typing import Any, ClassVar
 
-# The word for a servo that was told to start, and drives as soon as it can: the phase is WAITING.
+# The word for a servo that was started, and drives as soon as it can: the phase is WAITING.
 ARMED = 'armed'
 
 

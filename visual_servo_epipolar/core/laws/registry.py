@@ -73,7 +73,7 @@ def laws_on_arcs() -> list[str]:
 
 
 def phase_named(word: str) -> Phase:
-    """Return the phase of this word, of any law; ValueError if no law has it."""
+    """Return the phase of this word, of any law; ValueError if there is none."""
     row = phase_row(word)
     if row is None:
         raise ValueError(f'{word!r} is no phase of {", ".join(LAWS)}')

@@ -50,7 +50,7 @@ class FeatureObservations:
     def owning(
         cls, ids: IntArray, current: FloatArray, desired: FloatArray, noise: FloatArray
     ) -> 'FeatureObservations':
-        """Return those of columns that fit and that nobody changes: not copied nor checked."""
+        """Return those of columns that fit and stay unchanged: neither copied nor checked."""
         observations = object.__new__(cls)
         columns = (ids, current, desired, noise)
         for name, values in zip(cls.__slots__, columns, strict=True):

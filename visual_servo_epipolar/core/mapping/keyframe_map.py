@@ -109,7 +109,7 @@ class KeyframeMap:
         Return the map after one more view, yet to be updated with it, and its localization.
 
         ``motion``, (2,), is the way of the camera since the last view, right and ahead in its axes
-        then [m], nan where nobody knows: it counts for the scale alone; ``alternative_motion`` the
+        then [m], nan where unknown: it counts for the scale alone; ``alternative_motion`` the
         same by the other source. ``bearings`` are those of photograph and view, needed to begin
         with, ``attitude`` that of the camera as known by now. A view that does not learn is
         localized alone.

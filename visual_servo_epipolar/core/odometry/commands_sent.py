@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
-KEPT_S = 3.0  # longer than any delay that is told or learnt, with the images between
+KEPT_S = 3.0  # longer than any delay that is configured or learnt, with the images between
 WITHDRAWN_S = 0.5  # after which a command is withdrawn at the latest, if no image comes
 
 
@@ -19,7 +19,7 @@ class CommandsSent:
     """
     Commands of the last KEPT_S: ``stamps`` of their images [ns], ascending, and ``twists``.
 
-    ``withdrawn`` says that the last one was, nobody knows when: by who sends them, if no image
+    ``withdrawn`` says that the last one was, at an unknown time: by the sender, if no image
     came in time.
     """
 

@@ -18,7 +18,7 @@ class MotionNoise(NamedTuple):
     noise: float = 0.0
 
 
-# A base may drive or turn otherwise than it is told, and obeys late; wheels slip.
+# A base may drive or turn otherwise than commanded, and obeys late; wheels slip.
 COMMANDED, MEASURED = MotionNoise(0.3, 0.5, fading=0.6), MotionNoise(0.05, 0.05, noise=0.0075)
 
 

@@ -1,5 +1,5 @@
 """
-Leaning head: rays of a head whose camera leans on it by what nobody told.
+Leaning head: rays of a head whose camera leans on it by an unknown angle.
 
 A head turns rays about the vertical, which lies in axes of its camera as it is configured to. If
 the camera leans otherwise, views at other pan angles look tilted and rolled against the
@@ -18,17 +18,17 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.rigs.rig import HeadView, Joints, Lean
 
 UNTOLD = math.radians(2.0)  # deviation of a lean that was not measured
-STEP = 1e-3  # of a lean, by which its effect is told [rad]
+STEP = 1e-3  # of a lean, by which its effect is measured [rad]
 
 
-def levelled(observation: Observation, attitude: Attitude, told: Attitude) -> Observation:
-    """Return ``observation`` with its rays turned as the learnt ``attitude`` has it."""
+def levelled(observation: Observation, attitude: Attitude, configured: Attitude) -> Observation:
+    """Return ``observation`` with its rays turned by the learnt ``attitude``."""
     head = observation.head
     if head is None:
         return observation
     lean = Lean(
-        told.tilt + _share(attitude.tilt_deviation) * (attitude.tilt - told.tilt),
-        told.roll + _share(attitude.roll_deviation) * (attitude.roll - told.roll),
+        configured.tilt + _share(attitude.tilt_deviation) * (attitude.tilt - configured.tilt),
+        configured.roll + _share(attitude.roll_deviation) * (attitude.roll - configured.roll),
     )
     here, photograph = (
         _change(head, joints, lean) for joints in (head.joints, head.rig.photograph)

@@ -1,9 +1,9 @@
 """
-Whether the tracks go with the focal length that was told: a doubt that is said, and no more.
+Whether the tracks go with the configured focal length: a doubt is a warning.
 
-A camera that counts as calibrated is looked at now and then as if nobody had calibrated it. What
-is learnt of its focal length must agree with what was told. The run goes by what was told all the
-same: who calibrated knows better than a few views, more often than not.
+A camera that counts as calibrated is looked at now and then as if it were uncalibrated. What
+is learnt of its focal length must agree with the configured one. The run goes by the latter all
+the same: a calibration is better than a few views, more often than not.
 """
 
 from dataclasses import dataclass, replace
@@ -76,7 +76,7 @@ def looked_at(
 
 def contradicted_by_pair(observation: Observation, settings: PerceptionSettings) -> str:
     """
-    Return that two views alone contradict the focal length that was told, or ''.
+    Return that two views alone contradict the configured focal length, or ''.
 
     Views of one plane tell nothing: a tilt looks like another focal length there. Nor do fewer
     features than two views need, as where a memory of views carries on.
@@ -106,7 +106,7 @@ def _shows_one_plane(observation: Observation) -> bool:
 
 
 def _contradiction(lens: Lens, focal: float, least: float = LEAST) -> str:
-    """Return how far what is learnt of a lens is from the ``focal`` length [px] told, or ''."""
+    """Return how far a learnt lens is from the configured ``focal`` length [px], or ''."""
     off = lens.log_ratio
     if abs(off) < max(CONTRADICTION * lens.ratio_deviation, least):
         return ''
@@ -118,5 +118,5 @@ def _contradiction(lens: Lens, focal: float, least: float = LEAST) -> str:
 
 @lru_cache(maxsize=4)
 def uncalibrated(settings: PerceptionSettings) -> PerceptionSettings:
-    """Return ``settings`` of a camera that nobody calibrated; to check them takes long."""
+    """Return ``settings`` of an uncalibrated camera; to check them takes long."""
     return replace(settings, estimator=DEFAULT_ESTIMATOR, focal_deviation=UNKNOWN)

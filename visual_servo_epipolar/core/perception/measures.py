@@ -95,7 +95,7 @@ def margins(
 
 
 def usual_matches(observation: Observation, estimate: ValidatedEstimate) -> BoolArray:
-    """Return which matches, (N,), nobody holds for wrong."""
+    """Return which matches, (N,), are not known to be wrong."""
     if estimate.estimate is not None:
         return estimate.estimate.inliers
     wrong = estimate.memory.wrong

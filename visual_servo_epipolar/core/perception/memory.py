@@ -101,11 +101,11 @@ def _combined(before: FloatArray, after: FloatArray) -> tuple[FloatArray, bool]:
     """
     root = np.linalg.cholesky(before)
     # What this pair tells, in units of what was known, along directions that do not mix.
-    told, axes = np.linalg.eigh(root.T @ np.linalg.inv(after) @ root - IDENTITY)
-    known = np.maximum(np.minimum(1.0 + told, 2.0 * told), 1.0)
+    gain, axes = np.linalg.eigh(root.T @ np.linalg.inv(after) @ root - IDENTITY)
+    known = np.maximum(np.minimum(1.0 + gain, 2.0 * gain), 1.0)
     axes = root @ axes
     covariance = (axes / known) @ axes.T
     least = KNOWN_DEVIATION * KNOWN_DEVIATION
     for k in range(2):
         covariance[k, k] = max(covariance[k, k], least)
-    return covariance, bool(told[0] < -ROUNDING)
+    return covariance, bool(gain[0] < -ROUNDING)

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import overlap
 from visual_servo_epipolar.core.tracking.features import Features
 
 # Of the angle of a pixel, where another lens sees a feature than in the photograph: its centre is
-# elsewhere, by what nobody tells.
+# elsewhere, by an unknown offset.
 OTHER_LENS = 8.0
 
 

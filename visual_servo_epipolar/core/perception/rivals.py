@@ -27,7 +27,7 @@ class Rivals:
     """
     Both geometries along a ``way`` [m] of straight legs, the last of which is not over.
 
-    ``headings``, (2,), are those of the last view, by which the next ones are told apart [rad].
+    ``headings``, (2,), are those of the last view, by which the next ones are distinguished [rad].
     ``moments``, (2, 5, 5), are sums over views of the leg of products of 1, right, ahead, heading
     and way; ``before``, (2,), is by how much legs before contradict each geometry. ``turn`` is the
     heading of the features as a whole at the beginning [rad].

@@ -272,7 +272,7 @@ def sheared(pair: RowPair, axes: BaseAxes) -> Shear | None:
     """
     Return the shear that a turn of the base and its way ahead do not explain.
 
-    None where the features lie so close together that no turn can be told from a shear.
+    None where the features lie so close together that a turn and a shear look alike.
 
     A ray r of row y, from the middle, is moved by turn x r + s y (r x up) + parallax; across the
     plane of r and the direction of travel there is no parallax. By robust least squares.

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.settings import fixed, internal, setting, Settin
 
 @dataclass(frozen=True, kw_only=True)
 class PerceptionSettings(Settings):
-    """What perception may be told. Angles in rad, parallax and noise in px."""
+    """Settings of perception. Angles in rad, parallax and noise in px."""
 
     estimator: str = fixed(
         DEFAULT_ESTIMATOR,

@@ -93,7 +93,7 @@ class PanTiltHead:
         """
         Return the angle of a sweep ``since`` [s] it began: from the middle to either end.
 
-        Each sweep takes twice the time of the one before: a head may be slower than it is told.
+        Each sweep takes twice the time of the one before: a head may be slower than configured.
         """
         middle = 0.5 * (self.limits.pan_min + self.limits.pan_max)
         sweeps = 1.0 + since / self.search_time

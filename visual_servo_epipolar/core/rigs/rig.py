@@ -2,7 +2,7 @@
 Rig: what carries the camera on the base, a fixed mount or a head that turns it.
 
 Rays, limits of the view and bearings are in the axes of the rig: those of the camera (x right, y
-down, z forward) with all joints at zero. How these sit on the base is told by ``Mount``, and
+down, z forward) with all joints at zero. How these sit on the base is the ``Mount``, and
 learnt while driving.
 """
 
@@ -59,7 +59,7 @@ class Gaze(NamedTuple):
     What a head goes by: its ``joints`` when the image was taken, and what that showed.
 
     Rays, (N, 3), in axes of the rig, ``current`` and ``desired``; the ``twist`` that the base was
-    told, the time until the next image [s], and for how long too little was seen [s].
+    sent, the time until the next image [s], and for how long too little was seen [s].
     """
 
     joints: Joints

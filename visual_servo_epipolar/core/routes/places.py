@@ -195,7 +195,7 @@ def _located(
     parts = np.array_split(view.path.poses, min(STARTS, len(view.path.poses)))
     places = [place for part in parts if (place := tracker.place(features, part)) is not None]
     best = max(places, key=lambda place: place.inliers, default=None)
-    # What is not matched is looked for where the structure has it from there.
+    # What is not matched is looked for where the structure predicts it from there.
     again = None if best is None else tracker.locate(image, best.pose)
     if best is not None and again is not None and again.inliers > best.inliers:
         best, features = again, tracker.features

@@ -37,7 +37,7 @@ class Appearance:
 @dataclass(frozen=True, slots=True)
 class Bridge:
     """
-    Bridge: a stretch before a key view that no key view shows, as the odometry has it.
+    Bridge: a stretch before a key view that no key view shows, by the odometry.
 
     It is ``way`` [m] long and turns by ``turn`` to the left [rad], to ``deviation`` [m] and
     ``turn_deviation`` [rad].

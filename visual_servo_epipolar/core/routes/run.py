@@ -162,7 +162,7 @@ class RouteRun:
         """
         Stand from ``stamp_ns`` on, as no image may be driven by; the next one goes on.
 
-        The last step was ``unsent`` where the base was not told of it.
+        The last step was ``unsent`` where it was not sent to the base.
         """
         if self._follower is not None:
             self._follower.halt(stamp_ns, unsent=unsent)

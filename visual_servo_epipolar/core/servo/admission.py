@@ -40,9 +40,7 @@ def refusal(arrival: Arrival, max_latency: float) -> str:
     if max_latency == 0.0 or abs(age) <= max_latency:
         return ''
     if stamp_ns == 0:
-        return (
-            'the images are stamped 0, nobody knows how old they are; let their driver stamp them'
-        )
+        return 'the images are stamped 0, so their age is unknown; let their driver stamp them'
     if now_ns == 0:
         return 'use_sim_time is true, but the clock stands at 0; is /clock published?'
     if arrival.still_s > STILL_S:
@@ -79,14 +77,14 @@ def disorder(newest_ns: int | None, stamp_ns: int, remedy: str = '~/stop, then ~
 @dataclass(frozen=True, slots=True)
 class FrozenImageCheck:
     """
-    For how long images have been the very same while the robot was told to drive, ``still_s``.
+    For how long images have been the very same while the robot was to drive, ``still_s``.
 
     A driver that stamps its last image anew for ever looks alive by its stamps. A robot that
     stands proves nothing: without noise, its view does not change. An image that came before the
     last one, and comes again with a new stamp, is of another time: no robot drives back to it to
     the last bit. A simulator whose noise repeats may show it to one that stands, or has just
-    started: it must have been told to drive before the last image, too (``drives``). ``old_ns`` is
-    the stamp of the last image of another time.
+    started: it must have had to drive before the last image, too (``drives``). ``old_ns`` is the
+    stamp of the last image of another time.
     """
 
     stamp_ns: int = 0
@@ -95,7 +93,7 @@ class FrozenImageCheck:
     old_ns: int | None = None
 
     def after(self, arrival: Arrival, *, drives: bool) -> 'FrozenImageCheck':
-        """Return the check after an image, of a robot that was told to drive since the last."""
+        """Return the check after an image, of a robot that had to drive since the last."""
         still_s = self.still_s if arrival.repeats else 0.0
         if arrival.repeats and drives:
             still_s += seconds_between(self.stamp_ns, arrival.stamp_ns)

@@ -1,5 +1,5 @@
 """
-Checking: what is not done, and undone, where motion or matches contradict what was told.
+Checking: what is undone where motion or matches contradict commands or calibration.
 
 Nothing is learnt from such a motion. What was learnt since it may have begun is given back, until
 it is over; but for the dead band, which shows where the base stands.
@@ -73,7 +73,7 @@ def _undone(state: ServoState, measurement: Measurement) -> ServoState:
     if state.known is None:
         return state
     before, identified = state.known[0]
-    lost_map = replace(before, views=None, place=None)  # nobody knows the way since
+    lost_map = replace(before, views=None, place=None)  # the way since is unknown
     extrinsics, pose = identified.extrinsics, state.identified.odometry.pose
     identified = replace(
         identified,
@@ -90,7 +90,7 @@ def parallax_of_way(
     state: ServoState, measurement: Measurement, observation: Observation, settings: ServoSettings
 ) -> float:
     """
-    Return what a metre driven shows of parallax [rad/m]; 0 where nobody knows.
+    Return what a metre driven shows of parallax [rad/m]; 0 where unknown.
 
     A way to the goal shows as large a part of its parallax as it is of the distance, and less from
     afar, where the scene looks small; one to where the camera looks, with the goal aside, as much
@@ -111,7 +111,7 @@ def parallax_of_way(
 
 
 def _shrinkage(observation: Observation) -> float:
-    """Return how large the scene looks, over how large the photograph has it: 1 at most."""
+    """Return how large the scene looks, over its size in the photograph: 1 at most."""
     spreads = [
         median(np.hypot(*(rays[:, :2] - np.median(rays[:, :2], axis=0)).T))
         for rays in (observation.current, observation.desired)

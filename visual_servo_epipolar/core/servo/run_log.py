@@ -96,7 +96,7 @@ class RunLog:
     Record of one run: its start, its samples in order of time, its outcome.
 
     ``start`` is x [m], y [m] and heading error [deg]; ``outcome`` is 'arrived' or 'failed';
-    ``limits`` are those of the base, None where nobody knows them; ``field_of_view`` is how far
+    ``limits`` are those of the base, None where they are unknown; ``field_of_view`` is how far
     around the camera saw [rad], None likewise.
     """
 
@@ -178,7 +178,7 @@ def summarise(log: RunLog) -> dict[str, Any]:
 
 
 def least_time_of(log: RunLog) -> float | None:
-    """Return T_0 [s], the least time from the first pose; None where nobody knows the limits."""
+    """Return T_0 [s], the least time from the first pose; None where the limits are unknown."""
     return None if log.limits is None else least_time(log.samples[0].pose, log.limits)
 
 

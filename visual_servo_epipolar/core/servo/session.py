@@ -154,7 +154,7 @@ class Session:
         """
         Return the session with the command; ``trouble``: why features were not admitted.
 
-        None are where a head carries the camera and nobody told its angles.
+        None are where a head carries the camera and its angles are missing.
         """
         if settings.carrier.turn_rate > 0.0 and observation.joints is None and len(observation):
             observation, trouble = observation.without_features(), trouble or NO_JOINTS

@@ -11,7 +11,10 @@ from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.rigs.fixed_mount import Mount
 from visual_servo_epipolar.core.rigs.registry import DEFAULT_RIG, rig_of
 from visual_servo_epipolar.core.rigs.rig import HeadLimits, Joints, Rig
-from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, told_extrinsics
+from visual_servo_epipolar.core.servo.identification.extrinsics import (
+    configured_extrinsics,
+    Extrinsics,
+)
 from visual_servo_epipolar.core.settings import fixed, internal, setting
 
 LEAST_EXCURSION = 1.05  # start distances: below it noise alone would fail the run
@@ -159,8 +162,7 @@ class ServoSettings(PerceptionSettings, ControlSettings):
         if self.carrier.turn_rate > 0.0 and not self.calibrated:  # or for an unknown rig
             raise ValueError(
                 f'focal_deviation must be 0 with rig {self.rig}, got {self.focal_deviation:g}: '
-                'a lens that is not known cannot be told from joints that turn; calibrate the '
-                'camera'
+                'an unknown lens looks like joints that turn; calibrate the camera'
             )
         if self.latch_engage > self.latch_release:
             raise ValueError(
@@ -185,14 +187,14 @@ class ServoSettings(PerceptionSettings, ControlSettings):
 
     def mounted(self, mount: Mount) -> 'ServoSettings':
         """
-        Return the settings of a camera mounted as a description of the robot has it.
+        Return the settings of a camera mounted as in a description of the robot.
 
         Who draws one seldom measures: deviations stay what they are.
 
         Raises ValueError if it is beyond what the settings allow.
         """
-        told = zip(MOUNT, astuple(mount), strict=True)
-        return type(self)(**{**self.__getstate__(), **dict(told)})
+        configured = zip(MOUNT, astuple(mount), strict=True)
+        return type(self)(**{**self.__getstate__(), **dict(configured)})
 
     @cached_property
     def carrier(self) -> Rig:
@@ -221,7 +223,7 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     @cached_property
     def extrinsics(self) -> Extrinsics:
         """What is known of where the camera sits on the base before the robot moves."""
-        return told_extrinsics(
+        return configured_extrinsics(
             np.array([self.camera_yaw, self.camera_forward, self.camera_left]),
             np.array(
                 [

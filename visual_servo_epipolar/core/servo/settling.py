@@ -41,7 +41,7 @@ def settle(
 def _aside(
     state: ServoState, measurement: Measurement, perception: Perception, settings: ServoSettings
 ) -> float:
-    """Return the mean by which settled frames look aside, where nobody knows better."""
+    """Return the mean by which settled frames look aside, for want of a better estimate."""
     seen, settling = perception.observation, state.settling
     before = settling.settled_aside if settling.settled else 0.0
     if seen is None or not state.phase.straight or not is_in_doubt(measurement, settings):

@@ -79,7 +79,7 @@ class MotionState:
     What was commanded, and how far that has led.
 
     ``command``, the last one, of those ``sent``; ``since_command``, the time between the one
-    before and it, by the clock of who sends them [s], nan where nobody told;
+    before and it, by the clock of who sends them [s], nan where unknown;
     ``dead_band_residual``, the part of it that the dead band of the base withheld [m/s, rad/s];
     ``last_linear``, the speed of the command before the last [m/s].
 

@@ -110,7 +110,7 @@ def joints_of(values: Mapping[str, float]) -> Joints | None:
 
 
 def _distance(state: ServoState, measurement: Measurement) -> float:
-    """Return d_hat as its law uses it [m]: one motion has it from the memory, or as ranged."""
+    """Return d_hat as its law uses it [m]: law smooth takes it from the memory, or as ranged."""
     if not (state.phase.ranges and state.phase.straight):
         return state.motion.distance
     if measurement.offset is not None:

@@ -164,7 +164,7 @@ def _scales(current: Keypoints, desired: Keypoints) -> FloatArray:
     """Return the size in the current over that in the desired image of each match, shape (N,)."""
     if np.ptp(current.sizes) or np.ptp(desired.sizes):
         return np.asarray(current.sizes / desired.sizes)
-    # Sizes are not told: as much as the distances from matches around it.
+    # Sizes are not known: as much as the distances from matches around it.
     few = np.arange(0, len(current), max(len(current) // MOST_AROUND, 1))
     before, after = (
         np.linalg.norm(each[:, None] - each[few], axis=2)

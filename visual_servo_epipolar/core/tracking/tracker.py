@@ -48,7 +48,7 @@ class Tracker:
     is what the features lead to. Of its ``photographs``, in different light, that number
     ``photograph`` is tracked, from 0 on; there are none before there is a desired image.
     ``reason`` says why the last matching of a whole image failed. A ``camera`` whose image is no
-    plane is to be told; others need none. Views are on its ``canvas``.
+    plane is to be noted; others need none. Views are on its ``canvas``.
     """
 
     def __init__(self, settings: TrackerSettings, camera: CameraModel | None = None) -> None:

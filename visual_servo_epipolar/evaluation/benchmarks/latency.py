@@ -196,7 +196,7 @@ SAME_LINEAR, SAME_ANGULAR = 1e-3, math.radians(0.5)  # to which two twists are t
 @dataclass(frozen=True, slots=True, eq=False)
 class DrivenRun:
     """
-    Run that the servo has driven: what the robot saw, and what it was told.
+    Run that the servo has driven: what the robot saw, and what it was commanded.
 
     ``images``, N arrays of shape (H, W) at ``rate`` [Hz], come one after the other from the start,
     none after the end of the run; ``twists`` are the N answers.
@@ -239,7 +239,7 @@ def driven(settings: CameraSettings, seconds: float, folder: Path) -> DrivenRun:
 
     loop = LoopSettings(start=START, seed=settings.seed, frame_rate=rate, max_duration=seconds)
     drive(loop, view, simulator.camera, watch=keep)
-    images.flush()  # nobody is to write while latencies are measured
+    images.flush()  # nothing is to be written while latencies are measured
     seen = tuple(np.asarray(images)[: len(twists)])
     return DrivenRun(simulator.camera, rate, view.desired, seen, twists)
 

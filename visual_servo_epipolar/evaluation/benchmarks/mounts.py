@@ -107,7 +107,7 @@ class MountCell:
     base: Mapping[str, Any] = field(default_factory=dict)
 
     def scenario(self, longest_s: float) -> Scenario:
-        """Return the scenario of the cell; the servo is told nothing of the mount."""
+        """Return the scenario of the cell; the servo is given nothing of the mount."""
         sections = {
             'camera': {**self.mount.settings(), **self.camera},
             'base': dict(self.base),
@@ -221,7 +221,7 @@ def table(document: Mapping[str, Any]) -> str:
     lines = [
         f'{document["starts"]} starts in `{document["region"]}`, the same for each camera, '
         f'{SOURCES[document["source"]]}, at most {document["longest_s"]:g} s a run; the servo is '
-        f'told nothing of the mount. Seed {document["seed"]}, commit {document["commit"]}.',
+        f'without its mount. Seed {document["seed"]}, commit {document["commit"]}.',
         'Errors of the runs that arrived; excursion (largest distance over the first) and the '
         'time driven on bearings more than 10 deg wrong of all runs.',
     ]

@@ -371,7 +371,7 @@ def least_time(start: Pose, settings: ServoSettings) -> float:
 
 
 def _curves(start: GoalOffset, first: float, last: float) -> FloatArray:
-    """Return cubic curves to the goal, (N, POINTS, 2), tangents as long as told, in distances."""
+    """Return cubic curves to the goal, (N, POINTS, 2), tangents of a given length [distances]."""
     s = np.linspace(0.0, 1.0, POINTS)[:, None]
     distance = np.hypot(start.x, start.y)[:, None]
     begin = np.stack([start.x, start.y], axis=1)[:, None]

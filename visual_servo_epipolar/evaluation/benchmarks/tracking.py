@@ -118,7 +118,7 @@ QUICK = TrackingPlan(
 
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
-    """Return the document of the benchmark; ``say`` is told the progress."""
+    """Return the document of the benchmark; ``say`` takes the progress."""
     return measure(QUICK if quick else TrackingPlan(), seed, say)
 
 

@@ -78,7 +78,7 @@ class FrameErrors:
     """
     Errors of the features of one frame, rows are features.
 
-    ``shift``, shape (N, 2): from where the feature is to where the tracker has it [px]; infinite
+    ``shift``, shape (N, 2): from the feature to where it is tracked [px]; infinite
     for a point behind the camera. ``clearance``: distance from the next edge of depth in the
     desired image [px], one of RINGS, or infinite. ``visible``: its point is in the image and
     nothing in the room hides it; ``covered``: a disturbance does.

@@ -71,7 +71,7 @@ class StruckRun:
         self.filter(topic, lambda envelope: [], seconds)
 
     def note_stop(self) -> None:
-        """Note that the robot is told now to stand for good."""
+        """Note that the robot is commanded now to stand for good."""
         self.witness.record.interventions.stopped_s = self.witness.now_s
 
     def spell(self, low: float, high: float) -> float:

@@ -40,7 +40,7 @@ class Limits(NamedTuple):
 
 
 class ServoCommand(NamedTuple):
-    """A command of the servo at ``time_s``, and the limits that it was told by then."""
+    """A command of the servo at ``time_s``, and the limits that it was given by then."""
 
     time_s: float
     twist: Twist
@@ -61,7 +61,7 @@ class Interventions:
 
     ``goals`` are the poses that somebody asked for, ``moved_s`` when the robot was carried,
     ``broken_s`` when its wheels broke, ``woken_s`` when its process went on after it had hung, in
-    which time nobody could stop it, ``stopped_s`` when it was told to stand for good.
+    which time nothing could stop it, ``stopped_s`` when it was commanded to stand for good.
     """
 
     goals: list[Pose] = field(default_factory=lambda: [DESIRED_POSE])
@@ -296,7 +296,7 @@ def _charges(record: Record, bounds: SafetyBounds, blind: str) -> list[tuple[Run
 
 
 def _disobedience(record: Record, bounds: SafetyBounds) -> str:
-    """Return how the robot moved after it was told to stand."""
+    """Return how the robot moved after it was commanded to stand."""
     at_stop, stopped_s = STANDSTILL, record.interventions.stopped_s
     for truth in record.truths:
         at_stop = truth.twist if truth.time_s <= stopped_s else at_stop

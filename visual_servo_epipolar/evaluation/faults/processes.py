@@ -237,7 +237,7 @@ def _team(
     Start the four nodes; they end with the stack.
 
     The camera comes last: a robot that drives before the tracks are heard would be judged blind.
-    The base stops by itself only where nobody else can stop it.
+    The base stops by itself only where nothing else can stop it.
     """
     timeout_s = PIONEER.command_timeout if fault.mute else 0.0
     heard = {
@@ -246,7 +246,7 @@ def _team(
         'unicycle_node': arguments(start=start, command_timeout=timeout_s),
     }
     if fault.signal in (*process.ENDING, signal.SIGTSTP):
-        # What this process ignores, as nohup has it, its children would ignore as well.
+        # What this process ignores, as under nohup, its children would ignore as well.
         stack.callback(signal.signal, fault.signal, signal.signal(fault.signal, signal.SIG_DFL))
     processes = start_nodes(stack, heard, folder, logs=True)
     listener.wait(lambda: listener.hears_all, 'not every node is heard', START_S)

@@ -167,9 +167,9 @@ def _instead(phase: Phase, rows: Mapping[Phase, PhaseRow], own: list[Phase]) -> 
 def _bounds(world: World) -> SafetyBounds:
     settings, base = world.settings, world.settings.base
     period_s = 1.0 / settings.camera.frame_rate
-    told: Mapping[str, float] = world.told.get(SERVO, {})
+    given: Mapping[str, float] = world.given.get(SERVO, {})
     return SafetyBounds(
-        sight_s=told['stale_timeout'] + told.get('max_latency', 0.0) + period_s + SLACK_S,
+        sight_s=given['stale_timeout'] + given.get('max_latency', 0.0) + period_s + SLACK_S,
         period_s=period_s,
         base_linear=base.max_linear,
         base_angular=base.max_angular,

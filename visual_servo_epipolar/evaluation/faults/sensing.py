@@ -274,11 +274,12 @@ def taken(camera: CameraSettings, pose: Pose) -> Pixels:
 
 
 CALIBRATION: Faults = {
-    'focal_wrong': at_first('focal length told 15 to 25 % wrong', prepare=_wrong_focal),
+    'focal_wrong': at_first('focal length configured 15 to 25 % wrong', prepare=_wrong_focal),
     'lens_wrong': at_first(
-        'told a distortion that is not there', _lens('plumb_bob', -0.35, 0.12, 0.0, 0.0, 0.0)
+        'configured with a distortion that is not there',
+        _lens('plumb_bob', -0.35, 0.12, 0.0, 0.0, 0.0),
     ),
-    'lens_fisheye': at_first('told a fisheye', _lens('equidistant', 0.0, 0.0, 0.0, 0.0)),
+    'lens_fisheye': at_first('configured as a fisheye', _lens('equidistant', 0.0, 0.0, 0.0, 0.0)),
     'matrix_transposed': at_first('K column by column', _info(_transpose)),
     'matrix_scaled': at_first(
         'K, or its focal length alone, of 1/4 to 4 times the size', _scale_matrix

@@ -101,7 +101,7 @@ class Witness:
         if not self._world.works(SERVO):  # as one that hangs for good, from before it drove
             record.why.append(f'{SERVO} is gone, or hangs')
         if record.interventions.stopped_s < math.inf:
-            record.why.append('it was told to')
+            record.why.append('it was commanded to')
         if record.phase in MUTE and record.reason:
             record.why.append(record.reason)
         return record
@@ -184,7 +184,7 @@ def _limits(servo: Node, twist: Twist, learnt: Twist) -> Limits:
     """
     Return the limits that a servo obeys.
 
-    Slow commands may jump to a dead band that is told, or that it says it has ``learnt``.
+    Slow commands may jump to a dead band that is configured, or that it says it has ``learnt``.
     """
     said = {name: servo.get_parameter(name).value for name in LIMITS}
     for name, lower in (('max_linear', 'max_speed'), ('max_angular', 'max_turn_rate')):

@@ -117,7 +117,7 @@ class Wire:
                 self._deliver(node, subscription, envelope)
 
     def forget(self, topic: str) -> None:
-        """Let nobody who comes later hear what was latched on ``topic``."""
+        """Hide from later subscribers what was latched on ``topic``."""
         self._latched.pop(topic, None)
 
     def works(self, node: Node) -> bool:

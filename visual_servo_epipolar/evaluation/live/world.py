@@ -30,8 +30,8 @@ CLOCK = '/clock'
 FRAME_RATE = CameraSettings.frame_rate
 WIDTH, HEIGHT = 320, 256  # [px], a quarter of the default camera each way
 RUN_TIMEOUT_S = 150.0
-MAX_RETREAT_M = 1.0  # as docs/robot.md has it for first drives
-TIMES = ('stale_timeout', 'max_latency')  # what a servo was told of them at its start [s]
+MAX_RETREAT_M = 1.0  # as in docs/robot.md for first drives
+TIMES = ('stale_timeout', 'max_latency')  # what a servo was given of them at its start [s]
 
 
 class BreakablePioneer(Pioneer):
@@ -102,14 +102,14 @@ class World(AbstractContextManager['World']):
     """
     Real nodes and a wire; no other process sees them.
 
-    ``nodes`` are those that live, by name, ``told`` the TIMES that each was told. What happens to
-    one is what happens to its process.
+    ``nodes`` are those that live, by name, ``given`` the TIMES that each was given. What happens
+    to one is what happens to its process.
     """
 
     def __init__(self, settings: WorldSettings) -> None:
         self.settings, self.wire = settings, Wire()
         self.nodes: dict[str, Node] = {}
-        self.told: dict[str, dict[str, float]] = {}
+        self.given: dict[str, dict[str, float]] = {}
         self._stack = ExitStack()
         with ExitStack() as stack:
             self._context = stack.enter_context(isolated_context())
@@ -133,8 +133,10 @@ class World(AbstractContextManager['World']):
         self.nodes[known] = node
         self.wire.add(node)
         numbers = (int, float)
-        told = {key: node.get_parameter(key).value for key in TIMES if node.has_parameter(key)}
-        self.told[known] = {key: float(it) for key, it in told.items() if isinstance(it, numbers)}
+        given = {key: node.get_parameter(key).value for key in TIMES if node.has_parameter(key)}
+        self.given[known] = {
+            key: float(it) for key, it in given.items() if isinstance(it, numbers)
+        }
 
     def talker(self, name: str, kind: Any, topic: str) -> Callable[[Any], None]:
         """Return what publishes on ``topic``, as a node of that ``name`` does that is not ours."""
@@ -191,7 +193,7 @@ class World(AbstractContextManager['World']):
         return 'done' if answer is not None and answer.success else 'refused'
 
     def _ask(self, service: str, fill: Callable[[Any], object] = lambda request: None) -> Any:
-        """Return the answer of a service; None where nobody serves it, or dies of it."""
+        """Return the answer of a service; None where no node serves it, or its node dies of it."""
         for node in list(self.nodes.values()):
             for item in node.services:
                 if item.service_name == service:

@@ -83,7 +83,7 @@ def _of_yaml(text: str) -> Iterator[Any]:
 
 
 def _of_xml(element: ElementTree.Element) -> Any:
-    """Return an element as OpenCV's FileStorage has it: children by name, or a text."""
+    """Return an element as in OpenCV's FileStorage: children by name, or a text."""
     if len(element):
         return {child.tag: _of_xml(child) for child in element}
     return (element.text or '').strip().strip('"')

@@ -3,7 +3,7 @@ Pictures: the pixels of JPEG, PNG, TIFF, WebP, and of what else OpenCV reads, as
 
 The calibration of a camera belongs to the pixels as it stores them: what an orientation tag, of
 EXIF or of TIFF's own, turns must turn K as well. A picture that is upside down by its tag is
-turned for those who turn K, all others with a tag are refused. OpenCV, told to turn none, turns
+turned for those who turn K, all others with a tag are refused. OpenCV, asked to turn none, turns
 those of TIFF.
 """
 
@@ -152,8 +152,8 @@ def _of_tiff(data: bytes) -> Header | None:
 
 def _orientation(exif: bytes) -> int:
     """Return the orientation that EXIF tells, a TIFF without pixels; upright without any."""
-    told = _tiff_tags(exif.removeprefix(EXIF)).get(ORIENTATION, UPRIGHT)
-    return told if 1 <= told <= 8 else UPRIGHT
+    tag = _tiff_tags(exif.removeprefix(EXIF)).get(ORIENTATION, UPRIGHT)
+    return tag if 1 <= tag <= 8 else UPRIGHT
 
 
 def _tiff_tags(data: bytes) -> dict[int, int]:

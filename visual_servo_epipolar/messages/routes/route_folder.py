@@ -310,12 +310,12 @@ def _document(path: Path) -> Mapping[str, Any]:
 
 def _camera(path: Path, expected: str | None) -> CameraModel:
     document = dict(_document(path))
-    told = document.pop('sha256', None)
+    written = document.pop('sha256', None)
     try:
         camera = camera_file.from_document(document)
     except ValueError as error:
         raise InputError(f'{path} cannot be used: {error}; {AGAIN}') from None
-    if calibration_hash(camera) != (expected or told):
+    if calibration_hash(camera) != (expected or written):
         raise InputError(
             f'{path} is not the calibration that the route was taught with: its hash differs; '
             f'put it back as it was, or teach the route anew'

@@ -33,7 +33,7 @@ def markers(route: Route, stamp_ns: int) -> MarkerArray:
 
 
 def telemetry(step: RouteStep) -> dict[str, float]:
-    """Return what a step told the base, and how far it is if it knows, in SI units."""
+    """Return what a step commanded, and how far it is if known, in SI units."""
     twist = {'linear_m_s': step.twist.linear, 'angular_rad_s': step.twist.angular}
     return twist if step.progress is None else twist | _progress(step.progress)
 

@@ -43,7 +43,7 @@ def gate(callback: Callback, is_open: Callable[[], bool], otherwise: Callback) -
 
 
 class Mailbox:
-    """Messages that came before a closed gate: latched ones, for nobody sends them again."""
+    """Messages that came before a closed gate: latched ones, for they are not sent again."""
 
     def __init__(self, callback: Callback, profile: QoSProfile | int) -> None:
         latched = not isinstance(profile, int) and (

@@ -106,7 +106,7 @@ class RawSubscriptions:
 
     @property
     def missing(self) -> frozenset[str]:
-        """The topics that are selected by name, but that nobody publishes."""
+        """The topics that are selected by name, but not published."""
         return self._selection.named - self._subscriptions.keys()
 
     def discover(self) -> None:
@@ -249,7 +249,7 @@ def _full(node: Node, name: str) -> str:
 
 
 def _qos_entry(profile: QoSProfile) -> dict[str, Any]:
-    """Return a profile as metadata.yaml of a bag has it."""
+    """Return a profile as in metadata.yaml of a bag."""
     return {
         'history': profile.history.short_key,
         'depth': profile.depth,

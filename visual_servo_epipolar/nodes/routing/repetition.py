@@ -65,7 +65,7 @@ class RouteRepetition:
     """
     Repetition of a route by the base of ``node``: what its run decides is sent and reported.
 
-    ``withheld`` returns why nobody lets the robot drive now, or ''; ``notice`` what its owner
+    ``withheld`` returns why the robot may not drive now, or ''; ``notice`` what its owner
     should know beside; ``stale_timeout`` after how many seconds images count as missing. Where
     time itself waits for the node (not ``watched``), each image is answered.
     """
@@ -99,7 +99,7 @@ class RouteRepetition:
         return self.run is not None and not self.run.ended
 
     def begin(self, run: RouteRun, settings: Sequence[Settings], route: str) -> None:
-        """Let a run begin, by the next image; ``settings`` and hash of its ``route`` are told."""
+        """Let a run begin, by the next image; ``settings`` and hash of its ``route`` go out."""
         self.run, self.last, self._of_node = run, run.last, settings[0]
         self.freshness.renew()
         self._reports.settings(settings, self._stepped_ns)
@@ -139,7 +139,7 @@ class RouteRepetition:
                 f'the step by an image took {took_s:.2f} s, too long to drive by it', unsent=True
             )
         else:
-            self._commands.send(Command(step.twist), stamp_ns)  # nobody waits for what follows
+            self._commands.send(Command(step.twist), stamp_ns)  # what follows may take its time
             self._follow(step)
             self._reports.progress(step, stamp_ns, frame_id)
             self._reports.standing(step, stamp_ns)
@@ -165,7 +165,7 @@ class RouteRepetition:
         """
         Stop the robot, as no image may be driven by; the next good one goes on.
 
-        The last step was ``unsent`` where the base was not told of it.
+        The last step was ``unsent`` where it was not sent to the base.
         """
         if self.run is None or self.run.ended:
             return
@@ -217,7 +217,7 @@ class RouteRepetition:
             self._commands.stopped()
 
     def _on_watch(self) -> None:
-        """Stop the robot where images stay away or nobody lets it drive, and keep it standing."""
+        """Stop the robot where images stay away or it may not drive, and keep it standing."""
         self.freshness.clock_stands_still()
         run, age = self.run, self.freshness.age
         if run is None or run.ended:

@@ -100,7 +100,7 @@ class Admission:
         return trouble
 
     def withheld(self) -> str:
-        """Return that nobody lets the robot drive, or that it waits for a new start; or ''."""
+        """Return that the robot may not drive, or that it waits for a new start; or ''."""
         trouble = self._enable.withheld() if self._settings().watchdog else ''
         return trouble or (WAITS_FOR_START if self.waits_for_start else '')
 

@@ -18,7 +18,7 @@ from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings
 
 NO_CAMERA = 'no usable camera_info yet; tracks wait for it, the robot stands'
-DISTRUST_S = 2.0  # after a word of another camera: where two speak in turns, nobody drives
+DISTRUST_S = 2.0  # after a word of another camera: where two alternate, the robot stands
 
 
 class ServoCamera:
@@ -46,8 +46,8 @@ class ServoCamera:
     ) -> tuple[Session, str]:
         """Take in a camera_info; return the session, and why it cannot go on with it, or ''."""
         try:
-            told = self._settings
-            camera = read.camera(message, rectified=told.rectified, cropped=told.cropped)
+            node = self._settings
+            camera = read.camera(message, rectified=node.rectified, cropped=node.cropped)
         except ValueError as error:
             self.model, self._unusable = None, f'camera_info cannot be used: {error}'
             self._warn(f'camera_info cannot be used, the robot stands: {error}')
@@ -76,11 +76,11 @@ class ServoCamera:
         return session.other_camera(camera) if recent and self.model == session.camera else ''
 
     def mounted(self, frame_id: str, state: ServoState, settings: ServoSettings) -> ServoSettings:
-        """Return ``settings`` with the mount of /tf_static, before a run that was told none."""
+        """Return ``settings`` with the mount of /tf_static, before a run that was given none."""
         return settings if state.view.memory else self.static_mount.taken(frame_id, settings)
 
     def check(self, observation: Observation, state: ServoState, settings: ServoSettings) -> None:
-        """Say if the lens cannot place tracks, or they contradict the focal length as told."""
+        """Say if the lens cannot place tracks, or they contradict the configured focal length."""
         left_out = '' if self.model is None else validation.left_out(observation, self.model)
         if left_out:
             self._warn(left_out)

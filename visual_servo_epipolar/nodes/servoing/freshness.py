@@ -1,4 +1,4 @@
-"""Freshness: how long tracks and trust have been missing, on a clock that nobody sets."""
+"""Freshness: how long tracks and trust have been missing, on a clock that is never set."""
 
 from rclpy.clock import Clock, ClockType
 

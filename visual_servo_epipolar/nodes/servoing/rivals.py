@@ -95,14 +95,14 @@ def type_mismatch(node: Node, *, takes: bool = False) -> str:
     if not other:
         return ''
     kinds = [kind.replace('/msg/', '/') for kind in (other[0].topic_type, min(types))]
-    told = (
+    words = (
         f'{_full_name(other[0])} {verbs[not takes]} {kinds[0]} on '
         f'{node.resolve_topic_name(TOPIC)}, {own} {verbs[takes]} {kinds[1]}'
     )
     if kinds[0] not in STAMPED:
-        return f'{told}: no command arrives; remap cmd_vel'
+        return f'{words}: no command arrives; remap cmd_vel'
     stamped = STAMPED[kinds[0]]
-    return f'{told}: no command arrives; restart {own} with enable_stamped_cmd_vel: {stamped}'
+    return f'{words}: no command arrives; restart {own} with enable_stamped_cmd_vel: {stamped}'
 
 
 def _full_name(item: Any) -> str:

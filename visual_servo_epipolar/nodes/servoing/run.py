@@ -27,7 +27,7 @@ class Arming:
     """
     Order to start: for how long it holds, on the steady ``clock``, and for which photograph.
 
-    A robot that was told to start long ago must not drive off when its photograph, its camera or
+    A robot that was started long ago must not drive off when its photograph, its camera or
     its clock comes at last: somebody may drive it by hand by then.
     """
 
@@ -109,7 +109,7 @@ class Run:
 
     @property
     def is_armed(self) -> bool:
-        """Whether it was told to start, and drives as soon as it can."""
+        """Whether it was started, and drives as soon as it can."""
         return self.active and self.state.phase is Phase.WAITING
 
     @property
@@ -138,7 +138,7 @@ class Run:
         before = self.state
         self.freshness.step()
         self.follow(session)
-        self._commands.answer(before, self.state, stamp_ns)  # nobody drives by what follows
+        self._commands.answer(before, self.state, stamp_ns)  # no command depends on what follows
         words = Words(self._standstill()[0] if self.is_armed else '', self.is_armed, self.notice)
         self._reports.step(self.state, (stamp_ns, frame_id), words)
         self.session = self.session.update_map()

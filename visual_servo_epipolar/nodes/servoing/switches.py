@@ -14,7 +14,7 @@ from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 
-# Of several buttons nobody tells whose word a message is: one that is pressed still says so again.
+# Of several buttons no message says which one sent it: one that is pressed still says so again.
 RELEASE_S = 2.0
 # One of the two subscriptions fits; that the other does not is no news.
 NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
@@ -24,7 +24,7 @@ PRESSED = 'the stop button is pressed; release it, then call ~/start'
 
 class StopButton:
     """
-    Stop button of the servo ``node``, a std_msgs/Bool; ``on_press`` is told why.
+    Stop button of the servo ``node``, a std_msgs/Bool; ``on_press`` takes the reason.
 
     A true presses it. A false releases it where one button publishes. Of several the one that says
     false is not the one that was pressed: it is released where none has said true for RELEASE_S,

@@ -29,7 +29,7 @@ def answer(node: str, arguments: Sequence[str]) -> int | None:
 
 
 def _print(text: str) -> int:
-    """Print ``text`` and return the exit code, also where nobody reads on, as after ``| head``."""
+    """Print ``text`` and return the exit code, also where the reader left, as after ``| head``."""
     try:
         print(text, flush=True)
     except BrokenPipeError:

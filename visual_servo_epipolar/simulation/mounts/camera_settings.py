@@ -32,7 +32,7 @@ class CameraSettings(Settings):
     distortion_model: str = fixed(
         'plumb_bob',
         'Lens: plumb_bob, rational_polynomial, equidistant (a fisheye, whose focal length is that '
-        'of its centre), equirectangular (360 deg, told by the size alone; '
+        'of its centre), equirectangular (360 deg, given by the size alone; '
         'equirectangular_stitched: of two lenses), dual_fisheye (both side by side), or one of '
         'another package',
     )

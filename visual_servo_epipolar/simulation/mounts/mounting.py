@@ -29,7 +29,7 @@ class CameraMount:
     Where the camera sits on the base: height, offset ahead and left of the axle [m], angles [rad].
 
     A positive yaw turns the camera about the vertical, to the left (counter-clockwise from above,
-    as REP 103 has it); it comes first, then tilt and roll in the axes so turned. A positive tilt
+    as in REP 103); it comes first, then tilt and roll in the axes so turned. A positive tilt
     looks down; a positive roll turns the camera clockwise, seen from behind it. At yaw the camera
     looks past where the robot drives to, but the goal is the same: the robot at its desired pose.
     """

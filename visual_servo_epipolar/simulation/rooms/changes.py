@@ -81,7 +81,7 @@ class ChangedStorey:
 def changed_storey(
     builder: Builder, cells: Mapping[str, Cells], light: Light, change: RoomChange
 ) -> ChangedStorey:
-    """Return the storey that a ``builder`` built, by a ``light``, as the ``change`` has it."""
+    """Return the storey that a ``builder`` built, by a ``light``, after the ``change``."""
     parts = PARTS.get(change.name, ()) if change.has_changed else ()
     storey = ChangedStorey(builder, light, dict(cells), {})
     for number, (name, apply) in enumerate(APPLIED.items()):

@@ -26,7 +26,7 @@ class ChangedWorld:
     light: float = 1.0
 
     def of(self, scenario: Scenario, seed: int) -> Scenario:
-        """Return a ``scenario`` in this world, as ``seed`` has it."""
+        """Return a ``scenario`` in this world, drawn by ``seed``."""
         rng = np.random.default_rng((seed, 13))
         gamma = math.exp(float(rng.uniform(*np.log(GAMMA)))) if self.tones else 1.0
         light = replace(scenario.light, changed=self.changed, changed_seed=seed, gamma=gamma)

@@ -14,19 +14,19 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle
 from visual_servo_epipolar.core.servo.identification.extrinsics import (
+    configured_extrinsics,
     Extrinsics,
     FORWARD,
     moved,
     PSI,
     seen,
-    told_extrinsics,
 )
 
 
 def moving(psi: float, rho: float, mount: FloatArray, heading: float, travel: float) -> Extrinsics:
     """Return a belief that is about to move, with a covariance of full rank."""
     root = np.random.default_rng(1).standard_normal((5, 5))
-    begun = told_extrinsics(mount, np.full(3, 0.1))
+    begun = configured_extrinsics(mount, np.full(3, 0.1))
     return replace(
         begun,
         mean=np.array([psi, rho, *mount]),

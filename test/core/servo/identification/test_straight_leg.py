@@ -89,8 +89,8 @@ def test_no_leg_is_no_yaw() -> None:
 
 
 def test_a_lever_arm_that_is_told_does_not_turn_the_leg() -> None:
-    told = replace(SETTINGS.extrinsics, told=np.array([0.0, 0.3, 0.1]))
-    told = replace(told, mean=np.concatenate([told.mean[:2], told.told]))
+    told = replace(SETTINGS.extrinsics, configured=np.array([0.0, 0.3, 0.1]))
+    told = replace(told, mean=np.concatenate([told.mean[:2], told.configured]))
     assert driven(0.0, curvature=0.5, lever=(0.3, 0.1), belief=told) is told
     learnt = driven(math.radians(1.0), curvature=0.02, lever=(0.3, 0.1), belief=told)
     assert math.degrees(learnt.mount[0]) == pytest.approx(1.0, abs=0.1)
@@ -102,7 +102,7 @@ def test_a_leg_that_curves_or_stays_on_the_spot_tells_nothing() -> None:
     on_the_spot = StraightLeg(0.0, -0.99, 1e-3, 0.0)
     told = leg.yaw(on_the_spot, ON_AXLE, LEVER)
     assert told[1] == math.inf
-    assert leg.followed_by(on_the_spot, *told).told == (0.0, math.inf)
+    assert leg.followed_by(on_the_spot, *told).measured == (0.0, math.inf)
 
 
 def test_a_leg_between_places_that_are_hardly_known_tells_nothing() -> None:
@@ -123,7 +123,7 @@ def test_a_lever_arm_that_is_learnt_on_the_way_is_that_of_both_ends() -> None:
     end = reading(lateral=x, longitudinal=y, heading_error=0.1, lateral_deviation=3e-4)
     following, _ = straight_on(leg, end, 0.3, later)
     assert following is not None
-    assert abs(math.degrees(following.told[0])) < 0.05
+    assert abs(math.degrees(following.measured[0])) < 0.05
 
 
 def test_no_mount_is_learnt_that_cannot_be() -> None:

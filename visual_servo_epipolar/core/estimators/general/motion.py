@@ -32,9 +32,9 @@ from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 
 SAMPLES = 400  # of five matches
-COUNTED = 300  # matches by which hypotheses are told apart
+COUNTED = 300  # matches by which hypotheses are distinguished
 MIN_MATCHES = 8
-ROUGH_PX = 2.0  # noise with which hypotheses of noisy samples are told apart
+ROUGH_PX = 2.0  # noise with which hypotheses of noisy samples are distinguished
 FIRST_PX = 1.0  # and from which on the scale is found
 STARTS, MODES = 24, 12  # hypotheses that are refined, and how many to the end
 SCALES = (0.2, 0.35, 0.7, 1.4)  # of the noise that are compared [px]

@@ -1,5 +1,5 @@
 """
-What the planar estimators share: two-point hypotheses, their scores, and how modes are told apart.
+What the planar estimators share: two-point hypotheses, their scores, and tests of modes.
 
 With the phasors P = exp(i psi), Q = exp(i phi) and rays (x, y, z) of an upright camera,
 p_d^T F p_a = 0 for the F of a planar motion reads

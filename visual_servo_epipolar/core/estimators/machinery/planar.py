@@ -172,7 +172,7 @@ def _behind(bearings: ComplexArray, upright: Rays, balance: FloatArray) -> BoolA
     both = upright.y_d * upright.y_a - desired.imag * current.imag
     noise = upright.noise
     least = DEPTH_DEVIATIONS * noise
-    # Sine of the parallax as each ray has it, less where it is near the epipole.
+    # Sine of the parallax by each ray, less where it is near the epipole.
     seen_d = (along_a * sine_d * sine_d - along_d * both) / np.hypot(sine_d, least)
     seen_a = (along_a * both - along_d * sine_a * sine_a) / np.hypot(sine_a, least)
     sign = np.where(balance < 0.0, -1.0, 1.0)[..., None]

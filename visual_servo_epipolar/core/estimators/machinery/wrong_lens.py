@@ -1,8 +1,8 @@
 """
-Rays of a camera whose matrix is told wrong, and E with its derivatives by what is wrong.
+Rays of a camera whose matrix is wrong, and E with its derivatives by what is wrong.
 
 Rays made with a wrong camera matrix are along A^-1 p, A = [[r, 0, h], [0, r, 0], [0, 0, 1]], with
-r the focal length that was told over the true one, and h the shift of the principal point along u.
+r the configured focal length over the true one, and h the shift of the principal point along u.
 That along v acts as a tilt. So E becomes A^T E A: with D = diag(r, r, 1) and B = D^-1 A, each
 element by r to the power of 2, 1 or 0, then h / r times the first row and column to the last ones.
 """

@@ -30,7 +30,7 @@ def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSet
     """
     Return whether the parallax exceeds what noise explains: the robot is not at the goal.
 
-    A memory of views knows it far better, but through a lens that is told wrong its geometry may
+    A memory of views knows it far better, but through a wrongly configured lens its geometry may
     be one that is not there: it never overrules an image that looks another.
     """
     if _looks_elsewhere(state, measurement, settings):
@@ -105,7 +105,7 @@ def is_near_enough(
 
 
 def faces_goal(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether the heading is the goal's, where told also once the robot has stopped."""
+    """Return whether the heading is the goal's, where asked also once the robot has stopped."""
     bound = facing_bound(measurement, settings, trial_of(state))
     heading, turn = measurement.heading_error, 0.0
     if settings.arrival_heading > FACING:

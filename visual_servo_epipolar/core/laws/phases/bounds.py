@@ -58,7 +58,7 @@ def hysteresis(state: ServoState, settings: ServoSettings) -> float:
     Return the factor by which step 1 is held on to: one for both steps.
 
     It doubles each time step 1 was given up in this attempt, for a retreat or a new beginning:
-    what spoke against it may be noise, or a geometry that is told wrong.
+    what spoke against it may be noise, or a wrongly configured geometry.
     """
     if not settings.options.retreat:
         return 1.0

@@ -54,7 +54,7 @@ def is_far_enough(measurement: Measurement, settings: ServoSettings) -> bool:
 
 
 def is_behind(bearings: Bearings) -> bool:
-    """Return whether the robot is behind the goal and has it ahead."""
+    """Return whether the robot is behind the goal and faces it."""
     return bearings.sigma < 0.0 and math.sin(bearings.psi) < 0.0
 
 

@@ -57,7 +57,7 @@ def _goes_on(state: ServoState, measurement: Measurement, settings: ServoSetting
         return False
     if state.law.latched:
         return True
-    # The spiral of the held e_au, as ``equations.displaced_epipole`` has it.
+    # The spiral of the held e_au, as in ``equations.displaced_epipole``.
     least_tangent = abs(measurement.bearings.chi) / math.log(1.0 / settings.least_spiral_ratio)
     return abs(state.law.target) >= least_tangent and not is_off_course(measurement, settings)
 

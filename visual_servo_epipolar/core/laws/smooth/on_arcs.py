@@ -46,7 +46,7 @@ SPARED = 0.85  # of the largest curvature, by which ways are chosen: the rest un
 MISSED = 4.0  # times what a way may miss the goal by, at which it is given up
 FAR = 0.2  # way left for which as much again is tolerated: it is not known as well from there [m]
 DECIDED = 0.08  # way left below which the goal itself tells [m]
-FACES = 0.01  # heading error of a car that has arrived, where no tolerance is told [rad]
+FACES = 0.01  # heading error of a car that has arrived, where no tolerance is set [rad]
 WIDEST = 1.2  # turn that a way takes at most, whatever is in view [rad]
 LEAST_BACKING = 0.05  # speed of the last of a way back [m/s]
 

@@ -2,7 +2,7 @@
 Control laws of the paper and of its departures, one pure function each, in the paper's order.
 
 Epipole abscissae ``e_current`` (e_au) and ``e_desired`` (e_du) and ``focal`` share one unit, which
-may be metres, pixels, or one focal length (focal = 1, as the servo has it). For an unknown focal
+may be metres, pixels, or one focal length (focal = 1, as in the servo). For an unknown focal
 length (section VI, eq. 24) pass the guess f_hat <= f as ``focal``. Gains k1 are in 1/s, k2 in 1/s
 times that unit to the power 1 - beta/gamma. Twists are in m/s and rad/s, left positive, and
 unlimited: ``motion.saturate`` is a function of its own.

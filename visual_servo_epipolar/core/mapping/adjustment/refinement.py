@@ -84,7 +84,7 @@ class Geometry:
         """
         Root of the covariance, (D, r), but for directions in which it shows nowhere.
 
-        In those an error of the keyframes displaces no feature by what it could be told from. The
+        In those an error of the keyframes displaces no feature by enough to be seen. The
         root is taken along axes of what it does to all features, in deviations of their own; of
         75 directions 30 are left, and a view is resected on as many unknowns less.
         """
@@ -124,7 +124,7 @@ class Geometry:
         return math.sqrt(squares / freedom) if freedom > 0.0 else math.inf
 
     def prepare(self) -> None:
-        """Compute what the next view will ask for, while nobody waits."""
+        """Compute what the next view will ask for, while no caller waits."""
         asked = self.feature_covariance, self.feature_covariance_root, self.wrong, self.depth
         assert all(value is not None for value in asked)
 

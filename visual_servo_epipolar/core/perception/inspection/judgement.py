@@ -40,10 +40,10 @@ from visual_servo_epipolar.core.perception.validation import (
 MIN_SHARE = 0.5  # of the matches that must agree
 MIN_INLIERS = 8
 PLANAR_SHARE = 0.7  # of the inliers of a general motion that a planar one must explain
-TOLD = math.radians(3.0)  # deviation of tilt or roll beyond which it is not told
+TOLD = math.radians(3.0)  # deviation of tilt or roll beyond which it is not reported
 SAME_PLACE_PX = 0.3  # parallax that noise alone makes
 LARGEST_DEVIATION = math.radians(1.5)  # of bearings that are trusted: half of what is wrong
-LARGEST_TURN_DEVIATION = math.radians(2.0)  # of a heading that is told
+LARGEST_TURN_DEVIATION = math.radians(2.0)  # of a heading that is reported
 NEAR_PX = 2.5  # parallax below which a baseline may be missing altogether
 UNLEVEL = 2.0  # ratio of deviations beyond which the ground plane costs too much
 VERTICAL = 0.5  # share of what an estimated ground plane changes that counts as its deviation
@@ -59,7 +59,7 @@ UPPER_NEARER, SURELY = 0.8, 3.0  # and by so many deviations of what chance make
 @dataclass(frozen=True, slots=True, eq=False)
 class Inspection:
     """
-    What two photographs tell; angles in rad, nan where nothing can be told.
+    What two photographs tell; angles in rad, nan where nothing can be known.
 
     Bearings are those of the other camera's centre, right positive; ``rotation`` is the heading of
     the current against the desired view, left positive. ``fundamental``, shape (3, 3), is in
@@ -134,7 +134,7 @@ def _upside_down(observation: Observation, fit: GeneralFit, tilt: float, mount: 
     Return that both photographs may be upside down, in words, or ''.
 
     No geometry of matches tells that, but a robot is nearer to the floor than to what is above it:
-    of where the horizon is, which ``tilt`` tells, or nothing does. A mount that is told is right.
+    of where the horizon is, which ``tilt`` tells, or nothing does. A configured mount is right.
     """
     if _is_told(mount) or math.isnan(tilt):
         return ''
@@ -246,7 +246,7 @@ def _with_planar(found: Inspection, planar: Estimate, spread: Spread) -> Inspect
 def _with_general(
     found: Inspection, fit: GeneralFit, spread: Spread, mount: Attitude
 ) -> Inspection:
-    """Return what is found with a general motion: in the ground plane if the mount is told."""
+    """Return what is found with a general motion: in the ground plane by a known mount."""
     told = _is_told(mount)
     level = rotation_level_camera(mount.tilt, mount.roll) if told else np.eye(3)
     best = fit.motions.take(slice(1))

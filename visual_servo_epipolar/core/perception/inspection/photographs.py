@@ -110,7 +110,7 @@ def _aligned(view: DesiredView, matches: Matches, image: Image) -> Warps:
 
 def _among_neighbours(found: Warps, view: DesiredView, anchor: Anchor, image: FloatImage) -> Warps:
     """
-    Return keypoints of a ``view`` that no descriptor told in ``image``, where neighbours predict.
+    Return keypoints of a ``view`` that no descriptor found in ``image``, where neighbours predict.
 
     Those of most texture, up to ENOUGH with what is ``found``.
     """

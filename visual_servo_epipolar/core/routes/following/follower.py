@@ -142,7 +142,7 @@ class Follower:
 
     @property
     def disobeyed(self) -> str:
-        """That the base does not do what it is told; or ''."""
+        """That the base does not do as commanded; or ''."""
         return self._estimate.disobeyed
 
     @property
@@ -237,7 +237,7 @@ class Follower:
             self.confirmed[self.view] = Confirmation(away, image, features)
 
     def halt(self, stamp_ns: int, *, unsent: bool) -> None:
-        """Note that the base was told to stand at ``stamp_ns``; the last twist was ``unsent``."""
+        """Note a command to stand at ``stamp_ns``; the last twist was ``unsent``."""
         self.limiter = Limiter()
         self._estimate.halted(stamp_ns, unsent=unsent)
 

@@ -36,8 +36,8 @@ class PathEstimate:
     """
     Where on the ``way`` [m] and beside the path a robot is; ``lateral`` is None until a view says.
 
-    Commands act after ``latency`` [s]. ``disobeyed`` says that the base does not do what it is
-    told.
+    Commands act after ``latency`` [s]. ``disobeyed`` says that the base does not do as
+    commanded.
     """
 
     def __init__(self, way: float, latency: float, lateral: LateralFilter | None) -> None:
@@ -50,11 +50,11 @@ class PathEstimate:
         self._curvature = 0.0
 
     def sent(self, stamp_ns: int, twist: Twist) -> None:
-        """Note that the base was told a ``twist`` at ``stamp_ns``."""
+        """Note that the base was sent a ``twist`` at ``stamp_ns``."""
         self._sent = self._sent.after(stamp_ns, twist)
 
     def halted(self, stamp_ns: int, *, unsent: bool) -> None:
-        """Note that the base was told to stand at ``stamp_ns``; the last twist was ``unsent``."""
+        """Note a command to stand at ``stamp_ns``; the last twist was ``unsent``."""
         if unsent or self._sent.stamps[-1:] == (stamp_ns,):  # it does not act at all
             self._sent = CommandsSent(self._sent.stamps[:-1], self._sent.twists[:-1])
         self.sent(stamp_ns, STANDSTILL)
@@ -90,7 +90,7 @@ class PathEstimate:
         return compose(pose, np.array([0.0, offset, turn]))
 
     def predict(self, start_ns: int, end_ns: int) -> None:
-        """Move on by what the base was told to do between two images."""
+        """Move on by what the base was commanded between two images."""
         if self.lateral is None or end_ns <= start_ns:
             return
         for span, twist in self._sent.acting(start_ns, end_ns, self.latency):
@@ -112,7 +112,7 @@ class PathEstimate:
         """Return that a view is where the robot cannot be; or ''."""
         if self.lateral is None:  # a robot that was carried away is looked for anew
             return ''
-        # It may have driven less than it was told: that is for ``disobeyed``.
+        # It may have driven less than commanded: that is for ``disobeyed``.
         least, most = sorted((self._seen_way, self.way))
         slip = measured.point.way - min(max(measured.point.way, least), most)
         return beyond_gate(self.lateral, measured, slip, self._way_variance)
@@ -128,8 +128,8 @@ class PathEstimate:
             moved = abs(self.way - self._marked)
             if moved < LEAST_OBEYED * self._commanded:
                 self.disobeyed = (
-                    f'the base was told to drive {self._commanded:.2f} m, and the view has moved '
-                    f'by {moved:.2f} m; look at its wheels, and who else commands it'
+                    f'the base was commanded to drive {self._commanded:.2f} m, and the view has '
+                    f'moved by {moved:.2f} m; look at its wheels, and for others on cmd_vel'
                 )
             self._commanded, self._marked = 0.0, self.way
 
@@ -145,7 +145,7 @@ def beside(path: TaughtPath, found: ViewPose, near: float) -> PathMeasurement:
 
 def beyond_gate(at: LateralFilter, measured: PathMeasurement, slip: float, variance: float) -> str:
     """
-    Return that a view is farther off what was predicted than chance has it; or ''.
+    Return that a view is farther off what was predicted than chance explains; or ''.
 
     It is ``slip`` [m] along the way from where the base can be, which has a ``variance``.
     """

@@ -73,7 +73,7 @@ class Docking:
     def step(
         self, image: Image, stamp_ns: int, acted: Twist, settings: ServoSettings
     ) -> ServoState:
-        """Return the servo's state after an image, until which the base was told ``acted``."""
+        """Return the servo's state after an image; until it the base was sent ``acted``."""
         assert self._session is not None
         self._move(acted, stamp_ns)
         self.features = features = self._tracker.track(image)
@@ -85,13 +85,13 @@ class Docking:
         return self._session.state
 
     def halt(self, stamp_ns: int, acted: Twist, reason: str) -> None:
-        """Stand from ``stamp_ns`` on, until which the base was told ``acted``."""
+        """Stand from ``stamp_ns`` on, until which the base was commanded ``acted``."""
         if self._session is not None:
             self._move(acted, stamp_ns)
             self._session = self._session.interrupted(Interruption.LOST, reason)
 
     def _move(self, twist: Twist, stamp_ns: int) -> None:
-        """Note that the base was told a ``twist`` until ``stamp_ns``."""
+        """Note that the base was sent a ``twist`` until ``stamp_ns``."""
         span = max(seconds_between(self._stamp_ns, stamp_ns), 0.0)
         self._driven += abs(twist.linear) * span
         self._pose, self._stamp_ns = integrate(self._pose, twist, span), stamp_ns

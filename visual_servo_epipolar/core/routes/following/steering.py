@@ -50,7 +50,7 @@ class LateralFilter:
     """
     State: ``offset`` to the left [m], ``turn`` to the left [rad], ``bias`` [1/m]; (3,).
 
-    ``covariance``, (3, 3). The bias is what the base adds to the curvature it is told to drive.
+    ``covariance``, (3, 3). The bias is what the base adds to the commanded curvature.
     """
 
     state: FloatArray = field(default_factory=lambda: np.zeros(3))
@@ -116,7 +116,7 @@ class LookAround:
             rate = 0.0
         wanted = Twist(0.0, -rate if 1.0 <= self._quarters < 3.0 else rate)
         ramp_s = self._limiter.ramp_step(dt, USUAL_STEP_S)
-        if last != self._limiter.last:  # it was told to stand meanwhile
+        if last != self._limiter.last:  # it was commanded to stand meanwhile
             self._limiter = Limiter(last)
         self._limiter = self._limiter.after(wanted, ramp_s, base)
         return self._limiter.last

@@ -74,7 +74,7 @@ class Threshold:
 
         ``position`` is where that led, as it was measured to ``deviation``; nan begins anew, as
         does a command of more than ``most``, or to the other side before the last one was seen.
-        None at all is a pause. What a base does first may be what it was told before.
+        None at all is a pause. What a base does first may be what was commanded before.
         """
         side = math.copysign(1.0, velocity) if velocity else self.side
         turns = side * self.side < 0.0 and (self.asked != 0.0 or not self.value)

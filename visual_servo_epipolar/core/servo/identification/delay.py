@@ -53,7 +53,7 @@ class Delay:
     of the squares of the latter, ``later`` and ``longer`` of the squares of what a delay makes the
     turns of an interval smaller and larger by, as where they begin and end; ``energy`` of the
     squares of turns seen [rad^2]. The interval since ``since_ns`` began at a ``heading`` error
-    [rad], which was told ``by_memory`` or by two views; nan before the first.
+    [rad], which was given ``by_memory`` or by two views; nan before the first.
     """
 
     value: float = 0.0

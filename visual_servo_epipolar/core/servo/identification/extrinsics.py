@@ -23,7 +23,7 @@ PSI, RHO, YAW, FORWARD, LEFT = range(5)
 IDENTITY = np.eye(5)
 NEAREST = 0.02  # [m]
 FIRST_DISTANCE, FIRST_DEVIATION = 3.0, 1.0  # [m], of the logarithm: one to eight metres
-LENS = 0.02  # of a turn of a radian, that two views may show wrong: nobody has told them the lens
+LENS = 0.02  # of a turn of a radian, that two views may show wrong: the lens is not known to them
 YAW_WALK = math.radians(1.0)  # of the yaw, as bases crab and models err [rad], in a metre
 SLIP = 0.05  # of a travel: what dead reckoning is wrong by
 CORRELATION = 6.0  # bearings share the photograph: so many tell as much as one
@@ -43,15 +43,15 @@ class Extrinsics:
     """
     Mean, shape (5,), and covariance, (5, 5), of the place of the camera and of its mount.
 
-    ``told``, shape (3,), is the mount as parameters have it: yaw [rad], and the lever arm forward
-    and left [m], turned into axes of the camera; ``deviations``, shape (3,), are theirs.
+    ``configured``, shape (3,), is the mount by the parameters: yaw [rad], and the lever arm
+    forward and left [m], turned into axes of the camera; ``deviations``, shape (3,), are theirs.
     ``heading`` error [rad] and ``travel`` [m] are those of the last update and since. ``placed``
-    says whether there was any, ``believed`` whether what was learnt differs from what was told;
+    says whether there was any, ``believed`` whether the learnt mount differs from that;
     ``contradictions`` counts bearings that commands do not explain, less those that they do;
     ``remembers`` says whether the bearings are those of a memory of views.
     """
 
-    told: FloatArray
+    configured: FloatArray
     deviations: FloatArray
     mean: FloatArray
     covariance: FloatArray
@@ -65,11 +65,11 @@ class Extrinsics:
     @property
     def mount(self) -> FloatArray:
         """Yaw [rad], offset forward and left [m] that control goes by, shape (3,)."""
-        return self.mean[YAW:] if self.believed else self.told
+        return self.mean[YAW:] if self.believed else self.configured
 
     @property
     def likely(self) -> FloatArray:
-        """The likeliest mount, shape (3,), be it believed or not: what was told may be a guess."""
+        """The likeliest mount, shape (3,), believed or not: the configured one may be a guess."""
         return self.mean[YAW:]
 
     @property
@@ -93,20 +93,20 @@ class Extrinsics:
         return math.exp(self.mean[RHO])
 
 
-def told_extrinsics(told: FloatArray, deviations: FloatArray) -> Extrinsics:
+def configured_extrinsics(configured: FloatArray, deviations: FloatArray) -> Extrinsics:
     """Return what is known beforehand: mount and deviations, (3,) each, in base axes."""
-    yaw, forward, left = told.tolist()
+    yaw, forward, left = configured.tolist()
     cosine, sine = math.cos(yaw), math.sin(yaw)
-    told = np.array([yaw, cosine * forward + sine * left, cosine * left - sine * forward])
-    return unplaced(told, deviations)
+    configured = np.array([yaw, cosine * forward + sine * left, cosine * left - sine * forward])
+    return unplaced(configured, deviations)
 
 
-def unplaced(told: FloatArray, deviations: FloatArray) -> Extrinsics:
+def unplaced(configured: FloatArray, deviations: FloatArray) -> Extrinsics:
     """Return a belief that has seen nothing, of a mount in axes of the camera, (3,) each."""
     return Extrinsics(
-        told,
+        configured,
         deviations,
-        np.concatenate([[0.0, math.log(FIRST_DISTANCE)], told]),
+        np.concatenate([[0.0, math.log(FIRST_DISTANCE)], configured]),
         np.diag(np.concatenate([[1.0, FIRST_DEVIATION**2], deviations**2])),
     )
 
@@ -150,7 +150,7 @@ def predict_path(mean: FloatArray, headings: tuple[float, float], travel: float)
 def placed(before: Extrinsics, bearings: Bearings, deviation: float) -> Extrinsics:
     """Return the belief with the camera seen anew along psi [rad], at any distance."""
     mean, covariance = before.mean.copy(), before.covariance.copy()
-    mean[PSI] = bearings.psi  # the distance is the last one, or that of told_extrinsics
+    mean[PSI] = bearings.psi  # the distance is the last one, or that of configured_extrinsics
     covariance[:2] = covariance[:, :2] = 0.0
     covariance[PSI, PSI], covariance[RHO, RHO] = deviation**2, FIRST_DEVIATION**2
     return replace(
@@ -239,7 +239,7 @@ def is_linear(belief: Extrinsics, psi: float, deviation: float) -> bool:
 
 def ranged(before: Extrinsics, distance: float, deviation: float) -> Extrinsics:
     """
-    Return the belief after a memory of views told the ``distance`` [m], by what was driven.
+    Return the belief after a memory of views gave the ``distance`` [m], by what was driven.
 
     All that it tells has one scale, and hence one error: the next view of it adds nothing to what
     the belief has of it already, and a distance that contradicts it is dropped.

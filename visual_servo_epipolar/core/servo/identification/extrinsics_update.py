@@ -22,16 +22,19 @@ from visual_servo_epipolar.core.servo.identification.extrinsics import (
     YAW,
 )
 
-SIGNIFICANT = (4.0, 3.5)  # deviations from what was told, until believed: at first, after a miss
-# Below which little is gained [rad, m, m]; an offset aside alone is never told apart for certain.
+SIGNIFICANT = (
+    4.0,
+    3.5,
+)  # deviations from the configured one, until believed: at first, after a miss
+# Below which little is gained [rad, m, m]; an offset aside alone is never certain.
 LEAST = (math.radians(2.0), 0.1, math.inf)
-# Of a yaw that legs by a memory of views tell, and its deviations from what was told.
+# Of a yaw that legs by a memory of views tell, and its deviations from the configured one.
 LEAST_OF_LEGS, SIGNIFICANT_OF_LEGS = math.radians(0.15), 2.0
 LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
 NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
 GATE = 6.0  # deviations beyond which a bearing begins the path anew
-# Deviations from what was told beyond which it is not the mount that was learnt, and the least
-# deviation of a yaw that walks [rad].
+# Deviations from the configured mount beyond which it is not the mount that was learnt, and the
+# least deviation of a yaw that walks [rad].
 PLAUSIBLE, WALKED = 5.0, 0.05
 FAULT = 5  # what one bearing beyond it counts as a contradiction
 
@@ -73,7 +76,7 @@ def update_extrinsics(
     if switched:
         return after
     if not is_plausible(after):
-        anew = placed(unplaced(before.told, before.deviations), bearings, deviation)
+        anew = placed(unplaced(before.configured, before.deviations), bearings, deviation)
         return replace(anew, contradictions=before.contradictions + FAULT)
     believed = after.believed or is_significant(after, missed)
     return replace(after, contradictions=max(before.contradictions - 1, 0), believed=believed)
@@ -91,17 +94,17 @@ def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:
 
 def is_plausible(belief: Extrinsics) -> bool:
     """Return whether the mount may be what was learnt, and not a path that led nowhere."""
-    changes = np.abs(belief.mean[YAW:] - belief.told)
+    changes = np.abs(belief.mean[YAW:] - belief.configured)
     deviations = np.maximum(belief.deviations, [WALKED, 0.0, 0.0])
     return bool((changes <= PLAUSIBLE * deviations).all())
 
 
 def is_significant(belief: Extrinsics, missed: bool) -> bool:
-    """Return whether what was learnt of the mount differs from what was told, and matters."""
+    """Return whether what was learnt of the mount differs from the configured one, and matters."""
     _, distance, *deviations = np.sqrt(belief.covariance.diagonal()).tolist()
     if distance > RANGED[missed]:
         return False
-    changes = (belief.mean[YAW:] - belief.told).tolist()
+    changes = (belief.mean[YAW:] - belief.configured).tolist()
     return any(
         abs(change) > SIGNIFICANT[missed] * deviation and abs(change) > least
         for change, deviation, least in zip(changes, deviations, LEAST, strict=True)

@@ -4,7 +4,7 @@ Odometry: whether the wheels tell the truth, by what is seen and by what was com
 They know way and turn between two images better than commands do; but an encoder may be unplugged,
 a driver repeat its last pose, a frame be mirrored. Images tell the turn, and the way as far as a
 memory of views knows its scale; commands say what a base does at most. Until odometry has agreed
-once it is not used, and no more in this run once it has been contradicted several times.
+once it is not used, and never again in this run once it has been contradicted several times.
 """
 
 from dataclasses import dataclass, replace
@@ -87,10 +87,10 @@ def turn_errors(check: OdometryCheck, seen: Seen) -> Errors:
     change = math.remainder(seen.heading - before.heading, 2.0 * math.pi)
     bound = TURN_SHARE * max(abs(change), abs(turn)) + TURN_OF_WAY * abs(check.motion.way)
     bound += DEVIATIONS * math.hypot(before.deviation, seen.deviation) + LEAST_TURN
-    off, told = (
+    off, read = (
         abs(math.remainder(each - change, 2.0 * math.pi)) for each in (turn, check.commanded.turn)
     )
-    return Errors(change, off, told, bound)
+    return Errors(change, off, read, bound)
 
 
 def way_errors(check: OdometryCheck, seen: Seen) -> Errors:

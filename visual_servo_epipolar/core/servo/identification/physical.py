@@ -2,7 +2,7 @@
 Physical bounds: what a base on wheels can be at most, whatever its motion seems to teach.
 
 Two more are where their layers are: the focal ratio (``geometry.lens.MOST_RATIO``), and the mount
-of the camera, which is what was told, and its deviations (``extrinsics.PLAUSIBLE``).
+of the camera, which is the configured one, and its deviations (``extrinsics.PLAUSIBLE``).
 """
 
 MOST_CURVATURE = 0.3  # of wheels that shall roll straight on: unequal by a tenth [rad/m]

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.rigs.fixed_mount import axle_offset
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics
 from visual_servo_epipolar.core.servo.identification.extrinsics_update import with_yaw
 
-LEG_M = 0.25  # over which a direction is told
+LEG_M = 0.25  # over which a direction is measured
 OF_BOTH = 0.3  # of deviations of places: most of what they are off by is the same at both ends
 LEAST_LEVER, LEVER = 0.01, 0.1  # by which a turn may swing the camera aside of where it is [m]
 LEAST_DEVIATION = 5e-4  # of the mean heading of a leg [rad]
@@ -30,7 +30,7 @@ class StraightLeg:
 
     Both are in axes of the goal's camera; ``deviation`` is that of x [m], ``heading`` the error
     there [rad]; ``travel`` since is negative backward [m], ``turned`` the integral of the heading
-    error over it [rad m]. ``weight`` [1/rad^2] and ``weighted`` [1/rad] are what legs before told.
+    error over it [rad m]. ``weight`` [1/rad^2] and ``weighted`` [1/rad] are what legs before gave.
     """
 
     x: float
@@ -52,7 +52,7 @@ class StraightLeg:
         Return by how much the camera looks to the left of where it is driven, and the deviation.
 
         Both are in rad; the leg ends where ``end`` begins. The axle is where the ``mount`` that is
-        likely by now, (3,), has it from the camera, at both ends; ``lever`` is the deviation of
+        likely by now, (3,), lies off the camera, at both ends; ``lever`` is the deviation of
         how far the camera is ahead of it [m].
         """
         x, y = axle_offset((self.x, self.y), self.heading, mount)
@@ -70,12 +70,12 @@ class StraightLeg:
         return self.turned / self.travel - driven, math.hypot(aside, LEAST_DEVIATION)
 
     def followed_by(self, end: 'StraightLeg', yaw: float, deviation: float) -> 'StraightLeg':
-        """Return the leg that begins at the ``end`` of this one, which told a ``yaw`` [rad]."""
-        told = 1.0 / (deviation * deviation)
-        return replace(end, weight=self.weight + told, weighted=self.weighted + told * yaw)
+        """Return the leg that begins at the ``end`` of this one, which gave a ``yaw`` [rad]."""
+        measured = 1.0 / (deviation * deviation)
+        return replace(end, weight=self.weight + measured, weighted=self.weighted + measured * yaw)
 
     @property
-    def told(self) -> tuple[float, float]:
+    def measured(self) -> tuple[float, float]:
         """The mean yaw of all legs by now and its deviation [rad], which is inf of none."""
         if not self.weight > 0.0:
             return 0.0, math.inf
@@ -97,8 +97,8 @@ def straight_on(
     if abs(leg.travel) < LEG_M:
         return leg, belief
     lever = min(max(belief.lever_deviation, LEAST_LEVER), LEVER)
-    told = leg.yaw(here, belief.likely, lever)
-    following = leg.followed_by(here, *told)
+    measured = leg.yaw(here, belief.likely, lever)
+    following = leg.followed_by(here, *measured)
     # What is believed by now learns from each leg; it takes all of them to begin to.
-    told = told if belief.believed else following.told
-    return following, with_yaw(belief, *told)
+    measured = measured if belief.believed else following.measured
+    return following, with_yaw(belief, *measured)

@@ -1,1 +1,1 @@
-"""Motion: whether the base moves as it was told."""
+"""Motion: whether the base moves as commanded."""

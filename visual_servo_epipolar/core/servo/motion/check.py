@@ -1,5 +1,5 @@
 """
-Motion check: whether the base moves as it was told, by how the view changes.
+Motion check: whether the base moves as commanded, by how the view changes.
 
 The turn and the parallax between two views of the run hold whatever the photograph, the scale of
 a memory and the distance are. They are held against what commands make of a base that obeys at
@@ -64,7 +64,7 @@ class MotionCheck:
 
     @property
     def is_final(self) -> bool:
-        """Whether it has happened too often for the run to go on, or nobody knows the heading."""
+        """Whether it has happened too often for the run to go on, or the heading is unknown."""
         return bool(self.head.slip) or self.contradictions >= MOST_CONTRADICTIONS
 
     def disturbed(self, now_ns: int) -> bool:

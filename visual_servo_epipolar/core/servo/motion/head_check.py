@@ -2,7 +2,7 @@
 Head check: whether rays that a head turned turn as encoder and commands say.
 
 From one image to the next they turn as the base does. If not, the encoder slipped, the motor lost
-steps or the robot was turned; no image tells which, so that nobody knows the heading any more.
+steps or the robot was turned; no image tells which, so that the heading is unknown from then on.
 """
 
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ STAMPS_S = 0.02  # by which stamps of joints and images may be apart
 LATELY = 0.9  # of the fastest rate, one image later
 NOISES = 8.0  # of an encoder, of that turn
 TURN_RATIOS = 0.5, 1.2  # of turns over those commanded; of worse wheels the noise is larger
-NOISE, SMOOTHING = 0.004, 0.05  # of an encoder that nobody knows [rad], weight of the newest
+NOISE, SMOOTHING = 0.004, 0.05  # of an unknown encoder [rad], weight of the newest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +109,7 @@ def _unexplained(
 
 def _slip(left: float) -> str:
     return (
-        f'the view turned by {left:+.3f} rad to the left more than the base was told to and the '
+        f'the view turned by {left:+.3f} rad to the left more than commanded and the '
         'head says: its encoder slipped, its motor lost steps, or somebody turned the robot, and '
         'no image tells which; set the encoder as it was at the photograph, and call ~/reset'
     )

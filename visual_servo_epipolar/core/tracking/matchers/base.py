@@ -61,7 +61,7 @@ class Matcher(Protocol):
         """
         Return keypoints of a current image, to be paired with photographs of that ``tuning``.
 
-        ``quick`` asks for fewer in a fraction of the time; nobody needs to obey.
+        ``quick`` asks for fewer in a fraction of the time; implementations may ignore it.
         """
 
     def pairs(self, desired: Keypoints, current: Keypoints) -> IntArray:

@@ -47,7 +47,7 @@ KINDS = ('ideal', 'realistic', 'outliers', 'wall, no prior', 'wall, prior 3 deg'
 
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
-    """Return the document of the benchmark; ``say`` is told the progress."""
+    """Return the document of the benchmark; ``say`` takes the progress."""
     trials = QUICK_TRIALS if quick else TRIALS
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)

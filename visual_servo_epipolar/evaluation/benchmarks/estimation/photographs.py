@@ -150,7 +150,7 @@ def _camera(rng: np.random.Generator) -> Camera:
 
 
 def _as_told(true: Camera, rng: np.random.Generator) -> Camera:
-    """Return a camera as a good calibration has it: nearly the true one."""
+    """Return a camera as in a good calibration: nearly the true one."""
     focal = true.fx * math.exp(rng.normal(0.0, 0.003))
     shift = rng.normal(0.0, 2.5, 2)
     distortion = (rng.normal(0.0, 0.004), 0.0, 0.0, 0.0)
