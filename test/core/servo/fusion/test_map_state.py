@@ -132,7 +132,6 @@ def test_a_wrong_match_has_no_part_in_d() -> None:
         dropped=ids[3:],
         inverse_depth=np.array([0.2, 0.2, 0.2, 500.0]),
         photograph=rays,
-        shown=np.ones(4, bool),
         counted=ids < 3,
         depth=5.0,
     )
