@@ -33,7 +33,8 @@ class PerceptionMemory:
     """
     What perception carries from frame to frame.
 
-    ``attitude`` is the camera's, calibrated while driving; ``bearings`` the last trusted ones;
+    ``attitude`` is the camera's, calibrated while driving, its jitter what the floor has shown;
+    ``bearings`` the last trusted ones;
     ``noise`` the deviation of a tracked coordinate [px] as the residuals show it;
     ``consecutive_rejections`` counts estimates in a row that contradict ``bearings``; ``lens``
     is what was learnt of the camera matrix. ``two_view_skip`` is how many views to come need no
@@ -53,6 +54,10 @@ class PerceptionMemory:
     rivals: Rivals | None = None
     unlearnt: Still | None = field(default=None, compare=False)
     shutter: RollingShutter = field(default=RollingShutter(), compare=False)
+
+    def mount_by(self, settings: PerceptionSettings) -> Attitude:
+        """Return what ``settings`` say of the attitude, on the floor that was seen since."""
+        return replace(settings.mount, jitter=self.attitude.jitter)
 
 
 def fresh_memory(settings: PerceptionSettings) -> PerceptionMemory:

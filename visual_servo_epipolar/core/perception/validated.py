@@ -24,6 +24,8 @@ from visual_servo_epipolar.core.perception.validation import (
     noise_of_residual,
     rejection_reason,
     rolled_over,
+    ROUGH_FLOOR,
+    TILTED,
     turned_otherwise,
     TWO_GEOMETRIES,
 )
@@ -62,7 +64,11 @@ def validated_estimate(
     settings: PerceptionSettings,
     frame: int,
 ) -> ValidatedEstimate:
-    """Estimate the geometry of one pair of views with their best rotation, and validate."""
+    """
+    Estimate the geometry of one pair of views with their best rotation, and validate.
+
+    A floor is even until a view tilts more than such a floor does: from then on it is rough.
+    """
     parallax_px = rotation.parallax * observation.focal
     reason = no_baseline(parallax_px, memory.noise, settings)
     if reason:
@@ -90,6 +96,9 @@ def validated_estimate(
         observation.shared,
     )
     reason = rejection_reason(geometry, quality, memory, settings, prior.attitude.jitter)
+    if reason.startswith(TILTED) and memory.attitude.jitter < ROUGH_FLOOR:
+        rough = replace(memory, attitude=replace(settings.mount, jitter=ROUGH_FLOOR))
+        return validated_estimate(observation, rotation, rough, settings, frame)
     if settings.calibrated:  # through an unknown lens a turn looks another
         reason = reason or turned_otherwise(geometry.bearings, rotation.heading_error)
     reason = reason or rolled_over(rotation.rotation, observation.current, observation.desired)
@@ -150,7 +159,8 @@ def prior_of(
 ) -> Prior:
     """Return what an estimator may know beforehand of an ``observation``."""
     attitude = with_jitter(memory.attitude, observation)
-    return Prior(attitude, memory.bearings, settings.max_leap, memory.lens, settings.mount)
+    mount = memory.mount_by(settings)
+    return Prior(attitude, memory.bearings, settings.max_leap, memory.lens, mount)
 
 
 def _noise(now: float, before: float, first: float) -> float:

@@ -19,6 +19,10 @@ FEW_INLIERS, FEW_SHARE = 12, 0.8  # fewer may agree by chance, if they are not m
 MOTION_PARAMETERS, LEAST_SPARE = 5, 3.0  # of a general one; matches beyond them, at least
 LEAST_HANDED = 0.8  # share of small triangles that turn alike, and are not mirrored
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
+# That jitter where a view shows bumps, wide enough to draw no estimate [rad]; bumps of 1 deg under
+# either view, and a nod of the body, are less than 3.4 deg.
+ROUGH_FLOOR, ROUGH_JUMP = 1.5e-2, 4.0
+TILTED = 'the camera tilted by'
 TINY = 1e-30
 FIRST, STEP = -4, 1.25  # power of the least noise that is compared, and ratio to the next
 SCALES = STEP ** np.arange(FIRST, 8.0)  # of what it is taken for
@@ -179,8 +183,9 @@ def rejection_reason(
         return f'the features are clustered within {math.degrees(quality.extent):.1f} deg'
     if estimate.confidence < settings.min_confidence:
         return f'the cheirality vote is undecided ({estimate.confidence:.3f})'
-    if estimate.jump > MAX_JUMP * jitter:
-        return f'the camera tilted by {math.degrees(estimate.jump):.1f} deg between the views'
+    deviations = ROUGH_JUMP if memory.attitude.jitter > settings.floor_jitter else MAX_JUMP
+    if estimate.jump > deviations * jitter:
+        return f'{TILTED} {math.degrees(estimate.jump):.1f} deg between the views'
     if quality.deviation > settings.max_deviation:
         return f'the bearings are uncertain by {math.degrees(quality.deviation):.1f} deg'
     return _contradiction(estimate, memory, settings)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import are_among, IntArray
+from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.mapping.feature_observations import (
     FeatureObservations,
     MapSettings,
@@ -79,10 +80,9 @@ def localize(
     observation, motion = perception.observation, increment.motion
     if not settings.remembers:
         return MapState(), None
-    views = before.views or KeyframeMap(settings.mount, BY_COMMANDS)
-    if increment.trusted != (views.settings == BY_WHEELS):
-        views = views.with_alternative(BY_WHEELS if increment.trusted else BY_COMMANDS)
-        before = replace(before, place=None)  # it was of another scale
+    views = _views_of(before.views, perception.memory.mount_by(settings), increment.trusted)
+    if views is not before.views:
+        before = replace(before, place=None)  # it was of another scale, or floor
     if observation is None or observation.ids is None:
         return MapState(views), None
     is_few = perception.measurement.features < settings.min_features
@@ -106,6 +106,15 @@ def localize(
         said = with_heading_noise(said, encoder_noise)
     said, place = filter_pose(said, before.place, motion)
     return MapState(after, place, few_s), reading_in_view(said, observation)
+
+
+def _views_of(views: KeyframeMap | None, mount: Attitude, by_wheels: bool) -> KeyframeMap:
+    """Return the map by the motion that counts; a new one where the floor has become rough."""
+    if views is None or views.mount.jitter < mount.jitter:
+        views = KeyframeMap(mount, BY_COMMANDS)
+    if by_wheels == (views.settings == BY_WHEELS):
+        return views
+    return views.with_alternative(BY_WHEELS if by_wheels else BY_COMMANDS)
 
 
 def _localized(
