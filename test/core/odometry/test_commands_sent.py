@@ -100,3 +100,9 @@ def test_the_next_run_is_of_the_same_base() -> None:
     state = in_phase(Phase.ZEROING_EPIPOLES, delay=Delay(0.5))
     assert interrupted(state, Interruption.STOPPED).identified.delay is state.identified.delay
     assert interrupted(state, Interruption.RESET).identified.delay.value == 0.0
+
+
+def test_a_robot_rests_from_the_first_command_to_stand() -> None:
+    still = sent().after(12 * SECOND, STANDSTILL).after(13 * SECOND, STANDSTILL)
+    assert still.rest_s(14 * SECOND) == 2.0
+    assert sent().rest_s(14 * SECOND) == 0.0

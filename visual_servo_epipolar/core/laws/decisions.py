@@ -20,8 +20,15 @@ def row_of(state: ServoState, settings: ServoSettings) -> PhaseRow:
     return settings.machine.row(state.phase)
 
 
+def at_rest(state: ServoState) -> ServoState:
+    """Return ``state`` with the mean of its measurements since it stands, if it does."""
+    mean = state.settling.rest
+    return state if mean is None else state.changed(measurement=mean)
+
+
 def classify(state: ServoState, settings: ServoSettings) -> Event:
     """Return the event of ``state.measurement`` in ``state.phase``."""
+    state = at_rest(state)
     measurement, phase = state.measurement, state.phase
     if measurement is None or phase.ended:
         return Event.NOTHING
@@ -65,6 +72,8 @@ def compensate_curvature(twist: Twist, state: ServoState, settings: ServoSetting
 
 def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     """Return whether this frame fulfils the aim of the phase."""
+    if state.settling.rest is not None:
+        return _is_settled(at_rest(state), settings)
     if not _is_settled(state, settings):
         return False
     # Commands that have not acted yet must not lead away again.
@@ -82,6 +91,7 @@ def _is_settled(state: ServoState, settings: ServoSettings) -> bool:
 
 def is_close(state: ServoState, settings: ServoSettings) -> bool:
     """Return whether this frame is within the usual bounds, where a memory asks for finer ones."""
+    state = at_rest(state)
     measurement = state.measurement
     if measurement is None:
         return False
@@ -105,7 +115,8 @@ def switch_phase(
         # Bounds of a phase hold when it goes on after tracks were lost.
         travel=state.motion.travel if Phase.HOLDING in (phase, state.phase) else 0.0,
         settled=0,
-        time_in_tolerance=0.0,
+        # What a phase could not do near the goal, the turn that ends it is not to try again.
+        time_in_tolerance=state.settling.time_in_tolerance if event is Event.TURNED else 0.0,
         gains=state.law.gains if settings.derives else None,
         reason=_reason(state, measurement, event, settings),
         restarts=0

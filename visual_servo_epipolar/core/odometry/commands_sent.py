@@ -81,6 +81,15 @@ class CommandsSent:
         before = np.interp(begin_ns - end_ns - late, times, driven)
         return np.asarray((np.interp(-late, times, driven) - before) / NANOSECONDS)
 
+    def rest_s(self, now_ns: int) -> float:
+        """Return for how long the base has been commanded to stand [s]."""
+        began = now_ns
+        for stamp, twist in zip(reversed(self.stamps), reversed(self.twists), strict=True):
+            if twist != STANDSTILL:
+                break
+            began = stamp
+        return (now_ns - began) / NANOSECONDS
+
     def since(self, rates: Sequence[float], least: float) -> int | None:
         """Return the stamp since which ``rates`` exceed ``least`` to the last one's side."""
         began, side = None, math.copysign(1.0, rates[-1]) if rates else 0.0

@@ -14,7 +14,12 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.identification.odometry import Odometry
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import Identification, MotionState, ServoState
+from visual_servo_epipolar.core.servo.state import (
+    Identification,
+    MotionState,
+    ServoState,
+    ViewState,
+)
 
 RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next two
 RANGE_SMOOTHING = 0.2
@@ -184,6 +189,13 @@ def usual_period(before: float, dt: float) -> float:
     if dt == 0.0:  # stamps that leap tell nothing of it
         return before
     return before + PERIOD_SMOOTHING * (dt - before)
+
+
+def jitter(view: ViewState, dt: float) -> float:
+    """Return the mean by which the time between images differs from its mean [s], smoothed."""
+    if dt == 0.0 or math.isnan(view.period):
+        return view.jitter
+    return view.jitter + PERIOD_SMOOTHING * (abs(dt - view.period) - view.jitter)
 
 
 def desired_rate(state: ServoState, measurement: Measurement, dt: float) -> float:

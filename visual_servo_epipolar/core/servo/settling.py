@@ -1,6 +1,8 @@
 """Settling: frames in a row that fulfil the aim of a phase, and what they show on average."""
 
+from dataclasses import replace
 import math
+from typing import Any
 
 from visual_servo_epipolar.core.geometry.wall import aside
 from visual_servo_epipolar.core.laws.decisions import is_close, is_settled
@@ -12,6 +14,8 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 
+SEEN_S = 0.4  # after which a motion has acted and was seen, of a base that obeys in time
+
 
 def settle(
     state: ServoState,
@@ -21,6 +25,7 @@ def settle(
     settings: ServoSettings,
 ) -> ServoState:
     """Return the state with its count of settled frames, ``dt`` [s] after the ``previous``."""
+    state = state.changed(**_rest(state, settings))
     if is_close(state, settings):
         state = state.changed(time_in_tolerance=state.settling.time_in_tolerance + dt)
     measurement = state.measurement or perception.measurement
@@ -36,6 +41,33 @@ def settle(
         settled_parallax=math.sqrt(max(square, 0.0)),
         settled_aside=_aside(state, measurement, perception, settings),
     )
+
+
+def _rest(state: ServoState, settings: ServoSettings) -> dict[str, Any]:
+    """Return the mean of what is measured since the robot stands, in the fields of the state."""
+    now, before, rested = state.measurement, state.settling.rest, state.settling.rested + 1
+    if now is None or now.offset is None or not state.phase.drives:
+        return {'rest': None, 'rested': 0, 'rest_square': 0.0}
+    if state.motion.sent.rest_s(now.stamp_ns) < seen_after(settings):
+        return {'rest': None, 'rested': 0, 'rest_square': 0.0}
+    if before is None or before.offset is None:
+        return {'rest': now, 'rested': 1, 'rest_square': 0.0}
+    change = now.difference - before.difference
+    turn = math.remainder(now.heading_error - before.heading_error, 2.0 * math.pi)
+    (x, y), (last_x, last_y) = now.offset, before.offset
+    mean = replace(
+        now,
+        difference=before.difference + change / rested,
+        heading_error=before.heading_error + turn / rested,
+        offset=(last_x + (x - last_x) / rested, last_y + (y - last_y) / rested),
+    )
+    square = state.settling.rest_square + change * (now.difference - mean.difference)
+    return {'rest': mean, 'rested': rested, 'rest_square': square}
+
+
+def seen_after(settings: ServoSettings) -> float:
+    """Return the time after which a motion that was commanded has acted and was seen [s]."""
+    return max(SEEN_S, settings.latency + SEEN_S / 3.0)
 
 
 def _aside(

@@ -46,7 +46,8 @@ class ViewState:
     What is seen: ``measurement``, the last one, and ``memory``, what perception carries on.
 
     Both are None before the first. ``goal`` is where it drives, with the map of keyframes around
-    it; ``period``, the time between two images [s], smoothed, nan before the second;
+    it; ``period``, the time between two images [s], smoothed, nan before the second, and
+    ``jitter``, by how much it varies [s];
     ``rotation_bias``, what the best rotation is off in heading [rad], nan while unknown;
     ``trusted_heading``, the heading error of the last measurement by which it drove [rad], nan
     before; ``frame``, the number of steps; ``seen_ns``, the stamp of the last image with enough
@@ -57,6 +58,7 @@ class ViewState:
     memory: PerceptionMemory | None = None
     goal: Goal[MapState] = Goal()
     period: float = math.nan
+    jitter: float = 0.0
     rotation_bias: float = math.nan
     trusted_heading: float = math.nan
     frame: int = 0
@@ -169,14 +171,19 @@ class LawState:
 @dataclass(frozen=True)
 class Settling:
     """
-    How long the aim of the phase has been fulfilled.
+    How long the aim of the phase has been fulfilled, and where the robot stands.
 
-    ``settled``, frames in a row that fulfil it; ``settled_parallax``, the root mean square of the
-    parallax over them [rad]; ``settled_aside``, the mean by which they look aside before a wall,
-    in deviations, of who has no map; ``time_in_tolerance``, for how long the phase has been so
+    ``rest``, the mean of ``rested`` measurements since the last motion was seen, None while it
+    moves, and ``rest_square``, the sum of squares by which their D varies; ``settled``, frames in
+    a row that fulfil it; ``settled_parallax``, the root mean square of the parallax over them
+    [rad]; ``settled_aside``, the mean by which they look aside before a wall, in deviations, of
+    who has no map; ``time_in_tolerance``, for how long the phase has been so
     near its aim that a base may be unable to come nearer [s].
     """
 
+    rest: Measurement | None = None
+    rested: int = 0
+    rest_square: float = 0.0
     settled: int = 0
     settled_parallax: float = math.nan
     settled_aside: float = 0.0

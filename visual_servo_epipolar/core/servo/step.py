@@ -40,12 +40,13 @@ from visual_servo_epipolar.core.servo.checking import check_lens, check_motion
 from visual_servo_epipolar.core.servo.dead_reckoning import (
     desired_rate,
     drive_since,
+    jitter,
     reckon,
     usual_period,
 )
 from visual_servo_epipolar.core.servo.fusion.fuse import fuse, Fusion, with_wrong_matches
 from visual_servo_epipolar.core.servo.identification.identify import identify
-from visual_servo_epipolar.core.servo.pulse_turn import pulse_turn, turns_by_pulses
+from visual_servo_epipolar.core.servo.pulsed_move import pulsed_move
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import settle
 from visual_servo_epipolar.core.servo.state import ServoState, ViewState
@@ -84,6 +85,7 @@ def _see(
         memory=fusion.memory,
         goal=replace(state.view.goal, map=fusion.map),
         period=usual_period(state.view.period, dt),
+        jitter=jitter(state.view, dt),
         rotation_bias=fusion.rotation_bias,
         trusted_heading=_trusted_heading(state, fusion.measurement, settings),
         frame=state.view.frame,
@@ -228,8 +230,8 @@ def _beyond_dead_band(
     """Return the part of ``limited`` that the motors can follow, and the residual for later."""
     # Where the aim is fulfilled, a small command made larger would only undo it.
     mode = 'zero' if state.settling.settled else settings.dead_band_mode
-    if mode == 'pulse' and turns_by_pulses(state, settings):
-        return pulse_turn(limited, state, settings)
+    if mode == 'pulse' and (move := pulsed_move(limited, state, settings)):
+        return move
     residual, last = state.motion.dead_band_residual, state.twist
     # What is left of a pulse that was more than enough is no reason for one back.
     residual = Twist(

@@ -142,6 +142,8 @@ def test_who_is_near_lingers_and_a_new_phase_begins_anew() -> None:
     state = update(state, Perception(away, fresh_memory(without)), 0.25, without)
     assert state.settling.time_in_tolerance == 0.25
     assert switch_phase(state, away, Event.MISSED, without).settling.time_in_tolerance == 0.0
+    # What could not be had there is not tried for once more in the turn that ends it.
+    assert switch_phase(state, away, Event.TURNED, without).settling.time_in_tolerance == 0.25
 
 
 def test_a_parallax_that_is_not_known_is_not_that_of_the_goal() -> None:

@@ -25,7 +25,7 @@ PATIENCE_S, PULSED_PATIENCE_S = 0.8, 4.0  # within the usual bounds, after which
 
 class Trial(NamedTuple):
     """
-    Time within the usual bounds by now, and that from one command to the next [s].
+    Time within the usual bounds by now, that from one command to the next, and its jitter [s].
 
     ``is_brief``: on the way pulses are not waited for.
     """
@@ -33,6 +33,7 @@ class Trial(NamedTuple):
     time_in_tolerance: float = 0.0
     frame_s: float = USUAL_STEP_S
     is_brief: bool = False
+    jitter_s: float = 0.0
 
 
 FIRST = Trial()
@@ -40,7 +41,8 @@ FIRST = Trial()
 
 def trial_of(state: ServoState, *, spent: bool = False) -> Trial:
     """Return how long the robot has tried by now; for ever if its patience is ``spent``."""
-    return Trial(math.inf if spent else state.settling.time_in_tolerance, usual_step(state))
+    tried = math.inf if spent else state.settling.time_in_tolerance
+    return Trial(tried, usual_step(state), jitter_s=state.view.jitter)
 
 
 def engage_bound(measurement: Measurement, settings: ServoSettings) -> float:
@@ -79,15 +81,18 @@ def facing_bound(measurement: Measurement, settings: ServoSettings, trial: Trial
         if _is_patient(settings, trial):
             fine = min(max(NEGLIGIBLE * deviation, LEAST_HEADING), fine)
     bound = max(fine, tolerance - FACING - NOISE_DEVIATIONS * deviation)
-    if ends_by_pulses(measurement, settings, trial):
-        return max(bound, PULSE_MISS * trial.frame_s * settings.dead_band_angular)
-    return max(bound, _hop(settings.dead_band_angular, settings, trial))
+    least = _hop(settings.dead_band_angular, settings, trial)
+    if ends_by_pulses(measurement, settings) and _is_patient(settings, trial):
+        # Of two pulses, one away and one back, neither lasts for exactly a frame.
+        miss = max(PULSE_MISS * trial.frame_s, 2.0 * trial.jitter_s)
+        least = min(least, miss * settings.dead_band_angular)
+    return max(bound, least)
 
 
-def ends_by_pulses(measurement: Measurement, settings: ServoSettings, trial: Trial) -> bool:
-    """Return whether turns end finer than by equal pulses: see ``servo.pulse_turn``."""
+def ends_by_pulses(measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether turns end in place, by pulses: see ``servo.pulsed_move``."""
     known, pulses = measurement.offset is not None, settings.dead_band_mode == 'pulse'
-    return known and pulses and settings.dead_band_angular > 0.0 and _is_patient(settings, trial)
+    return known and pulses and max(settings.dead_band_linear, settings.dead_band_angular) > 0.0
 
 
 def pulse_turn_bound(
@@ -95,7 +100,7 @@ def pulse_turn_bound(
 ) -> float:
     """Return the heading error [rad] within which patience is spent: two hops with pulses."""
     usual = facing_bound(measurement, settings, trial._replace(time_in_tolerance=math.inf))
-    if not ends_by_pulses(measurement, settings, trial):
+    if not ends_by_pulses(measurement, settings):
         return usual
     return max(usual, 2.0 * trial.frame_s * settings.dead_band_angular)
 
@@ -109,8 +114,8 @@ def matched_bound(
     if measurement.offset is None:
         return usual
     slope = measurement.difference_slope
-    fine = max(min(least, LEAST_OFFSET * slope), NEGLIGIBLE * deviation)
     hop = _hop(settings.dead_band_linear, settings, trial) * slope
+    fine = max(min(least, LEAST_OFFSET * slope), (1.0 if hop else NEGLIGIBLE) * deviation)
     return max(fine if _is_patient(settings, trial) else usual, hop)
 
 

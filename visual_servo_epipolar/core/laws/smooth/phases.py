@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.laws.machine import (
     StateMachine,
 )
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, has_parallax, is_near_enough
+from visual_servo_epipolar.core.laws.phases.arrival import has_parallax, is_near_enough
 from visual_servo_epipolar.core.laws.phases.bounds import (
     ends_by_pulses,
     FACING,
@@ -55,7 +55,6 @@ PASSED = 0.05  # beyond which the goal was passed by [m]
 HANDOVER_DIFFERENCE = 0.03  # |D| at which two views end as the second step does
 LINED_UP = 0.2  # bearings up to which D is that of the way ahead [rad]
 BESIDE, HYSTERESIS = 0.05, 0.35  # beyond it, where a robot backs off: at first, on its way [rad]
-PULSED = 0.1  # heading error that pulses in place may end [rad]
 
 
 def approaching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
@@ -70,9 +69,10 @@ def approaching(state: ServoState, measurement: Measurement, settings: ServoSett
     if state.settling.settled >= settings.arrival_frames:
         if has_parallax(state, measurement, settings):
             return missed(state, settings)
-        turned = ends_by_pulses(measurement, settings, motion_trial(state))
-        faces = not turned or faces_goal(state, measurement, settings)
-        return Event.MATCHED if faces else Event.TURNED
+        bound = facing_bound(measurement, settings, trial_of(state, spent=True))
+        turned = abs(measurement.heading_error) > bound
+        pulses = ends_by_pulses(measurement, settings)
+        return Event.TURNED if turned and pulses else Event.MATCHED
     x, y = measurement.offset
     pose = polar_pose(x, y, measurement.heading_error)
     all_round = goes_around(x, y, measurement.heading_error, measurement)
@@ -129,10 +129,8 @@ def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) 
     trial = motion_trial(state)
     rest = 1.0 / _decay(state, settings, trial)
     turned = abs(measurement.heading_error) > rest * _heading_bound(measurement, settings, trial)
-    by_pulses = abs(measurement.heading_error) <= PULSED and ends_by_pulses(
-        measurement, settings, trial
-    )
-    if turned and not by_pulses:
+    stands = state.settling.rest is not None and ends_by_pulses(measurement, settings)
+    if turned and not stands:
         return False
     through = is_through(state, measurement, settings, trial, rest=rest)
     return through or is_near_enough(state, measurement, settings)

@@ -1,0 +1,131 @@
+"""Moves by pulses: a robot with a dead band stands, measures, and moves once."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from servo_states import in_phase, SETTINGS, sight
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.pulsed_move import first_pulse, pulsed_move, way_of_move
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+
+THRESHOLD, FRAME_S, SLOPE = 0.024, 0.09, 0.1  # [rad/s] and [m/s], [s], [1/m]
+HOP = THRESHOLD * FRAME_S
+BANDED = replace(SETTINGS, dead_band_angular=THRESHOLD, dead_band_linear=THRESHOLD)
+TURN, DRIVE = Phase.ORIENTING, Phase.MATCHING_FEATURES
+NO_ROOM = (0.0, 0.0)
+
+
+def at(hops: float, **changes: object) -> Measurement:
+    """Return what is seen ``hops`` past the goal, and turned by as many to the left."""
+    seen = sight(
+        heading_error=hops * HOP,
+        heading_deviation=1e-6,
+        offset=(0.0, hops * HOP),
+        offset_deviation=1e-4,
+        difference=hops * HOP * SLOPE,
+        difference_slope=SLOPE,
+        difference_deviation=1e-7,
+        view_margins=(0.3, 0.3),
+    )
+    return replace(seen, **changes)
+
+
+def slowly(seen: Measurement) -> Twist:
+    """Return what a law wants near its aim."""
+    return Twist(-1e-3 * seen.difference, -1e-3 * seen.heading_error)
+
+
+def commanded(
+    seen: Measurement, phase: Phase, frames: int = 12, settings: ServoSettings = BANDED, **changes
+) -> list[float]:
+    """Return the speeds that are sent while the robot is seen to stand where it is."""
+    still = {'rest': seen, 'rested': settings.arrival_frames, 'period': FRAME_S}
+    state = in_phase(phase, measurement=seen, **{**still, **changes})
+    sent = []
+    for _ in range(frames):
+        move = pulsed_move(slowly(seen), state, settings)
+        assert move is not None
+        moved = state.settling.rested and move[0] == STANDSTILL
+        state = state.changed(dead_band_residual=move[1], rested=state.settling.rested * moved)
+        sent.append(move[0].angular if phase is TURN else move[0].linear)
+    return sent
+
+
+@given(hops=st.floats(1.0, 4.0), side=st.sampled_from([-1.0, 1.0]))
+@pytest.mark.parametrize('phase', [TURN, DRIVE])
+def test_one_train_of_pulses_leads_there(phase, hops, side) -> None:
+    sent = commanded(at(side * hops), phase)
+    pulses = [speed for speed in sent if speed]
+    assert sum(pulses) * FRAME_S == pytest.approx(-side * hops * HOP)
+    assert sent[: len(pulses)] == pulses  # at once, one after the other
+    assert all(abs(speed) >= THRESHOLD * (1.0 - 1e-6) for speed in pulses)
+
+
+@pytest.mark.parametrize('phase', [TURN, DRIVE])
+def test_no_move_begins_before_the_robot_has_stood_for_as_long_as_an_arrival_takes(phase) -> None:
+    for short in (0, 1):
+        sent = commanded(at(2.0), phase, rested=BANDED.arrival_frames - short)
+        assert any(sent) is not bool(short)
+
+
+def test_what_the_mean_may_be_wrong_by_is_no_reason_to_move() -> None:
+    frames = BANDED.arrival_frames
+    for error, moves in ((0.4, True), (0.6, False)):  # of half a hop, which is the bound
+        square = (error * HOP * SLOPE * (frames - 1)) ** 2
+        assert any(commanded(at(2.0), DRIVE, rest_square=square)) is moves
+
+
+def test_a_turn_shorter_than_a_hop_leads_away_first_where_that_ends_nearer() -> None:
+    room, bound = (1.0, 1.0), 0.15 * HOP
+    for left in (0.5 * HOP, -0.5 * HOP):
+        away = way_of_move(left, bound, HOP, room)
+        assert away == pytest.approx(math.copysign(HOP, -left))
+        assert way_of_move(left - away, bound, HOP, room) == left - away  # and back at once
+        assert way_of_move(left, bound, HOP, NO_ROOM) == -away  # no way leads away to come back
+        shut = (0.5 * HOP, 1.0) if left < 0.0 else (1.0, 0.5 * HOP)
+        assert way_of_move(left, bound, HOP, shut) == 0.0  # features would leave the view
+    assert way_of_move(0.9 * HOP, bound, HOP, room) == HOP  # one is near enough
+    assert way_of_move(0.1 * HOP, bound, HOP, room) == 0.0
+
+
+def test_pulses_of_irregular_images_are_no_reason_to_turn_away() -> None:
+    """A pulse lasts as long as its image: two that miss by more than half a hop end no nearer."""
+    assert any(commanded(at(0.45), TURN))
+    assert not any(commanded(at(0.45), TURN, jitter=0.25 * FRAME_S))
+    assert any(commanded(at(0.55), TURN, jitter=0.25 * FRAME_S))
+
+
+def test_no_pulse_is_faster_than_the_robot_may_go() -> None:
+    assert first_pulse(1.9 * THRESHOLD, THRESHOLD, 0.03) == 0.03
+    assert first_pulse(-1.9 * THRESHOLD, THRESHOLD, 0.03) == -0.03
+    assert min(commanded(at(1.9), TURN, 3, replace(BANDED, max_angular=0.03))) == -0.03
+
+
+def test_moves_are_for_the_end_of_what_a_memory_knows_and_no_base_follows() -> None:
+    def does(phase=DRIVE, wanted=None, settings=BANDED, **changes) -> bool:
+        seen = at(2.0, **changes)
+        state = in_phase(phase, measurement=seen)
+        return pulsed_move(wanted or slowly(seen), state, settings) is not None
+
+    assert does() and does(TURN)
+    assert not does(settings=SETTINGS)
+    assert not does(TURN, settings=SETTINGS)
+    assert not does(settings=replace(BANDED, dead_band_mode='raise'))
+    assert not does(offset=None)
+    assert not does(difference=-20.0 * HOP * SLOPE)
+    assert not does(wanted=Twist(-0.2, -1e-4))
+    assert not does(TURN, wanted=Twist(0.0, -0.3))
+    assert not does(Phase.RETREATING)
+
+
+def test_a_robot_that_stands_where_it_should_may_turn() -> None:
+    state = in_phase(DRIVE, measurement=at(0.0), rested=9, dead_band_residual=Twist(0.0, 0.5))
+    turned = pulsed_move(Twist(1e-4, 0.5 * THRESHOLD), state, BANDED)
+    assert turned is not None
+    assert turned[0] == Twist(0.0, THRESHOLD)

@@ -1,0 +1,67 @@
+"""Settling: a robot that stands is judged by the mean of what it measures there."""
+
+from dataclasses import replace
+
+import pytest
+from servo_states import in_phase, SETTINGS, sight
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.decisions import is_settled
+from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
+from visual_servo_epipolar.core.perception.memory import fresh_memory
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.settling import SEEN_S, settle
+from visual_servo_epipolar.core.servo.state import ServoState
+
+FRAME_NS = 100_000_000
+BANDED = replace(SETTINGS, dead_band_linear=0.03)
+BOUND = 0.5 * 0.03 * 0.1 * 0.1  # half a hop, as D
+SEEN = round(SEEN_S * 1e9) // FRAME_NS  # frames until the last motion was seen
+
+
+def stood(
+    differences: list[float], last: Twist = STANDSTILL, phase: Phase = Phase.MATCHING_FEATURES
+) -> ServoState:
+    """Return the state after these D were seen by a robot that stands; ``last`` is commanded."""
+    state, sent = in_phase(phase), CommandsSent().after(0, Twist(0.03, 0.0))
+    for frame, difference in enumerate([0.1] * SEEN + differences, start=1):
+        seen = sight(
+            frame,
+            offset=(0.0, 10.0 * difference),
+            heading_error=0.0,
+            heading_deviation=1e-4,
+            difference=difference,
+            difference_slope=0.1,
+            difference_deviation=1e-6,
+        )
+        sent = sent.after(frame * FRAME_NS - 1, STANDSTILL)
+        perception = Perception(seen, fresh_memory(SETTINGS))
+        state = settle(state.changed(measurement=seen, sent=sent), perception, None, 0.1, BANDED)
+        sent = sent.after(frame * FRAME_NS, last)
+    return state
+
+
+def test_a_mean_of_what_is_seen_at_rest_decides_not_each_image() -> None:
+    swings = [1.5 * BOUND, -1.5 * BOUND] * 4
+    state = stood(swings)
+    assert state.settling.rest is not None
+    assert state.settling.rest.difference == pytest.approx(0.0, abs=1e-12)
+    assert state.settling.rest.offset == pytest.approx((0.0, 0.0))
+    assert is_settled(state, BANDED)
+    assert not is_settled(state.changed(rest=None), BANDED)
+    assert stood([*swings, 3.0 * BOUND]).settling.settled > 1  # no outlier begins anew
+    assert not is_settled(stood([1.5 * BOUND] * 8), BANDED)
+
+
+def test_what_varies_at_rest_is_the_error_of_its_mean() -> None:
+    state = stood([1e-3, -1e-3] * 4)
+    assert state.settling.rested == 8
+    assert state.settling.rest_square == pytest.approx(8e-6)
+
+
+@pytest.mark.parametrize('last', [Twist(0.0, 0.1), Twist(0.03, 0.0)])
+def test_a_robot_that_moves_or_whose_motion_is_not_seen_yet_does_not_rest(last) -> None:
+    assert stood([0.0] * 8, last).settling.rest is None
+    assert stood([]).settling.rested == 0 < stood([0.0]).settling.rested
+    assert stood([0.0] * 8, phase=Phase.HOLDING).settling.rest is None
