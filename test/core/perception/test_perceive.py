@@ -342,3 +342,13 @@ def test_features_whose_patches_overlap_make_bearings_as_much_less_certain(
     seen = observation(*(blurred(rays, 0.3 / 769.0, rng) for rays in matches(BEHIND)))
     alone, together = measured(seen), measured(replace(seen, shared=shared))
     assert together.deviation == pytest.approx(math.sqrt(shared) * alone.deviation)
+
+
+def test_a_direction_that_features_show_one_by_one_stays_one_where_their_patches_overlap() -> None:
+    rng = np.random.default_rng(0)
+    seen = observation(*(blurred(rays, 0.3 / 769.0, rng) for rays in matches(BEHIND)))
+    limit = ServoSettings().max_deviation
+    shared = (1.5 * limit / measured(seen).deviation) ** 2
+    together = measured(replace(seen, shared=shared))
+    assert together.bearings is not None
+    assert together.deviation == pytest.approx(1.5 * limit)

@@ -47,7 +47,7 @@ class FitQuality:
 
     ``noise`` is the deviation of a coordinate that residuals show [px]; ``growth`` is by how much
     bearings are less certain than the covariance of the estimate says, ``deviation`` the larger
-    one of psi and phi with that [rad], nan if there is none.
+    one of psi and phi with that [rad], nan if there is none. ``shared`` features count as one.
     """
 
     inliers: int
@@ -55,6 +55,7 @@ class FitQuality:
     noise: float
     growth: float
     deviation: float
+    shared: float
 
 
 def fit_quality(
@@ -77,7 +78,7 @@ def fit_quality(
     variance = max(estimate.covariance[0, 0], estimate.covariance[1, 1], 0.0)
     extent = angular_extent(desired, estimate.inliers)
     deviation = math.hypot(growth * math.sqrt(variance), _apart(estimate))
-    return FitQuality(inliers, extent, shown, growth, deviation)
+    return FitQuality(inliers, extent, shown, growth, deviation, shared)
 
 
 def _apart(estimate: Estimate) -> float:
@@ -186,7 +187,8 @@ def rejection_reason(
     deviations = ROUGH_JUMP if memory.attitude.jitter > settings.floor_jitter else MAX_JUMP
     if estimate.jump > deviations * jitter:
         return f'{TILTED} {math.degrees(estimate.jump):.1f} deg between the views'
-    if quality.deviation > settings.max_deviation:
+    # That there is a direction, features show one by one; how well it is known, they do not.
+    if quality.deviation > settings.max_deviation * math.sqrt(quality.shared):
         return f'the bearings are uncertain by {math.degrees(quality.deviation):.1f} deg'
     return _contradiction(estimate, memory, settings)
 
