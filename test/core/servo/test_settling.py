@@ -6,11 +6,13 @@ import pytest
 from servo_states import in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.decisions import is_settled
-from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.decisions import classify, is_settled
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.smooth.phases import APPROACHING
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import SEEN_S, settle
 from visual_servo_epipolar.core.servo.state import ServoState
 
@@ -65,3 +67,30 @@ def test_a_robot_that_moves_or_whose_motion_is_not_seen_yet_does_not_rest(last) 
     assert stood([0.0] * 8, last).settling.rest is None
     assert stood([]).settling.rested == 0 < stood([0.0]).settling.rested
     assert stood([0.0] * 8, phase=Phase.HOLDING).settling.rest is None
+
+
+def test_a_mean_at_the_goal_is_no_miss_for_the_swing_of_one_image() -> None:
+    here = sight(offset=(0.0, 0.0), offset_deviation=1e-4, heading_error=0.0, parallax=0.0)
+    here = replace(here, heading_deviation=1e-4, difference=0.0, difference_slope=0.1)
+    here = replace(here, difference_deviation=1e-6)
+    swung = replace(here, offset=(0.0, 0.02), difference=2e-3)
+    frames = {'settled': BANDED.arrival_frames, 'settled_parallax': 0.0}
+    state = in_phase(Phase.MATCHING_FEATURES, measurement=swung, rest=here, **frames)
+    assert classify(state, BANDED) is Event.MATCHED
+    assert classify(state.changed(rest=None), BANDED) is not Event.MATCHED
+
+
+@pytest.mark.parametrize(('turned', 'event'), [(0.05, Event.TURNED), (1e-3, Event.MATCHED)])
+def test_one_motion_ends_with_a_turn_in_place_where_it_stands_and_does_not_face(
+    turned, event
+) -> None:
+    smooth = ServoSettings(law='smooth', dead_band_linear=0.03, dead_band_angular=0.05)
+    here = sight(offset=(0.0, 0.0), offset_deviation=1e-4, heading_error=turned, parallax=0.0)
+    here = replace(here, heading_deviation=1e-4, difference=0.0, difference_slope=0.1)
+    here = replace(here, difference_deviation=1e-6)
+    frames = {'settled': smooth.arrival_frames, 'settled_parallax': 0.0}
+    state = in_phase(APPROACHING.phase, measurement=here, rest=here, **frames)
+    assert is_settled(state, smooth)
+    assert classify(state, smooth) is event
+    if event is Event.TURNED:
+        assert not is_settled(state.changed(rest=None), smooth)  # it may still turn on its way

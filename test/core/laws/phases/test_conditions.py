@@ -83,6 +83,8 @@ def test_nobody_is_asked_for_less_than_the_base_can_move(mode, frames) -> None:
     assert matched_bound(exact, banded) == pytest.approx(frames * 0.1 * 0.05 * 0.06)
     slowly = trial_of(in_phase(Phase.MATCHING_FEATURES, period=0.2))
     assert matched_bound(exact, banded, slowly) == pytest.approx(frames * 0.2 * 0.05 * 0.06)
+    vague = replace(exact, difference_deviation=1e-3)  # a hop is no finer than a look
+    assert matched_bound(vague, banded) == pytest.approx(1e-3)
     turning = replace(banded, dead_band_angular=0.05)
     sure = replace(exact, heading_deviation=0.0)
     impatient = slowly._replace(time_in_tolerance=PULSED_PATIENCE_S + 0.1)
