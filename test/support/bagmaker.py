@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -91,11 +92,15 @@ def new_listener(context: Context) -> tuple[Node, list[Message]]:
     """Return a node that subscribes to all topics, and the messages it received."""
     received: list[Message] = []
     listener = Node('listener', context=context)
+
+    def listen(topic: str, raw: bytes, *_: object) -> None:  # the executor of events adds an info
+        received.append((topic, 1_000 + len(received), bytes(raw)))
+
     for topic, (kind, profile) in TOPICS.items():
         listener.create_subscription(
             kind,
             topic,
-            lambda raw, topic=topic: received.append((topic, 1_000 + len(received), bytes(raw))),
+            partial(listen, topic),
             profile,
             raw=True,
         )

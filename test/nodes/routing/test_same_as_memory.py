@@ -1,6 +1,7 @@
 """Node and memory are one: what is taught and repeated over messages is so to the last bit."""
 
 from dataclasses import asdict
+from functools import partial
 import json
 from pathlib import Path
 
@@ -92,11 +93,15 @@ def test_a_repetition_in_a_bag_replays_to_the_last_bit(
     scenario, start = SCENARIO.seeded(5), taught.stations[0]
     values = {**asdict(scenario.servo), 'watchdog': False}
     messages: list[Message] = []
+
+    def listen(name: str, raw: bytes, *_: object) -> None:  # the executor of events adds an info
+        messages.append((name, len(messages), bytes(raw)))
+
     for name, (kind, profile) in TOLD.items():
         bench.probe.create_subscription(
             kind,
             name,
-            lambda raw, name=name: messages.append((name, len(messages), bytes(raw))),
+            partial(listen, name),
             profile,
             raw=True,
         )
