@@ -108,17 +108,15 @@ def _workers(options: argparse.Namespace) -> AbstractContextManager[Workers]:
 def _report(
     documents: Mapping[str, Mapping[str, Any]], folder: Path, field_of_view: float
 ) -> tuple[str, list[str]]:
-    """Write tables and figures into ``folder``; return the table, and the names of the files."""
+    """Write table and map into ``folder``; return the table, and the names of the files."""
     from visual_servo_epipolar.report.figures import save
-    from visual_servo_epipolar.report.sweep import figures
-    from visual_servo_epipolar.report.sweep import table as tables
+    from visual_servo_epipolar.report.sweep.figures import starts
+    from visual_servo_epipolar.report.sweep.table import table
 
-    text = tables.table(documents)
-    for name, table in (('table.md', text), ('convergence.md', tables.convergence(documents))):
-        write_whole(folder / name, f'{table}\n'.encode())
-    save(figures.starts(documents, field_of_view=field_of_view), folder / 'map.png')
-    save(figures.errors(documents), folder / 'histogram.png')
-    return text, ['table.md', 'convergence.md', 'map.png', 'histogram.png']
+    text = table(documents)
+    write_whole(folder / 'table.md', f'{text}\n'.encode())
+    save(starts(documents, field_of_view=field_of_view), folder / 'map.png')
+    return text, ['table.md', 'map.png']
 
 
 def _name_suspect_runs(plan: SweepPlan, documents: Mapping[str, Mapping[str, Any]]) -> int:

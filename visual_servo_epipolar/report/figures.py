@@ -1,10 +1,8 @@
 """Figures of a run, for paper and screen: its path seen from above, its signals over time."""
 
-from collections.abc import Callable, Mapping
 import math
 from pathlib import Path
 import textwrap
-from types import MappingProxyType
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -120,18 +118,8 @@ def save_all(log: RunLog, folder: Path) -> list[Path]:
 
     Raises ValueError if the run has no samples.
     """
-    return [save_one(name, log, folder) for name in FIGURES]
-
-
-def save_one(name: str, log: RunLog, folder: Path) -> Path:
-    """Draw the figure ``name``, one of FIGURES, as ``save_all`` does all."""
-    return save(FIGURES[name](log), folder / name)
-
-
-# The one that takes longest first: where each is drawn by a process, the others finish meanwhile.
-FIGURES: Mapping[str, Callable[[RunLog], Figure]] = MappingProxyType(
-    {'signals.png': signals, 'trajectory.png': trajectory}
-)
+    drawings = {'signals.png': signals, 'trajectory.png': trajectory}
+    return [save(draw(log), folder / name) for name, draw in drawings.items()]
 
 
 def _check(log: RunLog) -> None:

@@ -1,13 +1,11 @@
-"""The map, the histogram and the tables of a sweep hold its runs, with units, law by law."""
+"""The map and the table of a sweep hold its runs, with units, law by law."""
 
-from collections.abc import Callable
 from pathlib import Path
 import re
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
-from matplotlib.figure import Figure
 import numpy as np
 import pytest
 from sweeps import filled, plan_of, result
@@ -26,9 +24,7 @@ RUNS = {
     ],
 }
 UNSEEN = result(outcome='failed', reason='defect: x', position_error_m=None, traceback='x')
-Draw = Callable[[Any], Figure]
 CORNERS = (-1.0, 4.0), (1.0, -4.0)
-DRAWINGS = [figures.starts, figures.errors]
 
 
 @pytest.fixture
@@ -93,44 +89,11 @@ def test_maps_have_metres_and_a_common_scale(documents: dict[str, Any]) -> None:
     assert paper.get_aspect() == 1.0
 
 
-def test_the_histogram_counts_every_run_that_arrived(documents: dict[str, Any]) -> None:
-    position, heading = figures.errors(documents).axes
-    assert (position.get_xlabel(), heading.get_xlabel()) == (
-        'position error [mm]',
-        'heading error [deg]',
-    )
-    for axes in (position, heading):
-        assert axes.get_xscale() == 'log'
-        (outline,) = axes.patches  # nobody arrived with the other law
-        heights = outline.get_xy()[:, 1]
-        # Up and down once for each run, wherever it is: 3 in bins of their own, or in one.
-        assert np.abs(np.diff(heights)).sum() == pytest.approx(6.0)
-
-
-def test_any_law_has_a_colour_by_its_place() -> None:
-    laws = ['paper', 'corrected', 'full', 'another']
-    colours = figures.law_colours(laws)
-    assert list(colours) == laws
-    assert len(set(colours.values())) == len(laws)
-    assert colours['full'] == '#0072B2'
-
-
-@pytest.mark.parametrize('values', [[], [0.0], [1e-7, 3.0], [5e4]])
-def test_bins_hold_every_error_and_the_limit(values: list[float]) -> None:
-    edges = figures.edges(np.array(values), 50.0)
-    assert (np.diff(edges) > 0.0).all()
-    positive = [value for value in values if value > 0.0]
-    assert edges[0] <= min([*positive, 50.0]) and max([*positive, 50.0]) <= edges[-1]
-
-
-@pytest.mark.parametrize('draw', DRAWINGS)
 @pytest.mark.parametrize('runs', [[UNSEEN], [result()], [result(position_error_m=0.0)]])
-def test_the_smallest_of_sweeps_can_be_drawn(
-    tmp_path: Path, draw: Draw, runs: list[dict[str, Any]]
-) -> None:
+def test_the_smallest_of_sweeps_can_be_drawn(tmp_path: Path, runs: list[dict[str, Any]]) -> None:
     plan = plan_of(1)
     with filled(tmp_path, plan, runs) as store:
-        figure = draw(summaries(plan, store))
+        figure = figures.starts(summaries(plan, store))
     figure.canvas.draw()
 
 
@@ -152,15 +115,6 @@ def test_the_table_says_what_the_runs_say(documents: dict[str, Any]) -> None:
     assert cells(text, 'heading error [deg]')[1] == '0.0500 / 0.0500 / 0.0500'
     assert cells(text, 'ran \\| away in N s') == ['3', '1']
     assert documents['paper']['sweep']['command'] in text
-
-
-def test_rows_to_collect_have_all_columns_and_their_origin(documents: dict[str, Any]) -> None:
-    lines = table.convergence(documents).splitlines()
-    head, _, paper, full = lines[:4]
-    assert head.count('|') == paper.count('|') == full.count('|')
-    assert '75 (30.06 to 95.44)' in full
-    assert documents['paper']['sweep']['command'] in lines[-1]
-    assert documents['paper']['sweep']['begun'] in lines[-1]
 
 
 def test_the_table_says_how_far_any_run_went_and_drove_wrongly(tmp_path: Path) -> None:

@@ -1,1 +1,1 @@
-"""A sweep in figures and tables: starts on a map, errors as histograms, rates by law."""
+"""A sweep as a map of its starts, and as a table by law."""

@@ -1,4 +1,4 @@
-"""Tables of a sweep: one column a law for people, one row a law to collect in a document."""
+"""Table of a sweep, one column a law."""
 
 from collections.abc import Callable, Mapping
 import math
@@ -8,13 +8,9 @@ Document = Mapping[str, Any]
 Documents = Mapping[str, Document]  # law -> what `visual_servo sweep` writes as JSON for it
 
 NOTE = (
-    'Errors over the runs that arrived, against ground truth, without their signs; intervals of '
-    '95 %: Wilson for rates, bootstrap for quantiles. Wrong: more than 50 mm or 2 deg off; '
-    'wrong geometry: time driven on bearings more than 10 deg off.'
-)
-COLUMNS = (
-    *('region', 'source', 'scenario', 'law', 'arrived [%]', 'wrong', 'median [mm]', 'p95 [mm]'),
-    *('heading p95 [deg]', 'd / d_0 p95', 'runs', 'seed', 'commit'),
+    'Errors over the runs that arrived, against ground truth, without their signs; the interval '
+    "is Wilson's. Wrong: more than 50 mm or 2 deg off; wrong geometry: time driven on bearings "
+    'more than 10 deg off.'
 )
 
 
@@ -32,18 +28,10 @@ def table(documents: Documents) -> str:
     return '\n'.join([*blocks, '', NOTE])
 
 
-def convergence(documents: Documents) -> str:
-    """Return one Markdown row a law with its intervals, under a head, to collect and compare."""
-    rows = [_collect(document) for document in documents.values()]
-    sweep = next(iter(documents.values()))['sweep']
-    provenance = f'`{sweep["command"]}`, {_code(sweep)}, {sweep["begun"]}.'
-    return '\n'.join([*_markdown(COLUMNS, rows), '', f'{provenance} {NOTE}'])
-
-
 def _rows() -> Mapping[str, Callable[[Document], str]]:
     return {
         'arrived': _arrivals,
-        'arrived, 95 % interval [%]': lambda d: _interval(d['success_interval'], 100.0, 2),
+        'arrived, 95 % interval [%]': lambda d: _percent(d['success_interval']),
         'arrived but wrong': lambda d: str(d['arrived_but_wrong']),
         'raised': lambda d: str(d['defects']),
         'position error, median / p95 / max [mm]': lambda d: _spread(d, 'position_error_m', 1e3),
@@ -78,29 +66,6 @@ def _failures(documents: Documents) -> list[list[str]]:
     return [[_cell(reason), *(str(of.get(reason, 0)) for of in counts)] for reason in reasons]
 
 
-def _collect(document: Document) -> list[str]:
-    sweep = document['sweep']
-    position, heading, ratio = (
-        document[name] for name in ('position_error_m', 'heading_error_deg', 'max_distance_ratio')
-    )
-    rate = f'{100.0 * document["success_rate"]:.4g}'
-    return [
-        sweep['region'],
-        sweep['source'],
-        _cell(sweep['scenario'] or 'nominal'),
-        sweep['law'],
-        f'{rate} ({_interval(document["success_interval"], 100.0, 2)})',
-        str(document['arrived_but_wrong']),
-        _with_interval(position, 'median', 1e3),
-        _with_interval(position, 'p95', 1e3),
-        _with_interval(heading, 'p95', 1.0),
-        _with_interval(ratio, 'p95', 1.0),
-        str(len(document['runs'])),
-        str(sweep['seed']),
-        _code(sweep),
-    ]
-
-
 def _arrivals(document: Document) -> str:
     runs = len(document['runs'])
     return f'{100.0 * document["success_rate"]:.4g} % ({document["arrived"]} of {runs})'
@@ -111,14 +76,8 @@ def _spread(document: Document, name: str, unit: float) -> str:
     return ' / '.join(_number(spread.get(key), unit) for key in ('median', 'p95', 'max'))
 
 
-def _with_interval(spread: Mapping[str, Any], key: str, unit: float) -> str:
-    low, high = (_number(value, unit) for value in spread[f'{key}_interval'])
-    return f'{_number(spread[key], unit)} ({low} to {high})'
-
-
-def _interval(interval: tuple[float, float], unit: float, digits: int) -> str:
-    low, high = (f'{unit * value:.{digits}f}' for value in interval)
-    return f'{low} to {high}'
+def _percent(interval: tuple[float, float]) -> str:
+    return ' to '.join(f'{100.0 * value:.2f}' for value in interval)
 
 
 def _number(value: float | None, unit: float) -> str:
@@ -128,19 +87,15 @@ def _number(value: float | None, unit: float) -> str:
     return f'{unit * value:.0f}' if abs(unit * value) >= 100.0 else f'{unit * value:#.3g}'
 
 
-def _code(sweep: Mapping[str, Any]) -> str:
-    return sweep['commit'] or f'version {sweep["version"]}'
-
-
 def _cell(text: str) -> str:
     return ' '.join(text.split()).replace('|', '\\|')
 
 
-def _markdown(head: list[str] | tuple[str, ...], rows: list[list[str]]) -> list[str]:
+def _markdown(head: list[str], rows: list[list[str]]) -> list[str]:
     """Return the lines of a table, columns padded so that it can be read as text too."""
     widths = [max(len(line[k]) for line in (head, *rows)) for k in range(len(head))]
 
-    def line(cells: list[str] | tuple[str, ...]) -> str:
+    def line(cells: list[str]) -> str:
         padded = [cell.ljust(width) for cell, width in zip(cells, widths, strict=True)]
         return f'| {" | ".join(padded)} |'
 
