@@ -7,8 +7,12 @@ from typing import Any
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.calibrations import kalibr, matrices
-from visual_servo_epipolar.messages.calibrations.calibration import Calibration, Cameras
+from visual_servo_epipolar.messages.calibrations.calibration import (
+    Calibration,
+    Cameras,
+    cameras_by_keys,
+    kalibr_cameras,
+)
 from visual_servo_epipolar.messages.calibrations.documents import documents
 
 KINDS = (
@@ -23,7 +27,7 @@ CONVERTED = (
 )
 COLMAP_LINE = re.compile(r'\d+ [A-Z][A-Z_0-9]+ \S+ \S+ .*', re.DOTALL)
 NERFSTUDIO_KEYS = {'fl_x', 'camera_angle_x', 'frames'}
-READERS = (kalibr.kalibr_cameras, matrices.cameras)
+READERS = (kalibr_cameras, cameras_by_keys)
 NAMED = 5  # of the cameras of a file, in a message
 
 

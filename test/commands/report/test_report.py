@@ -229,15 +229,13 @@ def test_versions_of_the_recording_stand_beside_those_of_the_report(bag_page) ->
 def test_nothing_is_left_of_a_report_that_was_cut_off(
     bag, run_page, tmp_path, monkeypatch, capsys, ending
 ) -> None:
-    from visual_servo_epipolar.commands.report import bag as bag_report
-    from visual_servo_epipolar.commands.report import run as run_report
+    from visual_servo_epipolar.commands.report import command
 
     def end(*_: object, **__: object) -> None:
         raise ending
 
-    for module in (bag_report, run_report):
-        monkeypatch.setattr(module, 'write_page', end)
-        monkeypatch.setattr(module, 'path_sections', lambda log: [])
+    monkeypatch.setattr(command, 'write_page', end)
+    monkeypatch.setattr(command, 'path_sections', lambda log: [])
     for source in (bag, run_page.parents[1] / 'run'):
         options = ('--tracks',) if source == bag else ()
         out = tmp_path / 'made' / 'out'
@@ -248,7 +246,7 @@ def test_nothing_is_left_of_a_report_that_was_cut_off(
 def test_a_place_where_nothing_can_be_written_is_refused_before_the_replay(
     bag, monkeypatch, capsys
 ) -> None:
-    from visual_servo_epipolar.commands.report import bag as bag_report
+    from visual_servo_epipolar.commands.report import command
 
-    monkeypatch.setattr(bag_report, 'replay_bag', lambda *_, **__: pytest.fail('it ran'))
+    monkeypatch.setattr(command, 'replay_bag', lambda *_, **__: pytest.fail('it ran'))
     assert 'give another --out' in refused(capsys, str(bag), '--out', '/proc/here')

@@ -1,17 +1,66 @@
-"""Report: an HTML page on a run, a bag or a route."""
+"""Report: an HTML page on a run, a bag or a route; of the first two here."""
 
 import argparse
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, fields
+from html import escape
+import math
+import os
 from pathlib import Path
+from typing import Any
+from urllib.parse import quote
 
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.bags.reading.bag import Bag
+from visual_servo_epipolar.bags.reading.history import Happening
+from visual_servo_epipolar.bags.replaying.replay import ReplayedStep, TrackedImage
+from visual_servo_epipolar.bags.replaying.result import has_truth
+from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.output import OutputFolder
-from visual_servo_epipolar.commands.report.bag import report_bag
+from visual_servo_epipolar.commands.files.run_folder import versions
+from visual_servo_epipolar.commands.replay.run import (
+    compared_words,
+    figure_of,
+    progress_watch,
+    replay_bag,
+    ReplayedBag,
+    result_of,
+)
 from visual_servo_epipolar.commands.report.route import report_route
-from visual_servo_epipolar.commands.report.run import report_run
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
+from visual_servo_epipolar.core.laws.registry import phase_words
+from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, seconds, summarise
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.telemetry import sample
+from visual_servo_epipolar.core.settings import range_of, Settings
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.files import made_folder
 from visual_servo_epipolar.messages.routes.route_folder import is_route
-from visual_servo_epipolar.report.page import FILE
+from visual_servo_epipolar.report import figures
+from visual_servo_epipolar.report.images.picture import picture
+from visual_servo_epipolar.report.page import (
+    Cell,
+    figure_html,
+    FILE,
+    film,
+    folded_html,
+    Headline,
+    jpeg,
+    linked_film,
+    paragraph,
+    Section,
+    strip,
+    table,
+    write_page,
+)
 from visual_servo_epipolar.report.run_file import FILE as RUN_FILE
+from visual_servo_epipolar.report.run_file import load_run
+from visual_servo_epipolar.report.style import phase_label
+from visual_servo_epipolar.simulation.scenario import Scenario
 
 
 def report(options: argparse.Namespace) -> int:
@@ -51,3 +100,317 @@ def _refuse_bag_options(options: argparse.Namespace) -> None:
             f'{options.bag} is no bag: {", ".join(given)} cannot change what is in it; '
             'leave them out, or report on a bag'
         )
+
+
+MOST_PICTURES = 12
+VIDEOS = ('video.webm', 'video.mp4', 'video.avi')
+SIGNALS = (
+    'What was measured and commanded. A dashed line marks where the run ended. The estimate d_hat '
+    'is no measurement: it begins at initial_distance, an upper bound, is carried on by the '
+    'commands, and scales the speed of step 1, which works while it is not below the distance d.'
+)
+FOOTER = (
+    'Plane of the paper: the goal lies in the origin and looks along +y; x to the right. Errors '
+    'are against ground truth, which the servo never sees.'
+)
+EMBEDDED_BYTES = 8_000_000  # largest video that a page holds; a mail takes about 20 MB
+MIME = {'.mp4': 'video/mp4', '.webm': 'video/webm'}
+IN_BROWSERS = ('h264', 'avc1', 'VP80', 'VP90', 'vp09', 'AV01', 'av01')  # as OpenCV names them
+
+
+def report_run(folder: Path, path: Path) -> None:
+    """Write the page on the run in ``folder``; raises InputError if that fails."""
+    run_file = load_run(folder)
+    log = run_file.log
+    result = summarise(log)
+    sections = [
+        Section('Result', result_table(result)),
+        *path_sections(log),
+        *_pictures_section(folder, path, log),
+        Section('Phases', phase_table(result)),
+        parameter_section(run_file.settings),
+        version_section(run_file.versions, versions()),
+    ]
+    x, y, heading = log.start
+    title = f'Run from x {x:g} m, y {y:g} m, heading {heading:+g} deg, law {log.law}'
+    write_page(path, title, verdict_of(result), sections, footer=FOOTER)
+
+
+def verdict_of(result: Mapping[str, Any]) -> Headline:
+    """Return the verdict on a run: outcome, duration, errors."""
+    arrived = result['outcome'] == 'arrived'
+    text = f'{result["outcome"].capitalize()} after {result["duration_s"]:.1f} s'
+    if result['position_error_m'] is not None and math.isfinite(result['position_error_m']):
+        text += (
+            f', {1e3 * result["position_error_m"]:.1f} mm and '
+            f'{result["heading_error_deg"]:+.2f} deg from the goal'
+        )
+    return Headline(text, arrived, '' if arrived else result['reason'])
+
+
+def path_sections(log: RunLog) -> list[Section]:
+    """Return the map and the signals of a run with ground truth."""
+    return [
+        Section('Path', figure_html(figures.trajectory(log), 'The path seen from above.')),
+        Section('Signals', figure_html(figures.signals(log), SIGNALS)),
+    ]
+
+
+def sample_indices(log: RunLog) -> list[int]:
+    """Return the indices of samples to picture: where phases begin, and evenly in between."""
+    times = seconds(log)
+    starts = [int(np.searchsorted(times, span.start_s)) for span in phase_spans(log)]
+    starts = sorted({*starts, len(times) - 1})[-MOST_PICTURES:]
+    even = np.linspace(0, len(times) - 1, MOST_PICTURES - len(starts) + 2)[1:-1]
+    return sorted({*starts, *even.round().astype(int).tolist()})
+
+
+def caption_of(log: RunLog, number: int) -> str:
+    """Return time and phase of a sample."""
+    return f'{seconds(log)[number]:.1f} s, {phase_label(log.samples[number].phase.value)}'
+
+
+def _pictures_section(folder: Path, page: Path, log: RunLog) -> list[Section]:
+    """Return the video of the run and pictures from it, where there is one."""
+    video = next((folder / name for name in VIDEOS if (folder / name).is_file()), None)
+    if video is None:
+        return []
+    pictures = _pictures(video, log)
+    stills = strip(pictures, wide=True) if pictures else ''
+    return [Section('What was seen', shown_video(video, page) + stills)]
+
+
+def _pictures(video: Path, log: RunLog) -> list[tuple[bytes, str]]:
+    capture = cv2.VideoCapture(str(video))
+    count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    wanted = {_frame_of(number, len(log.samples), count): number for number in sample_indices(log)}
+    pictures: list[tuple[bytes, str]] = []
+    for frame in range(count):
+        success, picture = capture.read()
+        if not success:
+            break
+        if frame in wanted:
+            pictures.append((jpeg(picture), caption_of(log, wanted[frame])))
+    capture.release()
+    return pictures
+
+
+def _frame_of(number: int, samples: int, frames: int) -> int:
+    """Return the frame of a video that shows a sample, whatever its stride was."""
+    return round(number * max(frames - 1, 0) / max(samples - 1, 1))
+
+
+def shown_video(video: Path, page: Path) -> str:
+    """Return ``video`` as HTML for ``page``, or a sentence where no browser plays it."""
+    codec, size = codec_of(video), video.stat().st_size
+    if codec not in IN_BROWSERS:
+        return paragraph(
+            f'{video.name} ({codec or "unknown codec"}) plays in no browser: open it in a video '
+            'player, or drive again where PyAV is installed.'
+        )
+    if size <= EMBEDDED_BYTES:
+        caption = f'The whole run, {size / 1e6:.1f} MB inside this page.'
+        return film(video.read_bytes(), MIME[video.suffix], caption)
+    link = Path(os.path.relpath(video, page.parent)).as_posix()
+    caption = f'The whole run, {size / 1e6:.1f} MB, not inside this page: it is loaded from {link}'
+    return linked_film(quote(link), caption)
+
+
+def codec_of(video: Path) -> str:
+    """Return the four letters of the codec of a video; empty if it cannot be read."""
+    capture = cv2.VideoCapture(str(video))
+    code = int(capture.get(cv2.CAP_PROP_FOURCC)) if capture.isOpened() else 0
+    capture.release()
+    letters = max(code, 0).to_bytes(4, 'little')
+    return letters.decode('ascii', 'replace').strip('\0')
+
+
+MOST_KEPT = 48
+
+
+class SampledPictures:
+    """Sampled pictures of a replay: thinned out whenever they are too many."""
+
+    def __init__(self) -> None:
+        self._kept: dict[int, bytes] = {}
+        self._stride, self._count, self._phase = 1, 0, ''
+
+    def add(self, step: ReplayedStep, tracked: TrackedImage) -> None:
+        """Add the picture of a step, if it is due or begins a phase."""
+        number, self._count = self._count, self._count + 1
+        begins, self._phase = step.phase.value != self._phase, step.phase.value
+        if tracked.image is None or isinstance(tracked.camera, str):
+            return
+        if not begins and number % self._stride:
+            return
+        shown_sample = sample(step.key[0], DESIRED_POSE, step.phase, step.telemetry)
+        self._kept[number] = jpeg(
+            picture(tracked.image, tracked.features, shown_sample, tracked.camera)
+        )
+        if len(self._kept) > MOST_KEPT:
+            self._stride *= 2
+            self._kept = {k: v for k, v in self._kept.items() if not k % self._stride}
+
+    def nearest(self, wanted: Sequence[int]) -> dict[int, bytes]:
+        """Return the pictures that come nearest to the steps ``wanted``."""
+        if not self._kept:
+            return {}
+        indices = {min(self._kept, key=lambda kept: abs(kept - index)) for index in wanted}
+        return {number: self._kept[number] for number in sorted(indices)}
+
+
+def report_bag(options: argparse.Namespace, path: Path) -> None:
+    """Write the page on a bag to ``path``; raises InputError if that fails."""
+    pictures = SampledPictures()
+    with closing(Progress()) as progress:
+        show = progress_watch(progress)
+
+        def watch(step: ReplayedStep, tracked: TrackedImage) -> None:
+            show(step, tracked)
+            pictures.add(step, tracked)
+
+        replayed = replay_bag(options, watch=watch)
+    result = result_of(replayed, options)
+    log, has_ground_truth = replayed.log, has_truth(replayed.run, replayed.steps)
+    captioned = [
+        (data, caption_of(log, number))
+        for number, data in pictures.nearest(sample_indices(log)).items()
+    ]
+    sections = [
+        Section('Result', result_table(result)),
+        *(path_sections(log) if has_ground_truth else []),
+        _comparison(replayed),
+        *([Section('What was seen', strip(captioned))] if captioned else []),
+        Section('Phases', phase_table(result)),
+        history_section(replayed.history),
+        parameter_section(
+            {
+                'servo': asdict(replayed.plan.servo[-1][1]),
+                'tracker': asdict(replayed.plan.tracker[-1][1]),
+            }
+        ),
+        _topics(Path(options.bag)),
+        version_section(replayed.versions['recorded'], versions()),
+    ]
+    bag = Path(options.bag)
+    name = bag.name if bag.name != 'bag' else '/'.join(bag.parts[-2:])  # that of a demo
+    title = f'Bag {name}, {len(replayed.steps)} steps from {result["source"]}'
+    write_page(path, title, verdict_of(result), sections, footer=FOOTER)
+
+
+def _comparison(replayed: ReplayedBag) -> Section:
+    compared = compared_words(replayed.comparison_document, replayed.versions)
+    lines = [*replayed.notes, *compared]
+    words = f'<pre>{escape(chr(10).join(lines))}</pre>'
+    caption = 'Phases, epipoles and commands as recorded, and as replayed with these parameters.'
+    return Section('Recorded and replayed', words + figure_html(figure_of(replayed), caption))
+
+
+def history_section(history: Sequence[Happening]) -> Section:
+    """Return what was ordered and set on the way, one after the other."""
+    if not history:
+        body = paragraph('no service was called and no setting changed while this was recorded')
+        return Section('Events', body)
+    rows: list[Sequence[Cell]] = [
+        (
+            'before any image' if item.time_s is None else f'{item.time_s:.2f}',
+            item.node,
+            item.what + (f': {item.reason}' if item.reason else ''),
+        )
+        for item in history
+    ]
+    return Section('Events', table(['after [s]', 'node', 'what happened'], rows))
+
+
+def _topics(path: Path) -> Section:
+    with Bag(path) as bag:
+        rows: list[Sequence[Cell]] = [
+            (item.name, item.kind, item.count) for item in bag.topics.values()
+        ]
+    return Section('Topics in the bag', table(['topic', 'type', 'messages'], rows))
+
+
+QUANTITIES = (  # key, words, unit, factor to that unit
+    ('position_error_m', 'distance from the goal', 'mm', 1e3),
+    ('lateral_error_m', 'lateral error', 'mm', 1e3),
+    ('longitudinal_error_m', 'longitudinal error', 'mm', 1e3),
+    ('heading_error_deg', 'heading error', 'deg', 1.0),
+    ('duration_s', 'duration', 's', 1.0),
+    ('recorded_s', 'duration of the recording', 's', 1.0),
+    ('path_length_m', 'length of the path', 'm', 1.0),
+    ('max_distance_ratio', 'largest distance, of that at the start', '', 1.0),
+    ('max_linear_speed', 'largest linear speed', 'm/s', 1.0),
+    ('max_angular_speed', 'largest angular speed', 'rad/s', 1.0),
+    ('min_visible_features', 'fewest features in view', '', 1),
+    ('attempts', 'attempts', '', 1),
+    ('seed', 'seed', '', 1),
+)
+KINDS: Mapping[str, type[Settings]] = {
+    **{item.name: item.default_factory for item in fields(Scenario)},  # type: ignore[misc]
+    'servo': ServoSettings,
+    'tracker': TrackerSettings,
+}
+
+
+def result_table(result: Mapping[str, Any]) -> str:
+    """Return the figures of a run with their units."""
+    rows: list[Sequence[Cell]] = []
+    for key, words, unit, factor in QUANTITIES:
+        if key in result:
+            value = result[key]
+            known = f'{value * factor:.4g}' if isinstance(value, float) else _as_text(value)
+            rows.append([words, known, unit])
+    return table(['quantity', 'value', 'unit'], rows)
+
+
+def phase_table(result: Mapping[str, Any]) -> str:
+    """Return the phases of a run one after the other."""
+    return table(
+        ['from [s]', 'to [s]', 'phase', 'what it does'],
+        [
+            [
+                f'{item["start_s"]:.2f}',
+                f'{item["end_s"]:.2f}',
+                item['name'],
+                phase_words(item['name']),
+            ]
+            for item in result['phases']
+        ],
+    )
+
+
+def parameter_section(settings: Mapping[str, Mapping[str, Any]]) -> Section:
+    """Return the settings part by part; those that are not the default stand out."""
+    parts = [_parameters(part, values) for part, values in settings.items()]
+    return Section('Parameters', '\n'.join(parts) or '<p>none were recorded</p>')
+
+
+def _parameters(part: str, values: Mapping[str, Any]) -> str:
+    known = {item.name: item for item in fields(KINDS[part])} if part in KINDS else {}
+    rows, changed = [], []
+    for name, value in values.items():
+        default, meaning = None, ''
+        if name in known:
+            default, meaning = known[name].default, range_of(known[name]).text
+        rows.append([name, _as_text(value), _as_text(default), meaning])
+        changed.append(default is not None and _as_text(value) != _as_text(default))
+    title = f'{part}: {sum(changed)} of {len(values)} other than the default'
+    head = ['name', 'value', 'default', 'meaning [unit]']
+    return folded_html(title, table(head, rows, changed=changed))
+
+
+def _as_text(value: Any) -> str:
+    if value is None:
+        return '\N{EN DASH}'
+    if isinstance(value, (list, tuple)):
+        return '[' + ', '.join(_as_text(item) for item in value) + ']'
+    return str(value)
+
+
+def version_section(ran_with: Mapping[str, str], made_with: Mapping[str, str]) -> Section:
+    """Return the versions that the run had, and those of this report."""
+    rows: list[Sequence[Cell]] = [
+        [name, ran_with.get(name, '\N{EN DASH}'), made_with.get(name, '\N{EN DASH}')]
+        for name in dict.fromkeys([*ran_with, *made_with])
+    ]
+    return Section('Versions', table(['of', 'when it ran', 'of this report'], rows))

@@ -89,8 +89,8 @@ def replay(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.bags.reading.topics import parse
     from visual_servo_epipolar.bags.replaying import route_replay
     from visual_servo_epipolar.bags.replaying.comparison import as_document
+    from visual_servo_epipolar.commands.replay.run import compared_words
     from visual_servo_epipolar.commands.replay.settings import changes_of, OF_ROUTES
-    from visual_servo_epipolar.commands.replay.text import compared_words
 
     changes = changes_of(options.set, kinds=OF_ROUTES)
     with Bag(Path(options.bag)) as bag, closing(Progress()) as progress:
