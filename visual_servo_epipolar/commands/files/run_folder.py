@@ -20,12 +20,12 @@ LIBRARIES = ('opencv-python-headless', 'opencv-python', 'matplotlib', 'rclpy', '
 
 def write_run(log: RunLog, scenario: Scenario, folder: Path) -> list[str]:
     """Write result, samples and figures into ``folder``; return their names."""
-    from visual_servo_epipolar.report import figures  # only here: matplotlib takes a while
-
     result = verdict(log, new_rig(scenario.camera))
     with made_folder(folder):
         write_json(result, str(folder / 'result.json'))
         run = save_run(RunFile(log, settings_of(scenario), versions()), folder)
+        from visual_servo_epipolar.report import figures  # last: matplotlib may be broken
+
         return ['result.json', *(path.name for path in (run, *figures.save_all(log, folder)))]
 
 

@@ -87,14 +87,8 @@ def validated_estimate(
         )
     except DegenerateGeometryError as error:
         return ValidatedEstimate(memory, str(error))
-    quality = fit_quality(
-        geometry,
-        observation.current,
-        observation.desired,
-        observation.resolution,
-        memory.noise,
-        observation.shared,
-    )
+    rays = observation.current, observation.desired, observation.resolution
+    quality = fit_quality(geometry, *rays, memory.noise, observation.shared)
     reason = rejection_reason(geometry, quality, memory, settings, prior.attitude.jitter)
     if reason.startswith(TILTED) and memory.attitude.jitter < ROUGH_FLOOR:
         rough = replace(memory, attitude=replace(settings.mount, jitter=ROUGH_FLOOR))
