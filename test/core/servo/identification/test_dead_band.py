@@ -315,3 +315,17 @@ def test_a_law_may_not_learn_it() -> None:
         for frame in range(2, 60):
             now = update(now, Perception(turning(frame), MEMORY), DT, settings)
         assert (now.identified.dead_band.angular.value > 0.0) is learns
+
+
+@pytest.mark.parametrize(('follows', 'learnt'), [(0.0, True), (1.0, False)])
+def test_without_a_memory_the_difference_of_features_tells_whether_the_base_drives(
+    follows: float, learnt: bool
+) -> None:
+    band, error, slope = DeadBand(), -0.1, 0.14
+    for _ in range(60):
+        error += follows * 0.02 * DT
+        seen = sight(difference=slope * error, difference_deviation=1e-4)
+        band = band.updated(seen, None, Twist(0.02, 0.0), DT, SETTINGS, slope)
+    assert (band.linear.value > 0.02) is learnt
+    band = band.updated(sight(), None, Twist(0.02, 0.0), DT, SETTINGS)  # the slope is lost
+    assert math.isfinite(band.along)

@@ -127,13 +127,15 @@ class DeadBand:
     Thresholds of the base, [m/s] and [rad/s], as they show while it drives.
 
     ``along`` is the way of the camera along the robot's own axis [m], to ``place``, (right, ahead)
-    of the goal [m], None where no memory of views knows it.
+    of the goal [m], None where no memory of views knows it. There the difference D of the features
+    tells it where its slope is known, as the longitudinal error ``seen`` [m], nan elsewhere.
     """
 
     linear: Threshold = Threshold()
     angular: Threshold = Threshold()
     along: float = 0.0
     place: tuple[float, float] | None = None
+    seen: float = math.nan
 
     def updated(
         self,
@@ -142,18 +144,27 @@ class DeadBand:
         twist: Twist,
         dt: float,
         settings: ServoSettings,
+        slope: float = 0.0,
     ) -> 'DeadBand':
-        """Return the dead band after ``twist`` led to a ``measurement`` in ``dt`` [s]."""
+        """
+        Return the dead band after ``twist`` led to a ``measurement`` in ``dt`` [s].
+
+        ``slope`` is that of D [1/m], 0 or less while unknown.
+        """
         if not learns(settings):
             return DeadBand()
-        along, place = self.along, None
+        along, place, seen, deviation = self.along, None, math.nan, _way_deviation(reading)
         if reading is not None:
             place = reading.lateral, reading.longitudinal
             along += _way(self.place or place, place, reading.heading_error)
+        elif slope > 0.0:
+            seen = measurement.difference / slope
+            deviation = measurement.difference_deviation / slope
+            along += seen - self.seen if math.isfinite(seen - self.seen) else 0.0
         return DeadBand(
             self.linear.updated(
                 along,
-                _way_deviation(reading),
+                deviation,
                 twist.linear,
                 dt,
                 most=_most(settings.max_linear, MOST_HOP[0], dt),
@@ -169,6 +180,7 @@ class DeadBand:
             ),
             along,
             place,
+            seen,
         )
 
     def beside(self, settings: ServoSettings) -> ServoSettings:

@@ -27,7 +27,7 @@ def identify(
     settings: ServoSettings,
 ) -> tuple[Fusion, Identification]:
     """Return what a ``drive`` and the view after it show, less a disproved geometry."""
-    before, acted = state.identified, drive.acted
+    before, acted, slope = state.identified, drive.acted, state.motion.slope.value
     extrinsics = update_extrinsics(
         before.extrinsics or settings.extrinsics,
         fusion.measurement,
@@ -38,14 +38,14 @@ def identify(
         fusion, extrinsics = disproved(perception, settings), settings.extrinsics
     straight = None
     if state.phase.straight:
-        straight, extrinsics = straight_on(
-            before.straight, fusion.reading, drive.travel, extrinsics
-        )
+        leg = before.straight, fusion.reading, drive.travel
+        straight, extrinsics = straight_on(*leg, extrinsics)
     measurement = _of_the_axle(fusion.measurement, extrinsics)
     odometry, bias = drive.odometry.judge(measurement), _rotation_bias(state, measurement)
     measurement = _without_bias(measurement, bias)
     fusion = fusion._replace(measurement=measurement, rotation_bias=bias)
-    band = before.dead_band.updated(measurement, fusion.reading, acted.longest, acted.dt, settings)
+    moved = fusion.reading, acted.longest, acted.dt
+    band = before.dead_band.updated(measurement, *moved, settings, slope)
     # Turns that a dead band swallowed looked like a curvature.
     misled = band.angular.value > before.dead_band.angular.value
     curvature = Curvature() if misled else before.curvature
