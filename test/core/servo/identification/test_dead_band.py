@@ -329,3 +329,15 @@ def test_without_a_memory_the_difference_of_features_tells_whether_the_base_driv
     assert (band.linear.value > 0.02) is learnt
     band = band.updated(sight(), None, Twist(0.02, 0.0), DT, SETTINGS)  # the slope is lost
     assert math.isfinite(band.along)
+
+
+def test_one_look_that_is_off_before_a_pulse_is_no_reason_for_faster_ones() -> None:
+    """It moved by a quarter of what was asked, from where it stood by the mean of its looks."""
+    threshold = replace(Threshold(0.05), side=1.0, lasted=1.0, origin=1e-3, asked=1e-3, idle=0.4)
+    for _ in range(12):
+        threshold = threshold.updated(0.0, 1e-4, 0.0, 0.1, most=0.2)
+    assert abs(threshold.origin) < 2e-4
+    threshold = threshold.updated(0.0, 1e-4, 0.05, 0.1, most=0.2)
+    for _ in range(8):
+        threshold = threshold.updated(1.25e-3, 1e-4, 0.0, 0.1, most=0.2)
+    assert threshold.value == 0.05

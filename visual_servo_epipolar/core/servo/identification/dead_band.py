@@ -18,6 +18,7 @@ PATIENCE_S = 1.5  # in which it follows if it does at all
 LEAST_ASKED = 0.003  # motion, below which laws and delays make anything of it [m], [rad]
 STANDING = 0.5  # of what was commanded: who moved less stands, now and then at least
 OF_PULSES = 0.15  # the same of pulses, most of which a base may spend on speeding up
+SMOOTHING = 0.2  # weight of the newest position of who stands
 MANY = 4.0  # pulses, of which one may not have acted yet
 DEVIATIONS = 8.0  # of a position, that the motion commanded must be
 # Over the velocity that was not followed, and over one of about what was learnt already: it may be
@@ -91,6 +92,10 @@ class Threshold:
         asked, power = self.asked + velocity * dt, self.power + velocity * velocity * dt
         after = replace(self, side=side, lasted=lasted, asked=asked, power=power, idle=idle)
         after = replace(after, way=self.way + way, gone=self.gone + gone)
+        if self.value and idle > LATE_S and abs(asked) < self.value * dt:
+            # It stands, and no pulse was sent: where it does is known better with every look.
+            origin = self.origin + SMOOTHING * (position - self.origin)
+            return replace(after, origin=origin, asked=0.0, power=0.0)
         # Of pulses the last one has to act, or to be one of many.
         many = lasted >= PATIENCE_S and abs(asked) >= MANY * self.value * dt
         has_acted = many or (self.value > 0.0 and idle + dt > LATE_S)
