@@ -218,6 +218,11 @@ def test_what_belongs_to_an_experiment_is_no_parameter_but_programs_may_give_it(
     assert bench.start(kind, **{name: value}).get_parameter(name).value == value
 
 
+@pytest.mark.parametrize('node', ['servo_node', 'camera_node'])
+def test_a_file_of_an_earlier_version_with_its_defaults_is_taken(bench, node) -> None:
+    start(bench, KINDS[node], *given(Path(__file__).parents[1] / f'earlier/config/{node}.yaml'))
+
+
 ROBOT = yaml.safe_load((CONFIG / 'robot.yaml').read_text())['/**']['ros__parameters']
 SERVO, TRACKER, DOCK = (
     {item.name: item for kind in table.settings_of(node) for item in parameters_of(kind)}

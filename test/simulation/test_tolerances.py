@@ -38,7 +38,7 @@ def time_in(log: RunLog, phase: str) -> float:
             ('full', NEAR, 0.9),
             ('full-memory', NEAR, 0.4),
             ('full-final_turn', NEAR, 0.9),
-            ('full-line_following', NEAR, 2.0),
+            ('full-line_following', NEAR, 1.5),
             ('paper', FAR, 0.5),
             ('corrected', FAR, 0.5),
             ('paper+discordant_turn+final_turn', FAR, 3.0),
@@ -66,7 +66,7 @@ def test_the_robot_ends_within_the_tolerance_that_is_told(millimetres: float) ->
 
 def test_a_turn_in_place_is_not_begun_within_the_tolerance() -> None:
     law = 'full-line_following'  # no other turns at the goal, but on the last centimetre
-    assert time_in(driven(law, NEAR), 'orienting') > 1.0
+    assert time_in(driven(law, NEAR), 'orienting') > 0.5
     assert time_in(driven(law, NEAR, POSITION, HEADING), 'orienting') == 0.0
 
 

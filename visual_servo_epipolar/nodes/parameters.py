@@ -44,7 +44,8 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     """
     Declare the parameters of ``kind`` and return the settings that YAML and command line ask for.
 
-    An internal setting is declared where it is given: ``finish`` lets programs alone give it.
+    An internal setting is declared where another value than its default is given: ``finish`` lets
+    programs alone do so. A file with the default, as earlier versions wrote it, changes nothing.
 
     Raises ValueError for a value that cannot be used, of another type, or a name of an earlier
     version; rclpy raises for a wrong range.
@@ -57,9 +58,10 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
         raise ValueError(f'{node.get_name()} is given names of earlier versions; {lines}')
     values: dict[str, Any] = {}
     for item in fields(kind):
-        if range_of(item).internal and item.name not in given:
-            continue
         default = list(item.default) if isinstance(item.default, tuple) else item.default
+        if range_of(item).internal and _is_default(given, item.name, default):
+            node.unneeded |= {item.name} & given.keys()
+            continue
         expected = Parameter(item.name, value=default).type_
         reason = wrong_type(given[item.name], expected) if item.name in given else ''
         if reason:
@@ -69,6 +71,14 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
             value = tuple(value or ())  # an empty list in YAML leaves the parameter unset
         values[item.name] = value
     return kind(**values)
+
+
+def _is_default(given: Mapping[str, Parameter], name: str, default: object) -> bool:
+    """Return whether a parameter is not given, or is given as its default."""
+    if name not in given:
+        return True
+    value = given[name].value
+    return type(value) is type(default) and value == default
 
 
 def watch(node: Node, attribute: str, then: Callable[[], None] = lambda: None) -> None:
@@ -126,7 +136,7 @@ def finish(node: GuardedNode, options: Mapping[str, Any]) -> None:
     _refuse_internal(node, sorted(set(node.given) - by_program))
     shared = {item for sections in files.values() for item in _names_for(node, sections)} - direct
     for item in sorted(node.given):
-        if node.has_parameter(item) or item.startswith('qos_'):
+        if node.has_parameter(item) or item in node.unneeded or item.startswith('qos_'):
             continue
         owner = table.owner_of(item)
         if not (owner and item in shared):
@@ -147,8 +157,8 @@ def _refuse_internal(node: Node, names: Sequence[str]) -> None:
     if found:
         raise ValueError(
             f'{node.get_name()} has no parameter {", ".join(found)} any more: the default serves '
-            'every robot; take it out of your file (scenario files and visual_servo replay --set '
-            'keep it)'
+            'every robot, got another value; take it out of your file (scenario files and '
+            'visual_servo replay --set keep it)'
         )
 
 
@@ -176,7 +186,7 @@ def _names_for(node: Node, sections: Iterable[ParameterSection]) -> set[str]:
     return {name for item in sections if item.reaches(full_name) for name in item.names}
 
 
-def _refuse_homonyms(node: Node, path: str, sections: Sequence[ParameterSection]) -> None:
+def _refuse_homonyms(node: GuardedNode, path: str, sections: Sequence[ParameterSection]) -> None:
     """Raise ValueError for a file of another node, for /**, that would change this one, too."""
     for section in sections:
         if '*' not in section.key or not section.reaches(node.get_fully_qualified_name()):
@@ -185,7 +195,8 @@ def _refuse_homonyms(node: Node, path: str, sections: Sequence[ParameterSection]
         mistaken = sorted(
             name for name in section.names & table.HOMONYMS if node.has_parameter(name)
         )
-        if owners and mistaken and not all(map(node.has_parameter, section.names)):
+        foreign = [name for name in section.names - node.unneeded if not node.has_parameter(name)]
+        if owners and mistaken and foreign:
             raise ValueError(
                 f'{path} is of {owners[0]} alone, but by its key {section.key} would set '
                 f'{mistaken[0]} of {node.get_name()}, which means something else; '
