@@ -87,6 +87,7 @@ def main(args: Sequence[str] | None = None) -> int:
             raise SystemExit(UNREAD if unread() else end.code) from None
         return UNREAD if unread() else code
     except BrokenPipeError:
+        unread()
         return UNREAD
     except OSError as error:
         return _complain('visual_servo', f'output cannot be written: {error.strerror}', BAD_INPUT)

@@ -40,6 +40,7 @@ from visual_servo_epipolar.core.perception.validation import (
 MIN_SHARE = 0.5  # of the matches that must agree
 MIN_INLIERS = 8
 PLANAR_SHARE = 0.7  # of the inliers of a general motion that a planar one must explain
+UNCERTAIN = 'the bearings are uncertain by'
 TOLD = math.radians(3.0)  # deviation of tilt or roll beyond which it is not reported
 SAME_PLACE_PX = 0.3  # parallax that noise alone makes
 LARGEST_DEVIATION = math.radians(1.5)  # of bearings that are trusted: half of what is wrong
@@ -124,7 +125,8 @@ def judged(
     reason = _refusal(found, fit, settings.mount)
     if not reason and planar is not None and planar.attitude is not None:
         reason = outside_mount(planar.attitude, settings.mount)
-    reason = reason or _wrong_lens(observation, fit, settings, general=planar is None)
+    if not reason or reason.startswith(UNCERTAIN):  # by a wrong lens, it may be
+        reason = _wrong_lens(observation, fit, settings, general=planar is None) or reason
     reason = reason or _upside_down(observation, fit, found.tilt, settings.mount)
     return _concluded(found, reason, turn.heading_error), essential
 
@@ -289,7 +291,7 @@ def _uncertain(found: Inspection, fit: GeneralFit) -> str:
             f'ambiguous: a motion {degrees:.0f} deg or more aside explains the matches nearly '
             'as well'
         )
-    return f'the bearings are uncertain by {degrees:.1f} deg'
+    return f'{UNCERTAIN} {degrees:.1f} deg'
 
 
 def _concluded(found: Inspection, reason: str, heading: float) -> Inspection:
