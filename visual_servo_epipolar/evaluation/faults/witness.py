@@ -31,7 +31,6 @@ LIMITS = (
     'max_angular',
     'max_acceleration',
     'max_angular_acceleration',
-    'speed_ramps',
     'dead_band_linear',
     'dead_band_angular',
 )
@@ -190,7 +189,7 @@ def _limits(servo: Node, twist: Twist, learnt: Twist) -> Limits:
     for name, lower in (('max_linear', 'max_speed'), ('max_angular', 'max_turn_rate')):
         if servo.has_parameter(lower):  # of a route
             said[name] = min(said[name], servo.get_parameter(lower).value)
-    ramps = said['speed_ramps'] and not (said['dead_band_linear'] or said['dead_band_angular'])
+    ramps = not (said['dead_band_linear'] or said['dead_band_angular'])
     hops = abs(twist.linear) <= learnt.linear, abs(twist.angular) <= learnt.angular
     return Limits(
         float(said['max_linear']),
