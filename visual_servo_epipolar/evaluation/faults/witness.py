@@ -26,6 +26,7 @@ from visual_servo_epipolar.simulation.run_monitor import LEAST_BASELINE_M, WRONG
 
 SERVO, BASE = 'servo_node', 'unicycle_node'
 LONGEST_STEP_S = 0.5  # between two measurements that count as one drive
+STRETCHED = 2.0  # pulses of a move over the dead band, so that a whole number leads to the aim
 LIMITS = (
     'max_linear',
     'max_angular',
@@ -183,14 +184,16 @@ def _limits(servo: Node, twist: Twist, learnt: Twist) -> Limits:
     """
     Return the limits that a servo obeys.
 
-    Slow commands may jump to a dead band that is configured, or that it says it has ``learnt``.
+    Slow commands may jump to a dead band that is configured, or that it says it has ``learnt``;
+    pulses of a measured move are up to twice as fast.
     """
     said = {name: servo.get_parameter(name).value for name in LIMITS}
     for name, lower in (('max_linear', 'max_speed'), ('max_angular', 'max_turn_rate')):
         if servo.has_parameter(lower):  # of a route
             said[name] = min(said[name], servo.get_parameter(lower).value)
     ramps = not (said['dead_band_linear'] or said['dead_band_angular'])
-    hops = abs(twist.linear) <= learnt.linear, abs(twist.angular) <= learnt.angular
+    linear, angular = STRETCHED * learnt.linear, STRETCHED * learnt.angular
+    hops = abs(twist.linear) <= linear, abs(twist.angular) <= angular
     return Limits(
         float(said['max_linear']),
         float(said['max_angular']),
