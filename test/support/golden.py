@@ -170,6 +170,9 @@ def difference(one: list[Step], other: list[Step]) -> str:
 
 def compare(base: str) -> int:
     """Record ``base`` and the files as they are now; return 1 if a run differs."""
+    known = ['git', '-C', str(ROOT), 'rev-parse', '--verify', '--quiet', f'{base}^{{commit}}']
+    if subprocess.run(known, stdout=subprocess.DEVNULL).returncode:
+        sys.exit(f'golden: BASE must be a commit of this repository, got {base!r}; name another')
     with tempfile.TemporaryDirectory() as place:
         tree = Path(place) / 'base'
         git = ['git', '-C', str(ROOT), 'worktree']

@@ -46,9 +46,12 @@ def settle(
 def _rest(state: ServoState, settings: ServoSettings) -> dict[str, Any]:
     """Return the mean of what is measured since the robot stands, in the fields of the state."""
     now, before, rested = state.measurement, state.settling.rest, state.settling.rested + 1
-    if now is None or now.offset is None or not state.phase.drives:
-        return {'rest': None, 'rested': 0, 'rest_square': 0.0}
-    if state.motion.sent.rest_s(now.stamp_ns) < seen_after(settings):
+    if (
+        now is None
+        or now.offset is None
+        or not state.phase.drives
+        or state.motion.sent.rest_s(now.stamp_ns) < seen_after(settings)
+    ):
         return {'rest': None, 'rested': 0, 'rest_square': 0.0}
     if before is None or before.offset is None:
         return {'rest': now, 'rested': 1, 'rest_square': 0.0}

@@ -90,8 +90,9 @@ class Threshold:
             begun = Threshold(self.value, side, lasted, position, idle=idle)
             return replace(begun, stood=self.stood, bend=self.bend)
         asked, power = self.asked + velocity * dt, self.power + velocity * velocity * dt
-        after = replace(self, side=side, lasted=lasted, asked=asked, power=power, idle=idle)
-        after = replace(after, way=self.way + way, gone=self.gone + gone)
+        way, gone = self.way + way, self.gone + gone
+        sums = {'asked': asked, 'power': power, 'way': way, 'gone': gone}
+        after = replace(self, side=side, lasted=lasted, idle=idle, **sums)
         if self.value and idle > LATE_S and abs(asked) < self.value * dt:
             # It stands, and no pulse was sent: where it does is known better with every look.
             origin = self.origin + SMOOTHING * (position - self.origin)

@@ -38,8 +38,10 @@ def overlap(pixels: FloatArray, shape: tuple[int, ...]) -> float:
     """
     side = 2.0 * patch_radius(shape) + 1.0
     some = pixels[:: max(len(pixels) // COMPARED, 1)]
-    common = np.maximum(1.0 - np.abs(some[:, None] - pixels) / side, 0.0).prod(axis=2)
-    return float(common.sum() / max(len(some), 1))
+    across, along = (
+        np.maximum(1.0 - np.abs(some[:, None, k] - pixels[:, k]) / side, 0.0) for k in (0, 1)
+    )
+    return float((across * along).sum() / max(len(some), 1))
 
 
 def float_image(image: Image) -> FloatImage:

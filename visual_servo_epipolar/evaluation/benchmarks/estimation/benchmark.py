@@ -35,8 +35,6 @@ from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (
     Pair,
 )
 
-__all__ = ['run', 'table']
-
 TRIALS, QUICK_TRIALS = 500, 12
 BASELINES = (6.0, 3.0, 1.5, 0.75, 0.4, 0.2)  # [m]
 REALISTIC: Mapping[str, Any] = {'tilt': 1.0, 'roll': 0.5, 'jitter': 0.1, 'outliers': 0.2}
