@@ -42,9 +42,10 @@ def setting(
     choices: tuple[str, ...] = (),
     read_only: bool = False,
     path: bool = False,
+    internal: bool = False,
 ) -> Any:
     """Declare a settings field: default, one line of text with the unit, closed range."""
-    limits = Range(text, low, high, choices, read_only, path)
+    limits = Range(text, low, high, choices, read_only, path, internal)
     return field(default=default, metadata={'range': limits})
 
 
@@ -59,9 +60,7 @@ def internal(default: Any, text: str, **limits: Any) -> Any:
 
     Scenario files, replay and Python set it: it belongs to an experiment, not to a robot.
     """
-    item = setting(default, text, **limits)
-    inner = replace(item.metadata['range'], internal=True)
-    return field(default=default, metadata={'range': inner})
+    return setting(default, text, internal=True, **limits)
 
 
 def parameters_of(kind: 'type[Settings] | Settings') -> 'list[Field[Any]]':

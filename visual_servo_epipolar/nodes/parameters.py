@@ -23,7 +23,6 @@ from visual_servo_epipolar.nodes.startup.guards import GuardedNode, wrong_type
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
 PARAMETERS = 'ros__parameters'
-INTERNAL = 'given by programs alone'  # of settings that are no parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +43,11 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     """
     Declare the parameters of ``kind`` and return the settings that YAML and command line ask for.
 
-    An internal setting is declared where another value than its default is given: ``finish`` lets
-    programs alone do so. A file with the default, as earlier versions wrote it, changes nothing.
+    An internal setting is declared where it is given: by a program, or as its default, as files of
+    earlier versions have it.
 
-    Raises ValueError for a value that cannot be used, of another type, or a name of an earlier
-    version; rclpy raises for a wrong range.
+    Raises ValueError for a value that cannot be used, of another type, a name of an earlier
+    version, or an internal setting of another value; rclpy raises for a wrong range.
     """
     given = node.given
     old = [f'{name} -> {kind.RENAMED[name]}' for name in given if name in kind.RENAMED]
@@ -56,12 +55,12 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     if old:
         lines = '\n  '.join(['rename or delete them in your file', *old])
         raise ValueError(f'{node.get_name()} is given names of earlier versions; {lines}')
+    _refuse_internal(node, kind)
     values: dict[str, Any] = {}
     for item in fields(kind):
-        default = list(item.default) if isinstance(item.default, tuple) else item.default
-        if range_of(item).internal and _is_default(given, item.name, default):
-            node.unneeded |= {item.name} & given.keys()
+        if range_of(item).internal and item.name not in given:
             continue
+        default = _plain(item.default)
         expected = Parameter(item.name, value=default).type_
         reason = wrong_type(given[item.name], expected) if item.name in given else ''
         if reason:
@@ -73,12 +72,26 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     return kind(**values)
 
 
-def _is_default(given: Mapping[str, Parameter], name: str, default: object) -> bool:
-    """Return whether a parameter is not given, or is given as its default."""
-    if name not in given:
-        return True
-    value = given[name].value
-    return type(value) is type(default) and value == default
+def _plain(default: Any) -> Any:
+    """Return a default as ROS has it."""
+    return list(default) if isinstance(default, tuple) else default
+
+
+def _refuse_internal(node: GuardedNode, kind: type[Settings]) -> None:
+    """Raise ValueError for internal settings that files or users give another value."""
+    found = [
+        item.name
+        for item in fields(kind)
+        if range_of(item).internal
+        and item.name in node.given.keys() - node.by_program
+        and node.given[item.name].value != _plain(item.default)
+    ]
+    if found:
+        raise ValueError(
+            f'{node.get_name()} has no parameter {", ".join(found)} any more: the default serves '
+            'every robot, got another value; take it out of your file (scenario files and '
+            'visual_servo replay --set keep it)'
+        )
 
 
 def watch(node: Node, attribute: str, then: Callable[[], None] = lambda: None) -> None:
@@ -131,12 +144,10 @@ def finish(node: GuardedNode, options: Mapping[str, Any]) -> None:
     name, words = node.get_name(), _ros_arguments(options)
     files = {path: read_sections(path) for path in command_line.values(words, '--params-file')}
     direct = command_line.parameter_names(words, name)
-    by_program = {item.name for item in options.get('parameter_overrides') or ()}
-    direct |= by_program
-    _refuse_internal(node, sorted(set(node.given) - by_program))
+    direct |= node.by_program
     shared = {item for sections in files.values() for item in _names_for(node, sections)} - direct
     for item in sorted(node.given):
-        if node.has_parameter(item) or item in node.unneeded or item.startswith('qos_'):
+        if node.has_parameter(item) or item.startswith('qos_'):
             continue
         owner = table.owner_of(item)
         if not (owner and item in shared):
@@ -144,22 +155,6 @@ def finish(node: GuardedNode, options: Mapping[str, Any]) -> None:
     for path, sections in files.items():
         _refuse_homonyms(node, path, sections)
         _warn_of_no_effect(node, path, sections)
-
-
-def _refuse_internal(node: Node, names: Sequence[str]) -> None:
-    """Raise ValueError for internal settings among the ``names`` that files and users give."""
-    declared = [name for name in names if node.has_parameter(name)]
-    found = [
-        name
-        for name, item in zip(declared, node.describe_parameters(declared), strict=True)
-        if item.additional_constraints == INTERNAL
-    ]
-    if found:
-        raise ValueError(
-            f'{node.get_name()} has no parameter {", ".join(found)} any more: the default serves '
-            'every robot, got another value; take it out of your file (scenario files and '
-            'visual_servo replay --set keep it)'
-        )
 
 
 def _ros_arguments(options: Mapping[str, Any]) -> list[str]:
@@ -186,7 +181,7 @@ def _names_for(node: Node, sections: Iterable[ParameterSection]) -> set[str]:
     return {name for item in sections if item.reaches(full_name) for name in item.names}
 
 
-def _refuse_homonyms(node: GuardedNode, path: str, sections: Sequence[ParameterSection]) -> None:
+def _refuse_homonyms(node: Node, path: str, sections: Sequence[ParameterSection]) -> None:
     """Raise ValueError for a file of another node, for /**, that would change this one, too."""
     for section in sections:
         if '*' not in section.key or not section.reaches(node.get_fully_qualified_name()):
@@ -195,8 +190,7 @@ def _refuse_homonyms(node: GuardedNode, path: str, sections: Sequence[ParameterS
         mistaken = sorted(
             name for name in section.names & table.HOMONYMS if node.has_parameter(name)
         )
-        foreign = [name for name in section.names - node.unneeded if not node.has_parameter(name)]
-        if owners and mistaken and foreign:
+        if owners and mistaken and not all(map(node.has_parameter, section.names)):
             raise ValueError(
                 f'{path} is of {owners[0]} alone, but by its key {section.key} would set '
                 f'{mistaken[0]} of {node.get_name()}, which means something else; '
@@ -229,12 +223,7 @@ def _descriptor(item: Any) -> ParameterDescriptor:
     text = limits.text
     if limits.choices:
         text = f'{text}: one of {", ".join(limits.choices)}'
-    descriptor = ParameterDescriptor(
-        name=item.name,
-        description=text,
-        read_only=limits.read_only,
-        additional_constraints=INTERNAL if limits.internal else '',
-    )
+    descriptor = ParameterDescriptor(name=item.name, description=text, read_only=limits.read_only)
     if limits.low is None or limits.high is None:
         return descriptor
     if isinstance(item.default, float):

@@ -33,13 +33,13 @@ class GuardedNode(Node):
     Node that refuses in words what rclpy would raise of out of spin.
 
     That is a parameter of no type, or of a wrong one, and a /clock below zero. ``given`` are the
-    parameters of files and command line, by name, declared or not; ``unneeded`` those of them that
-    are internal settings at their defaults.
+    parameters of files and command line, by name, declared or not, ``by_program`` the names of
+    those that the program gives that makes the node.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
         self.given: dict[str, Parameter] = {}
-        self.unneeded: set[str] = set()
+        self.by_program = {item.name for item in options.get('parameter_overrides') or ()}
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
 
     def declare_parameters(
