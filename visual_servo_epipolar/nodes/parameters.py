@@ -73,7 +73,7 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
 
 
 def _plain(default: Any) -> Any:
-    """Return a default as ROS has it."""
+    """Return a default in the form of a ROS parameter."""
     return list(default) if isinstance(default, tuple) else default
 
 

@@ -249,8 +249,8 @@ def _with_general(
     found: Inspection, fit: GeneralFit, spread: Spread, mount: Attitude
 ) -> Inspection:
     """Return what is found with a general motion: in the ground plane by a known mount."""
-    told = _is_told(mount)
-    level = rotation_level_camera(mount.tilt, mount.roll) if told else np.eye(3)
+    known = _is_told(mount)
+    level = rotation_level_camera(mount.tilt, mount.roll) if known else np.eye(3)
     best = fit.motions.take(slice(1))
     levelled = Motions(level @ best.rotation @ level.T, best.baseline @ level.T)
     current, desired, rotation = bearings_of(levelled)[0].tolist()
@@ -264,7 +264,7 @@ def _with_general(
         rotation_deviation=float(spread.whole[2]),
         inliers=int(fit.inliers[0].sum()),
         planar=False,
-        ground=told,
+        ground=known,
     )
 
 

@@ -122,8 +122,8 @@ def _row(
     found: Inspection, rays: Rays, truths: tuple[FloatArray, FloatArray], focal: float
 ) -> dict[str, Any]:
     """Return errors [deg] of a pair, ours in the frame that is named; ``truths`` are of both."""
-    told = np.array([found.bearing_current, found.bearing_desired, found.rotation])
-    away = angle_errors(told, truths[0] if found.ground else truths[1])
+    answers = np.array([found.bearing_current, found.bearing_desired, found.rotation])
+    away = angle_errors(answers, truths[0] if found.ground else truths[1])
     return {
         'trusted': found.trusted,
         'reason': found.reason,
