@@ -93,7 +93,7 @@ reproduce: $(STAMP) ## the figures of the paper and a table, paper against us; i
 sweep: $(STAMP) ## 200 starts, three laws: table and maps in sweep_out/; SWEEP_ARGS for others
 	@$(BIN)/visual_servo sweep $(SWEEP_ARGS)
 
-peers-figure: $(STAMP) ## the figure and the table of docs/measurements/peers.md, minutes
+peers-figure: $(STAMP) ## the figure and the table of docs/results.md, minutes
 	@$(BIN)/python docs/measurements/peers_figure.py
 
 theory-figures: $(STAMP) ## the figures of docs/theory.md
@@ -102,7 +102,7 @@ theory-figures: $(STAMP) ## the figures of docs/theory.md
 calibration-figure: $(STAMP) ## the figure and the tables of docs/calibration.md, minutes
 	@$(BIN)/python docs/calibration_figure.py
 
-mounts-figure: $(STAMP) ## the figure and the tables of docs/measurements/mounts.md, half an hour
+mounts-figure: $(STAMP) ## the figure and the tables of docs/results.md, half an hour
 	@$(BIN)/python docs/measurements/mounts_figure.py
 
 ablation: $(STAMP) ## each departure from the paper left out, and each alone; half an hour

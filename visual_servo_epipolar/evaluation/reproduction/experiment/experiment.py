@@ -29,7 +29,7 @@ PERIOD_S = 0.09
 FOCAL_PX = CameraSettings().focal_length
 EXPONENT = 7.0 / 9.0
 PRINTED_K_T = 4e-4  # for D in px^2 [m/s/px^2]
-WORKING_K_T = 4e-6  # what such a D allows, see docs/measurements/reproduction.md
+WORKING_K_T = 4e-6  # what such a D allows, see docs/results.md
 # Ahead of the goal as in section VII, and turned so that both epipoles are out of the image.
 START = (0.8, 0.7, 25.0)
 
