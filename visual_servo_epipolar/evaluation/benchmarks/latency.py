@@ -2,12 +2,11 @@
 Latency benchmark: from an image on the wire to the twist on the wire.
 
 The floor beside it, in the same run by turns: an echo node that answers each image of the same
-size by an empty twist, and what tracker and servo take for the same images in memory: one upon the
-other, and at the rate at which they come. The camera is this process; images are those of a run
-that the servo has driven before: it commands now as it did, and is as sure of where it is.
+size by an empty twist. The camera is this process; images are those of a run that the servo has
+driven before.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from itertools import cycle, islice
@@ -16,8 +15,7 @@ import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 import time
-from time import perf_counter, sleep
-from typing import Any
+from typing import Any, NamedTuple
 
 from geometry_msgs.msg import TwistStamped
 import numpy as np
@@ -28,11 +26,7 @@ from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.run_log import Sample
-from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import decide, update_map
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -72,21 +66,17 @@ class Answers:
     sent: dict[int, float] = field(default_factory=dict)  # by stamp [ns], on the steady clock [s]
     latencies: list[float] = field(default_factory=list)  # image sent to twist received [s]
     twists: list[Twist] = field(default_factory=list)
-    answered: list[int] = field(default_factory=list)  # stamps of the images, as answers came [ns]
 
     def __iadd__(self, other: 'Answers') -> 'Answers':
         self.sent |= other.sent
         self.latencies += other.latencies
         self.twists += other.twists
-        self.answered += other.answered
         return self
 
     def took(self, message: TwistStamped) -> None:
         """Take the answer to an image."""
-        stamp_ns = read.stamp_ns(message.header)
-        sent = self.sent.get(stamp_ns)
+        sent = self.sent.get(read.stamp_ns(message.header))
         if sent is not None:
-            self.answered.append(stamp_ns)
             self.latencies.append(time.monotonic() - sent)
             self.twists.append(read.twist(message))
 
@@ -94,12 +84,6 @@ class Answers:
     def moving(self) -> int:
         """How many twists are not zero."""
         return sum(twist != STANDSTILL for twist in self.twists)
-
-    @property
-    def numbers(self) -> list[int]:
-        """Which of the images were answered, as answers came: 0 is the first that was sent."""
-        order = {stamp_ns: number for number, stamp_ns in enumerate(self.sent)}
-        return [order[stamp_ns] for stamp_ns in self.answered]
 
 
 class PlayedCamera(Listener):
@@ -190,32 +174,15 @@ class PlayedCamera(Listener):
 
 
 LEAD = 10  # images at rest before the run, in which the tracker finds the photograph
-SAME_LINEAR, SAME_ANGULAR = 1e-3, math.radians(0.5)  # to which two twists are the same [SI]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DrivenRun:
-    """
-    Run that the servo has driven: what the robot saw, and what it was commanded.
-
-    ``images``, N arrays of shape (H, W) at ``rate`` [Hz], come one after the other from the start,
-    none after the end of the run; ``twists`` are the N answers.
-    """
+class DrivenRun(NamedTuple):
+    """Run that the servo has driven: its ``images``, shape (H, W), none after its end."""
 
     camera: CameraModel
     rate: float
     photograph: Pixels
     images: Sequence[Pixels]
-    twists: Sequence[Twist]
-
-    @property
-    def lead(self) -> list[Pixels]:
-        """Images before the run: the first, again and again."""
-        return [self.images[0]] * LEAD
-
-    def stamp_ns(self, number: int) -> int:
-        """Return the time of an image since the first [ns]."""
-        return number * period_ns(self.rate)
 
 
 def driven(settings: CameraSettings, seconds: float, folder: Path) -> DrivenRun:
@@ -230,56 +197,18 @@ def driven(settings: CameraSettings, seconds: float, folder: Path) -> DrivenRun:
         view.tracker.track(image)
     shape = round(seconds * rate), settings.height, settings.width
     images = np.memmap(folder / 'images', np.uint8, 'w+', shape=shape)
-    twists: list[Twist] = []
+    count = 0
 
     def keep(sample: Sample) -> None:
-        if not sample.phase.ended and len(twists) < len(images):
-            images[len(twists)] = view.image
-            twists.append(sample.twist)
+        nonlocal count
+        if not sample.phase.ended and count < len(images):
+            images[count] = view.image
+            count += 1
 
     loop = LoopSettings(start=START, seed=settings.seed, frame_rate=rate, max_duration=seconds)
     drive(loop, view, simulator.camera, watch=keep)
     images.flush()  # nothing is to be written while latencies are measured
-    seen = tuple(np.asarray(images)[: len(twists)])
-    return DrivenRun(simulator.camera, rate, view.desired, seen, twists)
-
-
-def are_same(one: Twist, other: Twist) -> bool:
-    """Return whether two twists are the same, but for what stamps and rounding make of them."""
-    linear, angular = abs(one.linear - other.linear), abs(one.angular - other.angular)
-    return linear <= SAME_LINEAR and angular <= SAME_ANGULAR
-
-
-def in_memory(run: DrivenRun, *, paced: bool = False) -> dict[str, float]:
-    """
-    Return the medians [ms] of tracker and servo: ``tracker_ms``, ``servo_ms``.
-
-    What a twist waits for; what prepares for the next image after that is not counted. If
-    ``paced``, images come at their rate, and not one upon the other: a processor that has slept
-    in between finds little in its caches, as in the nodes.
-    """
-    medians = 1e3 * np.median([times for times, _ in steps(run, paced=paced)], axis=0)
-    return dict(zip(('tracker_ms', 'servo_ms'), map(float, medians), strict=True))
-
-
-def steps(run: DrivenRun, *, paced: bool = False) -> Iterator[tuple[tuple[float, float], Twist]]:
-    """Yield, for each image of the run, the times of tracker and servo [s], and the twist."""
-    tracker, settings, state = Tracker(TrackerSettings()), ServoSettings(), ServoState()
-    tracker.set_desired(run.photograph)
-    for image in run.lead:
-        tracker.track(image)
-    first = perf_counter()
-    for number, image in enumerate(run.images):
-        if paced:
-            sleep(max(first + number / run.rate - perf_counter(), 0.0))
-        began = perf_counter()
-        features = tracker.track(image)
-        tracked = perf_counter()
-        observation = observe(features, run.camera, run.stamp_ns(number))
-        state = decide(state, observation, settings)
-        yield (tracked - began, perf_counter() - tracked), state.twist
-        state = update_map(state)  # the twist does not wait for it
-        tracker.prepare()
+    return DrivenRun(simulator.camera, rate, view.desired, tuple(np.asarray(images)[:count]))
 
 
 OPTIONS = ('seconds',)  # of the command line that this benchmark takes
@@ -301,48 +230,16 @@ TURN_S = 20.0  # at most, nodes and echo by turns: load from elsewhere hits both
 LEAD_RATE = 10.0  # of images before a run [Hz]
 ECHO_SHARE = 0.25  # of the time of the nodes
 LATENCIES = (
-    'size and rate | p50 | p99 | p99.9 | images | drops | as driven | echo p50 '
-    '| echo p99 | tracker | servo | floor | ratio | tracker, servo, floor at the rate | its ratio'
+    'size and rate | p50 | p99 | p99.9 | images | drops | echo p50 | echo p99 | p50 over echo'
 )
 COSTS = 'size and rate | process | processor ms a frame | memory MB | peak'
 QUANTILES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
 
-class TwoNodes:
-    """Tracker and servo; their camera is this process."""
-
-    def __init__(self, loop: PlayedCamera, run: DrivenRun) -> None:
-        self._loop, self._run = loop, run
-        self.processes = {name: loop.processes[name] for name in TRACKER_AND_SERVO}
-        self.as_driven = 0
-
-    def wait_for_answers(self) -> None:
-        """Show the photograph, and images until they are answered."""
-        self._loop.show_goal(self._run.photograph)
-
-    def begin(self) -> None:
-        """Show the start while the servo is stopped, and start it anew."""
-        self._loop.call('servo_node/stop')
-        self._loop.call('tracker_node/redetect')
-        first, *lead = self._run.lead
-        self._loop.show_each([first], LEAD_RATE)  # to find the photograph takes a while
-        self._loop.show_each(lead, LEAD_RATE)
-        for service in ('reset', 'start'):
-            self._loop.call(f'servo_node/{service}')
-
-    def turn(self, seconds: float) -> Answers:
-        """Show the run from its start on, and to its end at most."""
-        run = self._run
-        drive = self._loop.show_each(run.images[: round(seconds * run.rate)], run.rate)
-        answers = zip(drive.numbers, drive.twists, strict=True)
-        self.as_driven += sum(are_same(twist, run.twists[number]) for number, twist in answers)
-        return drive
-
-
 def run(
     *, seed: int, quick: bool, say: Callable[[str], None], seconds: float | None = None
 ) -> dict[str, Any]:
-    """Return the document: for each size of image latency, floor, drops and costs."""
+    """Return the document: for each size of image latency, drops and costs."""
     seconds = seconds or (QUICK_SECONDS if quick else SECONDS)
     rows = [
         _measure_size(replace(cell, seed=seed), seconds, say)
@@ -405,30 +302,20 @@ def spent(stretches: Sequence[Stretch], frames: int) -> dict[str, dict[str, Any]
 def _measure_size(
     settings: CameraSettings, seconds: float, say: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Return the row of one size: latencies, floor, drops, and what each process costs."""
+    """Return the row of one size: latencies, drops, and what each process costs."""
     size, rate = [settings.width, settings.height], settings.frame_rate
     title, run_s = f'{size[0]}x{size[1]} at {rate:g} Hz', seconds / _turns(seconds)
     with TemporaryDirectory(prefix='visual_servo_') as scratch, ExitStack() as stack:
         say(f'{title}: driving for {run_s:g} s ...')
         run = driven(settings, run_s, Path(scratch))
-        say(f'{title}: tracker and servo in memory ...')
-        floor, paced = in_memory(run), in_memory(run, paced=True)
         say(f'{title}: starting nodes ...')
         loop = PlayedCamera(
             stack, run.camera, run.images, Path(scratch), {**ECHO, **TRACKER_AND_SERVO}
         )
-        chain = TwoNodes(loop, run)
-        chain.wait_for_answers()
+        loop.show_goal(run.photograph)
         loop.wait_for_echo()
-        row = _by_turns(chain, loop, rate, seconds, lambda text: say(f'{title}: {text}'))
-    echo = row['echo']['p50']
-    floors = {'floor': _floor(echo, floor), 'paced_floor': _floor(echo, paced)}
-    return {'size': size, 'rate': rate, **floors, **row}
-
-
-def _floor(echo_ms: float, in_memory_ms: dict[str, float]) -> dict[str, float]:
-    parts = {'echo_ms': echo_ms, **in_memory_ms}
-    return {**parts, 'sum_ms': sum(parts.values())}
+        row = _by_turns(loop, run, seconds, lambda text: say(f'{title}: {text}'))
+    return {'size': size, 'rate': rate, **row}
 
 
 def _turns(seconds: float) -> int:
@@ -436,28 +323,35 @@ def _turns(seconds: float) -> int:
 
 
 def _by_turns(
-    chain: TwoNodes,
-    loop: PlayedCamera,
-    rate: float,
-    seconds: float,
-    say: Callable[[str], None],
+    loop: PlayedCamera, run: DrivenRun, seconds: float, say: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Drive nodes and echo by turns, and return what both took."""
+    """Show the run to nodes and echo by turns, and return what both took."""
     turns = _turns(seconds)
     nodes, echoes = Answers(), Answers()
     stretches: list[Stretch] = []
+    processes = {name: loop.processes[name] for name in TRACKER_AND_SERVO}
     for turn in range(turns):
         say(f'turn {turn + 1} of {turns}, {seconds / turns:g} s and its echo ...')
-        chain.begin()
-        before = costs(chain.processes)
-        nodes += chain.turn(seconds / turns)
-        stretches.append((before, costs(chain.processes)))
-        echoes += loop.show(ECHO_SHARE * seconds / turns, rate, to_echo=True)
+        _begin(loop, run)
+        before = costs(processes)
+        nodes += loop.show_each(run.images[: round(seconds / turns * run.rate)], run.rate)
+        stretches.append((before, costs(processes)))
+        echoes += loop.show(ECHO_SHARE * seconds / turns, run.rate, to_echo=True)
     return {
-        'nodes': {**_answers(nodes), 'as_driven': chain.as_driven / len(nodes.twists)},
+        'nodes': _answers(nodes),
         'echo': _answers(echoes),
         'processes': spent(stretches, len(nodes.sent)),
     }
+
+
+def _begin(loop: PlayedCamera, run: DrivenRun) -> None:
+    """Show the start of a run while the servo is stopped, and start it anew."""
+    loop.call('servo_node/stop')
+    loop.call('tracker_node/redetect')
+    loop.show_each(run.images[:1], LEAD_RATE)  # to find the photograph takes a while
+    loop.show_each([run.images[0]] * (LEAD - 1), LEAD_RATE)
+    for service in ('reset', 'start'):
+        loop.call(f'servo_node/{service}')
 
 
 def _answers(drive: Answers) -> dict[str, Any]:
@@ -476,7 +370,7 @@ def _answers(drive: Answers) -> dict[str, Any]:
 
 
 def table(document: Mapping[str, Any]) -> str:
-    """Return the document as text: latencies and floor, then what each process costs."""
+    """Return the document as text: latencies, then what each process costs."""
     rows = document['rows']
     costs_of = [(_title(row), name, it) for row in rows for name, it in row['processes'].items()]
     return '\n'.join(
@@ -492,17 +386,13 @@ def table(document: Mapping[str, Any]) -> str:
 
 
 def _latencies(row: Mapping[str, Any]) -> list[str]:
-    nodes, echo, floor, paced = (row[it] for it in ('nodes', 'echo', 'floor', 'paced_floor'))
+    nodes, echo = row['nodes'], row['echo']
     return [
         _title(row),
         *(f'{nodes[name]:.1f}' for name in QUANTILES),
         *(str(nodes[name]) for name in ('images', 'drops')),
-        f'{nodes["as_driven"]:.1%}',
         *(f'{echo[name]:.1f}' for name in ('p50', 'p99')),
-        *(f'{floor[f"{name}_ms"]:.1f}' for name in ('tracker', 'servo', 'sum')),
-        f'{nodes["p50"] / floor["sum_ms"]:.2f}',
-        f'{paced["tracker_ms"]:.1f}, {paced["servo_ms"]:.1f}, {paced["sum_ms"]:.1f}',
-        f'{nodes["p50"] / paced["sum_ms"]:.2f}',
+        f'{nodes["p50"] / echo["p50"]:.2f}',
     ]
 
 
