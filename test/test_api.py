@@ -1,0 +1,74 @@
+"""The public Python face: its names do what the commands do, and importing it stays cheap."""
+
+import json
+from pathlib import Path
+import subprocess
+import sys
+
+from bagmaker import write_bag
+import cv2
+import pytest
+
+from visual_servo_epipolar import api
+from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+
+START = (0.5, -3.0, 5.0)
+SIZE = {'width': 320, 'height': 256, 'focal_length': 192.3}
+SIZE |= {'principal_u': 158.4, 'principal_v': 127.6}
+
+
+def test_every_public_name_is_there_and_documented() -> None:
+    assert len(api.__all__) <= 13
+    assert [name for name in api.__all__ if not getattr(api, name).__doc__] == []
+
+
+def test_the_package_loads_nothing_and_the_face_no_ros_and_no_figures() -> None:
+    code = (
+        'import sys, visual_servo_epipolar\n'
+        "print([name for name in ('numpy', 'cv2') if name in sys.modules])\n"
+        'import visual_servo_epipolar.api\n'
+        "print([name for name in ('rclpy', 'rosbags', 'matplotlib') if name in sys.modules])\n"
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert done.stdout == '[]\n[]\n'
+
+
+def test_a_run_and_a_sweep_are_those_of_the_commands(tmp_path: Path, capsys) -> None:
+    log = api.simulate(START, law='smooth', seed=3, scenario=api.load_scenario('realistic'))
+    words = ['--law', 'smooth', '--seed', '3', '--scenario', 'realistic', '--json', '-']
+    assert main(['simulate', '--start', *map(str, START), *words]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert json.loads(json.dumps(api.summarise(log))).items() <= result.items()
+    document = api.sweep('front', 2, tmp_path / 'sweep', laws=['smooth'])['smooth']
+    assert [run['outcome'] for run in document['runs']] == ['arrived', 'arrived']
+
+
+def test_a_bag_is_replayed_with_other_settings(small_run, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / 'run', small_run)
+    recorded, slower = api.replay(bag), api.replay(str(bag), servo={'max_linear': 0.1})
+    assert recorded.samples[0].stamp_ns == slower.samples[0].stamp_ns
+    fastest = [max(abs(item.twist.linear) for item in log.samples) for log in (recorded, slower)]
+    assert fastest[0] > 0.15
+    assert fastest[1] == pytest.approx(0.1)
+
+
+def test_photographs_are_inspected_from_files(tmp_path: Path) -> None:
+    world = CameraSimulator(CameraSettings(**SIZE))
+    images = {'goal': world.photograph(), 'now': world.capture(Pose.from_start(*START), 0)}
+    for name, image in images.items():
+        assert cv2.imwrite(str(tmp_path / f'{name}.png'), image)
+    matrix = [192.3, 0, 158.4, 0, 192.3, 127.6, 0, 0, 1]
+    (tmp_path / 'camera.yaml').write_text(
+        f'image_width: 320\nimage_height: 256\ncamera_matrix: {{data: {matrix}}}\n'
+        'distortion_model: plumb_bob\ndistortion_coefficients: {data: [0, 0, 0, 0, 0]}\n'
+    )
+    found = api.inspect(*(tmp_path / name for name in ('goal.png', 'now.png', 'camera.yaml')))
+    assert found.trusted, found.reason
+
+
+def test_a_folder_without_a_route_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(api.InputError, match='no folder of a route'):
+        api.load_route(tmp_path)
