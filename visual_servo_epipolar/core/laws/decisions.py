@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.laws.phases.probing import classify_probe, is_pr
 from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.timing import has_timed_out, phase_timeout, usual_step
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.stamps import seconds_between
 
 
@@ -107,6 +108,7 @@ def switch_phase(
         return _waiting(state, measurement, settings)
     state = state.changed(
         phase=phase,
+        event=event,
         phase_start_ns=measurement.stamp_ns,
         run_start_ns=measurement.stamp_ns
         if state.phase is Phase.WAITING
@@ -143,7 +145,7 @@ def _gives_up(phase: Phase, event: Event) -> bool:
 
 def _waiting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
     """Return ``state`` with the reason to go on waiting, orienting or holding, by this image."""
-    if state.reason == Event.NO_BASELINE.value and measurement.bearings is not None:
+    if state.run.event is Event.NO_BASELINE and measurement.bearings is not None:
         return state.changed(reason='')  # it ends where bearings are trusted
     if state.phase is Phase.HOLDING and not state.settling.settled and measurement.reason:
         return state.changed(reason=measurement.reason)
@@ -155,11 +157,8 @@ def _waiting(state: ServoState, measurement: Measurement, settings: ServoSetting
 def too_few_features(features: int, settings: ServoSettings) -> str:
     """Return in words that a run cannot begin with so few features in view."""
     if features == 0:
-        return 'no feature of the photograph is in view'
-    return (
-        f'no feature of the photograph is in view for certain: {features} found, '
-        f'{settings.min_features} needed'
-    )
+        return Reason.NONE_IN_VIEW.of()
+    return Reason.FEW_IN_VIEW.of(features, settings.min_features)
 
 
 def _reason(
@@ -169,49 +168,42 @@ def _reason(
     name = state.phase.value
     run = seconds_between(state.run.run_start_ns, measurement.stamp_ns)
     if event is Event.TIMED_OUT and run > settings.run_timeout:
-        return f'the run took longer than {settings.run_timeout:g} s, still {name}'
+        return Reason.RUN_TIMED_OUT.of(settings.run_timeout, name)
     if event is Event.TIMED_OUT and state.check.troubled_since(state.run.phase_start_ns):
-        return f'held for {settings.holding_timeout:g} s: {state.reason}'
+        return Reason.HELD.of(settings.holding_timeout, state.reason)
     if event is Event.TIMED_OUT and state.phase is Phase.HOLDING:
         ago = state.settling.settled * usual_step(state)
-        lost = f'tracks lost or untrusted for {settings.holding_timeout:g} s'
-        return f'{lost}: {state.reason}, {ago:.1f} s ago'
+        return Reason.LOST.of(settings.holding_timeout, state.reason, ago)
     if event is Event.TIMED_OUT:
-        return f'{name} took longer than {_too_long(state, settings)}'
+        return _too_long(state, settings)
     if event is Event.EXCURSION:
         return excursion_limit(state, measurement, settings)
     if event is Event.DIVERGED:
-        return f'the desired epipole ran away to infinity in {name}'
+        return Reason.DIVERGED.of(name)
     if event in (Event.MISSED, Event.EXHAUSTED):
         error = measurement.feature_error * measurement.focal
-        missed = (
-            f'features are {error:.1f} px off, parallax {measurement.parallax_px:.1f} px, '
-            f'at the end of attempt {state.run.attempts}'
-        )
-        return missed + _against_tolerances(measurement, settings)
+        beyond = _against_tolerances(measurement, settings)
+        return Reason.MISSED.of(error, measurement.parallax_px, state.run.attempts, beyond)
     if event is Event.DISOBEYED and state.check.head.slip:
         return measurement.reason
     if event is Event.DISOBEYED:
-        return f'{state.check.contradictions} times in this run: {measurement.reason}'
+        return Reason.DISOBEYED.of(state.check.contradictions, measurement.reason)
     if state.check.trouble:
         return measurement.reason
     if event is Event.LOST and not math.isfinite(measurement.difference):
-        return measurement.reason or 'no feature is ahead in both views'
+        return measurement.reason or Reason.NONE_AHEAD.of()
     if event is Event.LOST:
-        return measurement.reason or f'bearings not trusted in {name}'
+        return measurement.reason or Reason.UNTRUSTED.of(name)
     return str(event.value)
 
 
 def _too_long(state: ServoState, settings: ServoSettings) -> str:
-    """Return in words how long the phase may last, and why it lasts longer."""
+    """Return in words that the phase takes longer than it may, and why."""
     most = phase_timeout(state.phase, settings)
     because = f': {state.run.warning}' if state.run.warning else ''
     if most < settings.phase_timeout:
-        because = (
-            ': the robot turns to and fro; check whether camera_info belongs to these images, and '
-            'latency to this base'
-        )
-    return f'{most:.3g} s{because}'
+        because = Reason.SWINGS.of()
+    return Reason.PHASE_TIMED_OUT.of(state.phase.value, most, because)
 
 
 def _against_tolerances(measurement: Measurement, settings: ServoSettings) -> str:

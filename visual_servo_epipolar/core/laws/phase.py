@@ -111,6 +111,14 @@ class Event:
     def __post_init__(self) -> None:
         self.known[self.value] = self
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _same_event, astuple(self)
+
+
+def _same_event(value: str, sentence: str) -> Event:
+    """Return the event of this word in a process that may not have its law in use."""
+    return Event.known.get(value) or Event(value, sentence)
+
 
 Event.NOTHING = Event('nothing')
 Event.AMBIGUOUS = Event(

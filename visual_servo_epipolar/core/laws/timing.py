@@ -11,6 +11,7 @@ import math
 from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING, seconds_between
 
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
@@ -39,7 +40,7 @@ def clock_jump(state: ServoState, stamp_ns: int, settings: ServoSettings) -> str
         return NOT_ADVANCING
     if not state.phase.drives or gap <= max(settings.stale_timeout, MAX_STEP_S):
         return ''
-    return f'no image for {gap:.1f} s by their stamps'
+    return Reason.STAMPS_LEAPT.of(gap)
 
 
 def usual_step(state: ServoState) -> float:

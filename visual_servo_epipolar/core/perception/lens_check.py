@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.reasons import Reason
 
 PERIOD = 10  # frames from one look to the next
 UNKNOWN = 0.3  # deviation of the logarithm of the focal length, as one begins
@@ -86,7 +87,7 @@ def contradicted_by_pair(observation: Observation, settings: PerceptionSettings)
         return ''
     lens = perceive(observation, uncalibrated(settings), 0).memory.lens
     doubt = _contradiction(lens, observation.focal, LEAST_OF_PAIR)
-    return f'the matches contradict the camera: {doubt}' if doubt else ''
+    return Reason.OTHER_LENS.of(doubt) if doubt else ''
 
 
 def _shows_one_plane(observation: Observation) -> bool:

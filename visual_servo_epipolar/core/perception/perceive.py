@@ -15,10 +15,10 @@ from visual_servo_epipolar.core.perception.rolling_shutter import base_axes
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validated import (
     noise_learnt,
-    SPARED,
     validated_estimate,
     ValidatedEstimate,
 )
+from visual_servo_epipolar.core.reasons import Reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +66,7 @@ def perceive(
     observation = levelled(observation.corrected(memory.lens), memory.attitude, settings.mount)
     count = len(observation)
     if count < settings.min_features:  # too few tell two views nothing
-        reason = f'{count} features, {settings.min_features} needed'
+        reason = Reason.FEW_FEATURES.of(count, settings.min_features)
         measurement = Measurement(
             observation.stamp_ns, count, observation.focal, memory.noise, reason=reason
         )
@@ -109,7 +109,8 @@ def with_difference(perception: Perception, settings: PerceptionSettings) -> Mea
     if observation is None or not perception.memory.two_view_skip:
         return measurement
     rotation = fit_rotation(observation.current, observation.desired)
-    counted = measures.usual_matches(observation, ValidatedEstimate(perception.memory, SPARED))
+    skipped = ValidatedEstimate(perception.memory, Reason.SKIPPED.of())
+    counted = measures.usual_matches(observation, skipped)
     known: dict[str, Any] = measures.differences(
         observation, rotation, measurement.heading_error, counted, perception.memory, settings
     )

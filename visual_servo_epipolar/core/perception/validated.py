@@ -25,12 +25,10 @@ from visual_servo_epipolar.core.perception.validation import (
     rejection_reason,
     rolled_over,
     ROUGH_FLOOR,
-    TILTED,
     turned_otherwise,
-    TWO_GEOMETRIES,
 )
+from visual_servo_epipolar.core.reasons import Reason, reason_of
 
-SPARED = 'a memory of views knows the epipoles'
 NOISE_ADAPTION = 0.1
 NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
@@ -52,7 +50,7 @@ class ValidatedEstimate:
     @property
     def rivals(self) -> tuple[Bearings, ...]:
         """Both geometries, of either sign, where the estimate failed by that alone; or ()."""
-        if self.reason != TWO_GEOMETRIES or self.estimate is None:
+        if reason_of(self.reason) is not Reason.TWO_GEOMETRIES or self.estimate is None:
             return ()
         return self.estimate.bearings, self.estimate.alternative or self.estimate.bearings
 
@@ -74,7 +72,7 @@ def validated_estimate(
     if reason:
         return without_baseline(observation, rotation.rotation, memory, settings, reason)
     if memory.two_view_skip:
-        return ValidatedEstimate(memory, SPARED)
+        return ValidatedEstimate(memory, Reason.SKIPPED.of())
     prior = prior_of(memory, settings, observation)
     try:
         geometry = estimate(
@@ -90,7 +88,7 @@ def validated_estimate(
     rays = observation.current, observation.desired, observation.resolution
     quality = fit_quality(geometry, *rays, memory.noise, observation.shared)
     reason = rejection_reason(geometry, quality, memory, settings, prior.attitude.jitter)
-    if reason.startswith(TILTED) and memory.attitude.jitter < ROUGH_FLOOR:
+    if reason_of(reason) is Reason.TILTED and memory.attitude.jitter < ROUGH_FLOOR:
         rough = replace(memory, attitude=replace(settings.mount, jitter=ROUGH_FLOOR))
         return validated_estimate(observation, rotation, rough, settings, frame)
     if settings.calibrated:  # through an unknown lens a turn looks another
@@ -109,7 +107,7 @@ def no_baseline(parallax_px: float, noise: float, settings: PerceptionSettings) 
     nothing: a search finds a baseline in noise alone. Above, they decide.
     """
     if parallax_px < settings.min_parallax * noise / settings.pixel_noise:
-        return f'a parallax of {parallax_px:.2f} px is too small for epipoles'
+        return Reason.SMALL_PARALLAX.of(parallax_px)
     return ''
 
 

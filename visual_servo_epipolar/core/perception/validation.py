@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_dista
 from visual_servo_epipolar.core.geometry.rays import handedness, rotation_level_camera
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.reasons import Reason
 
 MIN_INLIERS = 8
 MIN_INLIER_SHARE = 0.3
@@ -22,7 +23,6 @@ MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floo
 # That jitter where a view shows bumps, wide enough to draw no estimate [rad]; bumps of 1 deg under
 # either view, and a nod of the body, are less than 3.4 deg.
 ROUGH_FLOOR, ROUGH_JUMP = 1.5e-2, 4.0
-TILTED = 'the camera tilted by'
 TINY = 1e-30
 FIRST, STEP = -4, 1.25  # power of the least noise that is compared, and ratio to the next
 SCALES = STEP ** np.arange(FIRST, 8.0)  # of what it is taken for
@@ -36,7 +36,6 @@ LEAST_TURN = math.radians(3.0)  # of which an axis means anything
 IN_PLANE = math.radians(0.8)  # of the baseline and the plane of motion
 TURNED_ROLL = math.radians(20.0)  # that a hand seldom holds a camera at
 NEARLY_ONE = 0.09  # two geometries so near are one that is uncertain [rad]
-TWO_GEOMETRIES = 'two geometries fit the features: one plane dominates the scene'
 MAX_REJECTIONS = 3  # estimates in a row that contradict the past before the past is given up
 
 
@@ -179,17 +178,17 @@ def rejection_reason(
     inliers, count = quality.inliers, len(estimate.inliers)
     by_chance = min(FEW_INLIERS, FEW_SHARE * count)
     if inliers < max(MIN_INLIERS, MIN_INLIER_SHARE * count, by_chance):
-        return f'only {inliers} of {count} matches agree on one geometry'
+        return Reason.FEW_INLIERS.of(inliers, count)
     if quality.extent < settings.min_spread:
-        return f'the features are clustered within {math.degrees(quality.extent):.1f} deg'
+        return Reason.CLUSTERED.of(math.degrees(quality.extent))
     if estimate.confidence < settings.min_confidence:
-        return f'the cheirality vote is undecided ({estimate.confidence:.3f})'
+        return Reason.UNDECIDED.of(estimate.confidence)
     deviations = ROUGH_JUMP if memory.attitude.jitter > settings.floor_jitter else MAX_JUMP
     if estimate.jump > deviations * jitter:
-        return f'{TILTED} {math.degrees(estimate.jump):.1f} deg between the views'
+        return Reason.TILTED.of(math.degrees(estimate.jump))
     # That there is a direction, features show one by one; how well it is known, they do not.
     if quality.deviation > settings.max_deviation * math.sqrt(quality.shared):
-        return f'the bearings are uncertain by {math.degrees(quality.deviation):.1f} deg'
+        return Reason.UNCERTAIN.of(math.degrees(quality.deviation))
     return _contradiction(estimate, memory, settings)
 
 
@@ -207,7 +206,7 @@ def turned_otherwise(bearings: Bearings, heading_error: float) -> str:
     """
     apart = abs(math.remainder(bearings.heading_error - heading_error, 2.0 * math.pi))
     if apart > MAX_TURN_APART:
-        return f'the features as a whole have turned by {math.degrees(apart):.0f} deg more'
+        return Reason.TURNED_OTHERWISE.of(math.degrees(apart))
     return ''
 
 
@@ -225,8 +224,7 @@ def rolled_over(rotation: FloatArray, current: FloatArray, desired: FloatArray) 
     is_above = float(current[:, 1] @ desired[:, 1]) > 0.0
     if is_above and handedness(current, desired) > LEAST_HANDED:
         return ''
-    roll = math.degrees(math.acos(max(float(rotation[1, 1]), -1.0)))
-    return f'the image has rolled by {roll:.0f} deg, as if it were mirrored or upside down'
+    return Reason.ROLLED_OVER.of(math.degrees(math.acos(max(float(rotation[1, 1]), -1.0))))
 
 
 def outside_mount(attitude: Attitude, mount: Attitude) -> str:
@@ -319,8 +317,8 @@ def _contradiction(
         if change <= settings.max_leap:
             return ''
         if memory.consecutive_rejections + 1 < MAX_REJECTIONS:
-            return f'the bearings leapt by {math.degrees(change):.1f} deg in one frame'
+            return Reason.LEAPT.of(math.degrees(change))
     nearly_one = settings.calibrated and _apart(estimate) > 0.0  # an unknown lens tells no twins
     if estimate.alternative is not None and not nearly_one:
-        return TWO_GEOMETRIES
+        return Reason.TWO_GEOMETRIES.of()
     return ''

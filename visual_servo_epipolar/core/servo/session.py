@@ -11,21 +11,12 @@ from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.machine import interruption
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.servo.admission import Arrival, disorder, FrozenImageCheck, refusal
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState, ViewState
 from visual_servo_epipolar.core.servo.step import decide, update_map
 from visual_servo_epipolar.core.tracking.features import Features
-
-GOAL_CHANGED = (
-    'the photograph has changed in mid-run: its tracks lead to another goal; send the one it '
-    'began with, or reset'
-)
-
-NO_JOINTS = (
-    'the angles of the head at the image are not known: it may look anywhere; let its driver '
-    'publish them, or set rig: fixed'
-)
 
 
 class Interruption(Enum):
@@ -125,15 +116,12 @@ class Session:
         """Return in words that ``camera`` is not that of the run; or ''."""
         if self.camera is None or camera == self.camera:
             return ''
-        return (
-            f'camera_info has changed in mid-run: {differences(self.camera, camera)}; the '
-            'photograph is of another camera; publish the one it began with, or reset'
-        )
+        return Reason.OTHER_CAMERA.of(differences(self.camera, camera))
 
     def other_goal(self, goal: int | None) -> str:
         """Return in words that features of ``goal`` are not of the goal of the run; or ''."""
         changes = self.state.phase.runs and self.state.view.goal.differs(goal or NO_GOAL)
-        return GOAL_CHANGED if changes else ''
+        return Reason.OTHER_GOAL.of() if changes else ''
 
     def admitted(
         self, features: Features, goal: int | None, camera: CameraModel
@@ -157,7 +145,7 @@ class Session:
         None are where a head carries the camera and its angles are missing.
         """
         if settings.carrier.turn_rate > 0.0 and observation.joints is None and len(observation):
-            observation, trouble = observation.without_features(), trouble or NO_JOINTS
+            observation, trouble = observation.without_features(), trouble or Reason.NO_JOINTS.of()
         state = change_goal(self.state, goal)
         state = decide(state, observation, settings, since_command=since_command)
         if trouble and state.phase is Phase.HOLDING:

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.laws.command import Command, HALT
-from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.smooth.arcs import Backing
 from visual_servo_epipolar.core.laws.two_steps.gains import Gains
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
@@ -130,7 +130,7 @@ class Identification:
 @dataclass(frozen=True)
 class RunState:
     """
-    Where in its run the robot is: the ``phase``, and the ``reason`` of its last change.
+    Where in its run the robot is: the ``phase``, and the ``event`` and ``reason`` of its change.
 
     ``phase_start_ns`` and ``run_start_ns``, stamps of the images at which phase and run began
     [ns]; ``reason`` also says why it waits, ``warning``, what may make the phase fail;
@@ -139,6 +139,7 @@ class RunState:
     """
 
     phase: Phase = Phase.WAITING
+    event: Event = Event.NOTHING
     phase_start_ns: int = 0
     run_start_ns: int = 0
     reason: str = ''

@@ -237,7 +237,7 @@ def test_step_2_follows_its_line_at_no_more_than_the_largest_speed(sign: float) 
 
 
 def test_no_baseline_is_no_reason_once_bearings_are_trusted() -> None:
-    orienting = in_phase(Phase.ORIENTING, reason=Event.NO_BASELINE.value)
+    orienting = in_phase(Phase.ORIENTING, event=Event.NO_BASELINE, reason=Event.NO_BASELINE.value)
     blind = switch_phase(orienting, sight(bearings=None), Event.NOTHING, SETTINGS)
     assert blind.reason == 'no baseline'
     assert switch_phase(orienting, sight(), Event.NOTHING, SETTINGS).reason == ''

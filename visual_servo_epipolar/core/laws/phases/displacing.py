@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.laws.two_steps.derived_gains import legal_target
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.reasons import Reason
 
 MOST_RESTARTS = 12  # of step 1 in an attempt: it goes to and fro
 
@@ -51,10 +52,7 @@ def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings)
     ValueError if none is legal, or step 1 was given up too often in this attempt.
     """
     if state.run.restarts >= MOST_RESTARTS and settings.options.speed_ramps:
-        raise ValueError(
-            f'step 1 was given up {state.run.restarts} times: the turn that begins it loses the '
-            'view, or it leads away; let the robot back off (retreat), or begin farther back'
-        )
+        raise ValueError(Reason.RESTARTED.of(state.run.restarts))
     state = with_new_leg(state, measurement)
     if settings.derives:
         return state.changed(target=legal_target(state, measurement, settings))

@@ -4,6 +4,7 @@ import math
 
 from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.reasons import Reason
 
 LONGEST_WAY = 1.5  # in upper bounds of the distance
 LONGEST_NEARING = 3.0  # the same of who has come nearer, by its memory: it began beyond the bound
@@ -27,23 +28,20 @@ def excursion_limit(state: ServoState, measurement: Measurement, settings: Servo
     name, law = state.phase.value, settings.options
     backward, wider = state.motion.reversed, 1.0 if law.retreat else LEADING_AWAY
     if settings.max_retreat == 0.0 and state.phase.backs_off:
-        return (
-            'the robot would have to back off, and max_retreat is 0; begin farther away and in '
-            'front of the goal, or give it the metres of free floor behind the robot'
-        )
+        return Reason.NO_RETREAT.of()
     if backward > wider * max(settings.max_retreat, CORRECTION):
-        return f'drove {backward:.1f} m backward in this run (max_retreat), still {name}'
+        return Reason.BACKWARD.of(backward, name)
     spirals = law.discordant_turn and law.retreat  # laws without lead away first
     if not spirals or not state.phase.closes_in:
         return ''
     bounds = LONGEST_NEARING if _is_nearing(state, measurement) else LONGEST_WAY
     longest = bounds * settings.initial_distance + state.motion.reversed
     if abs(state.motion.travel) > longest:
-        return f'drove {longest:.0f} m in {name} and is not there (initial_distance)'
+        return Reason.LONG_WAY.of(longest, name)
     ratio = _excursion(state, measurement)
     if settings.max_excursion == 0.0 or ratio <= settings.max_excursion:
         return ''
-    return f'{name} leads away from the goal: {ratio:.1f} times the distance (max_excursion)'
+    return Reason.EXCURSION.of(name, ratio)
 
 
 def _is_nearing(state: ServoState, measurement: Measurement) -> bool:

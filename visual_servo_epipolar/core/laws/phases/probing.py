@@ -32,8 +32,7 @@ def begun_probe(state: ServoState, measurement: Measurement, settings: ServoSett
 
 def is_probing(state: ServoState) -> bool:
     """Return whether the phase is a probe."""
-    probes = Event.AMBIGUOUS.value, Event.AMBIGUOUS_NEAR.value
-    return state.phase.drives and state.reason in probes
+    return state.phase.drives and state.run.event in (Event.AMBIGUOUS, Event.AMBIGUOUS_NEAR)
 
 
 def classify_probe(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:

@@ -36,11 +36,11 @@ from visual_servo_epipolar.core.perception.validation import (
     rolled_between,
     turned_about,
 )
+from visual_servo_epipolar.core.reasons import Reason, reason_of
 
 MIN_SHARE = 0.5  # of the matches that must agree
 MIN_INLIERS = 8
 PLANAR_SHARE = 0.7  # of the inliers of a general motion that a planar one must explain
-UNCERTAIN = 'the bearings are uncertain by'
 TOLD = math.radians(3.0)  # deviation of tilt or roll beyond which it is not reported
 SAME_PLACE_PX = 0.3  # parallax that noise alone makes
 LARGEST_DEVIATION = math.radians(1.5)  # of bearings that are trusted: half of what is wrong
@@ -99,8 +99,8 @@ def judged(
     the deviation of the general one holds for both: it looks around for whatever else may be true.
     """
     if len(observation) < settings.min_features:
-        reason = f'{len(observation)} features, {settings.min_features} needed'
-        return Inspection(False, reason), None
+        few = Reason.FEW_FEATURES.of(len(observation), settings.min_features)
+        return Inspection(False, few), None
     turn = fit_rotation(observation.current, observation.desired)
     found = Inspection(False, '', parallax_px=turn.parallax * observation.focal)
     rays = rays_of(observation.current, observation.desired, observation.resolution)
@@ -125,7 +125,7 @@ def judged(
     reason = _refusal(found, fit, settings.mount)
     if not reason and planar is not None and planar.attitude is not None:
         reason = outside_mount(planar.attitude, settings.mount)
-    if not reason or reason.startswith(UNCERTAIN):  # by a wrong lens, it may be
+    if reason_of(reason) in (Reason.NONE, Reason.UNCERTAIN):  # by a wrong lens, it may be
         reason = _wrong_lens(observation, fit, settings, general=planar is None) or reason
     reason = reason or _upside_down(observation, fit, found.tilt, settings.mount)
     return _concluded(found, reason, turn.heading_error), essential
@@ -272,7 +272,7 @@ def _refusal(found: Inspection, fit: GeneralFit, mount: Attitude) -> str:
     """Return why what is ``found`` is not to be trusted, in words, or ''."""
     count = fit.inliers.shape[1]
     if min(found.inliers, int(fit.inliers[0].sum())) < max(MIN_INLIERS, MIN_SHARE * count):
-        return f'only {found.inliers} of {count} matches agree on one geometry'
+        return Reason.FEW_INLIERS.of(found.inliers, count)
     if found.deviation > LARGEST_DEVIATION:
         return _uncertain(found, fit)
     rotation, baseline = fit.motions.rotation[0], fit.motions.baseline[0]
@@ -283,7 +283,7 @@ def _refusal(found: Inspection, fit: GeneralFit, mount: Attitude) -> str:
 def _uncertain(found: Inspection, fit: GeneralFit) -> str:
     """Return why bearings are uncertain: no baseline, a second answer, or too few matches."""
     if found.parallax_px < NEAR_PX:
-        parallax = f'a parallax of {found.parallax_px:.2f} px is too small for epipoles'
+        parallax = Reason.SMALL_PARALLAX.of(found.parallax_px)
         return f'{_nearness(found.parallax_px)}: {parallax}'
     degrees = math.degrees(found.deviation)
     if found.deviation > FAR:
@@ -291,7 +291,7 @@ def _uncertain(found: Inspection, fit: GeneralFit) -> str:
             f'ambiguous: a motion {degrees:.0f} deg or more aside explains the matches nearly '
             'as well'
         )
-    return f'{UNCERTAIN} {degrees:.1f} deg'
+    return Reason.UNCERTAIN.of(degrees)
 
 
 def _concluded(found: Inspection, reason: str, heading: float) -> Inspection:

@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.perception.rivals import (
     in_order,
     turned,
 )
+from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.servo.fusion.map_state import localize, MapState, measurement_of
 from visual_servo_epipolar.core.servo.identification.physical import MOST_CURVATURE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -104,7 +105,7 @@ def disproved(perception: Perception, settings: ServoSettings) -> Fusion:
         covariance=UNKNOWN_COVARIANCE,
         confidence=0.0,
         difference=math.nan,
-        reason='the bearings contradict what was driven; they are looked for anew',
+        reason=Reason.DISPROVED.of(),
     )
     memory = replace(fresh_memory(settings), shutter=perception.memory.shutter)
     return Fusion(measurement, memory, MapState())

@@ -23,6 +23,7 @@ from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncre
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import of_few, Perception, with_difference
+from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.servo.fusion.pose_filter import (
     agrees,
     filter_pose,
@@ -165,8 +166,8 @@ def measurement_of(
         return sharpened(few, reading, settings)
     if not after.is_over or settings.few_features_timeout == 0.0:
         return measurement
-    over = f'few_features_timeout of {settings.few_features_timeout:g} s is over'
-    return replace(measurement, reason=f'{measurement.reason}; {over}')
+    over = Reason.MEMORY_OVER.of(measurement.reason, settings.few_features_timeout)
+    return replace(measurement, reason=over)
 
 
 def sharpened(
