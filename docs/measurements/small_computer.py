@@ -13,9 +13,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.evaluation.benchmarks.tracking import QUICK
-from visual_servo_epipolar.evaluation.benchmarks.tracking_world import (
+from visual_servo_epipolar.evaluation.benchmarks.tracking import (
     approach,
+    QUICK,
     RenderedWorld,
     start_of,
 )

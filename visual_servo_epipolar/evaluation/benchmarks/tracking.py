@@ -6,41 +6,152 @@ of depth, more than GROSS from its place, whether or not that place is hidden: n
 Those on edges of depth are counted apart, for they have no single true place.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
-from time import perf_counter, process_time
+from time import perf_counter
 from typing import Any
 
-import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.core.tracking.flow import CRITERIA, Points
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.evaluation.benchmarks.tracking_world import (
-    approach,
-    FrameErrors,
-    RenderedWorld,
-    STANDING,
-    start_of,
-    TrueFeatures,
-)
-from visual_servo_epipolar.evaluation.tables import aligned, number
+from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
+from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME, Sensor, SensorSettings
+from visual_servo_epipolar.simulation.rendering.renderer import Renderer
+from visual_servo_epipolar.simulation.rooms.scene import room
+
+STANDING = 5  # last frames, at the goal
+BRAKING = 20  # frames before those
+RING = 3 * np.array([(1, 0), (0, 1), (1, 1), (1, -1)])  # where depth around a feature is seen [px]
+DEPTH_STEP = 0.02  # bend of inverse depth that is an edge, relative
+
+
+def approach(start: tuple[float, float], frames: int) -> list[Pose]:
+    """
+    Return poses from ``start``, (x, y) [m], to the goal, the last ``STANDING`` of them at it.
+
+    Along x = x0 (y / y0)^2, looking along the path: it arrives looking along +y. The speed is
+    constant until the robot brakes.
+    """
+    x, y = start
+    pace = np.clip(np.arange(frames - STANDING)[::-1] / BRAKING, 0.0, 1.0)
+    remaining = 1.0 - np.cumsum(pace) / pace.sum()
+    remaining = np.concatenate([remaining, np.zeros(STANDING)]).tolist()
+    headings = [math.atan2(-y, -2.0 * x * share) for share in remaining]
+    return [
+        Pose(x * share**2, y * share, heading)
+        for share, heading in zip(remaining, headings, strict=True)
+    ]
+
+
+def start_of(seed: int, frames: int) -> tuple[float, float]:
+    """Return a start (x, y) [m] 3 to 5.5 m behind the goal; nearer when there are few frames."""
+    rng = np.random.default_rng((seed, 6))
+    side = -1.0 if rng.random() < 0.5 else 1.0
+    shorter = min(1.0, frames / 200.0)
+    return side * rng.uniform(0.3, 0.6) * shorter, -rng.uniform(3.0, 5.5) * shorter
+
+
+class RenderedWorld:
+    """A room and a camera in it: perfect images, images of the sensor, and ground truth."""
+
+    def __init__(self, settings: CameraSettings) -> None:
+        self.settings = settings
+        mount = CameraMount(settings.mount_height, settings.mount_forward)
+        rig = FixedRig(settings.camera, mount)
+        self.renderer = Renderer(room(settings.scene_seed), rig)
+        self.size = settings.width, settings.height
+        sensor = SensorSettings(noise=settings.noise, gain_drift=settings.gain_drift)
+        self._sensor = Sensor(self.size, sensor, settings.seed)
+        self.truth = TrueFeatures(self.renderer)
+
+    def photograph(self) -> Image:
+        """Return the desired image, shape (H, W)."""
+        return self._sensor.capture(self.renderer.render(DESIRED_POSE), DESIRED_FRAME)
+
+    def capture(self, perfect: Image, frame: int, disturbances: Disturbances | None) -> Image:
+        """Return ``perfect``, shape (H, W), through ``disturbances`` and the sensor."""
+        if disturbances is not None:
+            perfect = disturbances.apply(perfect, frame)
+        return self._sensor.capture(perfect, frame)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameErrors:
+    """
+    Errors of the features of one frame, rows are features.
+
+    ``distances``, shape (N,): of each feature from its true place [px], infinite for a point
+    behind the camera. ``on_edge``, shape (N,): it sits on an edge of depth, and has no single true
+    place. ``trackable``, shape (N,): off edges, in the image, and nothing hides it.
+    """
+
+    features: Features
+    distances: FloatArray
+    on_edge: BoolArray
+    trackable: BoolArray
+
+
+class TrueFeatures:
+    """Ground truth: where the features of the desired view are, by the geometry of the room."""
+
+    def __init__(self, renderer: Renderer) -> None:
+        self._renderer = renderer
+        self._points: dict[tuple[float, float], tuple[FloatArray, bool]] = {}
+
+    def errors(
+        self, features: Features, pose: Pose, disturbances: Disturbances | None, frame: int
+    ) -> FrameErrors:
+        """Return the errors of ``features``, tracked from ``pose`` in ``frame``."""
+        points, on_edge = self.points(features.desired)
+        pixels, inside = self._renderer.project(points, pose)
+        ahead = np.asarray(np.isfinite(pixels).all(axis=1))
+        shift = np.where(ahead[:, None], features.current - np.nan_to_num(pixels), np.inf)
+        visible = inside.copy()
+        visible[inside] = self._renderer.unhidden(points[inside], pixels[inside], pose)
+        if disturbances is not None:
+            visible &= ~disturbances.hides(pixels, frame)
+        distances = np.asarray(np.hypot(shift[:, 0], shift[:, 1]))
+        return FrameErrors(features, distances, on_edge, ~on_edge & visible)
+
+    def points(self, desired: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return the points [m], (N, 3), of desired pixels, (N, 2), and which are on edges."""
+        keys = [(float(u), float(v)) for u, v in desired]
+        new = [key for key in dict.fromkeys(keys) if key not in self._points]
+        if new:
+            pixels = np.array(new)
+            traced, edges = self._renderer.trace(pixels, DESIRED_POSE), self._on_edge(pixels)
+            self._points |= dict(zip(new, zip(traced, edges.tolist(), strict=True), strict=True))
+        points = np.array([self._points[key][0] for key in keys]).reshape(-1, 3)
+        return points, np.array([self._points[key][1] for key in keys], bool)
+
+    def _on_edge(self, pixels: FloatArray) -> BoolArray:
+        """Return around which pixels the depth is not smooth."""
+        on_edge, here = np.zeros(len(pixels), bool), self._inverse_depth(pixels)
+        for step in RING:
+            both = self._inverse_depth(pixels + step) + self._inverse_depth(pixels - step)
+            # Of a plane, inverse depth is linear in the pixel. NaN, no surface, is an edge.
+            on_edge |= ~(np.abs(both - 2.0 * here) <= DEPTH_STEP * here)
+        return on_edge
+
+    def _inverse_depth(self, pixels: FloatArray) -> FloatArray:
+        axes, centre = self._renderer.rig.camera_pose(DESIRED_POSE)
+        away = self._renderer.trace(pixels, DESIRED_POSE) - centre
+        return np.asarray(1.0 / (away @ axes[:, 2]))
+
 
 SCENES = (101, 102, 103, 104, 105)  # none of them served to tune the tracker
-DISTURBED_SCENES = 2
 CONFIGURATIONS: Mapping[str, Mapping[str, Any]] = {
     'anchored': {},
-    'every 5 frames': {'anchor_period': 5},
     'frame to frame': {'anchor_period': 0},
 }
-SECONDS_3 = 33  # frames
 DISTURBANCES: Mapping[str, Mapping[str, Any]] = {
     'light -30 %': {'light_step': -0.3},
     'light +30 %': {'light_step': 0.3},
@@ -52,41 +163,52 @@ DISTURBANCES: Mapping[str, Mapping[str, Any]] = {
     'motion blur': {'motion_blur': 8.0, 'blur_angle': 0.2},
     'noise': {'extra_noise': 5.0},
 }
-TIMED = 60  # images, the last ones of an approach
 GROSS = 3.0  # a feature farther than this from its place is a wrong one [px]
-FLOOR_FIGURES = (
-    *('tracker_ms', 'floor_ms'),
-    *('ratio_low', 'ratio', 'ratio_high', 'ratio_worst', 'worst_ms'),
-)
 ENOUGH = 26  # features of the paper's experiments
+COLUMNS: Columns = {
+    'scene': lambda row: str(row['scene']),
+    'tracker, or its disturbance': lambda row: str(row['name']),
+    'en route med / p95': lambda row: numbers((row['route_px'], row['route_p95_px']), 3),
+    'disturbed': lambda row: number(row['during_px'], 3),
+    'at goal med / p95': lambda row: numbers((row['goal_px'], row['goal_p95_px']), 3),
+    'gross share': lambda row: f'{row["gross"]} {100 * row["gross_share"]:.2f} %',
+    'fewest': lambda row: str(row['fewest']),
+    f'frames < {ENOUGH}': lambda row: str(row['few_frames']),
+    'ms med / max': lambda row: f'{row["frame_ms"]:.1f} / {row["slowest_ms"]:.0f}',
+}
 
 
 @dataclass(slots=True)
 class TrackerRun:
-    """
-    One tracker on an approach: its disturbances, errors frame by frame, time of each frame [s].
-
-    ``given_up`` counts right tracks that ended while their point could not, or could, be tracked.
-    """
+    """One tracker on an approach: its disturbances, errors and time [s] frame by frame."""
 
     name: str
     tracker: Tracker
     disturbances: Disturbances | None = None
     errors: list[FrameErrors] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
-    given_up: tuple[int, int] = 0, 0
 
     def track(self, image: Image, truth: TrueFeatures, pose: Pose, frame: int) -> None:
         """Track one image, shape (H, W), and note the errors."""
         began = perf_counter()
         features = self.tracker.track(image)
         self.seconds.append(perf_counter() - began)
-        if self.errors:
-            gone = ended_tracks(self.errors[-1], features)
-            trackable = truth.errors(gone, pose, self.disturbances, frame).trackable
-            lost, in_view = self.given_up
-            self.given_up = lost + int((~trackable).sum()), in_view + int(trackable.sum())
         self.errors.append(truth.errors(features, pose, self.disturbances, frame))
+
+    def figures(self) -> dict[str, Any]:
+        """Return the figures of the run, of the frames of its disturbance as well."""
+        during: list[FrameErrors] = []
+        if self.disturbances is not None:
+            it = self.disturbances.settings
+            during = self.errors[it.disturbed_from : it.disturbed_from + it.disturbed_for]
+        milliseconds = 1e3 * np.array(self.seconds[1:])
+        return {
+            'name': self.name,
+            **scores(self.errors),
+            'during_px': _percentile(during, 50.0),
+            'frame_ms': float(np.median(milliseconds)),
+            'slowest_ms': float(milliseconds.max()),
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +216,7 @@ class TrackingPlan:
     """How much is done: scenes, how many of them disturbed and how, frames, camera."""
 
     scenes: Sequence[int] = SCENES
-    disturbed: int = DISTURBED_SCENES
+    disturbed: int = 2
     frames: int = 200
     camera: CameraSettings = CameraSettings(noise=2.0, gain_drift=0.05)
     disturbances: Sequence[str] = tuple(DISTURBANCES)
@@ -123,79 +245,36 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
 
 
 def measure(plan: TrackingPlan, seed: int, say: Callable[[str], None]) -> dict[str, Any]:
-    """Carry out ``plan``."""
-    scenes: list[dict[str, Any]] = []
-    disturbed: list[dict[str, Any]] = []
-    kept: list[Image] = []
+    """Carry out ``plan``: a row for each tracker of each scene."""
+    rows: list[dict[str, Any]] = []
     for index, scene in enumerate(plan.scenes):
         names = plan.disturbances if index < plan.disturbed else ()
-        keep = TIMED if index == 0 else 0
-        calm, rough, images = _scene(plan, scene, seed, names, keep, say)
-        scenes.append(calm)
-        disturbed += rough
-        kept = kept or images
-    say('time per frame')
-    return {
-        'seed': seed,
-        'frames': plan.frames,
-        'size': [plan.camera.width, plan.camera.height],
-        'scenes': scenes,
-        'disturbed': disturbed,
-        'over_floor': [over_floor(images[0], images[1:]) for images in _sizes(plan, seed, kept)],
-    }
-
-
-def _sizes(plan: TrackingPlan, seed: int, kept: list[Image]) -> list[list[Image]]:
-    """Return photograph and images at the plan's size, ``kept``, and at the usual one."""
-    camera = QUICK.camera
-    if plan.camera.width * plan.camera.height <= camera.width * camera.height:
-        return [kept]
-    world = RenderedWorld(_with_seeds(camera, plan.scenes[0], seed))
-    poses = approach(start_of(seed + plan.scenes[0], plan.frames), plan.frames)
-    frames = range(plan.frames - len(kept) + 1, plan.frames)
-    images = [world.capture(world.renderer.render(poses[k]), k, None) for k in frames]
-    return [kept, [world.photograph(), *images]]
+        rows += [{'scene': scene, **it} for it in _scene(plan, scene, seed, names, say)]
+    size = [plan.camera.width, plan.camera.height]
+    return {'seed': seed, 'frames': plan.frames, 'size': size, 'rows': rows}
 
 
 def _scene(
-    plan: TrackingPlan,
-    scene: int,
-    seed: int,
-    names: Sequence[str],
-    keep: int,
-    say: Callable[[str], None],
-) -> tuple[dict[str, Any], list[dict[str, Any]], list[Image]]:
-    """Return the figures of all configurations, those of the disturbances, and ``keep`` images."""
-    start = start_of(seed + scene, plan.frames)
-    world = RenderedWorld(_with_seeds(plan.camera, scene, seed))
+    plan: TrackingPlan, scene: int, seed: int, names: Sequence[str], say: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    """Return the figures of all configurations and disturbances in one scene."""
+    world = RenderedWorld(replace(plan.camera, scene_seed=scene, seed=seed + scene))
     desired = world.photograph()
     runs = [TrackerRun(name, _tracker(desired, **how)) for name, how in CONFIGURATIONS.items()]
-    runs += [
-        TrackerRun(name, _tracker(desired), _disturbances(name, plan, world, seed))
-        for name in names
-    ]
-    images: list[Image] = [desired]
-    for frame, pose in enumerate(approach(start, plan.frames)):
+    # From three tenths of the approach on, for three seconds at most.
+    timing = {'disturbed_from': 3 * plan.frames // 10, 'disturbed_for': min(33, plan.frames // 4)}
+    for name in names:
+        settings = DisturbanceSettings(**{**timing, **DISTURBANCES[name]})
+        runs.append(TrackerRun(name, _tracker(desired), Disturbances(world.size, settings, seed)))
+    for frame, pose in enumerate(approach(start_of(seed + scene, plan.frames), plan.frames)):
         say(f'scene {scene}: frame {frame + 1} of {plan.frames}, {len(runs)} trackers')
         perfect = world.renderer.render(pose)
         calm = world.capture(perfect, frame, None)
-        if keep and frame >= plan.frames - keep:
-            images.append(calm)
         for tracked in runs:
             rough = tracked.disturbances
             image = calm if rough is None else world.capture(perfect, frame, rough)
             tracked.track(image, world.truth, pose, frame)
-    calm_runs, rough_runs = runs[: len(CONFIGURATIONS)], runs[len(CONFIGURATIONS) :]
-    configurations = {tracked.name: _figures(world, tracked) for tracked in calm_runs}
-    return (
-        {'scene': scene, 'start': list(start), 'configurations': configurations},
-        [{'scene': scene, **_rough_figures(world, tracked)} for tracked in rough_runs],
-        images,
-    )
-
-
-def _with_seeds(camera: CameraSettings, scene: int, seed: int) -> CameraSettings:
-    return replace(camera, scene_seed=scene, seed=seed + scene)
+    return [tracked.figures() for tracked in runs]
 
 
 def _tracker(desired: Image, **changes: Any) -> Tracker:
@@ -204,238 +283,37 @@ def _tracker(desired: Image, **changes: Any) -> Tracker:
     return tracker
 
 
-def _disturbances(name: str, plan: TrackingPlan, world: RenderedWorld, seed: int) -> Disturbances:
-    """Return the named disturbance, beginning at three tenths of the approach."""
-    first = (3 * plan.frames) // 10
-    timing = {'disturbed_from': first, 'disturbed_for': min(SECONDS_3, plan.frames // 4)}
-    settings = DisturbanceSettings(**{**timing, **DISTURBANCES[name]})
-    return Disturbances(world.size, settings, seed)
-
-
-def _figures(world: RenderedWorld, tracked: TrackerRun) -> dict[str, Any]:
-    milliseconds = 1e3 * np.array(tracked.seconds[1:])
-    return {
-        **scores(world.truth, tracked.errors),
-        'given_up': list(tracked.given_up),
-        'frame_ms': float(np.median(milliseconds)),
-        'slowest_ms': float(milliseconds.max()),
-    }
-
-
-def _rough_figures(world: RenderedWorld, tracked: TrackerRun) -> dict[str, Any]:
-    assert tracked.disturbances is not None
-    settings = tracked.disturbances.settings
-    over = settings.disturbed_from + settings.disturbed_for
-    during = tracked.errors[settings.disturbed_from : over]
-    errors = np.concatenate([*(each.distances[each.trackable] for each in during), np.empty(0)])
-    return {
-        'disturbance': tracked.name,
-        'during_px': float(np.median(errors)) if len(errors) else None,
-        'recovered_after': recovery_time(tracked.errors, over),
-        **_figures(world, tracked),
-    }
-
-
-def scores(truth: TrueFeatures, frames: Sequence[FrameErrors]) -> dict[str, Any]:
+def scores(frames: Sequence[FrameErrors]) -> dict[str, Any]:
     """Return the figures of one run."""
     counts = [len(each.features) for each in frames]
-    gross = [~each.on_edge & (each.distances > GROSS) for each in frames]
-    tracks = [each.features.ids[rows] for each, rows in zip(frames, gross, strict=True)]
-    edges, wrong = sum(int(each.on_edge.sum()) for each in frames), sum(map(len, tracks))
-    ages = [each.features.ages for each in frames[1:]]
-    route, goal = (
-        np.concatenate([*(each.distances[each.trackable] for each in part), np.empty(0)])
-        for part in (frames[:-STANDING], frames[-STANDING:])
-    )
+    gross = sum(int((~each.on_edge & (each.distances > GROSS)).sum()) for each in frames)
+    judged = sum(int((~each.on_edge).sum()) for each in frames)
     return {
-        'route_px': _percentile(route, 50.0),
-        'route_p95_px': _percentile(route, 95.0),
-        'goal_px': _percentile(goal, 50.0),
-        'goal_p95_px': _percentile(goal, 95.0),
-        'gross': wrong,
-        'gross_share': wrong / max(sum(counts) - edges, 1),
-        'gross_tracks': len(np.unique(np.concatenate(tracks))),
-        'edge_share': edges / max(sum(counts), 1),
+        'route_px': _percentile(frames[:-STANDING], 50.0),
+        'route_p95_px': _percentile(frames[:-STANDING], 95.0),
+        'goal_px': _percentile(frames[-STANDING:], 50.0),
+        'goal_p95_px': _percentile(frames[-STANDING:], 95.0),
+        'gross': gross,
+        'gross_share': gross / max(judged, 1),
         'fewest': min(counts),
-        'fewest_places': min(map(places, frames)),
         'few_frames': sum(count < ENOUGH for count in counts),
-        'redetections': sum(bool((age == 0).any()) for age in ages),
-        **_pose_errors(truth, frames[-STANDING:]),
     }
 
 
-def places(frame_errors: FrameErrors) -> int:
-    """Count the features at different places: two at one pixel tell no more than one."""
-    return len(np.unique(np.rint(frame_errors.features.desired), axis=0))
-
-
-def ended_tracks(before: FrameErrors, features: Features) -> Features:
-    """Return the tracks of the frame ``before`` that were right and are not in ``features``."""
-    tracks = before.features
-    rows = ~np.isin(tracks.ids, features.ids) & (before.distances <= GROSS)
-    return Features(
-        tracks.ids[rows],
-        tracks.current[rows],
-        tracks.desired[rows],
-        tracks.ages[rows],
-        tracks.errors[rows],
-    )
-
-
-def recovery_time(frames: Sequence[FrameErrors], first: int) -> int | None:
-    """Return how many frames after ``first`` there are enough features for good; None: never."""
-    few = [
-        frame
-        for frame, frame_errors in enumerate(frames)
-        if frame >= first and len(frame_errors.features) < ENOUGH
-    ]
-    if not few:
-        return 0
-    return None if few[-1] == len(frames) - 1 else few[-1] + 1 - first
-
-
-def _pose_errors(truth: TrueFeatures, goal: Sequence[FrameErrors]) -> dict[str, float | None]:
-    errors = [error for error in map(truth.pose_error, goal) if error is not None]
-    names = ('pose_x_mm', 'pose_y_mm', 'pose_heading_deg')
-    if not errors:
-        return dict.fromkeys(names)
-    typical = np.abs(np.array(errors)).mean(axis=0) * [1e3, 1e3, math.degrees(1.0)]
-    return dict(zip(names, typical.tolist(), strict=True))
-
-
-def _percentile(values: FloatArray, share: float) -> float | None:
-    return float(np.percentile(values, share)) if len(values) else None
-
-
-def over_floor(desired: Image, images: Sequence[Image]) -> dict[str, Any]:
-    """
-    Return the anchored tracker's time of a frame over that of one pyramid and one bare flow.
-
-    Processor time on one thread, the two by turns on the same images, shape (H, W), and features;
-    medians [ms], and of the ratio the quartiles and the worst frame. A frame in which the whole
-    image is matched is another matter.
-    """
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        rows = _by_turns(desired, images)
-    finally:
-        cv2.setNumThreads(threads)
-    height, width = desired.shape
-    document: dict[str, Any] = {'size': [width, height], 'frames': len(rows)}
-    if not len(rows):
-        return document | dict.fromkeys(FLOOR_FIGURES)
-    tracker, floor = np.median(rows, axis=0)
-    ratio = np.percentile(rows[:, 0] / rows[:, 1], (25, 50, 75, 100))
-    figures = 1e3 * tracker, 1e3 * floor, *ratio, 1e3 * rows[:, 0].max()
-    return document | dict(zip(FLOOR_FIGURES, map(float, figures), strict=True))
-
-
-def _by_turns(desired: Image, images: Sequence[Image]) -> FloatArray:
-    """Return seconds of the tracker and of the floor, (N, 2), of images that it follows."""
-    tracker, rows = _tracker(desired), []
-    features = tracker.track(images[0])
-    for k in range(1, len(images)):
-        points, matchings = features.current.astype(np.float32), tracker.matchings
-        alone = _floor(images[k - 1], images[k], points) if k % 2 else 0.0  # neither always first
-        start = process_time()  # finds the image in the cache
-        features = tracker.track(images[k])
-        seconds = process_time() - start
-        if not k % 2:
-            alone = _floor(images[k - 1], images[k], points)
-        if len(points) and tracker.matchings == matchings:
-            rows.append((seconds, alone))
-    return np.array(rows).reshape(-1, 2)
-
-
-def _floor(last: Image, image: Image, points: Points) -> float:
-    """Return the time of one pyramid and one bare flow of ``points``, (N, 2) [s]."""
-    settings = TrackerSettings()
-    window, start = (settings.window, settings.window), process_time()
-    if len(points):
-        cv2.buildOpticalFlowPyramid(image, window, settings.levels, withDerivatives=False)
-        cv2.calcOpticalFlowPyrLK(
-            last, image, points, None, winSize=window, maxLevel=settings.levels, criteria=CRITERIA
-        )
-    return process_time() - start
-
-
-CALM = (
-    'scene | configuration | en route med p95 | at goal med p95 | gross (tracks) share | fewest '
-    '| edges | pose x y mm, deg | redet. | ms med max'
-)
-ROUGH = (
-    'scene | disturbance | med, during | at goal | gross (tracks) | fewest '
-    f'| frames < {ENOUGH} | regained after | given up | redet.'
-)
+def _percentile(frames: Sequence[FrameErrors], share: float) -> float | None:
+    """Return a percentile of the errors of trackable features; None without any."""
+    errors = np.concatenate([*(each.distances[each.trackable] for each in frames), np.empty(0)])
+    return float(np.percentile(errors, share)) if len(errors) else None
 
 
 def table(document: Mapping[str, Any]) -> str:
-    """Return the document as text: accuracy, robustness, time."""
+    """Return the document as text: one row a tracker."""
     width, height = document['size']
-    calm = (
-        _calm_row(scene['scene'], name, it)
-        for scene in document['scenes']
-        for name, it in scene['configurations'].items()
-    )
     return '\n'.join(
         [
             f'Tracking, {document["frames"]} rendered frames of {width}x{height} a scene, '
             'errors in px against ground truth',
             '',
-            *aligned(CALM, calm, left=2),
-            '',
-            *aligned(ROUGH, map(_rough_row, document['disturbed']), left=2),
-            '',
-            *_floor_rows(document['over_floor']),
+            *aligned(' | '.join(COLUMNS), cells(COLUMNS, document['rows']), left=2),
         ]
     )
-
-
-def _px(it: Mapping[str, Any], *names: str) -> str:
-    return ' '.join(number(it[name], 3) for name in names)
-
-
-def _calm_row(scene: int, name: str, it: Mapping[str, Any]) -> list[str]:
-    return [
-        str(scene),
-        name,
-        _px(it, 'route_px', 'route_p95_px'),
-        _px(it, 'goal_px', 'goal_p95_px'),
-        f'{it["gross"]} ({it["gross_tracks"]}) {100 * it["gross_share"]:.2f} %',
-        f'{it["fewest"]}/{it["fewest_places"]}',
-        f'{100 * it["edge_share"]:.0f} %',
-        f'{_px(it, "pose_x_mm", "pose_y_mm")} {number(it["pose_heading_deg"], 4)}',
-        str(it['redetections']),
-        f'{it["frame_ms"]:.1f} {it["slowest_ms"]:.0f}',
-    ]
-
-
-def _rough_row(it: Mapping[str, Any]) -> list[str]:
-    back = it['recovered_after']
-    return [
-        str(it['scene']),
-        it['disturbance'],
-        _px(it, 'route_px', 'during_px'),
-        _px(it, 'goal_px'),
-        f'{it["gross"]} ({it["gross_tracks"]})',
-        f'{it["fewest"]}/{it["fewest_places"]}',
-        str(it['few_frames']),
-        'never' if back is None else f'{back} frames',
-        '+'.join(map(str, it['given_up'])),
-        str(it['redetections']),
-    ]
-
-
-def _floor_rows(sizes: list[Mapping[str, Any]]) -> Iterator[str]:
-    yield 'processor time a frame, anchored, one thread; ratio to one pyramid and one bare flow'
-    for it in sizes:
-        size = 'x'.join(map(str, it['size']))
-        tracker, floor = (number(it[name], 2) for name in ('tracker_ms', 'floor_ms'))
-        ratio, low, high, worst = (
-            number(it[f'ratio{name}'], 2) for name in ('', '_low', '_high', '_worst')
-        )
-        yield (
-            f'  {size:<10}{tracker:>8} ms, floor {floor} ms, ratio {ratio} (quartiles '
-            f'{low} to {high}, worst frame {worst}, {number(it["worst_ms"], 1)} ms)'
-        )
