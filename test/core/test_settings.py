@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import pytest
 
 from visual_servo_epipolar.core import registry
-from visual_servo_epipolar.core.laws.settings import ControlSettings
+from visual_servo_epipolar.core.estimate.settings import ControlSettings
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import (

@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, PSI, RHO, YAW
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.two_steps.laws import TWO_STEPS
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, PSI, RHO, YAW
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance
 
 SETTINGS = ServoSettings(law='full')

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.laws.decisions import too_few_features
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.servo.decisions import too_few_features
 from visual_servo_epipolar.core.servo.run_log import (
     MotionLimits,
     RunLog,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from servo_states import in_phase
 
+from visual_servo_epipolar.core.estimate.delay import Delay
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent, KEPT_S, WITHDRAWN_S
-from visual_servo_epipolar.core.servo.identification.delay import Delay
 from visual_servo_epipolar.core.servo.session import interrupted, Interruption
 
 SECOND = 1_000_000_000

@@ -7,17 +7,17 @@ import pytest
 from servo_states import in_phase, SETTINGS, sight
 from strategies import blurred, matches, through_lens
 
+from visual_servo_epipolar.core.estimate.curvature import Curvature
+from visual_servo_epipolar.core.estimate.dead_band import DeadBand, Threshold
+from visual_servo_epipolar.core.estimate.map_state import MapState
+from visual_servo_epipolar.core.estimate.motion_check import MotionCheck
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.state import Identification, Known, ServoState
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.checking import check_lens, check_motion, parallax_of_way
-from visual_servo_epipolar.core.servo.fusion.map_state import MapState
-from visual_servo_epipolar.core.servo.identification.curvature import Curvature
-from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand, Threshold
-from visual_servo_epipolar.core.servo.motion.check import MotionCheck
-from visual_servo_epipolar.core.servo.state import Identification, Known, ServoState
 from visual_servo_epipolar.core.servo.step import step
 
 

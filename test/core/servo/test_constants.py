@@ -6,15 +6,15 @@ import math
 import pytest
 from servo_states import BEARINGS, in_phase, ranged, SETTINGS, sight, TWO_VIEWS
 
+from visual_servo_epipolar.core.estimate.curvature import Curvature
+from visual_servo_epipolar.core.estimate.extrinsics import CORRELATION, moved, PSI
+from visual_servo_epipolar.core.estimate.extrinsics_update import update_extrinsics
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.arrival import has_parallax
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.servo.dead_reckoning import measured_range
-from visual_servo_epipolar.core.servo.identification.curvature import Curvature
-from visual_servo_epipolar.core.servo.identification.extrinsics import CORRELATION, moved, PSI
-from visual_servo_epipolar.core.servo.identification.extrinsics_update import update_extrinsics
 from visual_servo_epipolar.core.servo.step import _beyond_dead_band, _limited
 
 

@@ -4,13 +4,13 @@ import pytest
 from servo_states import DRIVING, in_phase, PHASES, sight
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import Goal, NO_GOAL
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.rigs.rig import AT_REST
-from visual_servo_epipolar.core.servo.fusion.map_state import MapState
 from visual_servo_epipolar.core.servo.session import (
     change_goal,
     interrupted,

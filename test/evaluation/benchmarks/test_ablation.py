@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from visual_servo_epipolar.core import registry
-from visual_servo_epipolar.core.laws.law import DEPARTURES
+from visual_servo_epipolar.core.estimate.settings import DEPARTURES
 from visual_servo_epipolar.core.laws.registry import law_named, LAWS, PAPER
 from visual_servo_epipolar.evaluation.benchmarks import ablation
 from visual_servo_epipolar.sweeping.summary import summary_of

@@ -18,9 +18,9 @@ from visual_servo_epipolar.core.geometry.motion import (
     wrap_angle,
 )
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.evaluation.benchmarks import laws
 from visual_servo_epipolar.evaluation.benchmarks.peers import (
     ALIGN,

@@ -12,11 +12,11 @@ from visual_servo_epipolar.bags.replaying.replay import Plan, value_at, with_rec
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.laws.law import DEFAULT_LAW
+from visual_servo_epipolar.core.estimate.settings import DEFAULT_LAW
 from visual_servo_epipolar.core.laws.registry import law_named, machine_of
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.core.settings import Settings, updated

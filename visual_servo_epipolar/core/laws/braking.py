@@ -7,8 +7,9 @@ at 0.8 1/s. Whose accelerations are limited brakes by them instead, and only the
 
 import math
 
-from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.prediction import is_late
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.timing import usual_step
 from visual_servo_epipolar.core.laws.two_steps.equations import LINE_DAMPING
 from visual_servo_epipolar.core.laws.two_steps.gains import CRITICAL_GAIN_DELAY
@@ -60,7 +61,7 @@ def converging_speed(
     return math.sqrt(speed * speed + 2.0 * braking * (left - near))
 
 
-def looking_speed(left: float, state: ServoState, settings: ServoSettings) -> float:
+def looking_speed(left: float, state: ServoState, settings: DriveSettings) -> float:
     """Return the speed [m/s] at which views enough show what is aside on the way ``left`` [m]."""
     # What is unknown falls as 1 / sqrt of the views that see it from near.
     known = min(WELL_KNOWN / max(place_deviation(state), WELL_KNOWN), 1.0) ** 2
@@ -87,7 +88,7 @@ def heading_share(left: float) -> float:
     return min(max(share, 0.0), 1.0)
 
 
-def braked_turn(angle: float, state: ServoState, settings: ServoSettings) -> float:
+def braked_turn(angle: float, state: ServoState, settings: DriveSettings) -> float:
     """
     Return the rate [rad/s] of a turn in place of which an ``angle`` [rad] is left, as seen.
 
@@ -102,7 +103,7 @@ def braked_turn(angle: float, state: ServoState, settings: ServoSettings) -> flo
     )
 
 
-def settled_turn(angle: float, state: ServoState, settings: ServoSettings) -> float:
+def settled_turn(angle: float, state: ServoState, settings: DriveSettings) -> float:
     """Return the same for a turn that ends as an exponential, however late the base obeys."""
     if not settings.options.speed_ramps:
         return settings.turn_gain * angle
@@ -115,7 +116,7 @@ def settled_turn(angle: float, state: ServoState, settings: ServoSettings) -> fl
     )
 
 
-def _landing_turn(angle: float, state: ServoState, settings: ServoSettings) -> float:
+def _landing_turn(angle: float, state: ServoState, settings: DriveSettings) -> float:
     """
     Return the rate [rad/s] of a turn of a trapezoid, whose last frame ends where it is to.
 
@@ -155,6 +156,6 @@ def braked(
     return by_pulses if dead_band else speed
 
 
-def unfelt_latency(settings: ServoSettings) -> float:
+def unfelt_latency(settings: DriveSettings) -> float:
     """Return the delay [s] from what is seen to the next command, where it is not predicted."""
     return 0.0 if is_late(settings) else settings.latency

@@ -8,23 +8,18 @@ machine stops, loses its tracks and fails in the same way, whatever phases a law
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar, TYPE_CHECKING, TypeAlias
+from typing import ClassVar, TypeAlias
 
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
-if TYPE_CHECKING:
-    from visual_servo_epipolar.core.servo import settings as servo_settings
-    from visual_servo_epipolar.core.servo import state as servo_state
-
-# By name alone: the servo imports its laws.
-ServoSettings: TypeAlias = 'servo_settings.ServoSettings'
-ServoState: TypeAlias = 'servo_state.ServoState'
-Classifier: TypeAlias = Callable[[ServoState, Measurement, ServoSettings], Event]
-Command: TypeAlias = Callable[[ServoState, Measurement, ServoSettings], Twist]
-Predicate: TypeAlias = Callable[[ServoState, Measurement, ServoSettings], bool]
-Update: TypeAlias = Callable[[ServoState, Measurement, ServoSettings], ServoState]
+Classifier: TypeAlias = Callable[[ServoState, Measurement, DriveSettings], Event]
+Command: TypeAlias = Callable[[ServoState, Measurement, DriveSettings], Twist]
+Predicate: TypeAlias = Callable[[ServoState, Measurement, DriveSettings], bool]
+Update: TypeAlias = Callable[[ServoState, Measurement, DriveSettings], ServoState]
 
 FAILURES = (Event.TIMED_OUT, Event.DIVERGED, Event.EXHAUSTED, Event.DISOBEYED, Event.EXCURSION)
 REQUIRED = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)  # of any law

@@ -9,15 +9,15 @@ go by what is seen, and who has settled must be there when all has acted, too.
 from dataclasses import replace
 import math
 
+from visual_servo_epipolar.core.estimate.delay import BORNE
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
-BORNE = 0.25  # up to which laws bear a delay as it is [s]
 
-
-def predicted(state: ServoState, settings: ServoSettings) -> ServoState:
+def predicted(state: ServoState, settings: DriveSettings) -> ServoState:
     """Return ``state`` with its measurement as it will be when the next command acts."""
     measurement = state.measurement
     if measurement is None or not state.phase.drives or not is_late(settings):
@@ -70,11 +70,11 @@ def goal_distance(state: ServoState, measurement: Measurement) -> float:
     return state.motion.range if state.motion.range > 0.0 else state.motion.distance
 
 
-def is_late(settings: ServoSettings) -> bool:
+def is_late(settings: DriveSettings) -> bool:
     """Return whether the base obeys so late that laws must look ahead."""
     return settings.options.anticipation and settings.latency > BORNE
 
 
-def felt_latency(settings: ServoSettings) -> float:
+def felt_latency(settings: DriveSettings) -> float:
     """Return the delay that laws still feel [s]: none is longer than they bear."""
     return min(settings.latency, BORNE) if is_late(settings) else settings.latency

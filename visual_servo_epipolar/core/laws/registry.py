@@ -4,7 +4,8 @@ from contextlib import suppress
 from functools import lru_cache
 import re
 
-from visual_servo_epipolar.core.laws.law import DEPARTURES, Law
+from visual_servo_epipolar.core.estimate.settings import DEPARTURES
+from visual_servo_epipolar.core.laws.law import Law
 from visual_servo_epipolar.core.laws.machine import PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.names import LAW_GROUP, OWN_LAWS
 from visual_servo_epipolar.core.laws.phase import Event, Phase

@@ -8,8 +8,9 @@ one usual period, and go on by the new clock.
 
 import math
 
-from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING, seconds_between
@@ -26,7 +27,7 @@ def time_step(state: ServoState, stamp_ns: int) -> float:
     return min(max(seconds_between(state.measurement.stamp_ns, stamp_ns), 0.0), MAX_STEP_S)
 
 
-def clock_jump(state: ServoState, stamp_ns: int, settings: ServoSettings) -> str:
+def clock_jump(state: ServoState, stamp_ns: int, settings: DriveSettings) -> str:
     """
     Return in words how the stamps leap to ``stamp_ns`` from the last image; empty if they do not.
 
@@ -60,7 +61,7 @@ def after_clock_jump(state: ServoState, stamp_ns: int) -> ServoState:
     )
 
 
-def has_timed_out(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def has_timed_out(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether the run or the phase has lasted too long; waiting may last for ever."""
     if not state.phase.runs:
         return False
@@ -71,7 +72,7 @@ def has_timed_out(state: ServoState, measurement: Measurement, settings: ServoSe
     return run_time > settings.run_timeout or phase_time > timeout
 
 
-def phase_timeout(phase: Phase, settings: ServoSettings) -> float:
+def phase_timeout(phase: Phase, settings: DriveSettings) -> float:
     """
     Return how long a ``phase`` may last [s]: a turn in place that brakes as long as some turns.
 

@@ -11,15 +11,15 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import median
+from visual_servo_epipolar.core.estimate.motion_check import Evidence, MotionCheck
+from visual_servo_epipolar.core.estimate.verdicts import NOISE_OF_PARALLAX
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.prediction import goal_distance
+from visual_servo_epipolar.core.laws.state import Known, ServoState
 from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.motion.check import Evidence, MotionCheck
-from visual_servo_epipolar.core.servo.motion.verdicts import NOISE_OF_PARALLAX
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import Known, ServoState
 
 AHEAD = 0.5  # sine of the bearing up to which the goal is ahead or behind
 KNOWN_PARALLAX = 3.0  # deviations of a parallax of which a metre shows a part

@@ -6,9 +6,9 @@ from itertools import groupby, pairwise
 import math
 from typing import Any
 
+from visual_servo_epipolar.core.estimate.settings import ControlSettings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.settings import ControlSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 BESIDE = (

@@ -10,11 +10,11 @@ from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.machine import interruption
 from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.state import ServoState, ViewState
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.servo.admission import Arrival, disorder, FrozenImageCheck, refusal
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState, ViewState
 from visual_servo_epipolar.core.servo.step import decide, update_map
 from visual_servo_epipolar.core.tracking.features import Features
 

@@ -14,16 +14,10 @@ import math
 from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.laws.decisions import (
-    classify,
-    compensate_curvature,
-    nominal_twist,
-    row_of,
-    switch_phase,
-)
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.phases.conditions import has_turned, is_untrusted
 from visual_servo_epipolar.core.laws.prediction import predicted
+from visual_servo_epipolar.core.laws.state import ServoState, ViewState
 from visual_servo_epipolar.core.laws.timing import (
     after_clock_jump,
     clock_jump,
@@ -44,12 +38,18 @@ from visual_servo_epipolar.core.servo.dead_reckoning import (
     reckon,
     usual_period,
 )
-from visual_servo_epipolar.core.servo.fusion.fuse import fuse, Fusion, with_wrong_matches
-from visual_servo_epipolar.core.servo.identification.identify import identify
+from visual_servo_epipolar.core.servo.decisions import (
+    classify,
+    compensate_curvature,
+    nominal_twist,
+    row_of,
+    switch_phase,
+)
+from visual_servo_epipolar.core.servo.fuse import fuse, Fusion, with_wrong_matches
+from visual_servo_epipolar.core.servo.identify import identify
 from visual_servo_epipolar.core.servo.pulsed_move import pulsed_move
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import settle
-from visual_servo_epipolar.core.servo.state import ServoState, ViewState
 
 LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from visual_servo_epipolar.core.laws.law import DEPARTURES
+from visual_servo_epipolar.core.estimate.settings import DEPARTURES
 from visual_servo_epipolar.core.laws.registry import law_named
 from visual_servo_epipolar.evaluation.benchmarks.starts import (
     ARRIVALS,

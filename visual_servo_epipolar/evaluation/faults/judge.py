@@ -11,6 +11,7 @@ from itertools import pairwise
 import math
 from typing import Any, NamedTuple
 
+from visual_servo_epipolar.core.estimate.map_state import LEAST_CARRIED
 from visual_servo_epipolar.core.geometry.motion import (
     DESIRED_POSE,
     Pose,
@@ -19,7 +20,6 @@ from visual_servo_epipolar.core.geometry.motion import (
     wrap_angle,
 )
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.servo.fusion.map_state import LEAST_CARRIED
 
 
 class TrueMotion(NamedTuple):

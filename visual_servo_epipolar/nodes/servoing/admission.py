@@ -5,9 +5,9 @@ from collections.abc import Callable
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
-from visual_servo_epipolar.core.laws.decisions import too_few_features
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.admission import Arrival
+from visual_servo_epipolar.core.servo.decisions import too_few_features
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts

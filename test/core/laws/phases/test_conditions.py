@@ -7,13 +7,6 @@ import pytest
 from servo_states import BEARINGS, behind, DRIVING, in_phase, ranged, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.laws.decisions import (
-    classify,
-    is_close,
-    is_settled,
-    nominal_twist,
-    switch_phase,
-)
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import has_parallax, is_at_goal
 from visual_servo_epipolar.core.laws.phases.bounds import (
@@ -30,6 +23,13 @@ from visual_servo_epipolar.core.laws.phases.excursion import excursion_limit
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.decisions import (
+    classify,
+    is_close,
+    is_settled,
+    nominal_twist,
+    switch_phase,
+)
 from visual_servo_epipolar.core.servo.step import update
 
 HALF_TURN = math.pi

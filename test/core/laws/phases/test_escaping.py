@@ -9,7 +9,6 @@ from servo_states import behind, in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
-from visual_servo_epipolar.core.laws.decisions import classify, switch_phase
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.bounds import hysteresis
 from visual_servo_epipolar.core.laws.phases.displacing import MOST_RESTARTS
@@ -21,6 +20,7 @@ from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_REMEMBERED,
     look_ahead,
 )
+from visual_servo_epipolar.core.servo.decisions import classify, switch_phase
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load

@@ -6,9 +6,9 @@ import math
 import pytest
 from servo_states import behind, in_phase, SETTINGS, sight
 
-from visual_servo_epipolar.core.laws.decisions import classify
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.zeroing_epipoles import leads_away
+from visual_servo_epipolar.core.servo.decisions import classify
 
 STATE = in_phase(Phase.ZEROING_EPIPOLES, target=math.tan(-0.14), side=1.0)
 

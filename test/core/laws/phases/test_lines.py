@@ -6,7 +6,6 @@ import math
 import pytest
 from servo_states import in_phase, SETTINGS, sight
 
-from visual_servo_epipolar.core.laws.decisions import classify
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.conditions import is_far_enough, KNOWN, ROOM
 from visual_servo_epipolar.core.laws.phases.lines import (
@@ -20,6 +19,7 @@ from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_REMEMBERED,
 )
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.decisions import classify
 
 STATE = in_phase(Phase.RETREATING)
 

@@ -10,7 +10,8 @@ tolerances of the owner make them coarser, less what the measurement may be wron
 import math
 from typing import NamedTuple
 
-from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.timing import usual_step, USUAL_STEP_S
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
@@ -45,17 +46,17 @@ def trial_of(state: ServoState, *, spent: bool = False) -> Trial:
     return Trial(tried, usual_step(state), jitter_s=state.view.jitter)
 
 
-def engage_bound(measurement: Measurement, settings: ServoSettings) -> float:
+def engage_bound(measurement: Measurement, settings: DriveSettings) -> float:
     """Return the largest bearing of e_du [rad] that counts as zero, its noise at least."""
     return max(settings.latch_engage, ENGAGE_DEVIATIONS * _deviation(measurement))
 
 
-def release_bound(measurement: Measurement, settings: ServoSettings) -> float:
+def release_bound(measurement: Measurement, settings: DriveSettings) -> float:
     """Return the bearing of e_du [rad] beyond which it has left zero, and not by noise alone."""
     return max(settings.latch_release, RELEASE_DEVIATIONS * _deviation(measurement))
 
 
-def hysteresis(state: ServoState, settings: ServoSettings) -> float:
+def hysteresis(state: ServoState, settings: DriveSettings) -> float:
     """
     Return the factor by which step 1 is held on to: one for both steps.
 
@@ -67,12 +68,12 @@ def hysteresis(state: ServoState, settings: ServoSettings) -> float:
     return min(2.0**state.run.restarts, MOST_HYSTERESIS)
 
 
-def align_bound(measurement: Measurement, settings: ServoSettings) -> float:
+def align_bound(measurement: Measurement, settings: DriveSettings) -> float:
     """Return the largest bearing of e_au [rad] that counts as zero, its noise at least."""
     return max(settings.align_tolerance, ENGAGE_DEVIATIONS * _deviation(measurement))
 
 
-def facing_bound(measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST) -> float:
+def facing_bound(measurement: Measurement, settings: DriveSettings, trial: Trial = FIRST) -> float:
     """Return the largest heading error [rad] that counts as zero, half of the least turn."""
     tolerance, deviation = settings.arrival_heading, 0.0
     fine = min(tolerance, FACING)
@@ -89,14 +90,14 @@ def facing_bound(measurement: Measurement, settings: ServoSettings, trial: Trial
     return max(bound, least)
 
 
-def ends_by_pulses(measurement: Measurement, settings: ServoSettings) -> bool:
+def ends_by_pulses(measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether turns end in place, by pulses: see ``servo.pulsed_move``."""
     known, pulses = measurement.offset is not None, settings.dead_band_mode == 'pulse'
     return known and pulses and max(settings.dead_band_linear, settings.dead_band_angular) > 0.0
 
 
 def pulse_turn_bound(
-    measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST
+    measurement: Measurement, settings: DriveSettings, trial: Trial = FIRST
 ) -> float:
     """Return the heading error [rad] within which patience is spent: two hops with pulses."""
     usual = facing_bound(measurement, settings, trial._replace(time_in_tolerance=math.inf))
@@ -106,7 +107,7 @@ def pulse_turn_bound(
 
 
 def matched_bound(
-    measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST
+    measurement: Measurement, settings: DriveSettings, trial: Trial = FIRST
 ) -> float:
     """Return the largest |D|, at unit focal length, that counts as zero, its noise at least."""
     least, deviation = settings.arrival_difference, measurement.difference_deviation
@@ -119,19 +120,19 @@ def matched_bound(
     return max(fine if _is_patient(settings, trial) else usual, hop)
 
 
-def is_matched(measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST) -> bool:
+def is_matched(measurement: Measurement, settings: DriveSettings, trial: Trial = FIRST) -> bool:
     """Return whether D counts as zero."""
     return abs(measurement.difference) <= matched_bound(measurement, settings, trial)
 
 
-def _is_patient(settings: ServoSettings, trial: Trial) -> bool:
+def _is_patient(settings: DriveSettings, trial: Trial) -> bool:
     """Return whether the robot still tries for what is finer than usual."""
     pulsed = max(settings.dead_band_linear, settings.dead_band_angular) > 0.0
     most = PULSED_PATIENCE_S if pulsed and not trial.is_brief else PATIENCE_S
     return trial.time_in_tolerance <= most
 
 
-def _hop(threshold: float, settings: ServoSettings, trial: Trial) -> float:
+def _hop(threshold: float, settings: DriveSettings, trial: Trial) -> float:
     """Return half of the least motion of a base with this dead band, all of it if raised to it."""
     frames = 2.0 if settings.dead_band_mode == 'raise' else 0.5
     return frames * trial.frame_s * threshold

@@ -2,10 +2,11 @@
 
 import math
 
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -16,7 +17,7 @@ KNOWN = 0.009  # deviation of its bearing from there [rad]
 LEAST_RATIO = 1e-9  # part of the distance that a law without retreat keeps
 
 
-def is_sideways(measurement: Measurement, settings: ServoSettings) -> bool:
+def is_sideways(measurement: Measurement, settings: DriveSettings) -> bool:
     """
     Return whether a law with retreat backs off before step 1.
 
@@ -27,13 +28,13 @@ def is_sideways(measurement: Measurement, settings: ServoSettings) -> bool:
 
 
 def is_off_course(
-    measurement: Measurement, settings: ServoSettings, *, factor: float = 1.0
+    measurement: Measurement, settings: DriveSettings, *, factor: float = 1.0
 ) -> bool:
     """Return whether step 1, once begun, is given up for a retreat: ``factor`` of hysteresis."""
     return _backs_off(measurement, settings, settings.least_spiral_ratio ** (1.0 + factor))
 
 
-def _backs_off(measurement: Measurement, settings: ServoSettings, least_ratio: float) -> bool:
+def _backs_off(measurement: Measurement, settings: DriveSettings, least_ratio: float) -> bool:
     """Return whether the goal is not ahead, or the spiral ends below ``least_ratio``."""
     bearings, law = measurement.bearings, settings.options
     if not law.retreat or bearings is None:
@@ -45,7 +46,7 @@ def _backs_off(measurement: Measurement, settings: ServoSettings, least_ratio: f
     return displacement(measurement, settings, least_ratio=least_ratio) is None
 
 
-def is_far_enough(measurement: Measurement, settings: ServoSettings) -> bool:
+def is_far_enough(measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether there is room for step 1; who remembers where the goal is needs less."""
     known = measurement.deviation <= KNOWN
     if measurement.offset is not None and measurement.offset[1] <= -ROOM and known:
@@ -59,7 +60,7 @@ def is_behind(bearings: Bearings) -> bool:
 
 
 def displacement(
-    measurement: Measurement, settings: ServoSettings, *, least_ratio: float | None = None
+    measurement: Measurement, settings: DriveSettings, *, least_ratio: float | None = None
 ) -> float | None:
     """
     Return the bearing of e_au [rad] to hold in step 1, as far as the field of view allows.
@@ -87,7 +88,7 @@ def displacement(
     return visible if ends_in_time else None
 
 
-def discordant_bearing(measurement: Measurement, settings: ServoSettings) -> float:
+def discordant_bearing(measurement: Measurement, settings: DriveSettings) -> float:
     """
     Return the bearing of e_au [rad] for DISPLACING, 0 where there is none.
 
@@ -98,12 +99,12 @@ def discordant_bearing(measurement: Measurement, settings: ServoSettings) -> flo
     return displacement(measurement, settings, least_ratio=least_ratio) or 0.0
 
 
-def sees_too_little(measurement: Measurement, settings: ServoSettings) -> bool:
+def sees_too_little(measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether too few features are in view, and no memory of views carries on."""
     return measurement.features < settings.min_features and not measurement.carried
 
 
-def is_untrusted(measurement: Measurement, settings: ServoSettings) -> bool:
+def is_untrusted(measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether the bearings are not trusted, and the goal is not near or D unknown."""
     if measurement.bearings is not None:  # who faces far away sees no feature that D counts
         return False
@@ -117,7 +118,7 @@ def has_turned(state: ServoState, measurement: Measurement) -> bool:
     return abs(turn) > TURNED
 
 
-def begun_step_1(measurement: Measurement, settings: ServoSettings, event: Event) -> Event:
+def begun_step_1(measurement: Measurement, settings: DriveSettings, event: Event) -> Event:
     """Return the ``event`` that begins step 1; where there is no room the robot backs off."""
     room = is_far_enough(measurement, settings) and not is_sideways(measurement, settings)
     return event if room or not settings.options.retreat else Event.SIDEWAYS

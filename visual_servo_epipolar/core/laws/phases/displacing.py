@@ -2,13 +2,15 @@
 
 import math
 
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.braking import braked_turn
-from visual_servo_epipolar.core.laws.machine import PhaseRow, ServoSettings, ServoState
+from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import stopping
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, with_new_leg
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.laws.two_steps.derived_gains import legal_target
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -17,7 +19,7 @@ from visual_servo_epipolar.core.reasons import Reason
 MOST_RESTARTS = 12  # of step 1 in an attempt: it goes to and fro
 
 
-def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def _classify(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
     if measurement.bearings is None:
         return Event.LOST
     alpha = measurement.bearings.alpha
@@ -32,7 +34,7 @@ def _classify(state: ServoState, measurement: Measurement, settings: ServoSettin
     return Event.DISPLACED if abs(off) <= settings.displacement_tolerance else Event.NOTHING
 
 
-def _command(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+def _command(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return the turn in place of e_au to its target (section IV-B, remarks)."""
     if measurement.bearings is None:
         return STANDSTILL
@@ -45,7 +47,7 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
     )
 
 
-def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+def _begin(state: ServoState, measurement: Measurement, settings: DriveSettings) -> ServoState:
     """
     Return ``state`` with a new leg, and the target of e_au.
 
@@ -59,7 +61,7 @@ def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings)
     return state.changed(target=_target(measurement, settings))
 
 
-def _target(measurement: Measurement, settings: ServoSettings) -> float:
+def _target(measurement: Measurement, settings: DriveSettings) -> float:
     """Return the abscissa of e_au for DISPLACING (section IV-B, remarks; or discordant)."""
     bearings = measurement.bearings
     if bearings is None:

@@ -2,7 +2,8 @@
 
 import math
 
-from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.reasons import Reason
 
@@ -15,7 +16,7 @@ LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of 
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 
 
-def excursion_limit(state: ServoState, measurement: Measurement, settings: ServoSettings) -> str:
+def excursion_limit(state: ServoState, measurement: Measurement, settings: DriveSettings) -> str:
     """
     Return in words that the robot is farther from the goal than its run may lead it.
 

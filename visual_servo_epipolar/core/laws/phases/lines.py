@@ -2,7 +2,8 @@
 
 import math
 
-from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_LOOK_AHEAD,
@@ -20,7 +21,7 @@ MOST_ASIDE = 0.5  # offset in look-aheads: more would turn features out of view
 MOST_TURNED = 0.35  # heading error to begin with [rad]
 
 
-def line_look_ahead(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
+def line_look_ahead(state: ServoState, measurement: Measurement, settings: DriveSettings) -> float:
     """
     Return the look-ahead of line following [m]: shorter where the offset is known.
 
@@ -36,13 +37,13 @@ def line_look_ahead(state: ServoState, measurement: Measurement, settings: Servo
 
 
 def _remembered_look_ahead(
-    y: float, settings: ServoSettings, least: float = LEAST_REMEMBERED
+    y: float, settings: DriveSettings, least: float = LEAST_REMEMBERED
 ) -> float:
     """Return the look-ahead [m] where a memory of views has the robot ``y`` ahead of the goal."""
     return look_ahead(max(-y, LEAST_REMEMBERED), settings.look_ahead, least=least)
 
 
-def offset_ratio(distance: float, measurement: Measurement, settings: ServoSettings) -> float:
+def offset_ratio(distance: float, measurement: Measurement, settings: DriveSettings) -> float:
     """
     Return the part of an offset that line following leaves over a ``distance`` to the goal [m].
 
@@ -57,7 +58,7 @@ def offset_ratio(distance: float, measurement: Measurement, settings: ServoSetti
     return math.exp(-equations.LINE_DAMPING * lengths)
 
 
-def leads_home(measurement: Measurement, settings: ServoSettings) -> bool:
+def leads_home(measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether line following from here ends on the goal, as far as the offset is known."""
     if measurement.offset is None or not settings.options.line_following:
         return False

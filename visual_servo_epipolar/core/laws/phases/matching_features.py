@@ -2,6 +2,7 @@
 
 import math
 
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.braking import (
     braked,
@@ -15,7 +16,7 @@ from visual_servo_epipolar.core.laws.braking import (
     unfelt_latency,
 )
 from visual_servo_epipolar.core.laws.law import matching_control
-from visual_servo_epipolar.core.laws.machine import PhaseRow, ServoSettings, ServoState
+from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import (
     faces_goal,
@@ -28,6 +29,7 @@ from visual_servo_epipolar.core.laws.phases.bounds import FACING, is_matched, tr
 from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted
 from visual_servo_epipolar.core.laws.phases.lines import lateral_offset, line_look_ahead
 from visual_servo_epipolar.core.laws.prediction import felt_latency
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.laws.two_steps.derived_gains import gains_in_use, with_gains_of_now
 from visual_servo_epipolar.core.laws.two_steps.gains import CRITICAL_GAIN_DELAY
@@ -38,7 +40,7 @@ YAW_FOR_NEW_ATTEMPT = math.radians(0.5)  # that the camera is learnt to differ b
 LEAST_DELAY = 1e-3  # of a loop [s]
 
 
-def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def _classify(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
     if is_untrusted(measurement, settings):
         return Event.LOST
     if state.settling.settled < _looks(state, measurement, settings) * settings.arrival_frames:
@@ -58,14 +60,14 @@ def _classify(state: ServoState, measurement: Measurement, settings: ServoSettin
     return missed if settings.arrival_heading > FACING else Event.MATCHED
 
 
-def _looks(state: ServoState, measurement: Measurement, settings: ServoSettings) -> int:
+def _looks(state: ServoState, measurement: Measurement, settings: DriveSettings) -> int:
     """Return how many times the usual frames decide whether this is the goal."""
     if not is_in_doubt(measurement, settings) or stands_aside(state, measurement, settings):
         return 1
     return DOUBTFUL_LOOKS
 
 
-def _command(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+def _command(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return eqs. (21)-(22), or their u_1 with line following instead of u_2 = 0."""
     control, difference = matching_control(settings.options), measurement.difference
     if _brakes(state, settings):
@@ -93,7 +95,7 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
 
 
 def _converging_speed(
-    state: ServoState, measurement: Measurement, settings: ServoSettings
+    state: ServoState, measurement: Measurement, settings: DriveSettings
 ) -> float:
     """Return the speed at which line following ends on the axis, as a memory knows it [m/s]."""
     if measurement.offset is None or not _brakes(state, settings):
@@ -108,14 +110,14 @@ def _converging_speed(
 
 
 def _look_ahead(
-    speed: float, state: ServoState, measurement: Measurement, settings: ServoSettings
+    speed: float, state: ServoState, measurement: Measurement, settings: DriveSettings
 ) -> float:
     """Return the look-ahead of line following [m], in time no less than a loop can follow."""
     length = line_look_ahead(state, measurement, settings)
     return max(length, STEERING_S * speed) if _brakes(state, settings) else length
 
 
-def _matching_gain(difference: float, state: ServoState, settings: ServoSettings) -> float:
+def _matching_gain(difference: float, state: ServoState, settings: DriveSettings) -> float:
     """Return k_t of (21) [m/s]: given, derived, or a rate over the slope of D once it is known."""
     derived = gains_in_use(state, settings)
     k_t = settings.k_t if derived is None else derived.k_t
@@ -134,14 +136,14 @@ def _matching_gain(difference: float, state: ServoState, settings: ServoSettings
     return rate / state.motion.slope.value
 
 
-def _brakes(state: ServoState, settings: ServoSettings) -> bool:
+def _brakes(state: ServoState, settings: DriveSettings) -> bool:
     """Return whether step 2 ends at a constant deceleration: its way is known, gains are given."""
     law = settings.options
     known = law.slope_gain and state.motion.slope.value > 0.0
     return known and law.speed_ramps and not settings.derives
 
 
-def _braked_rate(rate: float, way: float, state: ServoState, settings: ServoSettings) -> float:
+def _braked_rate(rate: float, way: float, state: ServoState, settings: DriveSettings) -> float:
     """Return the speed over the ``way`` left [1/s] that brakes in time, near its end that rate."""
     if way == 0.0:
         return rate
@@ -149,22 +151,22 @@ def _braked_rate(rate: float, way: float, state: ServoState, settings: ServoSett
     return braked(way, state, gain=rate, deceleration=deceleration, dead_band=band) / way
 
 
-def _damped_rate(state: ServoState, settings: ServoSettings) -> float:
+def _damped_rate(state: ServoState, settings: DriveSettings) -> float:
     """Return the rate [1/s] that is critically damped under the delay of the loop."""
     delay = felt_latency(settings) + (state.view.period if state.view.period > 0.0 else 0.0)
     return CRITICAL_GAIN_DELAY / max(delay, LEAST_DELAY)
 
 
-def _is_settled(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def _is_settled(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
     matched = is_matched(measurement, settings, trial_of(state))
     return matched or is_near_enough(state, measurement, settings)
 
 
-def _is_close(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def _is_close(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
     return is_matched(measurement, settings, trial_of(state, spent=True))
 
 
-def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+def _begin(state: ServoState, measurement: Measurement, settings: DriveSettings) -> ServoState:
     """Return ``state`` with its derived gains, if any; ValueError if none is legal."""
     return with_gains_of_now(state, measurement, settings) if settings.derives else state
 

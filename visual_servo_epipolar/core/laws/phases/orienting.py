@@ -1,16 +1,18 @@
 """Orienting: the turn in place to the heading of the photograph."""
 
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.braking import settled_turn
-from visual_servo_epipolar.core.laws.machine import PhaseRow, ServoSettings, ServoState
+from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_at_goal
 from visual_servo_epipolar.core.laws.phases.bounds import pulse_turn_bound, trial_of
 from visual_servo_epipolar.core.laws.phases.conditions import begun_step_1, is_sideways
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 
-def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def _classify(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
     if state.settling.settled < settings.align_frames:
         return Event.NOTHING
     if is_at_goal(state, measurement, settings):
@@ -23,12 +25,12 @@ def _classify(state: ServoState, measurement: Measurement, settings: ServoSettin
     return Event.ALIGNED
 
 
-def _command(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+def _command(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return the turn in place to the goal's heading."""
     return Twist(0.0, settled_turn(-measurement.heading_error, state, settings))
 
 
-def _is_close(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def _is_close(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
     bound = pulse_turn_bound(measurement, settings, trial_of(state))
     return abs(measurement.heading_error) <= bound
 

@@ -8,11 +8,12 @@ leg along the baseline tells nothing. Once one geometry is left it stands, and s
 import math
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.braking import settled_turn
-from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.phases.conditions import is_far_enough
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.rivals import Rivals
 
@@ -21,7 +22,7 @@ SWING, SWUNG = 0.3, 0.03  # of the second leg to one side, the third to the othe
 MOST_PROBES = 3  # in an attempt
 
 
-def begun_probe(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def begun_probe(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
     """Return the event that begins a probe where ``measurement`` has rivals: LOST if none may."""
     if not settings.remembers or state.run.restarts >= MOST_PROBES:
         return Event.LOST
@@ -35,7 +36,7 @@ def is_probing(state: ServoState) -> bool:
     return state.phase.drives and state.run.event in (Event.AMBIGUOUS, Event.AMBIGUOUS_NEAR)
 
 
-def classify_probe(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def classify_probe(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
     """Return the event of a probe: whether one geometry is left, or it ends without."""
     if not measurement.rivals:
         return Event.LOST if measurement.bearings is None else Event.RESOLVED
@@ -46,7 +47,7 @@ def classify_probe(state: ServoState, measurement: Measurement, settings: ServoS
     return Event.LOST if spent else Event.NOTHING
 
 
-def probe(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+def probe(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return the velocity of a probe: straight on, or the turn to the next leg."""
     angle = _turn_left(state, measurement)
     if turns_in_place(settings.drive) and abs(angle) > SWUNG:
@@ -74,7 +75,7 @@ def _turn_left(state: ServoState, measurement: Measurement) -> float:
     return min(max(swing - turned, -right), left)
 
 
-def _leads_ahead(measurement: Measurement, settings: ServoSettings) -> bool:
+def _leads_ahead(measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether the goal is ahead by both geometries, and not near."""
     ahead = max(abs(each.alpha) for each in measurement.rivals) <= settings.sideways_bearing
     return ahead and is_far_enough(measurement, settings)

@@ -1,8 +1,9 @@
 """Retreating: the robot backs off at the heading of the goal, to come in from behind."""
 
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.braking import settled_turn
-from visual_servo_epipolar.core.laws.machine import PhaseRow, ServoSettings, ServoState
+from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.conditions import (
     is_far_enough,
@@ -10,10 +11,11 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     is_untrusted,
 )
 from visual_servo_epipolar.core.laws.phases.lines import leads_home
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 
-def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def _classify(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
     if is_untrusted(measurement, settings):
         return Event.LOST
     if not has_run_up(state, measurement, settings):
@@ -26,7 +28,7 @@ def _classify(state: ServoState, measurement: Measurement, settings: ServoSettin
     return Event.APART if within and not is_sideways(measurement, settings) else Event.NOTHING
 
 
-def has_run_up(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def has_run_up(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
     """
     Return whether a retreat after a miss has led as far as that asks for.
 
@@ -37,7 +39,7 @@ def has_run_up(state: ServoState, measurement: Measurement, settings: ServoSetti
     return misses < 2 or measurement.difference <= -misses * settings.retreat_difference
 
 
-def _command(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+def _command(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return the turn to the goal's heading as far as the view allows, then with backing off."""
     if settings.max_retreat == 0.0:
         return STANDSTILL

@@ -2,12 +2,14 @@
 
 import math
 
-from visual_servo_epipolar.core.laws.machine import PhaseRow, ServoSettings, ServoState
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
+from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import is_at_goal
 from visual_servo_epipolar.core.laws.phases.bounds import align_bound, engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import has_turned, is_sideways, is_untrusted
 from visual_servo_epipolar.core.laws.phases.probing import begun_probe
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 # In a row that must be trusted before the robot moves again; where it is said to have turned
@@ -15,7 +17,7 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 RESUMING_FRAMES, TURNED_FRAMES = 3, 15
 
 
-def survey(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def survey(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
     """Return the event that begins a run, or resumes it after the tracks came back."""
     if measurement.bearings is None and not math.isfinite(measurement.difference):
         return Event.LOST
@@ -33,7 +35,7 @@ def survey(state: ServoState, measurement: Measurement, settings: ServoSettings)
     return Event.APART
 
 
-def _resume(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def _resume(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
     """Return the event of a survey, after enough images in a row that can be trusted."""
     # Where images are false, a single one may look right.
     if state.settling.settled < (

@@ -2,11 +2,12 @@
 
 import math
 
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.braking import braked_turn
 from visual_servo_epipolar.core.laws.law import epipole_controls
-from visual_servo_epipolar.core.laws.machine import PhaseRow, ServoSettings, ServoState
+from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.bounds import (
     align_bound,
@@ -20,6 +21,7 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     with_new_leg,
 )
 from visual_servo_epipolar.core.laws.phases.lines import leads_home, offset_ratio
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.laws.two_steps.derived_gains import gains_in_use, with_gains_of_now
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
@@ -31,7 +33,7 @@ RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
 LARGEST_ESCAPE = 0.1  # [rad]
 
 
-def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def _classify(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
     if measurement.bearings is None:
         return Event.NO_BASELINE if measurement.parallax <= settings.near_parallax else Event.LOST
     chi = measurement.bearings.chi
@@ -51,7 +53,7 @@ def _classify(state: ServoState, measurement: Measurement, settings: ServoSettin
     return Event.ALIGNED if state.settling.settled >= settings.align_frames else Event.NOTHING
 
 
-def _goes_on(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def _goes_on(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether step 1 leads home as it is, though the yaw of the camera is another."""
     if not settings.options.line_following or measurement.bearings is None:
         return False
@@ -62,7 +64,7 @@ def _goes_on(state: ServoState, measurement: Measurement, settings: ServoSetting
     return abs(state.law.target) >= least_tangent and not is_off_course(measurement, settings)
 
 
-def escape_bound(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
+def escape_bound(state: ServoState, measurement: Measurement, settings: DriveSettings) -> float:
     """
     Return the bearing of e_du [rad] beyond which step 1 has to begin anew.
 
@@ -82,7 +84,7 @@ def escape_bound(state: ServoState, measurement: Measurement, settings: ServoSet
     return max(bound, min(most / distance, LARGEST_ESCAPE))
 
 
-def leads_away(measurement: Measurement, settings: ServoSettings, *, factor: float = 1.0) -> bool:
+def leads_away(measurement: Measurement, settings: DriveSettings, *, factor: float = 1.0) -> bool:
     """
     Return whether both epipoles are on one side, from where step 1 drives away from the goal.
 
@@ -96,7 +98,7 @@ def leads_away(measurement: Measurement, settings: ServoSettings, *, factor: flo
     return known and bearings.alpha * bearings.chi > 0.0
 
 
-def _command(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+def _command(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return eqs. (16)-(17), braked before contact if the law says so."""
     bearings, law = measurement.bearings, settings.options
     if bearings is None:
@@ -118,14 +120,14 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
     return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
 
 
-def _turns_back(state: ServoState, settings: ServoSettings) -> bool:
+def _turns_back(state: ServoState, settings: DriveSettings) -> bool:
     """Return whether a turn in place that brakes zeroes e_au, not the controls of the law."""
     own = settings.options.epipole_controls is None and gains_in_use(state, settings) is None
     return own and settings.options.speed_ramps
 
 
 def _auxiliary_controls(
-    bearings: Bearings, state: ServoState, measurement: Measurement, settings: ServoSettings
+    bearings: Bearings, state: ServoState, measurement: Measurement, settings: DriveSettings
 ) -> tuple[float, float]:
     """Return (nu_1, nu_2) of the law; a discordant turn holds e_au until e_du is latched."""
     law = settings.options
@@ -136,7 +138,7 @@ def _auxiliary_controls(
     return controls(bearings.epipole_current, bearings.epipole_desired, **gains)
 
 
-def _first_gains(state: ServoState, settings: ServoSettings) -> dict[str, float]:
+def _first_gains(state: ServoState, settings: DriveSettings) -> dict[str, float]:
     """Return k1, k2 and the exponent of (12), given or derived; a held e_au has the turn gain."""
     derived, holds = gains_in_use(state, settings), settings.options.discordant_turn
     k1 = settings.turn_gain if holds else settings.k1
@@ -157,14 +159,14 @@ def _held_epipole(state: ServoState, measurement: Measurement) -> float:
     return math.tan(min(max(math.atan(state.law.target), alpha - right), alpha + left))
 
 
-def _sigma(bearings: Bearings, settings: ServoSettings) -> float:
+def _sigma(bearings: Bearings, settings: DriveSettings) -> float:
     """Return sign cos(psi - theta), or the sign that the paper prints."""
     if settings.options.true_sigma:
         return bearings.sigma
     return equations.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
 
 
-def _is_settled(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def _is_settled(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether both epipoles are zero, or so small that step 2 leads home from here."""
     if not state.law.latched or measurement.bearings is None:
         return False
@@ -173,13 +175,13 @@ def _is_settled(state: ServoState, measurement: Measurement, settings: ServoSett
     return abs(measurement.bearings.alpha) <= align_bound(measurement, settings)
 
 
-def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+def _begin(state: ServoState, measurement: Measurement, settings: DriveSettings) -> ServoState:
     """Return ``state`` with a new leg, and its derived gains; ValueError if none is legal."""
     state = with_new_leg(state, measurement)
     return with_gains_of_now(state, measurement, settings) if settings.derives else state
 
 
-def _observe(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+def _observe(state: ServoState, measurement: Measurement, settings: DriveSettings) -> ServoState:
     """Latch e_du at zero, once it is small or of the other sign, until a new phase."""
     if state.law.latched or measurement.bearings is None:
         return state

@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist, wrap_angle
 from visual_servo_epipolar.core.laws.braking import (
     BRAKING,
@@ -18,7 +19,6 @@ from visual_servo_epipolar.core.laws.braking import (
     TAIL_S,
     unfelt_latency,
 )
-from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
 from visual_servo_epipolar.core.laws.phases.lines import LAST_TURN
 from visual_servo_epipolar.core.laws.smooth.all_round import (
     driving_share,
@@ -42,6 +42,7 @@ from visual_servo_epipolar.core.laws.smooth.wide_view import (
     IN_PLACE,
     RESERVE,
 )
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
@@ -64,7 +65,7 @@ class Sight(NamedTuple):
     heading: float
 
 
-def approach(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+def approach(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return the velocity of one motion to the goal."""
     sight = seen_from(state, measurement, settings)
     if sight is None:
@@ -111,7 +112,7 @@ def _aimed_pose(sight: Sight, look_ahead: float, around: bool) -> PolarPose:
     return on_nearer_side(polar_pose(*sight, ahead=line_share(sight.x, sight.y) * ahead))
 
 
-def _around(pose: PolarPose, speed: float, turn: float, settings: ServoSettings) -> Twist:
+def _around(pose: PolarPose, speed: float, turn: float, settings: DriveSettings) -> Twist:
     """Return the velocity of who goes around the goal: far off its aim it turns in place first."""
     if not turns_in_place(settings.drive):
         return Twist(speed, turn)
@@ -121,7 +122,7 @@ def _around(pose: PolarPose, speed: float, turn: float, settings: ServoSettings)
 
 
 def _around_in_view(
-    pose: PolarPose, speed: float, measurement: Measurement, settings: ServoSettings
+    pose: PolarPose, speed: float, measurement: Measurement, settings: DriveSettings
 ) -> Twist:
     """Return the velocity around the goal of a wide view: far off its aim it turns in place."""
     low, high = heading_window(measurement, RESERVE)
@@ -159,7 +160,7 @@ def way_left(measurement: Measurement, state: ServoState) -> float:
 
 
 def seen_from(
-    state: ServoState, measurement: Measurement, settings: ServoSettings
+    state: ServoState, measurement: Measurement, settings: DriveSettings
 ) -> Sight | None:
     """Return where the robot will be when it obeys, by memory or by bearings; None of neither."""
     if measurement.offset is not None:
@@ -194,7 +195,7 @@ def believed_distance(state: ServoState) -> float:
     return min(state.motion.distance, UNKNOWN_RANGE)
 
 
-def back_off(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+def back_off(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """
     Return the velocity backward, on an arc: onto the axis behind the goal, or to a turn ahead.
 
@@ -233,18 +234,18 @@ def back_off(state: ServoState, measurement: Measurement, settings: ServoSetting
     return Twist(-speed, _within_view(turn, measurement, settings))
 
 
-def _steerable(kappa: float, settings: ServoSettings) -> float:
+def _steerable(kappa: float, settings: DriveSettings) -> float:
     """Return the speed at which the turn of this curvature is within limits [m/s]."""
     return settings.max_angular / abs(kappa) if kappa else math.inf
 
 
-def _certain(measurement: Measurement, settings: ServoSettings) -> float:
+def _certain(measurement: Measurement, settings: DriveSettings) -> float:
     """Return the speed by how well the line is known [m/s]."""
     deviation = 0.0 if math.isnan(measurement.deviation) else measurement.deviation
     return settings.max_linear / (1.0 + (deviation / UNCERTAIN) ** 2)
 
 
-def _least_left(measurement: Measurement, settings: ServoSettings) -> float:
+def _least_left(measurement: Measurement, settings: DriveSettings) -> float:
     """Return the way that is left at least [m], where D says that the goal is ahead and far."""
     bearings = measurement.bearings
     if measurement.offset is not None or bearings is None or math.cos(bearings.current) < AHEAD:
@@ -258,7 +259,7 @@ def _least(measurement: Measurement) -> float:
     return LEAST_ASIDE if bearings is not None and abs(bearings.chi) > ON_AXIS else 0.0
 
 
-def _within_view(turn: float, measurement: Measurement, settings: ServoSettings) -> float:
+def _within_view(turn: float, measurement: Measurement, settings: DriveSettings) -> float:
     """
     Return a turn that features stay in view of [rad/s]: the barrier.
 
@@ -278,7 +279,7 @@ def _within_view(turn: float, measurement: Measurement, settings: ServoSettings)
     return min(max(turn, -right), left)
 
 
-def _within_present(turn: float, measurement: Measurement, settings: ServoSettings) -> float:
+def _within_present(turn: float, measurement: Measurement, settings: DriveSettings) -> float:
     """Return a turn that a head follows before features leave its view as it is [rad/s]."""
     left, right = (
         settings.carrier.turn_rate

@@ -12,9 +12,10 @@ import math
 
 import numpy as np
 
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.braking import BRAKING, rate_within
-from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState, StateMachine
+from visual_servo_epipolar.core.laws.machine import StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_near_enough
 from visual_servo_epipolar.core.laws.phases.bounds import FACING
@@ -38,6 +39,7 @@ from visual_servo_epipolar.core.laws.smooth.phases import (
     retreating,
 )
 from visual_servo_epipolar.core.laws.smooth.wide_view import RESERVE
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.timing import usual_step
 from visual_servo_epipolar.core.laws.two_steps.laws import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -51,7 +53,7 @@ WIDEST = 1.2  # turn that a way takes at most, whatever is in view [rad]
 LEAST_BACKING = 0.05  # speed of the last of a way back [m/s]
 
 
-def _approaching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def _approaching(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
     event = APPROACHING.classify(state, measurement, settings)
     if event in (Event.MATCHED, Event.TURNED):
         faces = abs(measurement.heading_error) <= FACES
@@ -68,7 +70,7 @@ def _approaching(state: ServoState, measurement: Measurement, settings: ServoSet
     return missed(state, settings) if gone else Event.NOTHING
 
 
-def _approach(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+def _approach(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """
     Return the velocity of one motion, which ends on an arc to the goal's heading.
 
@@ -88,7 +90,7 @@ def _approach(state: ServoState, measurement: Measurement, settings: ServoSettin
     return replace(twist, angular=min(max(last, -most), most) * twist.linear)
 
 
-def _retreating(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def _retreating(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
     backing = state.law.backing
     if measurement.offset is None or backing is None:
         return retreating(state, measurement, settings)
@@ -97,7 +99,7 @@ def _retreating(state: ServoState, measurement: Measurement, settings: ServoSett
     return Event.APART if backing.way == 0.0 else Event.NOTHING
 
 
-def _retreat(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+def _retreat(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return the velocity on the arc backward; by two views alone, as on any base."""
     backing = state.law.backing
     if backing is None or math.isinf(backing.way) or settings.max_retreat == 0.0:
@@ -110,7 +112,7 @@ def _retreat(state: ServoState, measurement: Measurement, settings: ServoSetting
 
 
 def _with_way_back(
-    state: ServoState, measurement: Measurement, settings: ServoSettings
+    state: ServoState, measurement: Measurement, settings: DriveSettings
 ) -> ServoState:
     """Return ``state`` with the arc to back off on from where the robot is."""
     sight = _sight(state, measurement, settings)
@@ -121,21 +123,21 @@ def _with_way_back(
     return state.changed(backing=backing)
 
 
-def _sight(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Sight | None:
+def _sight(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Sight | None:
     """Return where the robot will be when it obeys, by a memory of views; None without one."""
     if measurement.offset is None:
         return None
     return seen_from(state, measurement, settings)
 
 
-def _misses(sight: Sight, measurement: Measurement, settings: ServoSettings) -> float:
+def _misses(sight: Sight, measurement: Measurement, settings: DriveSettings) -> float:
     """Return by how much the motion from here misses the goal: 1 is what it may."""
     place = GoalOffset(*(np.array([value]) for value in sight))
     bounds = _bounds(measurement, settings, 1.0)
     return float(misses(place, sight.heading, bounds)[0])
 
 
-def _bounds(measurement: Measurement, settings: ServoSettings, part: float) -> Bounds:
+def _bounds(measurement: Measurement, settings: DriveSettings, part: float) -> Bounds:
     left, right = (min(max(margin - RESERVE, 0.0), WIDEST) for margin in measurement.view_margins)
     return Bounds(part * settings.drive.max_curvature, left, right)
 
@@ -144,7 +146,7 @@ def _present_curvature(state: ServoState) -> float:
     return state.twist.angular / state.twist.linear if state.twist.linear else 0.0
 
 
-def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def _ends(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether the motion leads no farther: the heading cannot be turned there."""
     if measurement.offset is None:
         return False

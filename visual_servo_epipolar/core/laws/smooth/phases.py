@@ -8,16 +8,11 @@ the paper's second step: a memory of views is what carries one motion through to
 from dataclasses import replace
 import math
 
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.braking import TAIL_S
-from visual_servo_epipolar.core.laws.machine import (
-    Classifier,
-    PhaseRow,
-    ServoSettings,
-    ServoState,
-    StateMachine,
-)
+from visual_servo_epipolar.core.laws.machine import Classifier, PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import has_parallax, is_near_enough
 from visual_servo_epipolar.core.laws.phases.bounds import (
@@ -47,6 +42,7 @@ from visual_servo_epipolar.core.laws.smooth.wide_view import (
     leads_around,
     LEAST_SHARE,
 )
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.two_steps.laws import transitions_by
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
@@ -57,7 +53,7 @@ LINED_UP = 0.2  # bearings up to which D is that of the way ahead [rad]
 BESIDE, HYSTERESIS = 0.05, 0.35  # beyond it, where a robot backs off: at first, on its way [rad]
 
 
-def approaching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def approaching(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
     """Return the event of one motion: lost, beside, missed, or at its end."""
     if is_untrusted(measurement, settings):
         return Event.LOST
@@ -92,7 +88,7 @@ def _is_lined_up(measurement: Measurement, bearings: Bearings) -> bool:
 
 def _lies_beside(
     measurement: Measurement,
-    settings: ServoSettings,
+    settings: DriveSettings,
     *,
     beyond: float = HYSTERESIS,
     least: float = KEPT_SHARE,
@@ -111,14 +107,14 @@ def _lies_beside(
     return not is_behind(bearings) or abs(bearings.chi) > settings.sideways_bearing + beyond
 
 
-def missed(state: ServoState, settings: ServoSettings) -> Event:
+def missed(state: ServoState, settings: DriveSettings) -> Event:
     """Return the event of a miss: a new attempt backs off first, as far as that is allowed."""
     repeats = settings.options.new_attempts and settings.options.retreat
     again = repeats and state.run.attempts < settings.max_attempts
     return Event.MISSED if again else Event.EXHAUSTED
 
 
-def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def _ends(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
     """
     Return whether the motion ends here, along the axis and in heading; a memory knows both.
 
@@ -136,7 +132,7 @@ def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) 
     return through or is_near_enough(state, measurement, settings)
 
 
-def _decay(state: ServoState, settings: ServoSettings, trial: Trial) -> float:
+def _decay(state: ServoState, settings: DriveSettings, trial: Trial) -> float:
     """
     Return the share of what is left now that is left when the last frame has settled.
 
@@ -150,7 +146,7 @@ def _decay(state: ServoState, settings: ServoSettings, trial: Trial) -> float:
     return math.exp(-frames * trial.frame_s / TAIL_S)
 
 
-def _heading_bound(measurement: Measurement, settings: ServoSettings, trial: Trial) -> float:
+def _heading_bound(measurement: Measurement, settings: DriveSettings, trial: Trial) -> float:
     """Return the largest heading error [rad] that counts as zero: that which is not known."""
     known = min(measurement.heading_deviation, FACING, settings.arrival_heading)
     return max(facing_bound(measurement, settings, trial), known)
@@ -159,7 +155,7 @@ def _heading_bound(measurement: Measurement, settings: ServoSettings, trial: Tri
 def is_through(
     state: ServoState,
     measurement: Measurement,
-    settings: ServoSettings,
+    settings: DriveSettings,
     trial: Trial,
     *,
     rest: float = 1.0,
@@ -179,13 +175,13 @@ def motion_trial(state: ServoState) -> Trial:
     return trial_of(state)._replace(is_brief=True)
 
 
-def is_close(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def is_close(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether the motion leads no farther, within the usual bounds."""
     known = measurement.offset is not None
     return known and is_through(state, measurement, settings, trial_of(state, spent=True))
 
 
-def retreating(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def retreating(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
     """Return the event of backing off: whether the goal lies ahead by now."""
     if is_untrusted(measurement, settings):
         return Event.LOST
@@ -199,14 +195,14 @@ def retreating(state: ServoState, measurement: Measurement, settings: ServoSetti
     )
 
 
-def _retreat(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+def _retreat(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
     return STANDSTILL if settings.max_retreat == 0.0 else back_off(state, measurement, settings)
 
 
 def surveyed(row: PhaseRow) -> PhaseRow:
     """Return the row of a robot that stands: one motion begins wherever the goal is known."""
 
-    def classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    def classify(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
         event = row.classify(state, measurement, settings)
         if event is Event.SIDEWAYS and not _lies_beside(
             measurement, settings, beyond=BESIDE, least=LEAST_SHARE

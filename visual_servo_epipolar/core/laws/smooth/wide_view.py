@@ -12,7 +12,7 @@ off, by the same law driven backward, for which the goal's other side is ahead.
 import math
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
-from visual_servo_epipolar.core.laws.machine import ServoSettings
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.smooth.steering import aim, GAINS, PolarPose
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
@@ -61,7 +61,7 @@ def share_left(phi: float, window: tuple[float, float]) -> float:
 def leads_around(
     pose: PolarPose,
     measurement: Measurement,
-    settings: ServoSettings,
+    settings: DriveSettings,
     *,
     least: float = LEAST_SHARE,
 ) -> bool:
@@ -78,7 +78,7 @@ def leads_around(
 def goes_around_in_view(
     pose: PolarPose,
     measurement: Measurement,
-    settings: ServoSettings,
+    settings: DriveSettings,
     *,
     least: float = KEPT_SHARE,
     aside: float = ASIDE,

@@ -8,11 +8,12 @@ a phase may last are a warning.
 
 import math
 
-from visual_servo_epipolar.core.laws.machine import ServoSettings, ServoState
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, displacement
 from visual_servo_epipolar.core.laws.prediction import felt_latency
+from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.two_steps.gains import Circumstances, derive, Gains
 from visual_servo_epipolar.core.laws.two_steps.settling_times import (
     longest_convergence,
@@ -24,13 +25,13 @@ NEARLY_ZERO = 2.0  # bearing of an e_du that counts as zero, in landings
 USUAL_RATE = 11.0  # before two images have come [Hz]
 
 
-def gains_in_use(state: ServoState, settings: ServoSettings) -> Gains | None:
+def gains_in_use(state: ServoState, settings: DriveSettings) -> Gains | None:
     """Return the gains derived for this step, unless those given are to hold by now."""
     return state.law.gains if settings.derives else None
 
 
 def with_gains_of_now(
-    state: ServoState, measurement: Measurement, settings: ServoSettings
+    state: ServoState, measurement: Measurement, settings: DriveSettings
 ) -> ServoState:
     """
     Return ``state`` with gains for its step, 1 or 2, derived from the estimates of this moment.
@@ -51,7 +52,7 @@ def with_gains_of_now(
     return state.changed(gains=gains, warning=slow_gains(duration, settings))
 
 
-def slow_gains(duration: float, settings: ServoSettings) -> str:
+def slow_gains(duration: float, settings: DriveSettings) -> str:
     """Return the warning that derived gains need longer than a phase may last; empty if not."""
     if duration <= settings.phase_timeout:
         return ''
@@ -69,7 +70,7 @@ def enough(duration: float) -> float:
 
 
 def circumstances(
-    state: ServoState, measurement: Measurement, settings: ServoSettings, *, alpha: float
+    state: ServoState, measurement: Measurement, settings: DriveSettings, *, alpha: float
 ) -> Circumstances:
     """
     Return the circumstances of a step that begins with e_au at the bearing ``alpha`` [rad].
@@ -100,14 +101,14 @@ def circumstances(
     )
 
 
-def _has_converged(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def _has_converged(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether e_du counts as zero when the step begins."""
     if state.phase is Phase.MATCHING_FEATURES or measurement.bearings is None:
         return True
     return abs(measurement.bearings.chi) <= engage_bound(measurement, settings)
 
 
-def legal_target(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
+def legal_target(state: ServoState, measurement: Measurement, settings: DriveSettings) -> float:
     """
     Return the abscissa of e_au, at unit focal length, for DISPLACING: one that has legal gains.
 
@@ -130,7 +131,7 @@ def legal_target(state: ServoState, measurement: Measurement, settings: ServoSet
     raise ValueError(reason)
 
 
-def _displacements(alpha: float, measurement: Measurement, settings: ServoSettings) -> list[float]:
+def _displacements(alpha: float, measurement: Measurement, settings: DriveSettings) -> list[float]:
     """Return the bearings of e_au [rad] to try: ``alpha`` first, if the law may keep it."""
     if settings.options.discordant_turn:
         return [discordant_bearing(measurement, settings)]
@@ -140,7 +141,7 @@ def _displacements(alpha: float, measurement: Measurement, settings: ServoSettin
 
 
 def _worst_circumstances(
-    alpha: float, state: ServoState, measurement: Measurement, settings: ServoSettings
+    alpha: float, state: ServoState, measurement: Measurement, settings: DriveSettings
 ) -> Circumstances:
     """Return the circumstances at the worst bearing that is within tolerance of ``alpha``."""
     tolerance = settings.displacement_tolerance

@@ -1,6 +1,7 @@
 """Two steps: the laws of the paper, which zero the epipoles, then match the features."""
 
-from visual_servo_epipolar.core.laws.law import DEPARTURES, Law
+from visual_servo_epipolar.core.estimate.settings import DEPARTURES
+from visual_servo_epipolar.core.laws.law import Law
 from visual_servo_epipolar.core.laws.machine import StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.displacing import DISPLACING

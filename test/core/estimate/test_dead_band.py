@@ -1,0 +1,343 @@
+"""Dead bands: learnt where the base stood, by nobody who moves, and never past what is slow."""
+
+from dataclasses import replace
+import math
+
+import pytest
+from servo_states import in_phase, MEMORY, reading, SETTINGS, sight, then
+
+from visual_servo_epipolar.core.estimate.curvature import Curvature
+from visual_servo_epipolar.core.estimate.dead_band import (
+    DeadBand,
+    LEAST_ASKED,
+    MARGIN,
+    MOST_HOP,
+    Threshold,
+)
+from visual_servo_epipolar.core.estimate.physical import largest_dead_band
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.step import _beyond_dead_band, update
+
+DT = 0.1
+
+
+def after(
+    velocity: float, moved: float, *, seconds: float = 4.0, most: float = 0.1, deviation=1e-3
+) -> Threshold:
+    """Return the threshold of a base that makes of a command the part ``moved``."""
+    threshold, position = Threshold(), 1.0
+    for _ in range(round(seconds / DT)):
+        position += moved * velocity * DT
+        threshold = threshold.updated(position, deviation, velocity, DT, most=most)
+    return threshold
+
+
+@pytest.mark.parametrize('velocity', [0.01, -0.01])
+def test_who_stands_below_a_command_needs_more(velocity) -> None:
+    assert after(velocity, 0.0, seconds=2.6).value == pytest.approx(LEAST_ASKED / DT)
+    assert after(4.0 * velocity, 0.0, seconds=2.6).value == pytest.approx(MARGIN * 0.04)
+
+
+@pytest.mark.parametrize('sides', [(1.0,), (1.0, -1.0)], ids=['one side', 'both sides'])
+def test_while_nothing_moves_the_steps_grow_fast(sides: tuple[float, ...]) -> None:
+    """A creeping command is not followed, nor are pulses to either side, one each 0.6 s."""
+    threshold, creeping = Threshold(), 0.002
+    for frame in range(60):
+        velocity = creeping
+        if threshold.value:
+            pulse = sides[frame // 6 % len(sides)] * threshold.value
+            velocity = 0.0 if frame % 6 else pulse
+        threshold = threshold.updated(0.0, 3e-4, velocity, DT, most=0.1)
+    assert threshold.value > 0.09
+
+
+def test_a_pulse_is_not_judged_before_it_acts() -> None:
+    threshold, position = Threshold(0.05), 0.0
+    for frame in range(60):
+        velocity = 0.0 if frame % 6 else 0.05
+        if frame % 6 == 4:
+            position += 0.2 * 0.05 * DT  # late, and most of it spent on speeding up
+        threshold = threshold.updated(position, 3e-4, velocity, DT, most=0.1)
+    assert threshold.value == 0.05
+
+
+@pytest.mark.parametrize('moved', [0.6, 0.8, 1.0, 1.3])
+def test_who_moves_a_part_of_it_is_worn_not_standing(moved) -> None:
+    assert after(0.01, moved).value == 0.0
+
+
+def test_what_is_not_slow_is_no_dead_band() -> None:
+    """A robot that somebody holds, or whose emergency stop is pressed, teaches nothing of it."""
+    assert after(0.11, 0.0).value == 0.0
+    assert after(0.09, 0.0, seconds=60.0).value <= 0.1
+
+
+def test_a_base_that_follows_late_is_waited_for() -> None:
+    assert after(0.05, 0.0, seconds=1.4).value == 0.0
+
+
+def test_what_noise_hides_teaches_nothing() -> None:
+    assert after(0.01, 0.0, deviation=0.01).value == 0.0
+    assert after(0.01, 0.0, deviation=math.nan).value == 0.0
+
+
+def test_pulses_to_both_sides_begin_anew() -> None:
+    threshold = Threshold()
+    for k in range(100):
+        velocity = 0.01 if k % 10 < 5 else -0.01
+        threshold = threshold.updated(0.0, 1e-3, velocity, DT, most=0.1)
+    assert threshold.value == 0.0
+
+
+def test_pauses_between_pulses_count_as_nothing_commanded() -> None:
+    threshold = Threshold()
+    for k in range(100):
+        velocity = 0.03 if k % 3 == 0 else 0.0
+        threshold = threshold.updated(0.0, 1e-3, velocity, DT, most=0.1)
+    assert 0.99 * MARGIN * 0.03 < threshold.value < 0.1
+
+
+def test_once_may_have_been_measured_wrong() -> None:
+    """A memory that learns its scale moves a robot that stands, or holds one that drives."""
+    threshold, position = Threshold(), 0.0
+    for k in range(200):
+        position += 0.01 * DT if k % 40 > 15 else 0.0  # a stop that is over at the next look
+        threshold = threshold.updated(position, 1e-3, 0.01, DT, most=0.1)
+    assert threshold.value == 0.0
+
+
+def test_the_last_command_before_it_moved_is_not_the_least_that_moves_it() -> None:
+    """A base that speeds up out of its dead band stood below less than what moved it."""
+    threshold, position = Threshold(), 0.0
+    for k in range(27):
+        velocity = 0.04 if k != 22 else 0.09
+        threshold = threshold.updated(position, 1e-3, velocity, DT, most=0.1)
+    assert threshold.value == pytest.approx(MARGIN * 0.04)
+
+
+def turned(velocity: float, moved: float, *, linear: float = 0.0) -> DeadBand:
+    """Return what turns of a robot, near the border of +-pi, tell of its base."""
+    band, heading = DeadBand(), math.pi - 0.005
+    for _ in range(40):
+        heading = math.remainder(heading + moved * velocity * DT, 2.0 * math.pi)
+        seen = sight(heading_error=heading, heading_deviation=1e-4)
+        band = band.updated(seen, None, Twist(linear, velocity), DT, SETTINGS)
+    return band
+
+
+def test_turns_are_counted_over_the_border() -> None:
+    assert turned(0.02, 1.0).angular.value == 0.0
+    band = DeadBand()
+    for k in range(60):  # a robot that stands, seen on both sides of the border
+        heading = math.copysign(math.pi - 1e-4, (-1.0) ** k)
+        seen = sight(heading_error=heading, heading_deviation=1e-4)
+        band = band.updated(seen, None, Twist(0.0, 0.02), DT, SETTINGS)
+    assert band.angular.value > 0.02
+
+
+def test_unequal_wheels_that_undo_a_turn_are_not_taken_for_standing() -> None:
+    assert turned(0.02, 0.0, linear=0.1).angular.value == 0.0
+
+
+def at_speed(
+    *turns: float, curvature: float = 0.0, follows: float = 0.0, drives: float = 1.0
+) -> DeadBand:
+    """Return what ``turns`` [rad/s] of 1.6 s each, at 0.2 m/s, tell of a base."""
+    band, heading, ahead = DeadBand(), 0.0, -5.0
+    for velocity in turns:
+        for _ in range(16):
+            heading += (follows * velocity + 0.2 * curvature) * DT
+            ahead += drives * 0.2 * DT
+            seen = sight(heading_error=heading, heading_deviation=3e-4)
+            place = reading(longitudinal=ahead)
+            band = band.updated(seen, place, Twist(0.2, velocity), DT, SETTINGS)
+    return band
+
+
+def test_a_base_that_goes_nowhere_at_speed_is_deaf_and_has_no_dead_band() -> None:
+    assert at_speed(0.04, -0.04, 0.02, drives=0.0).angular.value == 0.0
+
+
+def test_turns_to_both_sides_that_change_nothing_tell_a_dead_band_at_full_speed() -> None:
+    assert 0.04 < at_speed(0.04, -0.04).angular.value < 0.08
+    assert 0.02 < at_speed(0.02, 0.04, 0.06).angular.value < 0.08
+    assert at_speed(0.04, 0.04).angular.value == 0.0  # as of wheels of a curvature of -0.2
+
+
+@pytest.mark.parametrize('curvature', [0.1, -0.2])
+def test_wheels_of_one_curvature_undo_no_turns_of_others(curvature: float) -> None:
+    undone = -0.2 * curvature
+    band = at_speed(undone, 1.4 * undone, 0.8 * undone, undone, curvature=curvature, follows=1.0)
+    assert band.angular.value == 0.0
+
+
+def test_a_dead_band_is_no_curvature() -> None:
+    state = in_phase(Phase.ORIENTING, curvature=Curvature(0.2))
+    state = state.changed(command=replace(state.command, twist=Twist(0.0, -0.02)))
+    for frame in range(2, 60):
+        state = update(state, Perception(turning(frame), MEMORY), DT, SETTINGS)
+    assert state.identified.curvature.value == 0.0
+
+
+@pytest.mark.parametrize('parallax', [0.5, 20.0])
+def test_a_rotation_alone_tells_turns_but_for_parallax(parallax: float) -> None:
+    band = DeadBand()
+    seen = sight(bearings=None, heading_error=0.0)
+    seen = replace(seen, parallax=parallax * seen.noise)
+    for _ in range(40):
+        band = band.updated(seen, None, Twist(0.0, 0.02), DT, SETTINGS)
+    assert (band.angular.value > 0.02) is (parallax < 1.0)
+
+
+def test_pulses_ahead_and_back_do_not_keep_from_learning_of_turns() -> None:
+    band = DeadBand(linear=Threshold(0.05))
+    for frame in range(40):
+        linear = 0.0 if frame % 6 else math.copysign(0.05, frame % 12 - 3)
+        seen = sight(heading_error=0.01, heading_deviation=1e-4)
+        band = band.updated(seen, reading(), Twist(linear, 0.007), DT, SETTINGS)
+    assert band.angular.value > 0.02
+
+
+def test_two_views_tell_turns_but_no_way() -> None:
+    band, bare = DeadBand(), sight()
+    for _ in range(40):
+        band = band.updated(
+            replace(bare, covariance=1e-6 * reading().covariance),
+            None,
+            Twist(0.02, 0.0),
+            DT,
+            SETTINGS,
+        )
+    assert band.linear.value == 0.0
+    for _ in range(40):
+        seen = replace(bare, covariance=1e-6 * reading().covariance)
+        band = band.updated(seen, None, Twist(0.0, 0.02), DT, SETTINGS)
+    assert band.angular.value > 0.02
+
+
+def test_a_way_that_was_not_driven_is_seen_by_the_memory() -> None:
+    band = DeadBand()
+    for _ in range(40):
+        band = band.updated(sight(), reading(), Twist(0.02, 0.0), DT, SETTINGS)
+    assert band.linear.value > 0.02
+    assert band.linear.value <= largest_dead_band(SETTINGS.max_linear)
+
+
+def turning(frame: int) -> Measurement:
+    """Return a sight of a robot that has 0.02 rad to turn, and does not."""
+    return sight(frame, bearings=None, parallax=0.0, heading_error=0.02, heading_deviation=1e-4)
+
+
+def test_a_turn_alone_is_no_way_back() -> None:
+    """A goal aside comes nearer along the robot's axis as it turns; it creeps ahead as well."""
+    band, right, ahead, heading = DeadBand(), 0.5, -0.3, 0.0
+    for _ in range(60):
+        right -= 0.02 * DT * math.sin(heading)
+        ahead += 0.02 * DT * math.cos(heading)
+        heading += 0.05 * DT
+        seen = reading(lateral=right, longitudinal=ahead, heading_error=heading)
+        band = band.updated(sight(), seen, Twist(0.02, 0.05), DT, SETTINGS)
+    assert band.linear.value == 0.0
+
+
+def test_the_first_look_after_a_gap_is_none() -> None:
+    threshold, position = Threshold(), 0.0
+    for _ in range(3):
+        position += 0.03 * 0.6
+        threshold = threshold.updated(position, 1e-3, 0.03, 0.6, most=0.1)
+        assert threshold.stood == 0.0
+
+
+def test_limits_that_are_lowered_hold_for_what_was_learnt() -> None:
+    band = DeadBand(linear=Threshold(0.08), angular=Threshold(0.1))
+    settings = band.beside(replace(SETTINGS, max_linear=0.05, max_angular=0.09))
+    assert (settings.dead_band_linear, settings.dead_band_angular) == (0.05, 0.065)
+    settings = band.beside(replace(SETTINGS, max_linear=0.35, max_angular=0.45))
+    assert settings.dead_band_linear == pytest.approx(0.07)
+    assert settings.dead_band_angular == pytest.approx(0.09)
+
+
+@pytest.mark.parametrize('change', [{'learnt_dead_band': False}, {'dead_band_mode': 'zero'}])
+def test_who_may_not_learn_forgets(change) -> None:
+    """Dropped instead of sent as pulses, what was learnt would let the robot stand for good."""
+    settings = replace(SETTINGS, **change)
+    band = DeadBand(angular=Threshold(0.05))
+    assert band.beside(settings) is settings
+    state = in_phase(Phase.ORIENTING, dead_band=band)
+    assert then(state, turning(2), settings).identified.dead_band == DeadBand()
+
+
+def test_few_images_a_second_make_long_pulses_so_they_are_slow() -> None:
+    threshold = DeadBand()
+    for _ in range(20):
+        seen = sight(heading_error=0.0, heading_deviation=1e-4)
+        threshold = threshold.updated(seen, None, Twist(0.0, 0.015), 0.9, SETTINGS)
+    assert 0.015 < threshold.angular.value <= 2.0 * MOST_HOP[1] / 0.9
+
+
+def test_commands_below_what_was_learnt_come_as_pulses() -> None:
+    band = DeadBand(angular=Threshold(0.05))
+    settings = band.beside(SETTINGS)
+    assert settings.dead_band_angular == 0.05
+    assert settings.dead_band_linear == SETTINGS.dead_band_linear
+    assert band.beside(settings) is settings
+    wider = replace(SETTINGS, dead_band_angular=0.08)
+    assert band.beside(wider) is wider  # who was told more knows better
+    state = in_phase(Phase.ORIENTING, dead_band=band)
+    sent = set()
+    for frame in range(2, 14):  # before it is seen that this one does not turn at all
+        state = then(state, turning(frame))
+        sent.add(round(abs(state.twist.angular), 6))
+    assert {0.0, 0.05} <= sent and not any(0.0 < each < 0.05 for each in sent)
+
+
+def test_a_pulse_that_was_more_than_enough_is_not_taken_back() -> None:
+    """What is left of it would be a reason for a pulse back, and that for another one ahead."""
+    settings = replace(SETTINGS, dead_band_angular=0.1)
+    begun = in_phase(Phase.ZEROING_EPIPOLES, dead_band_residual=Twist(0.0, 0.0499))
+    pulses = []
+    for last in (Twist(0.0, 0.0), Twist(0.0, -0.1)):
+        state = begun.changed(command=Command(last))
+        limited = Twist(0.2, 0.002)
+        pulses.append(_beyond_dead_band(limited, state, settings)[0].angular)
+    assert pulses == [0.1, 0.0]
+
+
+def test_a_law_may_not_learn_it() -> None:
+    alone = replace(SETTINGS, learnt_dead_band=False)
+    state = in_phase(Phase.ORIENTING)
+    for settings, learns in ((SETTINGS, True), (alone, False)):
+        now = state.changed(command=replace(state.command, twist=Twist(0.0, -0.02)))
+        for frame in range(2, 60):
+            now = update(now, Perception(turning(frame), MEMORY), DT, settings)
+        assert (now.identified.dead_band.angular.value > 0.0) is learns
+
+
+@pytest.mark.parametrize(('follows', 'learnt'), [(0.0, True), (1.0, False)])
+def test_without_a_memory_the_difference_of_features_tells_whether_the_base_drives(
+    follows: float, learnt: bool
+) -> None:
+    band, error, slope = DeadBand(), -0.1, 0.14
+    for _ in range(60):
+        error += follows * 0.02 * DT
+        seen = sight(difference=slope * error, difference_deviation=1e-4)
+        band = band.updated(seen, None, Twist(0.02, 0.0), DT, SETTINGS, slope)
+    assert (band.linear.value > 0.02) is learnt
+    band = band.updated(sight(), None, Twist(0.02, 0.0), DT, SETTINGS)  # the slope is lost
+    assert math.isfinite(band.along)
+
+
+def test_one_look_that_is_off_before_a_pulse_is_no_reason_for_faster_ones() -> None:
+    """It moved by a quarter of what was asked, from where it stood by the mean of its looks."""
+    threshold = replace(Threshold(0.05), side=1.0, lasted=1.0, origin=1e-3, asked=1e-3, idle=0.4)
+    for _ in range(12):
+        threshold = threshold.updated(0.0, 1e-4, 0.0, 0.1, most=0.2)
+    assert abs(threshold.origin) < 2e-4
+    threshold = threshold.updated(0.0, 1e-4, 0.05, 0.1, most=0.2)
+    for _ in range(8):
+        threshold = threshold.updated(1.25e-3, 1e-4, 0.0, 0.1, most=0.2)
+    assert threshold.value == 0.05

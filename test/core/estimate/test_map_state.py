@@ -1,0 +1,160 @@
+"""The memory of views in the servo: of what two views and all of them say, the surer is taken."""
+
+from dataclasses import replace
+import math
+
+from map_study import (
+    map_after_drive as after_drive,
+)
+from map_study import StudySettings, trial
+import numpy as np
+import pytest
+from servo_states import in_phase, reading
+
+from visual_servo_epipolar.core.estimate.map_state import (
+    localize,
+    MapState,
+    reading_in_view,
+    sharpened,
+)
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.phases.arrival import ARRIVAL_OFFSET, has_parallax
+from visual_servo_epipolar.core.laws.phases.lines import lateral_offset
+from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.memory import fresh_memory
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.step import update
+
+SETTINGS = ServoSettings()
+TWO_VIEWS, MEMORY = Bearings(-1.5, 0.1), reading().bearings
+
+
+def measurement(deviation: float = 0.01) -> Measurement:
+    return Measurement(0, 60, 769.0, 0.2, bearings=TWO_VIEWS, deviation=deviation, parallax=0.0)
+
+
+@pytest.mark.parametrize(
+    ('two_views', 'memory', 'expected'),
+    [(0.01, 0.001, MEMORY), (0.004, 0.011, MEMORY), (0.001, 0.01, TWO_VIEWS)],
+)
+def test_the_surer_bearings_are_taken(two_views: float, memory: float, expected: Bearings) -> None:
+    better = sharpened(measurement(two_views), reading(memory), SETTINGS)
+    assert better.bearings == expected
+    assert better.deviation == (memory if expected is MEMORY else two_views)
+    assert (better.offset, better.heading_error, better.difference) == ((0.004, -0.5), 0.01, -0.02)
+    assert lateral_offset(ServoState(), better) == 0.004
+
+
+def test_uncertain_bearings_of_the_memory_are_none() -> None:
+    blind = replace(measurement(), bearings=None, deviation=math.nan)
+    assert sharpened(blind, reading(2.0 * SETTINGS.max_deviation), SETTINGS).bearings is None
+    assert sharpened(blind, reading(), SETTINGS).bearings == MEMORY
+
+
+@pytest.mark.parametrize(('pixels', 'seen'), [(1.0, False), (3.0, True), (math.nan, True)])
+def test_no_memory_overrules_an_image_that_looks_another(pixels: float, seen: bool) -> None:
+    """Through a lens that is told wrong it may have a geometry that is not there."""
+    there = replace(measurement(), offset=(0.0, 0.0), offset_deviation=1e-3)
+    assert has_parallax(ServoState(), replace(there, parallax=pixels / 769.0), SETTINGS) is seen
+
+
+@pytest.mark.parametrize(('away', 'deviation'), [(0.0, 1e-4), (0.01, 0.01), (ARRIVAL_OFFSET, 0.0)])
+def test_who_is_at_the_goal_by_the_memory_has_no_parallax(away: float, deviation: float) -> None:
+    there = replace(measurement(), offset=(away, 0.0), offset_deviation=deviation, parallax=1e-3)
+    assert not has_parallax(ServoState(), there, SETTINGS)
+
+
+@pytest.mark.parametrize(('away', 'deviation'), [(0.003, 1e-3), (-0.01, 1e-3), (math.nan, 1e-3)])
+def test_who_is_not_has(away: float, deviation: float) -> None:
+    off = replace(measurement(), offset=(away, 0.0), offset_deviation=deviation, parallax=0.0)
+    assert has_parallax(ServoState(), off, SETTINGS)
+
+
+@pytest.mark.parametrize(('attempts', 'there'), [(2, False), (3, True), (5, True)])
+def test_a_base_that_misses_by_the_same_again_and_again_is_asked_for_less(attempts, there) -> None:
+    beside = replace(measurement(), offset=(0.005, 0.0), offset_deviation=1e-4)
+    assert has_parallax(ServoState().changed(attempts=attempts), beside, SETTINGS) is not there
+
+
+@pytest.mark.parametrize('mount', [(0.0, 0.3, 0.0), (0.1, 0.2, -0.1), (-0.4, 0.0, 0.05)])
+def test_the_offset_of_the_axle_lies_where_its_bearing_points(
+    mount: tuple[float, float, float],
+) -> None:
+    bearings, distance = Bearings(-1.3, 0.5), 1.7
+    seen = distance * math.cos(bearings.psi), distance * math.sin(bearings.psi)
+    x, y = offset_at_axle(seen, bearings.heading_error, np.array(mount))
+    assert math.atan2(y, x) == pytest.approx(at_axle(bearings, np.array(mount), distance).psi)
+
+
+def test_who_turns_a_camera_ahead_of_the_axle_at_the_goal_stays_there() -> None:
+    """The camera swings aside, the robot does not."""
+    heading, ahead = 0.2, 0.3
+    swung = -ahead * math.sin(heading), ahead * (math.cos(heading) - 1.0)
+    assert offset_at_axle(swung, heading, np.array([0.0, ahead, 0.0])) == pytest.approx((0.0, 0.0))
+
+
+def test_the_slope_of_d_is_what_the_memory_says_though_other_features_are_in_view() -> None:
+    """D leaps where features come and go; who is driven by its slope is as fast as before."""
+    before = sharpened(measurement(), reading(), SETTINGS)
+    moving = in_phase(
+        Phase.MATCHING_FEATURES, measurement=before, command=Command(Twist(0.2, 0.0))
+    )
+    few = replace(reading(), difference=-0.004, difference_slope=0.008)
+    now = sharpened(measurement(), few, SETTINGS)
+    # Without ``memory`` nothing is remembered here, and the measurement is what it is.
+    alone = ServoSettings(memory=False)
+    after = update(moving, Perception(now, fresh_memory(SETTINGS)), 0.1, alone)
+    assert after.motion.slope.value == 0.008
+
+
+def test_where_nothing_is_said_there_is_no_reading() -> None:
+    said, rays = MapLocalization('no geometry'), np.tile([0.0, 0.0, 1.0], (4, 1))
+    assert reading_in_view(said, Observation(0, rays, rays, 769.0, ids=np.arange(4))) is None
+    assert not said
+
+
+def test_a_wrong_match_has_no_part_in_d() -> None:
+    ids, rays = np.arange(4), np.tile([0.1, 0.0, 1.0], (4, 1)) / math.sqrt(1.01)
+    said = MapLocalization(
+        pose=np.array([0.0, -0.5, 0.0, 0.0, 0.0]),
+        covariance=1e-6 * np.eye(5),
+        own=1e-6 * np.eye(5),
+        ids=ids,
+        dropped=ids[3:],
+        inverse_depth=np.array([0.2, 0.2, 0.2, 500.0]),
+        photograph=rays,
+        counted=ids < 3,
+        depth=5.0,
+    )
+    seen = Observation(0, rays, rays, 769.0, ids=ids)
+    found = reading_in_view(said, seen)
+    assert found is not None
+    assert found.difference_slope == pytest.approx(2.0 * 0.01 * 0.2 * math.sqrt(1.01), rel=1e-6)
+    again = reading_in_view(said, seen)
+    assert again is not None and again.difference_slope == found.difference_slope
+
+
+def test_a_view_of_few_features_that_does_not_count_teaches_nothing() -> None:
+    drive = trial(StudySettings(), 3)  # ends near the goal
+    memory = after_drive(drive)
+    seen = drive.observations(len(drive.views) - 1)
+    few = seen.take(np.arange(len(seen)) % 7 == 0)
+    assert memory.after(few, learns=False)[0].shrinkage != memory.shrinkage
+    observation = Observation(0, few.current, few.desired, 769.0, ids=few.ids)
+    perception = Perception(
+        Measurement(0, len(few), 769.0, 0.2), fresh_memory(SETTINGS), observation=observation
+    )
+    nowhere = OdometryIncrement(Motion(), Motion())
+    after, said = localize(MapState(memory), perception, nowhere, SETTINGS)
+    assert said is None
+    assert after.views.shrinkage == memory.shrinkage
+    assert after.views.pose is memory.pose

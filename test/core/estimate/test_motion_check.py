@@ -1,0 +1,329 @@
+"""The base moves as it was told, or the run is held."""
+
+from collections.abc import Callable
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.estimate.curvature import Curvature
+from visual_servo_epipolar.core.estimate.motion_check import (
+    Evidence,
+    MOST_CONTRADICTIONS,
+    MotionCheck,
+    QUIET_S,
+)
+from visual_servo_epipolar.core.estimate.physical import MOST_CURVATURE
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.rigs.pan_tilt import PanTiltHead
+from visual_servo_epipolar.core.rigs.rig import HeadLimits, HeadView, Joints
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+
+SETTINGS = ServoSettings()
+PERIOD_S, NOISE = 0.1, 4e-4  # 0.3 px at 769 px
+HEAD = PanTiltHead(HeadLimits())
+STILL, TURN, AHEAD = STANDSTILL, Twist(0.0, 0.3), Twist(0.3, 0.0)
+Motion = Callable[[float], float]  # by the time since the beginning [s]
+
+
+def points(seed: int = 0, *, depth: tuple[float, float] = (3.0, 8.0)) -> np.ndarray:
+    """Return a scene in front of the camera, (60, 3) [m]."""
+    rng = np.random.default_rng(seed)
+    rays = np.column_stack([rng.uniform(-0.7, 0.7, (60, 2)), np.ones(60)])
+    return rays * rng.uniform(*depth, (60, 1))
+
+
+def view(time_s: float, turn: float, way: float, scene: np.ndarray, flip: float) -> Observation:
+    """Return what is seen after a ``turn`` to the left [rad] and a ``way`` ahead [m]."""
+    cosine, sine = math.cos(turn), math.sin(turn)
+    axes = np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
+    rays = (scene - [0.0, 0.0, way]) @ axes
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    rng = np.random.default_rng(round(1000 * time_s))
+    rays = rays * [flip, 1.0, 1.0] + NOISE * rng.standard_normal(rays.shape)
+    return Observation(
+        round(1e9 * time_s), rays, rays, 769.0, ids=np.arange(len(rays)), pixel_angles=None
+    )
+
+
+def troubles(
+    twist: Callable[[float], Twist],
+    turn: Motion,
+    way: Motion = lambda time_s: 0.0,
+    *,
+    seconds: float = 8.0,
+    flip: float = 1.0,
+    parallax_of_way: float = 0.03,
+    scene: np.ndarray | None = None,
+    dead_band: Motion = lambda time_s: 0.0,
+) -> list[tuple[float, str]]:
+    """
+    Return when something contradicted the commands [s], and in which words.
+
+    The ``dead_band`` is what is known by then [rad/s].
+    """
+    check, sent, found = MotionCheck(), CommandsSent(), []
+    scene = points() if scene is None else scene
+    for frame in range(1, round(seconds / PERIOD_S)):
+        time_s = frame * PERIOD_S
+        seen = view(time_s, turn(time_s), way(time_s), scene, flip)
+        evidence = Evidence(seen, NOISE, parallax_of_way)
+        settings = replace(SETTINGS, dead_band_angular=dead_band(time_s))
+        check = check.updated(evidence, sent, settings, drives=True)
+        if check.trouble:
+            found.append((time_s, check.trouble))
+        sent = sent.after(seen.stamp_ns, twist(time_s))
+    return found
+
+
+def slips(
+    encoder: Motion,
+    *,
+    turn: Motion = lambda time_s: 0.0,
+    pan: Motion = lambda time_s: 0.0,
+    twist: Twist = STILL,
+    noise: float = 0.0,
+    seconds: float = 4.0,
+) -> list[float]:
+    """
+    Return when a run with a head ends [s], of which ``encoder`` is what it is wrong by [rad].
+
+    The joint says that it is at ``pan`` [rad].
+    """
+    check, sent, scene, found = MotionCheck(), CommandsSent(), points(), []
+    rng = np.random.default_rng(5)
+    for frame in range(1, round(seconds / PERIOD_S)):
+        time_s = frame * PERIOD_S
+        wrong = noise * rng.standard_normal()
+        seen = view(time_s, turn(time_s) + encoder(time_s) + wrong, 0.0, scene, 1.0)
+        seen = replace(seen, head=HeadView(Joints(pan(time_s) + wrong), seen.edges, HEAD))
+        check = check.updated(Evidence(seen, NOISE, 0.03), sent, SETTINGS, drives=True)
+        if check.trouble and check.is_final:
+            found.append(time_s)
+        sent = sent.after(seen.stamp_ns, twist)
+    return found
+
+
+@pytest.mark.parametrize('size', [-0.2, -0.05, 0.04, 0.1])
+@pytest.mark.parametrize('rate', [0.0, 0.3])
+def test_an_encoder_of_a_head_that_slips_ends_the_run(size: float, rate: float) -> None:
+    def slip(time_s: float) -> float:
+        return size if time_s > 2.05 else 0.0
+
+    size *= 1.0 + 2.0 * rate  # a turn may itself be larger than commanded
+    found = slips(slip, pan=slip, turn=late(rate, 0.0), twist=Twist(0.0, rate))
+    assert found[0] == pytest.approx(2.2)
+    assert len(found) == 18  # for good
+
+
+def test_an_encoder_that_slips_little_by_little_ends_the_run() -> None:
+    assert slips(lambda time_s: 0.1 * max(time_s - 1.0, 0.0))
+
+
+def test_a_motor_that_loses_steps_ends_the_run() -> None:
+    def counted(time_s: float) -> float:  # the joint is said to turn, and the camera stands
+        return 0.5 * min(max(time_s - 1.0, 0.0), 0.4)
+
+    assert slips(counted, pan=counted)
+
+
+@pytest.mark.parametrize('noise', [0.0005, 0.005, 0.01])
+def test_a_noisy_encoder_of_a_head_ends_no_run(noise: float) -> None:
+    assert not slips(lambda time_s: 0.0, noise=noise, seconds=40.0)
+
+
+def test_a_single_wrong_reading_of_a_head_ends_no_run() -> None:
+    assert not slips(lambda time_s: 0.08 if 2.05 < time_s < 2.15 else 0.0)
+
+
+@pytest.mark.parametrize('apart', [-0.03, 0.03])
+def test_stamps_of_a_head_that_are_apart_from_those_of_images_end_no_run(apart: float) -> None:
+    def pan(time_s: float) -> float:
+        return 1.5 * min(max(time_s - 1.0, 0.0), 0.5)
+
+    assert not slips(lambda time_s: pan(time_s + apart) - pan(time_s), pan=pan)
+
+
+def test_a_camera_that_no_head_turns_holds_where_it_is_pushed() -> None:
+    found = troubles(lambda time_s: STILL, lambda time_s: 0.2 if time_s > 2.05 else 0.0)
+    assert [round(time_s, 1) for time_s, _ in found] == [2.2]
+
+
+def late(rate: float, delay: float) -> Motion:
+    """Return a motion at a ``rate`` that begins ``delay`` [s] late."""
+    return lambda time_s: rate * max(time_s - delay - PERIOD_S, 0.0)
+
+
+@pytest.mark.parametrize('delay', [0.0, 0.3, 0.8, 1.5])
+@pytest.mark.parametrize('share', [0.5, 0.8, 1.0, 1.5])
+def test_a_base_that_obeys_late_or_with_worn_wheels_is_not_held(
+    delay: float, share: float
+) -> None:
+    assert troubles(lambda time_s: TURN, late(0.3 * share, delay), seconds=4.0) == []
+    ways = late(0.3 * share, delay)
+    assert troubles(lambda time_s: AHEAD, lambda time_s: 0.0, ways, seconds=4.0) == []
+
+
+@pytest.mark.parametrize('twist', [TURN, AHEAD, Twist(-0.2, 0.0), Twist(0.0, -0.15)])
+def test_a_base_that_does_not_follow_is_found_out_in_three_seconds(twist: Twist) -> None:
+    time_s, words = troubles(lambda time_s: twist, lambda time_s: 0.0)[0]
+    assert 1.5 < time_s <= 3.0, words
+    assert words.startswith('the base does not follow')
+
+
+def test_a_base_that_stops_following_in_mid_way_is_found_out() -> None:
+    found = troubles(lambda time_s: TURN, lambda time_s: 0.3 * min(time_s, 3.0))
+    assert 3.0 < found[0][0] <= 6.0
+    assert 'does not follow' in found[0][1]
+
+
+@pytest.mark.parametrize('rate', [0.02, 0.05])
+def test_a_dead_band_is_no_disobedience(rate: float) -> None:
+    # It is learnt in some three seconds.
+    assert troubles(lambda time_s: Twist(0.0, rate), lambda time_s: 0.0, seconds=3.0) == []
+    assert troubles(lambda time_s: Twist(rate, 0.0), lambda time_s: 0.0, seconds=3.0) == []
+
+
+def test_pulses_that_add_up_to_nothing_are_no_disobedience() -> None:
+    def pulses(time_s: float) -> Twist:
+        return Twist(0.0, 0.13) if round(time_s / PERIOD_S) % 10 == 0 else STILL
+
+    assert troubles(pulses, lambda time_s: 0.0, seconds=6.0) == []
+
+
+def test_slow_commands_that_are_never_followed_are_found_out_in_time() -> None:
+    found = troubles(lambda time_s: Twist(0.0, 0.05), lambda time_s: 0.0, seconds=10.0)
+    assert 3.0 < found[0][0] <= 5.0
+
+
+def test_each_dead_band_is_tried_before_a_base_is_said_not_to_follow() -> None:
+    def tried(time_s: float) -> float:
+        return 0.03 * math.floor(min(time_s, 6.0) / 2.0)
+
+    found = troubles(
+        lambda time_s: Twist(0.0, 0.06), lambda time_s: 0.0, seconds=12.0, dead_band=tried
+    )
+    assert 6.0 + 2.5 < found[0][0] <= 6.0 + 5.0  # 3.0 s of commands without it
+
+
+def test_of_who_never_followed_no_turn_is_said_that_nobody_commanded() -> None:
+    def twist(time_s: float) -> Twist:
+        return AHEAD if time_s < 2.5 else Twist(0.004, 0.0)
+
+    _, (_, second) = troubles(twist, lambda time_s: 0.0, seconds=10.0)[:2]
+    assert 'a slow motion was commanded' in second
+
+
+def test_a_base_that_obeys_late_is_not_held_where_it_was_hardly_told_anything_before() -> None:
+    # Creeping commands that a dead band swallows, and then a way that takes 1.4 s to begin.
+    def twist(time_s: float) -> Twist:
+        return Twist(0.0, 0.002) if time_s < 4.0 else Twist(0.4, 0.0)
+
+    def way(time_s: float) -> float:
+        return 0.4 * max(time_s - 5.5, 0.0)
+
+    assert troubles(twist, lambda time_s: 0.0, way, seconds=7.0) == []
+
+
+def test_a_base_that_stands_as_it_was_told_to_is_not_held_by_small_commands_after_it() -> None:
+    def twist(time_s: float) -> Twist:
+        return Twist(0.4, 0.0) if time_s < 2.0 else Twist(0.0, 0.002)
+
+    def way(time_s: float) -> float:
+        return 0.4 * min(time_s, 2.0)
+
+    assert troubles(twist, lambda time_s: 0.0, way, seconds=8.0) == []
+
+
+@pytest.mark.parametrize('parallax_of_way', [0.0, 1e-3])
+def test_a_way_where_none_can_be_seen_is_no_disobedience(parallax_of_way: float) -> None:
+    # A scene as far away as the horizon, and a robot that is there already.
+    far = points(depth=(3000.0, 8000.0))
+    found = troubles(
+        lambda time_s: AHEAD,
+        lambda time_s: 0.0,
+        late(0.3, 0.1),
+        parallax_of_way=parallax_of_way,
+        scene=far,
+    )
+    assert found == []
+
+
+@pytest.mark.parametrize('commanded', [STILL, AHEAD, TURN, Twist(0.0, -0.3)])
+@pytest.mark.parametrize('rate', [-0.5, 0.5])
+def test_somebody_else_who_turns_the_robot_is_found_out(commanded: Twist, rate: float) -> None:
+    found = troubles(
+        lambda time_s: commanded,
+        lambda time_s: commanded.angular * min(time_s, 2.0) + rate * max(time_s - 2.0, 0.0),
+        lambda time_s: commanded.linear * time_s,
+        seconds=4.0,
+    )
+    along = commanded.angular * rate > 0.0  # within what such a base may do
+    assert bool(found) is not along
+    if found:
+        assert 2.0 < found[0][0] <= 3.0
+
+
+def test_who_is_carried_while_it_is_to_stand_is_found_out() -> None:
+    found = troubles(
+        lambda time_s: STILL, lambda time_s: 0.0, lambda time_s: 0.2 * max(time_s - 2.0, 0.0)
+    )
+    assert 2.0 < found[0][0] < 5.0
+    assert 'no motion is commanded' in found[0][1]
+
+
+@pytest.mark.parametrize('rate', [0.1, 0.3, -0.5])
+def test_an_image_that_turns_against_the_command_is_found_out_after_some_degrees(
+    rate: float,
+) -> None:
+    found = troubles(
+        lambda time_s: Twist(0.0, rate), lambda time_s: rate * time_s, flip=-1.0, seconds=3.0
+    )
+    time_s, words = found[0]
+    assert words.startswith('the image turns against the command')
+    assert abs(rate * time_s) < math.radians(10.0)
+
+
+def test_moving_people_and_wrong_matches_move_no_robot() -> None:
+    check, sent = MotionCheck(), CommandsSent()
+    rng, scene = np.random.default_rng(1), points()
+    for frame in range(1, 40):
+        passing = scene + (rng.random((60, 1)) < 0.2) * rng.uniform(-1.0, 1.0, (60, 3))
+        seen = view(frame * PERIOD_S, 0.0, 0.0, passing, 1.0)
+        check = check.updated(Evidence(seen, NOISE, 0.03), sent, SETTINGS, drives=False)
+        assert not check.trouble
+        sent = sent.after(seen.stamp_ns, STILL)
+
+
+def test_a_view_that_has_few_features_in_common_with_the_reference_tells_nothing() -> None:
+    sent = CommandsSent()
+    first, other = view(0.1, 0.0, 0.0, points(), 1.0), view(0.2, 0.5, 0.0, points(), 1.0)
+    other = replace(other, ids=other.ids + 45)
+    check = MotionCheck().updated(Evidence(first, NOISE, 0.0), sent, SETTINGS, drives=True)
+    for _ in range(2):
+        check = check.updated(Evidence(other, NOISE, 0.0), sent, SETTINGS, drives=True)
+        assert not check.trouble
+    assert check.reference is not None and check.reference.stamp_ns == other.stamp_ns
+
+
+def test_the_run_goes_on_when_it_is_quiet_and_ends_at_the_third_time() -> None:
+    check = MotionCheck(troubled_ns=10**9, contradictions=1)
+    assert check.disturbed(10**9 + round(0.9e9 * QUIET_S))
+    assert not check.disturbed(10**9 + round(1.1e9 * QUIET_S))
+    assert not check.is_final
+    assert MotionCheck(contradictions=MOST_CONTRADICTIONS).is_final
+
+
+def test_no_wheels_are_as_unequal_as_a_stranger_makes_them_look() -> None:
+    from servo_states import sight
+
+    curvature = Curvature()
+    for frame in range(60):
+        before, after = (
+            sight(frame + k, heading_error=0.05 * (frame + k), deviation=1e-3) for k in range(2)
+        )
+        curvature = curvature.updated(before, after, Twist(0.3, 0.0), 0.1, drift=0.05)
+    assert curvature.value == MOST_CURVATURE

@@ -1,0 +1,267 @@
+"""Odometry: used once it has agreed with what is seen or told, and no more once contradicted."""
+
+from dataclasses import replace
+import math
+
+import pytest
+from servo_states import SETTINGS, sight
+
+from visual_servo_epipolar.core.estimate.odometry import (
+    MOST_CONTRADICTIONS,
+    NO_LONGER,
+    Odometry,
+)
+from visual_servo_epipolar.core.geometry.motion import integrate, motion_between, Pose, Twist
+from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
+
+DT = 0.1
+BEGIN = Pose(3.0, -1.0, 2.0)  # of a frame that nobody knows
+AHEAD, LEFT = Twist(0.3, 0.0), Twist(0.0, 0.3)
+IMAGES = 60
+
+
+class Drive:
+    """A base that is driven; what its wheels say, commands and images is made of its twist."""
+
+    def __init__(self, odometry: Odometry | None = None, *, remembers: bool = False) -> None:
+        self.odometry = odometry or Odometry()
+        self.wheels, self.true, self.remembers = BEGIN, Pose(0.0, -3.0, 0.5 * math.pi), remembers
+        self.driven = OdometryIncrement(Motion(), Motion())
+        self.step(Twist(0.0, 0.0))
+
+    def step(
+        self,
+        true: Twist,
+        *,
+        wheels: Twist | Pose | None = None,
+        told: Twist | None = None,
+        **seen: object,
+    ) -> 'Drive':
+        """Drive by ``true``; wheels and commands say the same unless another is given."""
+        said = true if wheels is None else wheels
+        self.true = integrate(self.true, true, DT)
+        self.wheels = said if isinstance(said, Pose) else integrate(self.wheels, said, DT)
+        told = told or true
+        self.odometry, self.driven = self.odometry.after(
+            self.wheels, Motion(told.linear * DT, told.angular * DT), DT, SETTINGS
+        )
+        place = (self.true.x, self.true.y) if self.remembers else None
+        measurement = sight(
+            heading_error=self.true.heading_error,
+            heading_deviation=5e-4,
+            offset=place,
+            offset_deviation=0.005,
+        )
+        self.odometry = self.odometry.judge(replace(measurement, **seen))
+        return self
+
+    def drive(self, true: Twist, images: int = IMAGES, **others: object) -> 'Drive':
+        for _ in range(images):
+            self.step(true, **others)
+        return self
+
+    @property
+    def motion(self) -> Motion:
+        return self.driven.motion
+
+    @property
+    def contradictions(self) -> int:
+        return self.odometry.unseen + self.odometry.untold
+
+    @property
+    def refuted(self) -> str:
+        return self.odometry.refuted
+
+
+def proven(*, remembers: bool = False) -> Drive:
+    """Return a drive after a turn in which odometry was right."""
+    drive = Drive(remembers=remembers).drive(LEFT, 10)
+    assert drive.odometry.proven
+    return drive
+
+
+def test_it_is_not_used_before_it_has_agreed() -> None:
+    drive = Drive().step(AHEAD, told=Twist(0.2, 0.0))
+    assert drive.motion == Motion(0.2 * DT, 0.0)
+    assert not drive.odometry.proven
+
+
+@pytest.mark.parametrize('twist', [LEFT, AHEAD, Twist(0.2, -0.2), Twist(-0.2, 0.0)])
+def test_once_it_has_agreed_the_motion_is_that_of_the_wheels(twist: Twist) -> None:
+    drive = Drive().drive(twist, 30).step(Twist(0.2, 0.1), told=Twist(0.25, 0.0))
+    assert drive.motion.measured
+    assert (drive.motion.way, drive.motion.turn) == pytest.approx((0.02, 0.01), abs=1e-9)
+    assert not drive.contradictions
+
+
+@pytest.mark.parametrize(
+    ('true', 'wheels'),
+    [
+        (LEFT, Twist(0.0, 0.0)),
+        (LEFT, Twist(0.0, -0.3)),
+        (LEFT, Twist(0.0, 0.6)),
+        (LEFT, Twist(0.0, 0.15)),
+        (AHEAD, Twist(0.15, 0.3)),
+    ],
+    ids=['frozen', 'mirrored', 'twice', 'half', 'a wheel unplugged'],
+)
+def test_a_turn_that_is_not_seen_refutes_it(true: Twist, wheels: Twist) -> None:
+    for drive in (Drive(), proven()):
+        drive.drive(true, wheels=wheels)
+        assert 'odometry says a turn of' in drive.refuted
+        assert drive.refuted.endswith(NO_LONGER)
+        told = Motion(true.linear * DT, true.angular * DT)
+        assert drive.step(true, wheels=wheels).motion == told
+        assert not drive.driven.trusted
+
+
+@pytest.mark.parametrize(
+    'wheels',
+    [Twist(0.0, 0.0), Twist(-0.3, 0.0), Twist(0.2, 0.0), Twist(0.45, 0.0)],
+    ids=['frozen', 'backwards', 'two thirds', 'half more'],
+)
+def test_a_way_that_a_memory_does_not_see_refutes_it(wheels: Twist) -> None:
+    drive = proven(remembers=True).drive(AHEAD, wheels=wheels)
+    assert drive.refuted.startswith('odometry says ')
+    assert ' m are seen' in drive.refuted
+
+
+@pytest.mark.parametrize(
+    ('wheels', 'wrong'),
+    [
+        (Twist(0.0, 0.0), True),
+        (Twist(-0.3, 0.0), True),
+        (Twist(0.6, 0.0), True),
+        (Twist(0.15, 0.0), False),
+        (Twist(0.33, 0.0), False),
+    ],
+    ids=['frozen', 'backwards', 'twice', 'a slow base', 'nearly'],
+)
+def test_without_a_memory_commands_say_what_a_base_does_at_most(
+    wheels: Twist, wrong: bool
+) -> None:
+    for drive in (Drive(), proven()):
+        assert ('were commanded' in drive.drive(AHEAD, wheels=wheels).refuted) == wrong
+
+
+def test_backwards_as_well() -> None:
+    back = Twist(-0.3, 0.0)
+    assert 'were commanded' in Drive().drive(back, wheels=Twist(-0.6, 0.0)).refuted
+    assert not Drive().drive(back).contradictions
+
+
+def test_who_stands_whatever_is_commanded_is_seen_to_stand() -> None:
+    stands, told = Twist(0.0, 0.0), AHEAD
+    assert not proven(remembers=True).drive(stands, told=told).contradictions
+    assert proven().drive(stands, told=told).refuted
+
+
+def test_a_memory_that_cannot_tell_how_far_it_is_sees_nobody_stand() -> None:
+    """What is commanded fits as well as what the wheels say."""
+    drive = proven(remembers=True)
+    drive.drive(AHEAD, wheels=Twist(0.0, 0.0), offset_deviation=0.9)
+    assert 'were commanded' in drive.refuted
+
+
+@pytest.mark.parametrize('remembers', [False, True])
+def test_what_neither_wheels_nor_commands_explain_is_somebody_who_pushes(remembers: bool) -> None:
+    drive = proven(remembers=remembers)
+    for true in (Twist(0.4, 0.4), Twist(-0.4, -0.4)):
+        drive.drive(true, wheels=Twist(0.0, 0.0), told=Twist(0.0, 0.0))
+    assert not drive.contradictions
+
+
+def test_worn_wheels_and_slip_are_no_lie() -> None:
+    drive = proven(remembers=True)
+    for angular in (0.0, 0.3, -0.3):
+        wheels = Twist(0.3, angular)
+        drive.drive(Twist(0.95 * 0.3, 0.95 * angular + 0.08 * 0.3), wheels=wheels, told=wheels)
+    assert not drive.contradictions
+
+
+def test_a_leap_is_no_motion() -> None:
+    drive = proven().step(AHEAD, wheels=Pose(0.0, 0.0, 0.0))
+    assert drive.motion == Motion(AHEAD.linear * DT, 0.0)
+    assert drive.contradictions == 1
+    assert drive.step(AHEAD).motion.measured  # a reset, once: it goes on from there
+
+
+def test_what_leaps_again_and_again_is_refuted() -> None:
+    drive = proven()
+    for number in range(MOST_CONTRADICTIONS):
+        assert not drive.refuted
+        drive.step(AHEAD, wheels=Pose(float(number), 0.0, 0.0))
+    assert 'odometry leaps by' in drive.refuted
+
+
+def test_who_agrees_in_between_is_forgiven() -> None:
+    drive = proven(remembers=True)
+    for _ in range(2 * MOST_CONTRADICTIONS):
+        drive.step(AHEAD, wheels=BEGIN).drive(AHEAD, 20)
+    assert not drive.refuted
+
+
+def test_two_views_of_a_straight_way_forgive_nothing() -> None:
+    drive = proven().step(AHEAD, wheels=BEGIN).drive(AHEAD, 30)
+    assert drive.odometry.unseen == 1
+
+
+def test_an_image_without_a_pose_is_driven_by_commands_and_so_is_the_next() -> None:
+    drive, told = proven(), Motion(0.1, 0.2)
+    without, driven = drive.odometry.after(None, told, DT, SETTINGS)
+    assert (driven.motion, driven.trusted) == (told, True)
+    assert (without.pose, without.check) == (None, None)
+    again, driven = without.judge(sight()).after(drive.wheels, told, DT, SETTINGS)
+    assert driven.motion == told
+    driven = again.after(drive.wheels, told, DT, SETTINGS)[1]
+    assert (driven.motion, driven.other) == (Motion(measured=True), told)
+
+
+def test_stamps_that_leap_give_no_motion() -> None:
+    drive, told = proven(), Motion()
+    assert drive.odometry.after(drive.wheels, told, 0.0, SETTINGS)[1].motion is told
+
+
+def test_who_was_carried_while_no_images_came_is_commanded_no_lie() -> None:
+    drive, told = proven(), Motion()
+    far = replace(drive.wheels, x=drive.wheels.x + 4.0)
+    after, driven = drive.odometry.after(far, told, 1.0, SETTINGS)
+    assert (driven.motion, after.pose) == (told, far)
+    assert after.unseen == drive.odometry.unseen
+    assert drive.odometry.after(far, told, 0.5, SETTINGS)[0].unseen == 1
+
+
+def test_what_was_seen_by_another_scale_is_held_against_nothing() -> None:
+    drive, before = Drive(remembers=True), None
+    for _ in range(IMAGES):
+        if drive.odometry.proven:
+            break
+        before = drive.step(LEFT).odometry.check
+    assert drive.odometry.proven
+    assert before is None
+
+
+def test_a_memory_of_the_same_scale_forgives_no_way_that_was_not_commanded() -> None:
+    drive, twice = proven(), Twist(0.6, 0.0)
+    drive.remembers = True
+    drive.drive(twice, told=AHEAD)  # what is remembered is as large as the way by the wheels
+    assert 'were commanded' in drive.refuted
+
+
+def test_a_heading_that_nobody_is_sure_of_says_nothing() -> None:
+    unsure = {'wheels': Twist(0.0, 0.0), 'heading_deviation': 0.03}
+    assert not proven().drive(LEFT, **unsure).contradictions
+    assert not Drive().drive(LEFT, heading_deviation=0.03).odometry.proven
+
+
+def test_two_views_and_a_memory_may_differ_in_their_headings() -> None:
+    drive = proven()
+    drive.true = replace(drive.true, theta=drive.true.theta + 0.1)  # the memory takes over
+    drive.remembers = True
+    assert not drive.step(LEFT).contradictions
+    assert drive.odometry.check.seen.place  # from here on ways are seen as well
+
+
+def test_the_motion_between_two_poses_needs_no_common_frame() -> None:
+    other = integrate(BEGIN, Twist(0.3, -0.2), 1.0)
+    assert motion_between(BEGIN, other) == pytest.approx((0.3, -0.2), abs=1e-12)

@@ -1,0 +1,170 @@
+"""The place near the goal: averaged over views, as far as the robot obeys and nobody pushes it."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.estimate.pose_filter import (
+    filter_pose,
+    first_pose,
+    SLIP,
+    with_heading_noise,
+)
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.odometry.increments import Motion
+
+OWN = np.diag([0.8e-3, 0.5e-3, 1.5e-4, 1e-3, 1e-3]) ** 2
+COMMON = np.diag([0.4e-3, 0.3e-3, 0.5e-4, 1e-3, 1e-3]) ** 2
+STILL = Motion()
+
+
+def said(pose: FloatArray) -> MapLocalization:
+    return MapLocalization(
+        pose=np.array([*pose, 0.0, 0.0]), covariance=OWN + COMMON, own=OWN, depth=5.0
+    )
+
+
+def noisy(place: FloatArray, rng: np.random.Generator) -> MapLocalization:
+    return said(place + rng.normal(size=3) * np.sqrt(np.diag(OWN)[:3]))
+
+
+def test_views_of_a_robot_that_stands_average_out() -> None:
+    rng, true, count = np.random.default_rng(1), np.array([0.001, -0.002, 0.0005]), 16
+    errors, place, now = [], None, said(true)
+    for _ in range(200):
+        place = None
+        for _ in range(count):
+            now, place = filter_pose(noisy(true, rng), place, STILL)
+        errors.append(now.pose[:3] - true)
+    expected = np.sqrt(np.diag(OWN)[:3] / count)
+    assert np.std(errors, axis=0) == pytest.approx(expected, rel=0.25)
+    assert np.sqrt(np.diag(now.own)[:3]) == pytest.approx(expected, rel=0.05)
+    # What all views have in common stays.
+    assert now.covariance - now.own == pytest.approx(COMMON, abs=1e-12)
+
+
+def test_headings_by_a_noisy_encoder_average_out_and_are_known_as_such() -> None:
+    rng, noise, errors, now = np.random.default_rng(3), 3e-3, [], said(np.zeros(3))
+    for _ in range(100):
+        place = None
+        for _ in range(16):
+            view = said(np.array([0.0, 0.0, noise * rng.normal()]))
+            now, place = filter_pose(with_heading_noise(view, noise), place, STILL)
+        errors.append(now.pose[2])
+    assert np.std(errors) == pytest.approx(noise / 4.0, rel=0.25)
+    assert math.sqrt(now.own[2, 2]) == pytest.approx(noise / 4.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ('motion', 'heading', 'step'),
+    [
+        (Motion(way=0.01), 0.0, (0.0, 0.01, 0.0)),
+        (Motion(way=0.01), 0.5 * math.pi, (-0.01, 0.0, 0.0)),
+        (Motion(turn=0.02), 0.0, (0.0, 0.0, 0.02)),
+    ],
+)
+def test_a_place_moves_as_the_robot(
+    motion: Motion, heading: float, step: tuple[float, float, float]
+) -> None:
+    before = first_pose(np.array([0.1, 0.2, heading]), OWN[:3, :3], STILL)
+    after = before.after(motion)
+    assert (after.mean - before.mean)[:3] == pytest.approx(step, abs=1e-12)
+    assert (np.diag(after.covariance) >= np.diag(before.covariance)).all()
+    assert after.covariance.trace() > before.covariance.trace()
+
+
+def test_what_the_shrinkage_shifts_shifts_the_views_before_as_well() -> None:
+    place, shift = None, np.array([0.002, -0.001, 0.0003, 0.0, 0.0])
+    for _ in range(20):
+        now, place = filter_pose(said(np.zeros(3)), place, STILL)
+    assert now.pose[:3] == pytest.approx(np.zeros(3))
+    moved = said(shift[:3])
+    now, place = filter_pose(replace(moved, shift=shift), place, STILL)
+    assert now.pose[:3] == pytest.approx(shift[:3])
+
+
+def test_a_robot_that_drives_fast_is_where_it_is_seen() -> None:
+    first = np.array([0.0, -0.5, 0.0])
+    _, place = filter_pose(said(first), None, STILL)
+    seen = first + [0.0003, 0.019, 0.0001]
+    now, _ = filter_pose(said(seen), place, Motion(way=0.02, turn=0.01))
+    assert now.pose[:3] == pytest.approx(seen, abs=1.5e-4)
+
+
+@pytest.mark.parametrize('slip', [0.0, 0.04, -0.04])
+def test_a_way_to_the_side_that_lasts_is_learnt_and_views_average_on_the_way(slip: float) -> None:
+    """As a camera looks elsewhere than where the base drives: the line to the goal is no saw."""
+    rng, step, errors, slips = np.random.default_rng(2), 0.03, [], []
+    for _ in range(40):
+        true, place, motion = np.array([0.0, -1.2, 0.0]), None, STILL
+        for _ in range(30):
+            now, place = filter_pose(noisy(true, rng), place, motion)
+            motion, last = Motion(way=step), true
+            true = true + [slip * step, step, 0.0]
+        assert place is not None
+        errors.append(now.pose[0] - last[0])
+        slips.append(place.mean[SLIP])
+    assert np.std(errors) < 0.45e-3  # 0.8 mm by one view
+    assert abs(np.mean(errors)) < 0.3e-3
+    assert np.mean(slips) == pytest.approx(slip, abs=0.005)
+
+
+def test_a_base_that_slows_down_is_not_taken_to_be_ahead() -> None:
+    """Commands count as they were sent; where they act at once, it drives less far by each."""
+    true, place, motion, way = np.array([0.0, -0.05, 0.0]), None, STILL, 0.02
+    for _ in range(16):
+        now, place = filter_pose(said(true), place, motion)
+        motion, way, last = Motion(way=way), 0.7 * way, true
+        true = true + [0.0, way, 0.0]
+    assert abs(now.pose[1] - last[1]) < 0.2e-3
+
+
+def test_a_base_that_obeys_late_leaves_no_error() -> None:
+    """It rolls on for half a second where the command is zero already."""
+    true = np.array([0.0, -0.01, 0.0])
+    _, place = filter_pose(said(true), None, Motion(way=0.01))
+    for rolls in (0.006, 0.004, 0.002, 0.001, 0.0, 0.0):
+        true = true + [0.0, rolls, 0.0]
+        now, place = filter_pose(said(true), place, STILL)
+    assert abs(now.pose[1] - true[1]) < 0.3e-3
+
+
+def test_who_is_pushed_begins_anew() -> None:
+    _, place = filter_pose(said(np.zeros(3)), None, STILL)
+    away = np.array([0.05, -0.1, 0.02])
+    now, place = filter_pose(said(away), place, STILL)
+    assert now.pose[:3] == pytest.approx(away)
+    assert now.own == pytest.approx(OWN)
+    assert place is not None and place.mean[:3] == pytest.approx(away)
+
+
+def test_nothing_said_is_nothing_known() -> None:
+    _, place = filter_pose(said(np.zeros(3)), None, STILL)
+    lost = MapLocalization('too few features')
+    assert filter_pose(lost, place, STILL) == (lost, None)
+
+
+@pytest.mark.parametrize('motion', [Motion(0.02, 0.0), Motion(0.0, 0.05), Motion(0.02, 0.05)])
+def test_wheels_know_better_than_commands_where_a_robot_is(motion: Motion) -> None:
+    before = first_pose(np.zeros(3), OWN[:3, :3], STILL)
+    told, measured = (
+        before.after(Motion(motion.way, motion.turn, measured=it)) for it in (False, True)
+    )
+    assert measured.mean == pytest.approx(told.mean)
+    grown, less = (np.diag(it.covariance - before.covariance) for it in (told, measured))
+    assert less.sum() < 0.5 * grown.sum()
+
+
+def test_wheels_are_a_random_walk_and_do_not_come_late() -> None:
+    step, before = (
+        Motion(0.01, 0.0, measured=True),
+        first_pose(np.zeros(3), np.zeros((3, 3)), STILL),
+    )
+    after = before.after(step)
+    ahead = 0.0075**2 * 0.01 + (0.05 * 0.01) ** 2
+    assert after.covariance[1, 1] == pytest.approx(ahead)
+    stands = Motion(measured=True)
+    assert after.after(stands).covariance == pytest.approx(after.covariance)

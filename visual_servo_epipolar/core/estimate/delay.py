@@ -1,0 +1,159 @@
+"""
+Delay of the base: how late it turns, learnt from what was commanded and what is seen.
+
+Of each delay that may be, commands say which turn there should have been between two views; the
+one whose turns fit those that are seen best is that of the base, be its wheels worn or not. Who
+begins late may have been held; who ends late as well obeys late.
+"""
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.estimate.curvature import heading_deviation
+from visual_servo_epipolar.core.estimate.physical import (
+    largest_dead_band,
+    MOST_DELAY_S,
+)
+from visual_servo_epipolar.core.estimate.settings import DriveSettings, SettingsT, with_identified
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.stamps import seconds_between
+
+BORNE = 0.25  # up to which laws bear a delay as it is [s]
+STEP_S = 0.05  # between two delays that may be [s]
+DELAYS: FloatArray = np.arange(round(MOST_DELAY_S / STEP_S) + 1, dtype=np.float64) * STEP_S
+INTERVAL = 0.095  # between two headings that tell a turn, at least [s]
+FADING = 0.15  # sum of squared turns in which what was seen falls to 1/e: it may be a push [rad^2]
+MOST_DEVIATION = 0.01  # of a heading that tells a turn [rad]
+LEAST_TURN = 2e-3  # in an interval, seen or commanded [rad]
+CERTAINLY_LESS = 0.999  # of it: by more than rounding
+PUSHED = 1.5  # times the largest turn that may be commanded: it was not the base
+LEAST_POWER = 0.01  # sum of squared turns that tells a delay [rad^2]
+LEAST_RESPONSE_POWER = 2e-3  # the same, where none is changed for it [rad^2]
+LEAST_CHANGE = 1e-3  # of squares that a delay adds, and takes away, in beginnings and ends [rad^2]
+GAINS = 0.6, 1.6  # turns seen over turns commanded, of a base that obeys
+UNEXPLAINED = 0.15  # most share of squared turns that the delay leaves
+CLEARLY = 3.0  # times as much is left without it
+
+
+def _zeros() -> FloatArray:
+    return np.zeros(len(DELAYS))
+
+
+@dataclass(frozen=True, eq=False)
+class Delay:
+    """
+    Delay ``value`` [s], 0 until it is known.
+
+    All shape (31,), by DELAYS: ``seen`` is the sum of turns seen times those commanded, ``power``
+    of the squares of the latter, ``later`` and ``longer`` of the squares of what a delay makes the
+    turns of an interval smaller and larger by, as where they begin and end; ``energy`` of the
+    squares of turns seen [rad^2]. The interval since ``since_ns`` began at a ``heading`` error
+    [rad], which was given ``by_memory`` or by two views; nan before the first.
+    """
+
+    value: float = 0.0
+    seen: FloatArray = field(default_factory=_zeros)
+    power: FloatArray = field(default_factory=_zeros)
+    later: FloatArray = field(default_factory=_zeros)
+    longer: FloatArray = field(default_factory=_zeros)
+    energy: float = 0.0
+    since_ns: int = 0
+    heading: float = math.nan
+    by_memory: bool = False
+
+    def updated(
+        self, measurement: Measurement, sent: CommandsSent, settings: DriveSettings
+    ) -> 'Delay':
+        """Return the delay after one more image."""
+        if not settings.options.anticipation or heading_deviation(measurement) > MOST_DEVIATION:
+            return self
+        now_ns, heading = measurement.stamp_ns, measurement.heading_error
+        by_memory = measurement.offset is not None
+        goes_on = by_memory is self.by_memory and not math.isnan(self.heading)
+        gap = seconds_between(self.since_ns, now_ns)
+        if goes_on and 0.0 < gap < INTERVAL:
+            return self
+        began = replace(self, since_ns=now_ns, heading=heading, by_memory=by_memory)
+        if not goes_on:
+            return began
+        turn = math.remainder(heading - self.heading, 2.0 * math.pi)
+        if (
+            not 0.0 < gap <= settings.stale_timeout
+            or abs(turn) > PUSHED * settings.max_angular * gap
+        ):
+            return began
+        # Of a turn that no base need follow, none tells nothing.
+        slow = max(LEAST_TURN, gap * largest_dead_band(settings.max_angular))
+        if abs(turn) < CERTAINLY_LESS * LEAST_TURN and gap * sent.fastest_turn < slow:
+            return began
+        turns = sent.turns(self.since_ns, now_ns, DELAYS)
+        largest = max(abs(turn), float(np.abs(turns).max()))
+        if largest < LEAST_TURN:
+            return began
+        keep = math.exp(-largest * largest / FADING)
+        change = np.abs(turns) - abs(turns[_up_to(settings.configured_latency)[-1]])
+        after = replace(
+            began,
+            seen=keep * self.seen + turn * turns,
+            power=keep * self.power + turns * turns,
+            later=keep * self.later + np.minimum(change, 0.0) ** 2,
+            longer=keep * self.longer + np.maximum(change, 0.0) ** 2,
+            energy=keep * self.energy + turn * turn,
+        )
+        return replace(after, value=after._value(settings))
+
+    def _value(self, settings: DriveSettings) -> float:
+        """Return the delay that turns tell, the one before where they tell none for certain."""
+        left = self._left(LEAST_POWER)
+        usual, stated = _usual(settings.configured_latency), _up_to(settings.configured_latency)
+        soon, best = int(left[usual].argmin()), int(left.argmin())
+        if best not in usual:
+            both_ends = min(self.later[best], self.longer[best])
+            clear = min(both_ends, left[stated].min()) >= max(CLEARLY * left[best], LEAST_CHANGE)
+            return float(DELAYS[best]) if clear and self._fits(left, best) else self.value
+        known = int(np.abs(DELAYS - self.value).argmin())
+        wrong = self._fits(left, soon) and left[known] > CLEARLY * left[soon]
+        return 0.0 if wrong else self.value
+
+    def _left(self, least_power: float) -> FloatArray:
+        """Return the squares of turns that each delay leaves unexplained, shape (31,) [rad^2]."""
+        left = self.energy - self.seen**2 / np.maximum(self.power, 1e-12)
+        return np.where((self.seen > 0.0) & (self.power >= least_power), left, self.energy)
+
+    def _fits(self, left: FloatArray, place: int) -> bool:
+        """Return whether the delay in ``place`` explains the turns, with wheels that obey."""
+        gain = self.seen[place] / max(self.power[place], 1e-12)
+        return bool(left[place] <= UNEXPLAINED * self.energy and GAINS[0] < gain < GAINS[1])
+
+    @property
+    def response(self) -> float:
+        """How late it turns [s], finer than DELAYS, up to what laws bear; nan until turns tell."""
+        left = self._left(LEAST_RESPONSE_POWER)[: len(_usual(BORNE))]
+        best = int(left.argmin())
+        if not 0.0 < left[best] <= UNEXPLAINED * self.energy:
+            return math.nan
+        if best in (0, len(left) - 1):
+            return float(DELAYS[best])
+        before, least, after = (float(each) for each in left[best - 1 : best + 2])
+        return float(DELAYS[best]) + 0.5 * STEP_S * (before - after) / (before - 2 * least + after)
+
+    def beside(self, settings: SettingsT) -> SettingsT:
+        """Return ``settings`` with the delay that was learnt, where it is longer."""
+        if not settings.options.anticipation or self.value <= settings.latency:
+            return settings
+        return with_identified(settings, latency=self.value)
+
+
+def _usual(configured_s: float) -> range:
+    """Return the places of the delays that need not be learnt, where one is configured [s]."""
+    return _up_to(max(configured_s, BORNE))
+
+
+@lru_cache(maxsize=16)
+def _up_to(delay: float) -> range:
+    return range(int(np.count_nonzero(delay >= DELAYS)))

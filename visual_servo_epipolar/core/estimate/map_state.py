@@ -1,0 +1,221 @@
+"""Map state: what the keyframes of the way say of this view, where they know better than two."""
+
+from dataclasses import dataclass, replace
+import math
+from typing import Any
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import are_among, IntArray
+from visual_servo_epipolar.core.estimate.pose_filter import (
+    agrees,
+    filter_pose,
+    FilteredPose,
+    with_heading_noise,
+)
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
+from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.mapping.feature_observations import (
+    FeatureObservations,
+    MapSettings,
+)
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
+from visual_servo_epipolar.core.mapping.localization import (
+    difference_slope,
+    map_measurement_of,
+    MapLocalization,
+    MapMeasurement,
+)
+from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import of_few, Perception, with_difference
+from visual_servo_epipolar.core.reasons import Reason
+
+PREFERENCE = 3.0  # deviations of two views that one of the memory may have
+LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
+# Of views that show too little for two: what must agree with one place, which is where they drove.
+LEAST_CARRIED, CARRIED_SHARE = 6, 0.6
+BY_COMMANDS, BY_WHEELS = MapSettings(), MapSettings(scale_deviation=0.03)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapState:
+    """
+    The memory of ``views``, and the ``place`` that they were averaged to; None without one.
+
+    ``few_s`` is how long too few features have been in view for two views, less how long enough
+    have been since [s]; ``is_over`` whether that alone keeps the memory from carrying on.
+    """
+
+    views: KeyframeMap | None = None
+    place: FilteredPose | None = None
+    few_s: float = 0.0
+    is_over: bool = False
+
+    def update_map(self) -> 'MapState':
+        """Return what is remembered after the views have learnt from the last one."""
+        views = None if self.views is None else self.views.update_map()
+        if views is self.views:
+            return self
+        return MapState(views, self.place, self.few_s, self.is_over)
+
+
+def localize(
+    before: MapState,
+    perception: Perception,
+    increment: OdometryIncrement,
+    settings: DriveSettings,
+    *,
+    dt: float = 0.0,
+    encoder_noise: float = 0.0,
+) -> tuple[MapState, MapMeasurement | None]:
+    """
+    Return the memory ``dt`` [s] after the last view, and what it reads of this; None if nothing.
+
+    The heading that a head's encoder tells is wrong by its ``encoder_noise`` [rad] in each view.
+
+    The ``increment`` driven since the last view gives the scale. A lens that is being learnt
+    would move the rays that keyframes hold: with one nothing is remembered.
+    """
+    observation, motion = perception.observation, increment.motion
+    if not settings.remembers:
+        return MapState(), None
+    views = _views_of(before.views, perception.memory.mount_by(settings), increment.trusted)
+    if views is not before.views:
+        before = replace(before, place=None)  # it was of another scale, or floor
+    if observation is None or observation.ids is None:
+        return MapState(views), None
+    is_few = perception.measurement.features < settings.min_features
+    few_s = max(before.few_s + (dt if is_few else -dt), 0.0)
+    few_s = min(few_s, settings.few_features_timeout)
+    noise = np.maximum(perception.memory.noise * observation.resolution, LEAST_NOISE)
+    observations = FeatureObservations.owning(
+        observation.ids, observation.current, observation.desired, noise
+    )
+    after, said = _localized(views, observations, perception, increment, learns=not is_few)
+    if is_few:
+        is_over = few_s >= settings.few_features_timeout
+        carries = _carries(said, observations.ids, before.place, motion)
+        if is_over or not carries:
+            place = None if before.place is None else before.place.after(motion)
+            # Who seems to be elsewhere was not seen.
+            unseen = replace(after, pose=views.pose, shrinkage=views.shrinkage)
+            is_over = is_over and (carries or before.is_over)  # the cause, also of what follows
+            return MapState(unseen, place, few_s, is_over), None
+    if observation.head is not None:
+        said = with_heading_noise(said, encoder_noise)
+    said, place = filter_pose(said, before.place, motion)
+    return MapState(after, place, few_s), reading_in_view(said, observation)
+
+
+def _views_of(views: KeyframeMap | None, mount: Attitude, by_wheels: bool) -> KeyframeMap:
+    """Return the map by the motion that counts; a new one where the floor has become rough."""
+    if views is None or views.mount.jitter < mount.jitter:
+        views = KeyframeMap(mount, BY_COMMANDS)
+    if by_wheels == (views.settings == BY_WHEELS):
+        return views
+    return views.with_alternative(BY_WHEELS if by_wheels else BY_COMMANDS)
+
+
+def _localized(
+    views: KeyframeMap,
+    observations: FeatureObservations,
+    perception: Perception,
+    increment: OdometryIncrement,
+    *,
+    learns: bool,
+) -> tuple[KeyframeMap, MapLocalization]:
+    bearings, motion, other = perception.measurement.bearings, increment.motion, increment.other
+    return views.after(
+        observations,
+        np.array([0.0, motion.way]),
+        alternative_motion=None if other is motion else np.array([0.0, other.way]),
+        bearings=() if bearings is None else (bearings,),
+        attitude=perception.memory.attitude,
+        learns=learns,
+    )
+
+
+def _carries(
+    said: MapLocalization, ids: IntArray, place: FilteredPose | None, motion: Motion
+) -> bool:
+    """Return whether few features, of ``ids`` (N,), show the robot where it has driven to."""
+    if said.reason or place is None:
+        return False
+    known = are_among(ids, said.ids) & ~are_among(ids, said.dropped)
+    if int(said.inliers.sum()) < max(LEAST_CARRIED, CARRIED_SHARE * int(known.sum())):
+        return False
+    return agrees(said, place.after(motion))
+
+
+def measurement_of(
+    perception: Perception,
+    reading: MapMeasurement | None,
+    after: MapState,
+    settings: DriveSettings,
+) -> Measurement:
+    """Return the measurement of a view, by two views, or by what is remembered ``after`` it."""
+    measurement = perception.measurement
+    if measurement.features >= settings.min_features or not settings.remembers:
+        if reading is None:
+            return with_difference(perception, settings)
+        return sharpened(measurement, reading, settings)
+    if reading is not None:
+        few = replace(of_few(perception, settings), carried=True)
+        return sharpened(few, reading, settings)
+    if not after.is_over or settings.few_features_timeout == 0.0:
+        return measurement
+    over = Reason.MEMORY_OVER.of(measurement.reason, settings.few_features_timeout)
+    return replace(measurement, reason=over)
+
+
+def sharpened(
+    measurement: Measurement, reading: MapMeasurement, settings: DriveSettings
+) -> Measurement:
+    """
+    Return ``measurement`` with what the memory knows better, by deviations.
+
+    Of two that know a bearing about as well it is the memory's: two views do not know how wrong
+    the lens is, and where now the one and then the other counts, bearings leap.
+    """
+    bearings: dict[str, Any] = {}
+    before = measurement.deviation if measurement.bearings is not None else math.inf
+    most = min(PREFERENCE * before, settings.max_deviation)
+    if reading.bearings is not None and reading.deviation < most:
+        bearings = {
+            'bearings': reading.bearings,
+            'deviation': reading.deviation,
+            'covariance': reading.covariance,
+            'confidence': 1.0,  # features lie ahead in all views together
+            'inliers': reading.inliers,
+            'remembered': True,
+            'rivals': (),
+            'reason': '',
+        }
+    return replace(
+        measurement,
+        **bearings,
+        heading_error=reading.heading_error,
+        rotation_heading=reading.heading_error,
+        difference=reading.difference,
+        difference_deviation=reading.difference_deviation,
+        difference_slope=reading.difference_slope,
+        offset=(reading.lateral, reading.longitudinal),
+        offset_deviation=math.hypot(reading.lateral_deviation, reading.longitudinal_deviation),
+        heading_deviation=reading.heading_deviation,
+    )
+
+
+def reading_in_view(said: MapLocalization, observation: Observation) -> MapMeasurement | None:
+    """Return what is said, with D over features in view, or over all where none of them is."""
+    if said.reason or observation.ids is None:
+        return None
+    which = len(observation), observation.wide
+    if which not in said.slopes:
+        counted = said.counted
+        in_view = counted & are_among(said.ids, observation.ids)
+        counted = in_view if in_view.any() else counted
+        desired, inverse_depth = said.photograph[counted], said.inverse_depth[counted]
+        said.slopes[which] = difference_slope(desired, inverse_depth, wide=observation.wide)
+    return map_measurement_of(said, said.slopes[which])

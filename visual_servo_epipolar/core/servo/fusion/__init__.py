@@ -1,1 +1,0 @@
-"""Fusion: two views and the map of keyframes become one measurement."""

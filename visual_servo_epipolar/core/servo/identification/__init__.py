@@ -1,1 +1,0 @@
-"""Identification: what driving shows of the base, and of the camera on it."""

@@ -1,1 +1,0 @@
-"""Motion: whether the base moves as commanded."""
