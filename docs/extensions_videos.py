@@ -18,8 +18,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.report.images.map_view import MapBounds, MapView
-from visual_servo_epipolar.report.images.picture import picture
-from visual_servo_epipolar.report.images.video import HEIGHT, view_size
+from visual_servo_epipolar.report.images.video import HEIGHT, picture, view_size
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.scenario import load, Scenario

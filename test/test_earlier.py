@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.run import FOLLOWING, RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.messages.routes.route_folder import folder_bytes, read_route
+from visual_servo_epipolar.messages.route_folder import folder_bytes, read_route
 from visual_servo_epipolar.nodes.parameters import read_sections
 from visual_servo_epipolar.nodes.startup import table
 from visual_servo_epipolar.simulation.scenario import load

@@ -139,7 +139,7 @@ def replay(
     from visual_servo_epipolar.bags.reading.topics import assign_roles, namespace_of
     from visual_servo_epipolar.bags.replaying import plan as planning
     from visual_servo_epipolar.bags.replaying import replay as replaying
-    from visual_servo_epipolar.bags.replaying.result import run_log
+    from visual_servo_epipolar.bags.replaying.replay import run_log
 
     with Bag(Path(bag)) as opened:
         namespace = namespace_of(opened)
@@ -161,7 +161,7 @@ def inspect(desired: str | Path, current: str | Path, camera: str | Path) -> Ins
     ``camera`` is a calibration file as ``visual_servo inspect --camera`` reads it. Raises
     InputError if a file cannot be read.
     """
-    from visual_servo_epipolar.commands.files.camera import (
+    from visual_servo_epipolar.commands.camera_files import (
         read_camera,
         read_photograph,
         scaled_to,
@@ -179,6 +179,6 @@ def inspect(desired: str | Path, current: str | Path, camera: str | Path) -> Ins
 
 def load_route(folder: str | Path) -> 'Route':
     """Return the route that was taught into ``folder``; raises InputError if it is damaged."""
-    from visual_servo_epipolar.messages.routes.route_folder import read_route
+    from visual_servo_epipolar.messages.route_folder import read_route
 
     return read_route(Path(folder))

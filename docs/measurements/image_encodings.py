@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read, write
-from visual_servo_epipolar.messages.images.encodings import ENCODINGS, GrayReader
+from visual_servo_epipolar.messages.encodings import ENCODINGS, GrayReader
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import Scenario

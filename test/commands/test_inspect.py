@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from tagged_pictures import huge, KINDS, tagged
 
-from visual_servo_epipolar.commands.files.camera import read_photograph
+from visual_servo_epipolar.commands.camera_files import read_photograph
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose

@@ -13,8 +13,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from tagged_pictures import huge
 
+from visual_servo_epipolar.commands import replay
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.commands.replay import run
 from visual_servo_epipolar.messages import read, write
 
 ROOT = Path(__file__).parents[2]
@@ -211,7 +211,7 @@ def test_a_bag_with_broken_metadata_and_a_lost_file_is_replayed_after_repair(
 @pytest.mark.parametrize('out', ['file/out', '/proc/out'])
 def test_outputs_are_tried_before_the_run(bag, tmp_path, capsys, monkeypatch, out) -> None:
     (tmp_path / 'file').touch()
-    monkeypatch.setattr(run, 'replay_bag', lambda *_, **__: pytest.fail('it ran'))
+    monkeypatch.setattr(replay, 'replay_bag', lambda *_, **__: pytest.fail('it ran'))
     assert 'nothing can be written there' in refused(capsys, bag, '--out', str(tmp_path / out))
     assert 'cannot be' in refused(capsys, bag, '--json', str(tmp_path / out))
     assert 'not the name of a file' in refused(capsys, bag, '--json', str(tmp_path))
@@ -227,7 +227,7 @@ def test_nothing_is_left_of_a_replay_that_was_cut_off(
     def end(*_: object, **__: object) -> None:
         raise ending
 
-    monkeypatch.setattr(run, where, end)
+    monkeypatch.setattr(replay, where, end)
     out = tmp_path / 'made' / 'out'
     assert main(['replay', bag, '--tracks', '--out', str(out)]) in (2, 130)
     assert list(tmp_path.iterdir()) == []

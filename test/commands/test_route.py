@@ -13,7 +13,7 @@ from routes import key_view, route_of
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
+from visual_servo_epipolar.messages.route_folder import read_route, write_route
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.choices import WAYS, WORLDS
 from visual_servo_epipolar.simulation.routes.drives import route_scenario

@@ -17,8 +17,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog
-from visual_servo_epipolar.report.figures import save, signals, trajectory
-from visual_servo_epipolar.report.panels import robust_limit
+from visual_servo_epipolar.report.figures import robust_limit, save, signals, trajectory
 
 Draw = Callable[[RunLog], Figure]
 

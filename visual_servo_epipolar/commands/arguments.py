@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from visual_servo_epipolar.commands.files.output import OutputFile
+from visual_servo_epipolar.commands.outputs import OutputFile
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.names import law_names
 from visual_servo_epipolar.core.settings import alike, expanded

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.console import Progress, summary, written_to
-from visual_servo_epipolar.commands.files.output import publish
-from visual_servo_epipolar.commands.files.run_folder import write_run
 from visual_servo_epipolar.commands.options import EXCLUDED
+from visual_servo_epipolar.commands.outputs import publish
+from visual_servo_epipolar.commands.simulate import write_run
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose

@@ -6,7 +6,7 @@ import math
 import sys
 from typing import Any
 
-from visual_servo_epipolar.commands.files.output import publish
+from visual_servo_epipolar.commands.outputs import publish
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.two_steps.derived_gains import enough

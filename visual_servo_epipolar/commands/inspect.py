@@ -8,8 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph, scaled_to
-from visual_servo_epipolar.commands.files.output import publish
+from visual_servo_epipolar.commands.camera_files import read_camera, read_photograph, scaled_to
+from visual_servo_epipolar.commands.outputs import publish
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError

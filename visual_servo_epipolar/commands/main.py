@@ -17,8 +17,8 @@ from visual_servo_epipolar.commands.ending import (
     Terminated,
     unread,
 )
-from visual_servo_epipolar.commands.files.output import check_outputs
 from visual_servo_epipolar.commands.options import COMMANDS
+from visual_servo_epipolar.commands.outputs import check_outputs
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.nodes.startup.missing import remedy
 

@@ -21,7 +21,7 @@ from visual_servo_epipolar.commands.arguments import (
     tolerance,
     whole,
 )
-from visual_servo_epipolar.commands.files.output import OutputFile, OutputFolder
+from visual_servo_epipolar.commands.outputs import OutputFile, OutputFolder
 from visual_servo_epipolar.core.laws.two_steps.gains import Circumstances
 from visual_servo_epipolar.core.routes.settings import FollowSettings, STEERINGS
 from visual_servo_epipolar.core.settings import expanded, range_of
@@ -331,19 +331,19 @@ COMMANDS: Mapping[str, CommandRow] = {
         'Replay a bag through the same tracker and servo, with any settings, and tell where the '
         'commands differ from the recorded ones.',
         add_replay,
-        'replay.run:replay_and_report',
+        'replay:replay_and_report',
     ),
     'report': CommandRow(
         'write an HTML page on a run, a bag or a route',
         'Write one HTML page on a run, a bag or a route; the page needs no network.',
         add_report,
-        'report.command:report',
+        'report:report',
     ),
     'route': CommandRow(
         'learn a way from a drive, and repeat it by photographs',
         'Routes: driven once, kept as photographs, and found by them.',
         add_route,
-        'route.run:route',
+        'route:route',
     ),
     'gains': CommandRow(
         'derive gains from distance, image rate and speed limits',

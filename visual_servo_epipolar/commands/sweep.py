@@ -13,8 +13,8 @@ from typing import Any
 
 from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.console import Progress, written_to
-from visual_servo_epipolar.commands.files.output import publish
 from visual_servo_epipolar.commands.options import SWEEP_FOLDER
+from visual_servo_epipolar.commands.outputs import publish
 from visual_servo_epipolar.core.cameras.model import field_of_view
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.files import write_whole
@@ -110,8 +110,7 @@ def _report(
 ) -> tuple[str, list[str]]:
     """Write table and map into ``folder``; return the table, and the names of the files."""
     from visual_servo_epipolar.report.figures import save
-    from visual_servo_epipolar.report.sweep.figures import starts
-    from visual_servo_epipolar.report.sweep.table import table
+    from visual_servo_epipolar.report.sweep_report import starts, table
 
     text = table(documents)
     write_whole(folder / 'table.md', f'{text}\n'.encode())

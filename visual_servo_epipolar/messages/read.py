@@ -24,7 +24,7 @@ from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.messages.images.encodings import GrayReader
+from visual_servo_epipolar.messages.encodings import GrayReader
 
 NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 UNIT = 1e-2  # error of the length of a quaternion that somebody typed

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.images.encodings import GrayReader
+from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.validation import checked_image
 
 

@@ -11,9 +11,8 @@ from rclpy.clock import Clock, ClockType
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.bags.metadata import Topic
-from visual_servo_epipolar.bags.recording.recorder import Recorder, RecordingStatus
+from visual_servo_epipolar.bags.recording.recorder import MB, Recorder, RecordingStatus
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
-from visual_servo_epipolar.bags.recording.writer import MB
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos

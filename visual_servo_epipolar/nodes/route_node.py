@@ -21,8 +21,8 @@ from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSett
 from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import read, validation
-from visual_servo_epipolar.messages.images.encodings import GrayReader
-from visual_servo_epipolar.messages.routes.route_folder import (
+from visual_servo_epipolar.messages.encodings import GrayReader
+from visual_servo_epipolar.messages.route_folder import (
     check_folder,
     is_route,
     read_route,

@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import event_log, read, write
-from visual_servo_epipolar.messages.images.encodings import GrayReader
+from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.tracking import track, TrackingResult
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.lifecycle.gates import serve

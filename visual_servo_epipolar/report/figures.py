@@ -1,5 +1,8 @@
-"""Figures of a run, for paper and screen: its path seen from above, its signals over time."""
+"""Figures of a run: its path seen from above, its signals over time, a replay beside it."""
 
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 import math
 from pathlib import Path
 import textwrap
@@ -9,14 +12,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Rectangle
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 import numpy as np
 
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import (
     end_s,
     least_time_of,
     phase_spans,
+    PhaseSpan,
     RunLog,
     Sample,
     seconds,
@@ -29,14 +35,283 @@ from visual_servo_epipolar.report.canvas import (
     legend_outside,
     new_figure,
 )
-from visual_servo_epipolar.report.panels import draw_strip, PANELS, phase_patches, shade
 from visual_servo_epipolar.report.style import (
     CURRENT_COLOUR,
+    DESIRED_COLOUR,
     FIELD_OF_VIEW,
     FIGURE_SETTINGS,
     INK,
     phase_label,
+    text_colour_on,
 )
+
+Panel = Callable[[Axes, RunLog], None]
+
+MOST_STRIDES = 4.5  # from tick to tick on the axis of D
+STANDING, STANDING_AXIS = 0.02, 0.1  # range of velocities of a robot that stands [m/s, rad/s]
+MAX_EPIPOLE = 2000.0  # abscissae beyond are off any sensible axis [px]
+CHARACTER = 0.0108  # width of one character of a phase's name, of the width of a panel
+
+
+def column(log: RunLog, name: str) -> FloatArray:
+    """Return one field of all samples, shape (N,)."""
+    return np.array([getattr(sample, name) for sample in log.samples], dtype=np.float64)
+
+
+def robust_limit(*signals: FloatArray) -> float:
+    """Return a bound that holds nearly all finite values: epipoles run off to infinity."""
+    finite = [np.abs(signal[np.isfinite(signal)]) for signal in signals]
+    bounds = [np.percentile(values, 95) for values in finite if len(values)]
+    return float(np.clip(1.25 * max(bounds, default=0.0), 10.0, MAX_EPIPOLE))
+
+
+def draw_strip(axes: Axes, spans: list[PhaseSpan]) -> None:
+    """Draw the phases as a bar over time, with their names where they fit."""
+    whole = axes.get_xlim()[1]
+    axes.set(ylim=(0.0, 1.0))
+    axes.set_axis_off()
+    for span in spans:
+        colour, name = phase_colour(span.name), phase_label(span.name)
+        axes.axvspan(span.start_s, span.end_s, color=colour, linewidth=0.0)
+        if (span.end_s - span.start_s) / whole > CHARACTER * (len(name) + 1):
+            middle = 0.5 * (span.start_s + span.end_s)
+            ink = text_colour_on(colour)
+            axes.text(middle, 0.46, name, color=ink, fontsize=8.0, ha='center', va='center')
+
+
+def phase_patches(spans: list[PhaseSpan]) -> list[Patch]:
+    """Return the key of the colours, in the order in which the phases came."""
+    names = dict.fromkeys(span.name for span in spans)
+    return [Patch(color=phase_colour(name), label=phase_label(name)) for name in names]
+
+
+def shade(axes: Axes, spans: list[PhaseSpan]) -> None:
+    """Colour the background of a panel by phase."""
+    for span in spans:
+        colour = phase_colour(span.name)
+        axes.axvspan(span.start_s, span.end_s, color=colour, alpha=0.13, linewidth=0.0)
+
+
+def _draw_epipoles(axes: Axes, log: RunLog) -> None:
+    times = np.array(seconds(log))
+    current, desired = column(log, 'epipole_current'), column(log, 'epipole_desired')
+    limit = robust_limit(current, desired)
+    pairs = (
+        (current, CURRENT_COLOUR, 2.4, 'current $e_{au}$'),
+        (desired, DESIRED_COLOUR, 1.1, 'desired $e_{du}$'),  # both equal in step 2: seen on top
+    )
+    for values, colour, width, label in pairs:
+        # A gap and not a stroke across the panel where an epipole passes through infinity.
+        inside = np.where(np.abs(values) <= limit, values, np.nan)
+        axes.plot(times, inside, color=colour, linewidth=width, label=label)
+        for sign, marker in ((1.0, '^'), (-1.0, 'v')):
+            beyond = times[sign * values > limit]
+            edge = np.full(len(beyond), 0.95 * sign * limit)
+            axes.plot(beyond, edge, marker, color=colour, markersize=2.0, label='_beyond')
+    axes.axhline(0.0, color=INK, linewidth=0.6)
+    axes.set(ylim=(-limit, limit), ylabel='epipoles\n[px]')
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+    _lacks(axes, current, desired)
+    _key_above(axes)
+
+
+def _draw_velocity(axes: Axes, log: RunLog, *, name: str, unit: str) -> None:
+    values = np.array([getattr(sample.twist, name) for sample in log.samples])
+    # A command holds until the next one.
+    axes.plot(seconds(log), values, color=INK, drawstyle='steps-post')
+    axes.axhline(0.0, color=INK, linewidth=0.6)
+    low, high = min(values.min(), 0.0), max(values.max(), 0.0)
+    if high - low < STANDING:
+        low, high = -STANDING_AXIS, STANDING_AXIS
+    margin = 0.12 * (high - low)
+    axes.set(ylim=(low - margin, high + margin), ylabel=f'{name}\nvelocity [{unit}]')
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+
+
+def _draw_difference(axes: Axes, log: RunLog) -> None:
+    values = column(log, 'feature_difference')
+    axes.plot(seconds(log), values, color=INK)
+    axes.axhline(0.0, color=INK, linewidth=0.6)
+    axes.set_ylabel('D [px$^2$]')
+    if _lacks(axes, values):
+        return
+    # D has a sign and falls by decades; below 1 px^2 the axis is linear.
+    axes.set_yscale('symlog', linthresh=1.0)
+    low, high = _decades(-values), _decades(values)
+    stride = next(it for it in (1, 2, 3, 4, 6, 12) if (low + high) / it <= MOST_STRIDES)
+    ticks = {-(10.0**n): f'$-10^{{{n}}}$' for n in range(stride, low + 1, stride)}
+    ticks |= {0.0: '0', **{10.0**n: f'$10^{{{n}}}$' for n in range(stride, high + 1, stride)}}
+    axes.set_yticks([*ticks], labels=[*ticks.values()])
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_ylim(-(10.0**low) if low else -0.5, 10.0**high if high else 0.5)
+
+
+def _decades(values: FloatArray) -> int:
+    """Return the power of ten that no value exceeds, 2 at least; 0 if none is above zero."""
+    largest = values[np.isfinite(values)].max(initial=0.0)
+    return max(2, int(np.ceil(np.log10(largest)))) if largest > 0.0 else 0
+
+
+def _draw_count(axes: Axes, log: RunLog) -> None:
+    axes.plot(seconds(log), column(log, 'features'), color=INK, drawstyle='steps-post')
+    axes.set_ylabel('visible\nfeatures')
+    axes.set_ylim(bottom=0.0, top=1.15 * max(1.0, column(log, 'features').max()))
+    axes.yaxis.set_major_locator(MaxNLocator(4, integer=True))
+
+
+def _draw_error(axes: Axes, log: RunLog) -> None:
+    axes.plot(seconds(log), column(log, 'feature_error'), color=INK)
+    axes.set_ylabel('median feature\nerror [px]')
+    _scale_by_decades(axes, column(log, 'feature_error'))
+
+
+def _draw_distance(axes: Axes, log: RunLog) -> None:
+    true = np.array([sample.pose.distance for sample in log.samples])
+    ended = np.array([sample.phase.ended for sample in log.samples])  # nothing goes by it
+    estimate = np.where(ended, np.nan, column(log, 'distance_estimate'))
+    axes.plot(seconds(log), true, color=INK, label='true $d$')
+    axes.plot(seconds(log), estimate, '--', color=CURRENT_COLOUR, label=r'estimate $\hat{d}$')
+    axes.set_ylabel('distance [m]')
+    _scale_by_decades(axes, np.concatenate([true, estimate]))
+    _key_above(axes)
+
+
+def _scale_by_decades(axes: Axes, values: FloatArray) -> None:
+    positive = values[np.isfinite(values) & (values > 0.0)]
+    if _lacks(axes, positive):
+        return
+    axes.set_yscale('log')
+    low, high = np.floor(np.log10(positive.min())), np.ceil(np.log10(positive.max()))
+    axes.set_ylim(10.0**low, 10.0 ** max(high, low + 1.0))
+    axes.yaxis.set_major_locator(LogLocator(numticks=5))
+    axes.yaxis.set_minor_locator(NullLocator())
+
+
+def _lacks(axes: Axes, *signals: FloatArray) -> bool:
+    """Say in the panel if there is nothing to show, and return whether that is so."""
+    lacks = not any(np.isfinite(signal).any() for signal in signals)
+    if lacks:
+        axes.text(0.5, 0.6, 'not measured', transform=axes.transAxes, ha='center', va='bottom')
+        axes.set_yticks([])
+    return lacks
+
+
+def _key_above(axes: Axes) -> None:
+    """Put the key above the panel, where no curve runs."""
+    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 0.96), ncols=2, borderaxespad=0.0)
+
+
+DRAWN: tuple[Panel, ...] = (
+    _draw_epipoles,
+    partial(_draw_velocity, name='linear', unit='m/s'),
+    partial(_draw_velocity, name='angular', unit='rad/s'),
+    _draw_difference,
+    _draw_count,
+    _draw_error,
+    _draw_distance,
+)
+
+
+RECORDED = '#9A9A9A'
+PANELS: tuple[tuple[str, str], ...] = (
+    ('epipole_current_px', 'current\nepipole [px]'),
+    ('epipole_desired_px', 'desired\nepipole [px]'),
+    ('linear_m_s', 'linear\nvelocity [m/s]'),
+    ('angular_rad_s', 'angular\nvelocity [rad/s]'),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Signals:
+    """Signals over time: ``times`` [s] and each of ``values`` have shape (N,); nan is a gap."""
+
+    times: FloatArray
+    phases: Sequence[str] = ()
+    values: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def spans(self) -> list[PhaseSpan]:
+        """Return the phases one after the other; steps without one are left out."""
+        spans: list[PhaseSpan] = []
+        for time, name in zip(self.times.tolist(), self.phases, strict=True):
+            if spans:
+                spans[-1] = PhaseSpan(spans[-1].name, spans[-1].start_s, time)
+            if not spans or spans[-1].name != name:
+                spans.append(PhaseSpan(name, time, time))
+        return [span for span in spans if span.name]
+
+
+@rc_context(FIGURE_SETTINGS)
+def comparison(
+    recorded: Signals,
+    replayed: Signals,
+    divergence_s: float | None = None,
+    end_s: float | None = None,
+) -> Figure:
+    """
+    Draw phases, epipoles and commands of both, where they diverge and where the run ends.
+
+    Raises ValueError if nothing was replayed.
+    """
+    if not len(replayed.times):
+        raise ValueError('a replay must have steps to be drawn, got none; replay images or tracks')
+    figure = new_figure(7.2, 7.6)
+    grid = figure.add_gridspec(2 + len(PANELS), 1, height_ratios=(0.2, 0.2, *[1.0] * len(PANELS)))
+    strips = [figure.add_subplot(grid[0])]
+    strips.append(figure.add_subplot(grid[1], sharex=strips[0]))
+    strips[0].set_xlim(0.0, max(float(replayed.times[-1]), 1e-3))
+    for axes, signals, name in zip(
+        strips, (recorded, replayed), ('recorded ', 'replayed '), strict=True
+    ):
+        draw_strip(axes, signals.spans())
+        axes.text(0.0, 0.5, name, transform=axes.transAxes, ha='right', va='center', fontsize=8.0)
+    for row, (name, label) in enumerate(PANELS, start=2):
+        axes = figure.add_subplot(grid[row], sharex=strips[0])
+        _draw(axes, recorded, replayed, name)
+        _mark(axes, divergence_s, ':', 'they diverge')
+        _mark(axes, end_s, '--', 'end of the run')
+        axes.set_ylabel(label)
+        axes.tick_params(labelbottom=row == 1 + len(PANELS))
+    figure.axes[2].legend(loc='lower right', bbox_to_anchor=(1.0, 0.96), ncols=4)
+    figure.axes[-1].set_xlabel('time [s]')
+    figure.align_ylabels(figure.axes[2:])
+    spans = [*recorded.spans(), *replayed.spans()]
+    legend_outside(figure, phase_patches(spans), 'upper left', ncols=5)
+    return figure
+
+
+def _draw(axes: Axes, recorded: Signals, replayed: Signals, name: str) -> None:
+    series = [
+        (signals.times, signals.values[name], colour, width, label)
+        for signals, colour, width, label in (
+            (recorded, RECORDED, 3.0, 'recorded'),
+            (replayed, CURRENT_COLOUR, 1.0, 'replayed'),
+        )
+        if name in signals.values
+    ]
+    for times, values, colour, width, label in series:
+        axes.plot(times, values, color=colour, linewidth=width, label=label)
+    if name.endswith('_px'):  # epipoles run off to infinity
+        limit = robust_limit(*(values for _, values, *_ in series))
+        axes.set_ylim(-limit, limit)
+    axes.axhline(0.0, color=INK, linewidth=0.6)
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+
+
+def _mark(axes: Axes, time_s: float | None, line: str, label: str) -> None:
+    if time_s is not None:
+        axes.axvline(time_s, color=INK, linewidth=0.9, linestyle=line, label=label)
+
+
+def columns(
+    rows: Sequence[Mapping[str, float | str]], names: Sequence[str]
+) -> dict[str, FloatArray]:
+    """Return each of ``names`` that any of ``rows`` has, shape (N,), nan where it is missing."""
+    return {
+        name: np.array([row.get(name, np.nan) for row in rows], dtype=np.float64)
+        for name in names
+        if any(name in row for row in rows)
+    }
+
 
 DOTS_PER_INCH = 150
 ZOOM = 0.1  # half the side of the close-up around the goal [m]
@@ -76,15 +351,15 @@ def signals(log: RunLog) -> Figure:
     """
     _check(log)
     figure = new_figure(7.2, 9.6)
-    heights = (0.2, 1.4, *[1.0] * (len(PANELS) - 1))
-    grid = figure.add_gridspec(1 + len(PANELS), 1, height_ratios=heights)
+    heights = (0.2, 1.4, *[1.0] * (len(DRAWN) - 1))
+    grid = figure.add_gridspec(1 + len(DRAWN), 1, height_ratios=heights)
     spans, strip = phase_spans(log), figure.add_subplot(grid[0])
     strip.set_xlim(0.0, max(seconds(log)[-1], 1e-3))
     draw_strip(strip, spans)
     least = least_time_of(log)
     if least is not None and least <= strip.get_xlim()[1]:
         strip.text(least, 1.05, '$T_0$', fontsize=8.0, ha='center', va='bottom')
-    for row, draw in enumerate(PANELS, start=1):
+    for row, draw in enumerate(DRAWN, start=1):
         axes = figure.add_subplot(grid[row], sharex=strip)
         draw(axes, log)
         shade(axes, spans)
@@ -92,7 +367,7 @@ def signals(log: RunLog) -> Figure:
             axes.axvline(end_s(log), color=INK, linewidth=0.9, linestyle='--')
         if least is not None:
             axes.axvline(least, color=INK, linewidth=0.9, linestyle=':')
-        axes.tick_params(labelbottom=row == len(PANELS))
+        axes.tick_params(labelbottom=row == len(DRAWN))
         axes.yaxis.set_label_coords(LABELS_AT, 0.5)  # ``align_ylabels`` takes 0.15 s for seven
     figure.axes[-1].set_xlabel('time [s]')
     legend_outside(figure, phase_patches(spans), 'upper left', ncols=5)

@@ -7,8 +7,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.bags.reading.bag import Bag
-from visual_servo_epipolar.bags.reading.history import Happening, happenings
-from visual_servo_epipolar.bags.reading.run import read_run
+from visual_servo_epipolar.bags.reading.run import Happening, happenings, read_run
 from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
 from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides

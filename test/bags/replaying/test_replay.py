@@ -253,7 +253,7 @@ def test_a_recorded_setting_that_is_gone_is_noted_where_it_was_on(
 
 
 def test_the_path_of_ground_truth_is_that_of_the_recorded_run(bag) -> None:
-    from visual_servo_epipolar.bags.replaying.result import document, has_truth, run_log
+    from visual_servo_epipolar.bags.replaying.replay import document, has_truth, run_log
 
     run, steps, _ = replayed(bag, from_tracks=True)
     log = run_log(run, steps, seed=0, law='full')

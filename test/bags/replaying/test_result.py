@@ -6,9 +6,8 @@ from bagmaker import write_bag
 import pytest
 
 from visual_servo_epipolar.bags.reading.run import Recording
-from visual_servo_epipolar.bags.replaying.replay import ReplayedStep
-from visual_servo_epipolar.bags.replaying.result import document, run_log
-from visual_servo_epipolar.bags.replaying.result import SETTLE_FRAMES as BRAKING_STEPS
+from visual_servo_epipolar.bags.replaying.replay import document, ReplayedStep, run_log
+from visual_servo_epipolar.bags.replaying.replay import SETTLE_FRAMES as BRAKING_STEPS
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.laws.phase import Phase
@@ -97,8 +96,7 @@ def test_replay_and_report_tell_the_end_of_the_run_from_that_of_the_recording(
 def test_figures_mark_the_end_of_the_run() -> None:
     import numpy as np
 
-    from visual_servo_epipolar.report.comparison import comparison, Signals
-    from visual_servo_epipolar.report.figures import signals
+    from visual_servo_epipolar.report.figures import comparison, Signals, signals
 
     steps = steps_of(displacing=20, failed=300)
     log = run_log(driving_away(steps), steps, seed=0, law='full')

@@ -5,8 +5,8 @@ from importlib import metadata
 from browser import needs_browser, open_in_browser
 import pytest
 
-from visual_servo_epipolar.commands.files.run_folder import versions
 from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.commands.simulate import versions
 from visual_servo_epipolar.report.page import Headline, Section, write_page
 
 WIDE = """<script>addEventListener('load', () => {

@@ -229,7 +229,7 @@ def test_versions_of_the_recording_stand_beside_those_of_the_report(bag_page) ->
 def test_nothing_is_left_of_a_report_that_was_cut_off(
     bag, run_page, tmp_path, monkeypatch, capsys, ending
 ) -> None:
-    from visual_servo_epipolar.commands.report import command
+    from visual_servo_epipolar.commands import report as command
 
     def end(*_: object, **__: object) -> None:
         raise ending
@@ -246,7 +246,7 @@ def test_nothing_is_left_of_a_report_that_was_cut_off(
 def test_a_place_where_nothing_can_be_written_is_refused_before_the_replay(
     bag, monkeypatch, capsys
 ) -> None:
-    from visual_servo_epipolar.commands.report import command
+    from visual_servo_epipolar.commands import report as command
 
     monkeypatch.setattr(command, 'replay_bag', lambda *_, **__: pytest.fail('it ran'))
     assert 'give another --out' in refused(capsys, str(bag), '--out', '/proc/here')

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.commands import report as on_page
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.commands.report import command as on_page
-from visual_servo_epipolar.report.images.encoders import Codec, CODECS, pyav
+from visual_servo_epipolar.report.images.video import Codec, CODECS, pyav
 
 needs_pyav = pytest.mark.skipif(pyav() is None, reason='PyAV is not installed')
 SIZE, FRAMES = (320, 240), 22

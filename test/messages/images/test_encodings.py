@@ -6,13 +6,13 @@ import pytest
 from sensor_msgs.msg import CompressedImage, Image
 
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.images.encodings import (
+from visual_servo_epipolar.messages.encodings import (
     BRIGHT,
     DARK,
     ENCODINGS,
     GrayReader,
 )
-from visual_servo_epipolar.messages.images.pictures import LARGEST
+from visual_servo_epipolar.messages.pictures import LARGEST
 
 BLUE, GREEN, RED = 30, 90, 200
 GRAY = round(0.114 * BLUE + 0.587 * GREEN + 0.299 * RED)

@@ -7,8 +7,8 @@ from sensor_msgs.msg import CompressedImage
 from tagged_pictures import huge, KINDS, tagged, TAGS, tiff
 
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.images.encodings import GrayReader
-from visual_servo_epipolar.messages.images.pictures import (
+from visual_servo_epipolar.messages.encodings import GrayReader
+from visual_servo_epipolar.messages.pictures import (
     is_upside_down,
     LARGEST,
     LARGEST_FILE,

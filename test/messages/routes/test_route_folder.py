@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.route import Appearance, Bridge, in_memory, Route
 from visual_servo_epipolar.files import COMPLETE, PARTIAL
-from visual_servo_epipolar.messages.routes.route_folder import (
+from visual_servo_epipolar.messages.route_folder import (
     check_folder,
     read_route,
     route_hash,

@@ -11,7 +11,7 @@ from routes import key_view, route_of
 
 from visual_servo_epipolar.core.routes.route import Appearance, in_memory, Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
-from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
+from visual_servo_epipolar.messages.route_folder import read_route, write_route
 from visual_servo_epipolar.nodes.routing.recording import RouteRenewal
 
 

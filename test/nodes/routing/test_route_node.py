@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.registry import with_intrinsics
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.routes.run import FOLLOWING, RouteRun, RouteStep
-from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
+from visual_servo_epipolar.messages.route_folder import read_route, write_route
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DRIVES = RouteStep(Twist(0.4, 0.1), FOLLOWING)

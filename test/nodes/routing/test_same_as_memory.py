@@ -24,7 +24,7 @@ from visual_servo_epipolar.core.routes.run import RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.messages.routes.route_folder import read_route, write_route
+from visual_servo_epipolar.messages.route_folder import read_route, write_route
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base

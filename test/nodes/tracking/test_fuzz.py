@@ -9,7 +9,7 @@ import pytest
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from visual_servo_epipolar.messages import read, write
-from visual_servo_epipolar.messages.images.encodings import ENCODINGS
+from visual_servo_epipolar.messages.encodings import ENCODINGS
 from visual_servo_epipolar.nodes.startup import complaints
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 

@@ -13,9 +13,8 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.report.images.encoders import Codec
 from visual_servo_epipolar.report.images.map_view import HEADER, MapBounds, MapView, WIDTH
-from visual_servo_epipolar.report.images.video import HEIGHT, VideoWriter
+from visual_servo_epipolar.report.images.video import Codec, HEIGHT, VideoWriter
 from visual_servo_epipolar.report.style import rgb
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
@@ -81,7 +80,7 @@ def test_missing_encoder_is_told_in_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     codecs = Codec('none such', {'g': '110'}), Codec('zzzz')
-    monkeypatch.setattr('visual_servo_epipolar.report.images.encoders.CODECS', codecs)
+    monkeypatch.setattr('visual_servo_epipolar.report.images.video.CODECS', codecs)
     with pytest.raises(InputError, match='needs one of the encoders none such, zzzz'):
         writer(tmp_path / 'run.mp4')
     assert list(tmp_path.iterdir()) == []

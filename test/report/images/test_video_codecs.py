@@ -15,10 +15,9 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.report.images import encoders
-from visual_servo_epipolar.report.images.encoders import Codec, CODECS
+from visual_servo_epipolar.report.images import video as module
 from visual_servo_epipolar.report.images.map_view import MapBounds
-from visual_servo_epipolar.report.images.video import HEIGHT, VideoWriter, view_size
+from visual_servo_epipolar.report.images.video import Codec, CODECS, HEIGHT, VideoWriter, view_size
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 CAMERA = CameraSettings(
@@ -43,7 +42,7 @@ video.onseeked = () => {
 };
 </script>"""
 
-needs_pyav = pytest.mark.skipif(encoders.pyav() is None, reason='PyAV is not installed')
+needs_pyav = pytest.mark.skipif(module.pyav() is None, reason='PyAV is not installed')
 
 
 def views() -> list[Image]:
@@ -108,7 +107,7 @@ def test_a_browser_plays_what_is_said_to_play_there(
     log: RunLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     (codec,) = (each for each in CODECS if each.name == name)
-    monkeypatch.setattr(encoders, 'CODECS', (codec,))
+    monkeypatch.setattr(module, 'CODECS', (codec,))
     try:
         video = film(tmp_path / 'run.mp4', log)
     except InputError:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sweeps import filled, plan_of, result
 
-from visual_servo_epipolar.report.sweep import figures, table
+from visual_servo_epipolar.report import sweep_report
 from visual_servo_epipolar.sweeping.summary import summaries
 
 FAILED = {'outcome': 'failed', 'reason': 'ran | away in 3.5 s'}
@@ -48,7 +48,7 @@ def drawn(axes: Axes, marker_points: int) -> list[list[float]]:
 
 
 def test_each_law_has_a_map_and_all_starts_are_on_it(documents: dict[str, Any]) -> None:
-    paper, full = figures.starts(documents).axes[:2]
+    paper, full = sweep_report.starts(documents).axes[:2]
     assert (paper.get_title(loc='left'), full.get_title(loc='left')) == (
         'law paper: 0 of 3 arrived',
         'law full: 3 of 4 arrived\nmedian 1 mm, p95 180 mm',
@@ -61,14 +61,14 @@ def test_each_law_has_a_map_and_all_starts_are_on_it(documents: dict[str, Any]) 
 
 def test_no_title_is_cut(documents: dict[str, Any]) -> None:
     around = [run | {'start': [4.0 * x, y, 0.0]} for run in RUNS['full'] for x, y in CORNERS]
-    figure = figures.starts({'full': documents['full'] | {'runs': around}})
+    figure = sweep_report.starts({'full': documents['full'] | {'runs': around}})
     figure.canvas.draw()
     top = figure.axes[0].get_tightbbox(figure.canvas.get_renderer()).y1
     assert top <= figure.bbox.height
 
 
 def test_arrows_point_along_the_heading(documents: dict[str, Any]) -> None:
-    full = figures.starts(documents).axes[1]
+    full = sweep_report.starts(documents).axes[1]
     (arrows,) = [item for item in full.collections if hasattr(item, 'U')]
     along = np.stack([arrows.U, arrows.V], axis=1) / np.hypot(arrows.U, arrows.V)[:, None]
     # Heading error nothing looks along +y, 90 deg to the left along -x.
@@ -76,14 +76,14 @@ def test_arrows_point_along_the_heading(documents: dict[str, Any]) -> None:
 
 
 def test_colours_tell_the_error_in_millimetres(documents: dict[str, Any]) -> None:
-    figure = figures.starts(documents)
+    figure = sweep_report.starts(documents)
     arrived = next(item for item in figure.axes[1].collections if item.get_array() is not None)
     assert arrived.get_array().tolist() == [0.0, 1.0]
     assert '[mm]' in figure.axes[-1].get_ylabel()
 
 
 def test_maps_have_metres_and_a_common_scale(documents: dict[str, Any]) -> None:
-    paper, full = figures.starts(documents).axes[:2]
+    paper, full = sweep_report.starts(documents).axes[:2]
     assert (paper.get_xlabel(), paper.get_ylabel()) == ('x [m]', 'y [m]')
     assert (paper.get_xlim(), paper.get_ylim()) == (full.get_xlim(), full.get_ylim())
     assert paper.get_aspect() == 1.0
@@ -93,7 +93,7 @@ def test_maps_have_metres_and_a_common_scale(documents: dict[str, Any]) -> None:
 def test_the_smallest_of_sweeps_can_be_drawn(tmp_path: Path, runs: list[dict[str, Any]]) -> None:
     plan = plan_of(1)
     with filled(tmp_path, plan, runs) as store:
-        figure = figures.starts(summaries(plan, store))
+        figure = sweep_report.starts(summaries(plan, store))
     figure.canvas.draw()
 
 
@@ -104,7 +104,7 @@ def cells(text: str, first: str) -> list[str]:
 
 
 def test_the_table_says_what_the_runs_say(documents: dict[str, Any]) -> None:
-    text = table.table(documents)
+    text = sweep_report.table(documents)
     assert cells(text, 'arrived') == ['0 % (0 of 3)', '75 % (3 of 4)']
     assert cells(text, 'arrived but wrong') == ['0', '1']
     assert cells(text, 'raised') == ['0', '1']
@@ -121,6 +121,6 @@ def test_the_table_says_how_far_any_run_went_and_drove_wrongly(tmp_path: Path) -
     lost = result(max_distance_ratio=5.0, wrong_geometry_s=30.0, **FAILED)
     plan = plan_of(2)
     with filled(tmp_path, plan, [result(), lost]) as store:
-        text = table.table(summaries(plan, store))
+        text = sweep_report.table(summaries(plan, store))
     assert re.search(r'\| the same, all runs +\| 3\.00 / 4\.80 / 5\.00', text)
     assert re.search(r'\| wrong geometry, all runs \[s\] +\| 15\.0 / 28\.5 / 30\.0', text)

@@ -5,10 +5,10 @@ No clock and no ROS: it runs as fast as the machine allows, and deterministicall
 as recorded: the replay shows what the servo would have commanded.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage
 from visual_servo_epipolar.bags.reading.run import (
@@ -22,13 +22,16 @@ from visual_servo_epipolar.bags.reading.run import (
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError, TrackingError
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import Observation, observe
+from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog, SETTLE_FRAMES, summarise
 from visual_servo_epipolar.core.servo.session import Interruption, Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.telemetry import (
     joints_of,
     odometry_of,
+    sample,
     SINCE_COMMAND,
     telemetry,
 )
@@ -36,8 +39,8 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read, validation
+from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.event_log import Entry, REDETECTED
-from visual_servo_epipolar.messages.images.encodings import GrayReader
 from visual_servo_epipolar.messages.tracking import track
 
 T = TypeVar('T')
@@ -212,3 +215,71 @@ def value_at(history: History[T], stamp_ns: int) -> T:
     """Return the value in force for an image of ``stamp_ns``: the first one before any."""
     value = in_force(history, stamp_ns)
     return history[0][1] if value is None else value
+
+
+FROM_TRUTH = (
+    'start',
+    'position_error_m',
+    'lateral_error_m',
+    'longitudinal_error_m',
+    'heading_error_deg',
+    'path_length_m',
+    'max_distance_ratio',
+    'standstills',
+    'standing_s',
+    'least_time_s',
+    'time_ratio',
+)
+
+
+def has_truth(run: Recording, steps: Sequence[ReplayedStep]) -> bool:
+    """Return whether ground truth was recorded for every step."""
+    return all(step.key[0] in run.poses for step in steps)
+
+
+def driven(steps: Sequence[ReplayedStep]) -> Sequence[ReplayedStep]:
+    """Return the steps to the end of the run, with some more in which the base brakes."""
+    phase, count = steps[-1].phase, len(steps)
+    if not phase.ended:
+        return steps
+    while count and steps[count - 1].phase is phase:
+        count -= 1
+    return steps[: count + SETTLE_FRAMES]
+
+
+def run_log(
+    run: Recording,
+    steps: Sequence[ReplayedStep],
+    *,
+    seed: int,
+    law: str,
+    limits: MotionLimits | None = None,
+) -> RunLog:
+    """Return the replay up to its end as a record; without ground truth poses are the goal's."""
+    steps = driven(steps)
+    poses = [run.poses.get(step.key[0], DESIRED_POSE) for step in steps]
+    samples = tuple(
+        sample(step.key[0], pose, step.phase, step.telemetry)
+        for step, pose in zip(steps, poses, strict=True)
+    )
+    last = steps[-1]
+    reason = last.reason
+    if not last.phase.ended:
+        reason = f'the bag ends in {last.phase.value}' + (f': {reason}' if reason else '')
+    return RunLog(
+        # As users give it, without the rounding of a quaternion.
+        (poses[0].x, poses[0].y, round(math.degrees(poses[0].heading_error), 9) + 0.0),
+        seed,
+        samples,
+        'arrived' if last.phase is Phase.ARRIVED else 'failed',
+        reason,
+        int(last.telemetry['attempt']),
+        law,
+        limits,
+    )
+
+
+def document(log: RunLog, *, truth: bool) -> dict[str, Any]:
+    """Return the run JSON; what only ground truth could tell is null where there is none."""
+    result = summarise(log)
+    return result if truth else {**result, **dict.fromkeys(FROM_TRUTH)}

@@ -19,10 +19,10 @@ from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import expanded
 from visual_servo_epipolar.messages import event_log, read
+from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.event_log import Entry, FAILED, HELD, STARTED, STOPPED, UNSENT
-from visual_servo_epipolar.messages.images.encodings import GrayReader
-from visual_servo_epipolar.messages.routes.route_folder import read_route, route_hash
-from visual_servo_epipolar.messages.routes.route_messages import telemetry
+from visual_servo_epipolar.messages.route_folder import read_route, route_hash
+from visual_servo_epipolar.messages.route_messages import telemetry
 from visual_servo_epipolar.messages.settings_text import from_text, NodeSettings
 
 Changes: TypeAlias = Mapping[str, Mapping[str, Any]]

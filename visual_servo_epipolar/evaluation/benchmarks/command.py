@@ -14,7 +14,7 @@ from visual_servo_epipolar.commands.arguments import (
     duration,
 )
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.files.output import write_json
+from visual_servo_epipolar.commands.outputs import write_json
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.settings import expanded
 from visual_servo_epipolar.nodes.startup.missing import remedy

@@ -15,7 +15,7 @@ from visual_servo_epipolar.commands.arguments import (
     count,
 )
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.files.output import OutputFile, publish
+from visual_servo_epipolar.commands.outputs import OutputFile, publish
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.files import write_whole
 from visual_servo_epipolar.nodes.startup.missing import require

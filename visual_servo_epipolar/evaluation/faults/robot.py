@@ -38,7 +38,7 @@ from visual_servo_epipolar.evaluation.faults.witness import SERVO
 from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
 from visual_servo_epipolar.evaluation.live.world import BreakableUnicycleNode, NODES, WorldSettings
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.messages.routes.route_folder import write_route
+from visual_servo_epipolar.messages.route_folder import write_route
 from visual_servo_epipolar.nodes.route_node import RouteNode
 from visual_servo_epipolar.simulation.mounts.pan_tilt import PanTiltSettings
 from visual_servo_epipolar.simulation.routes.drives import route_scenario, Taught, teach

@@ -7,7 +7,7 @@ from pathlib import Path
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.commands.arguments import add_json, add_words
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.files.output import OutputFolder, publish
+from visual_servo_epipolar.commands.outputs import OutputFolder, publish
 from visual_servo_epipolar.files import all_at_once
 
 PARTS = ('sim1', 'sim2', 'experiment')

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.routes.settings import TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
-from visual_servo_epipolar.messages.routes.route_folder import write_route
+from visual_servo_epipolar.messages.route_folder import write_route
 
 ResultT = TypeVar('ResultT')
 MOST_UNLEARNT = 300  # images that wait to be learnt from

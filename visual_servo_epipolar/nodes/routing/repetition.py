@@ -18,9 +18,8 @@ from visual_servo_epipolar.core.servo.admission import Arrival, Repetition
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.messages import route_messages, write
 from visual_servo_epipolar.messages.event_log import FAILED, HELD, STARTED, STOPPED, UNSENT
-from visual_servo_epipolar.messages.routes import route_messages
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.lifecycle.reports import NodeReports
 from visual_servo_epipolar.nodes.servoing.commands import Commands

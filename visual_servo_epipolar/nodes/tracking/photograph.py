@@ -20,8 +20,8 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.goal import goal_id
 from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.messages import camera_file
-from visual_servo_epipolar.messages.calibrations.calibration import entry, text, whole_number
-from visual_servo_epipolar.messages.images.encodings import GrayReader
+from visual_servo_epipolar.messages.calibration import entry, text, whole_number
+from visual_servo_epipolar.messages.encodings import GrayReader
 
 LAST_NS = 2**63 - 1  # of a stamp
 MOST_IMAGES = 2**31 - 1  # of which a photograph is the mean

@@ -15,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph, scaled_to
+from visual_servo_epipolar.commands.camera_files import read_camera, read_photograph, scaled_to
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD

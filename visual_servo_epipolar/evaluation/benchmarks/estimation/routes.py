@@ -17,7 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph, scaled_to
+from visual_servo_epipolar.commands.camera_files import read_camera, read_photograph, scaled_to
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError, InputError
@@ -41,7 +41,7 @@ from visual_servo_epipolar.evaluation.benchmarks.estimation.real import (
     WRONG,
 )
 from visual_servo_epipolar.evaluation.tables import aligned, number, numbers, percentiles
-from visual_servo_epipolar.messages.routes.route_folder import write_route
+from visual_servo_epipolar.messages.route_folder import write_route
 from visual_servo_epipolar.simulation.routes.kidnaps import RIGHT_OFFSET, RIGHT_WAY
 
 OPTIONS = ('clips',)

@@ -34,8 +34,7 @@ from visual_servo_epipolar.core.routes.route import Appearance, Bridge, Route, R
 from visual_servo_epipolar.core.routes.structure import LocalStructure
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 from visual_servo_epipolar.files import all_at_once, COMPLETE, FORMER, PARTIAL, place_of, try_out
-from visual_servo_epipolar.messages import camera_file
-from visual_servo_epipolar.messages.images import pictures
+from visual_servo_epipolar.messages import camera_file, pictures
 
 VERSION = 1
 FORMER_NOISE_PX = 0.1  # of a structure that does not name its own

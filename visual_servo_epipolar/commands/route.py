@@ -12,14 +12,14 @@ import numpy as np
 
 from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.files.output import publish, write_json
+from visual_servo_epipolar.commands.outputs import publish, write_json
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError, InputError
 from visual_servo_epipolar.core.routes.chain import seam
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
-from visual_servo_epipolar.messages.routes.route_folder import (
+from visual_servo_epipolar.messages.route_folder import (
     check_folder,
     folder_bytes,
     read_route,
@@ -45,7 +45,7 @@ def teach(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.bags.reading.bag import Bag
     from visual_servo_epipolar.bags.reading.topics import parse
     from visual_servo_epipolar.bags.route_images import RecordedWay
-    from visual_servo_epipolar.commands.files.camera import read_camera
+    from visual_servo_epipolar.commands.camera_files import read_camera
 
     folder = Path(options.out or f'{Path(options.bag).name}_route')
     check_folder(folder)
@@ -89,8 +89,7 @@ def replay(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.bags.reading.topics import parse
     from visual_servo_epipolar.bags.replaying import route_replay
     from visual_servo_epipolar.bags.replaying.comparison import as_document
-    from visual_servo_epipolar.commands.replay.run import compared_words
-    from visual_servo_epipolar.commands.replay.settings import changes_of, OF_ROUTES
+    from visual_servo_epipolar.commands.replay import changes_of, compared_words, OF_ROUTES
 
     changes = changes_of(options.set, kinds=OF_ROUTES)
     with Bag(Path(options.bag)) as bag, closing(Progress()) as progress:

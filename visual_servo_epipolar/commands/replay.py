@@ -1,9 +1,9 @@
 """The replay behind ``visual_servo replay`` and ``visual_servo report``, and its text."""
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 import math
 from pathlib import Path
@@ -11,11 +11,17 @@ import time
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
+import yaml
 
 from visual_servo_epipolar.bags.containers import ADVICE
 from visual_servo_epipolar.bags.reading.bag import Bag
-from visual_servo_epipolar.bags.reading.history import Happening, happenings
-from visual_servo_epipolar.bags.reading.run import image_size, read_run, Recording
+from visual_servo_epipolar.bags.reading.run import (
+    Happening,
+    happenings,
+    image_size,
+    read_run,
+    Recording,
+)
 from visual_servo_epipolar.bags.reading.topics import (
     assign_roles,
     camera_notes,
@@ -37,27 +43,126 @@ from visual_servo_epipolar.bags.replaying.plan import (
     ReplayOverrides,
 )
 from visual_servo_epipolar.bags.replaying.replay import (
+    document,
+    has_truth,
     Plan,
     replay,
     ReplayedStep,
+    run_log,
     TrackedImage,
     Watch,
 )
-from visual_servo_epipolar.bags.replaying.result import document, has_truth, run_log
+from visual_servo_epipolar.commands.camera_files import read_camera, read_photograph
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph
-from visual_servo_epipolar.commands.files.output import publish, write_json
-from visual_servo_epipolar.commands.replay.settings import Changes, changes_of
+from visual_servo_epipolar.commands.outputs import publish, write_json
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.run_log import end_s, MotionLimits, RunLog
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.settings import hint, names_of, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.files import all_at_once
-from visual_servo_epipolar.messages.settings_text import installed_versions
+from visual_servo_epipolar.messages.settings_text import installed_versions, sections
+from visual_servo_epipolar.nodes.startup import table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+Changes = dict[str, dict[str, Any]]
+
+Kinds = Mapping[str, type[Settings]]
+KINDS: Kinds = {'servo': ServoSettings, 'tracker': TrackerSettings}
+OF_ROUTES: Kinds = {'follow': FollowSettings, 'servo': ServoSettings}
+
+
+def changes_of(words: Sequence[str], params: str | None = None, kinds: Kinds = KINDS) -> Changes:
+    """
+    Return settings by section; what is set by a word overrules the file.
+
+    Raises InputError if a word is not SECTION.NAME=VALUE, with a section of ``kinds``, or the file
+    is none of parameters. The values are not checked.
+    """
+    changes: Changes = {} if params is None else _from_file(Path(params))
+    for word in words:
+        name, equals, value = word.partition('=')
+        section, dot, setting = name.partition('.')
+        if not (equals and dot and setting and section in kinds):
+            raise InputError(
+                f'--set takes SECTION.NAME=VALUE with a section of {", ".join(kinds)}, as in '
+                f'servo.k1=0.1, got {word!r}{_suggestion(setting if dot else section, kinds)}'
+            )
+        changes.setdefault(section, {})[setting] = _value(value)
+    return changes
+
+
+def _suggestion(setting: str, kinds: Kinds) -> str:
+    """Return in words how to write a setting without its section, if there is one."""
+    for section, kind in kinds.items():
+        if setting in {item.name for item in fields(kind)}:
+            return f'; did you mean {section}.{setting}?'
+    return ''
+
+
+def _value(text: str) -> Any:
+    """Return what YAML makes of ``text``; 1e-3, a word to YAML, is a number as well."""
+    try:
+        value = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError):
+        return text
+    if isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            pass
+    return value
+
+
+def _from_file(path: Path) -> Changes:
+    try:
+        nodes = sections(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise InputError(f'{path}: parameters cannot be read: {error.strerror}') from None
+    except ValueError as error:
+        raise InputError(f'{path}: {error}') from None
+    changes: Changes = {}
+    for key, values in nodes.items():
+        heard = _nodes_of(key, values)
+        for section, kind in KINDS.items():
+            if f'{section}_node' not in heard:
+                continue
+            accepted = table.accepted_names(*heard)
+            if unknown := _unknown(values, accepted):
+                raise InputError(
+                    f'{path}: {key} has no parameter {", ".join(unknown)}; '
+                    f'{hint(unknown, sorted(accepted))}'
+                )
+            names = names_of(kind)
+            fitting = {name: value for name, value in values.items() if name in names}
+            changes.setdefault(section, {}).update(fitting)
+    if not any(changes.values()):
+        raise InputError(f'{path}: no parameters of servo_node or tracker_node in this file')
+    return changes
+
+
+def _nodes_of(key: str, values: Mapping[str, Any]) -> list[str]:
+    """
+    Return the nodes that a section is for.
+
+    Under /** it is for those that know all of its names, as it was written for one of them, or
+    for every node: servo and tracker both have a min_features, with different meanings.
+    """
+    if key != '/**':
+        return [key.rpartition('/')[2]]
+    whole = [node for node in table.NODES if not _unknown(values, table.accepted_names(node))]
+    return whole or list(table.NODES)
+
+
+def _unknown(values: Mapping[str, Any], names: set[str]) -> list[str]:
+    return sorted(values.keys() - names - {'use_sim_time'})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,7 +314,7 @@ def result_of(replayed: ReplayedBag, options: argparse.Namespace) -> dict[str, A
 
 def figure_of(replayed: ReplayedBag) -> 'Figure':
     """Return the figure of the recorded and the replayed run."""
-    from visual_servo_epipolar.report.comparison import columns, comparison, PANELS, Signals
+    from visual_servo_epipolar.report.figures import columns, comparison, PANELS, Signals
 
     names = [name for name, _ in PANELS]
     first = replayed.steps[0].key[0]

@@ -7,7 +7,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import scaled, turned_over
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages.camera_file import from_text, KINDS
-from visual_servo_epipolar.messages.images.pictures import is_upside_down
+from visual_servo_epipolar.messages.pictures import is_upside_down
 from visual_servo_epipolar.nodes.tracking.photograph import read_picture
 
 ASPECT_TOLERANCE = 0.01

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.messages.images.pictures import decode, LARGEST_FILE
+from visual_servo_epipolar.messages.pictures import decode, LARGEST_FILE
 
 # Compressed as it is: no target is named, or it is the mosaic itself. Else it is colours or grey.
 MOSAIC = re.compile(r'(bayer_[rgb]{4}(?:8|16)); ?(?:jpeg|png|tiff) compressed *(?:\1)? *')

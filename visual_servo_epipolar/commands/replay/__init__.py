@@ -1,1 +1,0 @@
-"""The subcommand ``replay``: its options, the run, settings by the user, its text."""

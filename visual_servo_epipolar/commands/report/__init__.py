@@ -1,1 +1,0 @@
-"""The subcommand ``report``: one HTML page of a run folder or of a bag."""

@@ -1,1 +1,0 @@
-"""Routes on the command line: learnt from bags, taught and repeated in simulation."""
