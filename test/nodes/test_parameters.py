@@ -307,7 +307,7 @@ def test_names_of_earlier_versions_are_answered_all_at_once_each_in_a_line(bench
 
 def test_a_parameter_that_is_gone_is_answered_with_what_holds(bench) -> None:
     with pytest.raises(ValueError, match='^tracker_node .*\n  auxiliary_features: gone, 0 holds$'):
-        bench.start(TrackerNode, auxiliary_features=0)
+        bench.start(TrackerNode, auxiliary_features=5)
 
 
 def test_a_list_that_is_given_may_be_empty(bench) -> None:

@@ -89,8 +89,8 @@ def test_the_light_stays_as_the_step_leaves_it() -> None:
 
 
 def test_slow_light_reaches_its_amplitude_and_no_more() -> None:
-    slow = disturbed(light_wave=0.3, light_period=40.0)
-    greys = [int(slow.apply(GREY, frame)[0, 0]) for frame in range(40)]
+    slow = disturbed(light_wave=0.3)
+    greys = [int(slow.apply(GREY, frame)[0, 0]) for frame in range(120)]
     assert (min(greys), max(greys)) == (70, 130)
 
 

@@ -44,14 +44,18 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     Declare the parameters of ``kind`` and return the settings that YAML and command line ask for.
 
     An internal setting is declared where it is given: by a program, or as its default, as files of
-    earlier versions have it.
+    earlier versions have it; a setting that is gone may be given the value that holds.
 
     Raises ValueError for a value that cannot be used, of another type, a name of an earlier
     version, or an internal setting of another value; rclpy raises for a wrong range.
     """
     given = node.given
     old = [f'{name} -> {kind.RENAMED[name]}' for name in given if name in kind.RENAMED]
-    old += [f'{name}: gone, {kind.GONE[name]!r} holds' for name in given if name in kind.GONE]
+    old += [
+        f'{name}: gone, {off!r} holds'
+        for name, off in kind.GONE.items()
+        if name in given and given[name].value != off
+    ]
     if old:
         lines = '\n  '.join(['rename or delete them in your file', *old])
         raise ValueError(f'{node.get_name()} is given names of earlier versions; {lines}')

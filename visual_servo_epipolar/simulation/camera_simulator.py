@@ -7,7 +7,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.light.exposure import Exposure, LitView, toned
-from visual_servo_epipolar.simulation.light.lights import Light, LIGHTS, LightSettings, SAME
+from visual_servo_epipolar.simulation.light.lights import Light, LIGHTS, LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.sensor import (
@@ -24,7 +24,6 @@ from visual_servo_epipolar.simulation.rooms.scene import painted_room
 from visual_servo_epipolar.simulation.view import View
 
 SENSORS = 4  # kept, each for one noise
-WHITE = (1.0, 1.0, 1.0)
 
 
 class CameraSimulator:
@@ -48,13 +47,11 @@ class CameraSimulator:
         self._room = painted_room(settings.scene_seed, settings.scene)
         self.light = LightSettings() if light is None else light
         has_colours = settings.encoding == 'bgr8'
-        self._exposure = Exposure(self.light, settings.row_timing, has_colours=has_colours)
+        self._exposure = Exposure(self.light, has_colours=has_colours)
         scene = self._scene(self.light.light_of(settings.seed), has_changed=True)
         self.renderer = Renderer(scene, rig)
         self._exposures = Exposures(self.renderer)
         self._twist, self._nod = STANDSTILL, LEVEL
-        if self.light.passing_light != SAME:  # lit beforehand: that takes a second or two
-            self._scene(LIGHTS[self.light.passing_light], has_changed=True)
         self._sensors: dict[float, Sensor] = {}  # by noise
         self._last: tuple[tuple[object, ...], Scene, Image] | None = None
         self.disturb(DisturbanceSettings() if disturbances is None else disturbances)
@@ -67,7 +64,7 @@ class CameraSimulator:
     @settings.setter
     def settings(self, settings: CameraSettings) -> None:
         rig = new_rig(settings)
-        self._settings, self._exposure.shutter = settings, settings.row_timing
+        self._settings = settings
         self.renderer.rig = rig if self._joints is None else rig.turned(self._joints)
 
     def turn(self, joints: Joints) -> None:
@@ -100,7 +97,7 @@ class CameraSimulator:
         """
         is_photograph = frame == DESIRED_FRAME
         passes = not is_photograph and self._disturbances.passes(frame)
-        light = self._light_of(is_photograph, passes)
+        light = self._light_of(is_photograph)
         self.renderer.scene = self._scene(light, has_changed=not is_photograph)
         image = self._render(pose, frame)
         if not is_photograph and self._is_disturbed:
@@ -108,7 +105,7 @@ class CameraSimulator:
         if frame <= 0:
             self._exposure.begin()
         factor = self.light.passing_exposure if passes else 1.0
-        view = LitView(image, light, frame / self.settings.frame_rate, factor)
+        view = LitView(image, light, factor)
         image, gain = self._exposure.take(view)
         image = toned(image, 1.0 if is_photograph else self.light.gamma)
         image = self._sensor(gain).capture(image, frame)
@@ -117,18 +114,15 @@ class CameraSimulator:
     @property
     def colours(self) -> tuple[float, ...]:
         """Blue, green and red of the last image over its grey."""
-        balance = self._exposure.balance
-        return WHITE if balance is None else tuple(balance.colours.tolist())
+        return self._exposure.colours
 
-    def _light_of(self, is_photograph: bool, passes: bool) -> Light:
+    def _light_of(self, is_photograph: bool) -> Light:
         if is_photograph:
             return LIGHTS[self.light.photograph_light]
-        if passes and self.light.passing_light != SAME:
-            return LIGHTS[self.light.passing_light]
         return self.light.light_of(self.settings.seed)
 
     def _scene(self, light: Light, *, has_changed: bool) -> Scene:
-        return self._room.by(light.name, self.light.thing(has_changed=has_changed))
+        return self._room.by(light.name, self.light.change(has_changed=has_changed))
 
     def _sensor(self, gain: float) -> Sensor:
         """Return the sensor at that gain, which its noise grows with."""
@@ -151,7 +145,7 @@ class CameraSimulator:
         nod = LEVEL if frame == DESIRED_FRAME else self._nod
         nod = nod if moves else Nod(nod.pitch)
         axes, centre = placed.R_world_camera.tobytes(), placed.centre.tobytes()
-        place = axes, centre, twist, nod, shutter.zoom(frame)
+        place = axes, centre, twist, nod
         if self._last is None or self._last[0] != place or self._last[1] is not scene:
             image = self._exposures.render(pose, frame, twist, shutter, nod)
             image.setflags(write=False)

@@ -6,10 +6,11 @@ passing ones begin with frame ``disturbed_from``, last for ``disturbed_for`` fra
 after ``disturbed_every``.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 import math
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -184,13 +185,11 @@ class DisturbanceSettings(Settings):
     light_step: float = internal(
         0.0, 'Change of the light from the first frame on', low=-0.95, high=2.0
     )
-    light_wave: float = internal(0.0, 'Amplitude of a slow change of light', low=0.0, high=0.9)
-    light_period: float = internal(120.0, 'Frames in one wave of light', low=2.0, high=1e6)
+    light_wave: float = internal(
+        0.0, 'Amplitude of a change of light in 120 frames', low=0.0, high=0.9
+    )
     shadow: float = internal(
         0.0, 'Light taken by a shadow that crosses the image', low=0.0, high=1.0
-    )
-    shadow_width: float = internal(
-        0.3, 'Width of that shadow, share of the image', low=0.01, high=2.0
     )
     occlusion: float = internal(0.0, 'Share of the image behind an obstacle', low=0.0, high=0.9)
     occlusion_from: str = internal(
@@ -206,6 +205,8 @@ class DisturbanceSettings(Settings):
     extra_noise: float = internal(
         0.0, 'Extra noise, standard deviation [grey levels]', low=0.0, high=50.0
     )
+
+    GONE: ClassVar[Mapping[str, Any]] = {'light_period': 120.0, 'shadow_width': 0.3}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -235,7 +236,7 @@ class Disturbances:
         image = lit.copy() if lit is image else lit
         if progress is not None:
             if settings.shadow > 0.0:
-                band = shadow_band(self._size, settings.shadow, settings.shadow_width)
+                band = shadow_band(self._size, settings.shadow)
                 image = shade(image, band, progress)
             for occluder in self._occluders:
                 occluder.draw(image, progress)
@@ -285,20 +286,20 @@ class Disturbances:
 def light(settings: DisturbanceSettings, frame: int) -> float:
     """Return the factor of the light in ``frame``: a step that stays, and a wave from frame 0."""
     stepped = 1.0 + (settings.light_step if frame >= settings.disturbed_from else 0.0)
-    wave = math.sin(2.0 * math.pi * frame / settings.light_period)
+    wave = math.sin(2.0 * math.pi * frame / 120.0)
     return stepped * (1.0 + settings.light_wave * wave)
 
 
 @lru_cache(maxsize=4)
-def shadow_band(size: tuple[int, int], depth: float, width: float) -> Image:
+def shadow_band(size: tuple[int, int], depth: float) -> Image:
     """
     Return the light under a slanted band with soft edges, shape (rows, columns), 255 = all of it.
 
     It is wide enough that a window of ``size`` (width, height) slides over it from light to light;
-    ``width`` is the band's, as a share of the image's. The edges are as soft as a third of it.
+    the band itself is three tenths of the image, its edges are as soft as a third of that.
     """
     columns, rows = size
-    band, slant = width * columns, 0.25 * rows
+    band, slant = 0.3 * columns, 0.25 * rows
     length = round(2 * columns + band + slant)
     u = np.arange(length) - 0.5 * length
     v = (np.arange(rows) / rows - 0.5) * slant

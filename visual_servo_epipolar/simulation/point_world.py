@@ -1,7 +1,8 @@
 """Point world: a seeded cloud of features and a noisy camera, for closed loops without images."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -50,9 +51,7 @@ class PointSettings(Settings):
     outlier_ratio: float = setting(
         0.0, 'Share of the features that are taken for another point', low=0.0, high=0.95
     )
-    outlier_frames: int = setting(
-        11, 'Frames after which other features are mistaken', low=1, high=10**6
-    )
+    GONE: ClassVar[Mapping[str, Any]] = {'outlier_frames': 11}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -121,7 +120,7 @@ class PointWorld(View):
 
     def project(self, pose: Pose, frame: int = DESIRED_FRAME) -> tuple[FloatArray, BoolArray]:
         """Return the true pixels, shape (N, 2), and which of them are in view, shape (N,)."""
-        return self.rolling(self.seen(pose, frame), self._shutter.zoom(frame))
+        return self.rolling(self.seen(pose, frame))
 
     def seen(self, pose: Pose, frame: int) -> FloatArray:
         """
@@ -138,24 +137,20 @@ class PointWorld(View):
             places = [pitched(*each) for each in zip(places, poses, pitches, strict=True)]
         return np.stack([(self.points - centre) @ axes for axes, centre in places])
 
-    def rolling(self, points: FloatArray, zoom: float) -> tuple[FloatArray, BoolArray]:
+    def rolling(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Return pixels, shape (N, 2), and which are in view, shape (N,), of what was ``seen``."""
         lenses, camera = lenses_of(self.rig), self.camera
         pixels, visible = through(lenses, points[len(points) // 2], camera)
         for _ in range(ROUNDS if len(points) > 1 else 0):
             rows = np.clip(np.nan_to_num(pixels[..., 1]) / camera.height, 0.0, 1.0)
             pixels, visible = through(lenses, interpolated(points, rows), camera)
-        if zoom != 1.0:
-            centre = np.array([camera.cx, camera.cy])
-            pixels = centre + zoom * (pixels - centre)
-            visible = visible & camera.contains(pixels)
         return pixels, visible
 
     def taken_for(self, frame: int) -> IntArray | None:
         """Return which point each feature is taken for, shape (N,); None: each for itself."""
         if self.settings.outlier_ratio == 0.0:
             return None
-        rng = np.random.default_rng((self._seed, 7, frame // self.settings.outlier_frames))
+        rng = np.random.default_rng((self._seed, 7, frame // 11))  # others each second
         count = len(self.points)
         wrong = rng.random(count) < self.settings.outlier_ratio
         return np.asarray(np.where(wrong, rng.permutation(count), np.arange(count)))

@@ -54,6 +54,10 @@ def test_the_side_that_a_lamp_stands_on_is_brighter_in_the_image() -> None:
     assert slope @ (side / side.mean() - usual / usual.mean()) < -5.0
 
 
+def test_a_window_opens_in_view() -> None:
+    assert (image('window') == 255).mean() > (image('ceiling') == 255).mean() + 0.01
+
+
 def test_lights_of_the_day_take_turns_by_the_seed() -> None:
     each = LightSettings(light='each')
     assert [each.light_of(seed).name for seed in range(7)] == [*DAY, *DAY[:2]]

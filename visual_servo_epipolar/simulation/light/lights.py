@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -211,11 +211,14 @@ LAMPS, PICTURES, FURNITURE, STOREY = 'lamps', 'pictures', 'furniture', 'storey'
 
 
 class RoomChange(NamedTuple):
-    """Change of a room: the name of what changes, whether it has, and the seed of how."""
+    """Change of a storey: the name of what changes, whether it has, and the seed of how."""
 
     name: str = 'none'
     has_changed: bool = False
     seed: int = 0
+
+
+UNCHANGED = RoomChange()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,17 +233,14 @@ class LightSettings(Settings):
         CEILING, 'Light of the run; each: one of five, by the seed', choices=(*LIGHTS, EACH)
     )
     photograph_light: str = fixed(CEILING, 'Light of the photograph', choices=tuple(LIGHTS))
-    passing_light: str = internal(
-        SAME, 'Light that passes; same: none does', choices=(SAME, *LIGHTS)
-    )
     passing_exposure: float = internal(
         1.0, 'Factor of the exposure that passes', low=0.1, high=10.0
     )
     changed: str = fixed(
         'none',
-        'What is another in the run: a monitor shows something else, a door stands open; in a '
-        'storey: lamps and windows, a third of the pictures, furniture; storey: all three',
-        choices=('none', 'monitor', 'door', LAMPS, PICTURES, FURNITURE, STOREY),
+        'What is another in the run in a storey: lamps and windows, a third of the pictures, '
+        'furniture; storey: all three',
+        choices=('none', LAMPS, PICTURES, FURNITURE, STOREY),
     )
     changed_seed: int = internal(0, 'Seed of what changed in a storey', low=0, high=2**31 - 1)
     gamma: float = internal(
@@ -249,25 +249,19 @@ class LightSettings(Settings):
     exposure: str = setting(
         'fixed', 'Exposure: fixed, or auto as it follows the light', choices=('fixed', 'auto')
     )
-    target_grey: float = internal(
-        100.0, 'Mean grey that the exposure aims at', low=10.0, high=200.0
-    )
-    max_gain: float = internal(
-        4.0, 'Largest gain of the exposure, the noise grows with it', low=1.0, high=64.0
-    )
-    exposure_step: float = internal(
-        0.25, 'Largest step of the exposure from image to image [stops]', low=0.1, high=4.0
-    )
-    white_balance: str = internal(
-        'fixed', 'White balance of a camera of colours', choices=('fixed', 'auto')
-    )
-    flicker: float = internal(0.0, 'Share of the light that flickers', low=0.0, high=1.0)
-    flicker_rate: float = internal(100.0, 'Rate of the flicker [Hz]', low=1.0, high=1000.0)
+    GONE: ClassVar[Mapping[str, Any]] = {
+        'passing_light': SAME,
+        'target_grey': 100.0,
+        'max_gain': 4.0,
+        'exposure_step': 0.25,
+        'white_balance': 'fixed',
+        'flicker': 0.0,
+        'flicker_rate': 100.0,
+    }
 
-    def thing(self, *, has_changed: bool) -> RoomChange:
+    def change(self, *, has_changed: bool) -> RoomChange:
         """Return what changes, and whether it has, in the photograph or in the run."""
-        has_changed = has_changed and self.changed != 'none'
-        return RoomChange(self.changed, has_changed, self.changed_seed)
+        return RoomChange(self.changed, has_changed and self.changed != 'none', self.changed_seed)
 
     def light_of(self, seed: int) -> Light:
         """Return the light of a run with that seed."""

@@ -1,7 +1,6 @@
-"""Shutter: when each row of an image is exposed, at which focal length; when it is stamped."""
+"""Shutter: when each row of an image is exposed; when it is stamped."""
 
 from collections import deque
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +8,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import integrate, motion_between, Pose, Twist
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
-from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
 from visual_servo_epipolar.simulation.nod import LEVEL, Nod
 
 ENTRIES = 256  # of the history of a base: more than the longest delay takes
@@ -19,20 +17,11 @@ class Shutter(NamedTuple):
     """
     Row v of H is exposed for ``exposure`` [s], around v / H * ``readout`` [s] after the first one.
 
-    The photograph is taken at rest. ``breathing`` is the amplitude of the focal length as a share,
-    with a period of ``frames``.
+    The photograph is taken at rest.
     """
 
     readout: float = 0.0
     exposure: float = 0.0
-    breathing: float = 0.0
-    frames: float = 1.0
-
-    def zoom(self, frame: int | None) -> float:
-        """Return the focal length of ``frame`` over that of the photograph, frame -1."""
-        if self.breathing == 0.0 or frame is None or frame == DESIRED_FRAME:
-            return 1.0
-        return 1.0 + self.breathing * math.sin(2.0 * math.pi * frame / self.frames)
 
     @property
     def is_instant(self) -> bool:

@@ -1,8 +1,10 @@
 """Head: joints with limits, speed and delay, and encoders that are noisy and off by an offset."""
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -36,7 +38,7 @@ class HeadSettings(Settings):
         0.0, 'Pan angle that is read where the head looks ahead [rad]', low=-0.5, high=0.5
     )
     head_lever: float = internal(0.0, 'Camera ahead of the pan axis [m]', low=-0.5, high=0.5)
-    head_start_pan: float = internal(0.0, 'Pan angle at the start [rad]', low=-6.2, high=6.2)
+    GONE: ClassVar[Mapping[str, Any]] = {'head_start_pan': 0.0}
 
 
 class SimulatedHead:
@@ -49,9 +51,8 @@ class SimulatedHead:
 
     def __init__(self, settings: HeadSettings, *, seed: int, now_ns: int = 0) -> None:
         self.settings, self.now_ns, self._seed = settings, now_ns, seed
-        pan = min(max(settings.head_start_pan, -settings.head_pan_limit), settings.head_pan_limit)
-        self._angles, self._rates = [pan, 0.0], [0.0, 0.0]
-        self._goals: list[float] = [pan, 0.0]
+        self._angles, self._rates = [0.0, 0.0], [0.0, 0.0]
+        self._goals = [0.0, 0.0]
         self._pending: deque[tuple[int, HeadCommand]] = deque()
         self._readings = 0
 

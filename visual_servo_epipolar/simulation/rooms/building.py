@@ -31,7 +31,7 @@ class Furniture:
     A box that stands on the floor or hangs ``bottom`` [m] above it.
 
     (x, y) is the middle of its front, ``size`` its width, depth and height [m]; at a ``turn``
-    [rad] of 0 the front looks along -y, at the goal. What ``glows`` has a front of its own light.
+    [rad] of 0 the front looks along -y, at the goal.
     """
 
     name: str
@@ -42,7 +42,6 @@ class Furniture:
     sides: Material
     bottom: float = 0.0
     turn: float = 0.0
-    glows: bool = False
 
     def axes(self) -> tuple[FloatArray, FloatArray]:
         """Return unit vectors, shape (3,), to the right of its front, and along its depth."""
@@ -69,18 +68,13 @@ class Furniture:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Panel:
-    """
-    A painted rectangle of a body, not lit yet; ``frame`` is its corner and its edges [m].
-
-    What ``glows`` looks the same by any light.
-    """
+    """A painted rectangle of a body, not lit yet; ``frame`` is its corner and its edges [m]."""
 
     name: str
     body: str
     frame: tuple[FloatArray, FloatArray, FloatArray]
     sheet: Painting
     standing: Sequence[Furniture] = ()
-    glows: bool = False
 
     def with_moved(self, piece: Furniture, moved: Furniture) -> 'Panel':
         """Return the panel where a ``piece`` has ``moved``, itself or what stands before it."""
@@ -99,9 +93,6 @@ class Panel:
         """Return the surface as it looks by ``light``."""
         origin, edge_u, edge_v = self.frame
         most = WHITE - light.casts_shadows  # white is for windows, which glare
-        if self.glows:
-            texture = Texture(self.sheet.lit(np.full((2, 2), 1.0 / light.level), most))
-            return Surface(self.name, self.body, origin, edge_u, edge_v, texture)
         width, height = self.sheet.width, self.sheet.height
         step = SHADOW_STEP if light.casts_shadows else LIGHT_STEP
         u, v = _grid(width, step), _grid(height, step)
@@ -197,10 +188,8 @@ class Builder:
         grey = float(self.rng.uniform(80.0, 170.0))
         for name, frame in faces.items():
             material = piece.front if name == 'front' else piece.sides
-            paint, glows = _in_grey(material, grey), piece.glows and name == 'front'
-            self.panel(
-                f'{piece.name} {name}', piece.name, frame, paint, density=density, glows=glows
-            )
+            paint = _in_grey(material, grey)
+            self.panel(f'{piece.name} {name}', piece.name, frame, paint, density=density)
 
     def panel(
         self,
@@ -211,22 +200,17 @@ class Builder:
         *,
         density: float = DENSITY,
         standing: Sequence[Furniture] = (),
-        glows: bool = False,
     ) -> None:
         """Add a painted rectangle of a ``body``: its ``frame`` is corner and edges [m]."""
         _, edge_u, edge_v = frame
         width, height = float(np.linalg.norm(edge_u)), float(np.linalg.norm(edge_v))
         sheet = Painting(width, height, density, self.rng, self._grain)
         paint(sheet)
-        self.panels.append(Panel(name, body, frame, sheet, standing, glows))
+        self.panels.append(Panel(name, body, frame, sheet, standing))
 
-    def surfaces(self, light: Light, boxes: Sequence[Box] | None = None) -> list[Surface]:
-        """
-        Return the surfaces of the room as they look by ``light``.
-
-        Shadows are cast by ``boxes``, or else by what stands in the room.
-        """
-        lamps, boxes = self.places_of_lamps, self.boxes if boxes is None else boxes
+    def surfaces(self, light: Light) -> list[Surface]:
+        """Return the surfaces of the room as they look by ``light``."""
+        lamps, boxes = self.places_of_lamps, self.boxes
         return [panel.lit(light, lamps, boxes) for panel in self.panels]
 
     def panes(self, light: Light) -> list[Surface]:

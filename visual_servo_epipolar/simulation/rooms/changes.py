@@ -1,8 +1,7 @@
-"""Changes: what is another thing in the run than in the photograph, in a room or in a storey."""
+"""Changes: what is another thing in a storey in the run than in the photograph."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-import math
 
 import numpy as np
 
@@ -20,8 +19,7 @@ from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, Panel
 from visual_servo_epipolar.simulation.rooms.floor_plan import FloorCell, PLAN
-from visual_servo_epipolar.simulation.rooms.materials import landscape, lettering, poster, shapes
-from visual_servo_epipolar.simulation.rooms.textures import Painting
+from visual_servo_epipolar.simulation.rooms.materials import poster
 
 Cells = frozenset[str]
 PARTS: Mapping[str, tuple[str, ...]] = {
@@ -35,8 +33,6 @@ SHIFT = (0.1, 0.35)  # of a piece of furniture along its wall [m]
 CHAIR, CHAIRS = (0.45, 0.42, 0.85), 2  # its size [m], and how many a cell has
 CLEAR = 0.7  # of a chair beside an opening [m]
 OFF = 165.0  # grey of a lamp that is off
-HINGE, LEAF = -3.4, (0.9, 0.04, 2.0)  # of the door, along the front wall; its size [m]
-OPENED = math.radians(75.0)
 # Cells with a window in an outer wall: its middle [m], the normal into the cell.
 WINDOWS: Mapping[str, tuple[tuple[float, float], tuple[float, float]]] = {
     'office': ((4.6, -8.34), (0.0, 1.0)),
@@ -181,52 +177,3 @@ def _chair(cell: FloorCell, name: str, rng: np.random.Generator) -> Furniture:
 
 
 APPLIED = {LAMPS: _switch_lamps, PICTURES: _exchange_pictures, FURNITURE: _move_furniture}
-
-
-def _monitor(draw: Callable[[Painting, float], None]) -> Callable[[Builder], None]:
-    """Return what puts up a monitor that shows what ``draw`` draws."""
-
-    def build(builder: Builder) -> None:
-        size, place = (0.9, 0.06, 0.55), (0.75, 4.36)
-        builder.stand(Furniture('monitor', *place, size, draw, m.timber, bottom=0.36, glows=True))
-
-    return build
-
-
-def _mail(sheet: Painting, grey: float) -> None:
-    sheet.fill(235.0)
-    lettering(sheet, 0.04, 0.04, sheet.width - 0.08, sheet.height - 0.08, 40.0)
-
-
-def _film(sheet: Painting, grey: float) -> None:
-    landscape(sheet, 0.0, 0.0, sheet.width, sheet.height)
-    shapes(sheet, 0.1, 0.1, 0.5 * sheet.width, 0.6 * sheet.height)
-
-
-def _closed_door(builder: Builder) -> None:
-    x = HINGE + 0.5 * LEAF[0]
-    builder.stand(Furniture('door', x, builder.end - 0.06, LEAF, m.cupboard, m.timber))
-
-
-def _open_door(builder: Builder) -> None:
-    """Turn the leaf about its left edge, into the room; behind it a dark corridor is seen."""
-    width, _, height = LEAF
-    behind = (width, 0.01, height)
-    middle = HINGE + 0.5 * width, builder.end - 0.02
-    builder.stand(Furniture('corridor', *middle, behind, _corridor, _corridor))
-    x = HINGE + 0.5 * width * math.cos(OPENED)
-    y = builder.end - 0.06 - 0.5 * width * math.sin(OPENED)
-    builder.stand(Furniture('door', x, y, LEAF, m.cupboard, m.timber, turn=-OPENED))
-
-
-def _corridor(sheet: Painting, grey: float) -> None:
-    sheet.fill(18.0)
-    sheet.rect(0.35 * sheet.width, 0.2, 0.25 * sheet.width, 0.5, 90.0)
-    sheet.roughen(3.0)
-
-
-# By what changed in a room: how it is in the photograph, and in the run.
-CHANGES: Mapping[str, tuple[Callable[[Builder], None], Callable[[Builder], None]]] = {
-    'monitor': (_monitor(_mail), _monitor(_film)),
-    'door': (_closed_door, _open_door),
-}

@@ -8,16 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.simulation.light.lights import CEILING, LIGHTS, RoomChange
+from visual_servo_epipolar.simulation.light.lights import CEILING, LIGHTS, RoomChange, UNCHANGED
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, LEFT, REAR, RIGHT
-from visual_servo_epipolar.simulation.rooms.changes import CHANGES
 from visual_servo_epipolar.simulation.rooms.storey import Storey
 from visual_servo_epipolar.simulation.rooms.textures import Painting
 
 STOREY = 'storey'  # of a building, in the coordinates of its plan
-NOTHING = RoomChange()
 KEPT = 3  # lights by which a room is kept
 LAMPS = [(x, y) for y in (-11.0, -7.4, -3.8, -0.2, 3.4, 6.4) for x in (-2.9, 2.9)]
 
@@ -64,9 +62,7 @@ PLAIN_WALLS = {'front': 'bbpbdbb', 'left': 'bbbpbbdbbbpb', 'right': 'bbpbbbbbbdb
 ASIDE = (m.bookcase, m.cupboard, m.crate, m.noticeboard)  # fronts along the side walls
 
 
-def room(
-    seed: int, kind: str = 'room', light: str = CEILING, thing: RoomChange = NOTHING
-) -> Scene:
+def room(seed: int, kind: str = 'room', light: str = CEILING) -> Scene:
     """
     Return a room; all arguments together fix every texel of it. The last room is kept.
 
@@ -76,34 +72,26 @@ def room(
     little furniture, all of weak contrast. It is painted once for all in LIGHTS, and lit once for
     each. Raises ValueError if the kind is unknown.
     """
-    return painted_room(seed, kind).by(light, thing)
+    return painted_room(seed, kind).by(light)
 
 
 class PaintedRoom:
     """A room, and how it looks by each light that was asked for."""
 
     def __init__(self, builder: Builder) -> None:
-        self._builder, self._scenes = builder, dict[tuple[str, RoomChange], Scene]()
+        self._builder, self._scenes = builder, dict[str, Scene]()
 
-    def by(self, light: str, thing: RoomChange) -> Scene:
-        """Return the room by the light of that name, with a thing; the last few are kept."""
-        key = light, thing
-        scene = self._scenes.pop(key, None) or self._build(light, thing)
-        self._scenes[key] = scene
+    def by(self, light: str, change: RoomChange = UNCHANGED) -> Scene:
+        """Return the room by the light of that name; the last few are kept. It does not change."""
+        scene = self._scenes.pop(light, None) or self._build(light)
+        self._scenes[light] = scene
         if len(self._scenes) > KEPT:
             del self._scenes[next(iter(self._scenes))]
         return scene
 
-    def _build(self, name: str, thing: RoomChange) -> Scene:
-        base = self._builder
-        light = LIGHTS[name].in_room(base.end)
-        surfaces = base.surfaces(light)
-        if thing.name in CHANGES:
-            # By chance of its own, so that the room around it is the same.
-            extra = Builder(np.random.default_rng(int(thing.has_changed)), base.lamps, base.end)
-            CHANGES[thing.name][thing.has_changed](extra)
-            surfaces += extra.surfaces(light, base.boxes)
-        return Scene((*surfaces, *base.panes(light)))
+    def _build(self, name: str) -> Scene:
+        light = LIGHTS[name].in_room(self._builder.end)
+        return Scene((*self._builder.surfaces(light), *self._builder.panes(light)))
 
 
 @lru_cache(maxsize=1)  # a room and its filtered pictures take some 200 MB, a storey 600

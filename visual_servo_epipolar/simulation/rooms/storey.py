@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.simulation.light.lights import LIGHTS, RoomChange
+from visual_servo_epipolar.simulation.light.lights import LIGHTS, RoomChange, UNCHANGED
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, HEIGHT
@@ -22,7 +22,6 @@ LEAST_PIECE = 0.02  # of a wall [m]
 PITCH = 1.75  # from one piece of furniture along a wall to the next [m]
 CLEAR, FROM_CORNER = 0.85, 1.05  # of furniture beside an opening, and in corners [m]
 FRONTS = (m.bookcase, m.cupboard, m.crate, m.noticeboard)
-UNCHANGED = RoomChange()
 
 
 @dataclass(frozen=True, eq=False)
