@@ -32,7 +32,7 @@ from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSet
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode, UnicycleSettings
 from visual_servo_epipolar.simulation.bases.ackermann import AckermannSettings
 from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
-from visual_servo_epipolar.simulation.light.lights import LightSettings
+from visual_servo_epipolar.simulation.light import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings, LensSettings
 
 CONFIG = Path(__file__).parents[2] / 'config'

@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.closed_loop import published, run
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
-from visual_servo_epipolar.simulation.mounts.shutter import Receipt
+from visual_servo_epipolar.simulation.mounts.sensor import Receipt
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.run_monitor import (
     LoopSettings,

@@ -24,7 +24,7 @@ from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.mounts.shutter import Shutter
+from visual_servo_epipolar.simulation.mounts.sensor import Shutter
 from visual_servo_epipolar.simulation.mounts.simulated_rig import pitched
 from visual_servo_epipolar.simulation.nod import Nod
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld

@@ -139,9 +139,8 @@ def _sentence(result: dict[str, Any]) -> str:
 def demo(options: argparse.Namespace) -> int:
     """Teach a way in the simulated storey, repeat it from its folder, and judge by the truth."""
     from visual_servo_epipolar.simulation.routes import drives
-    from visual_servo_epipolar.simulation.routes.kidnaps import kidnap, kidnap_elsewhere
+    from visual_servo_epipolar.simulation.routes.drives import kidnap, kidnap_elsewhere, world_of
     from visual_servo_epipolar.simulation.routes.ways import way_named
-    from visual_servo_epipolar.simulation.routes.worlds import world_of
 
     settings = _follow_settings(options)
     scene = 1 if options.scene is None else options.scene

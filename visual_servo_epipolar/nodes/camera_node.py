@@ -24,11 +24,11 @@ from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import CameraFrames, CameraRig
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
-from visual_servo_epipolar.simulation.light.lights import LightSettings
+from visual_servo_epipolar.simulation.light import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings, LensSettings
+from visual_servo_epipolar.simulation.mounts.pan_tilt import HeadSettings, SimulatedHead
 from visual_servo_epipolar.simulation.mounts.registry import head_settings, rig_settings
-from visual_servo_epipolar.simulation.mounts.shutter import BodyState, PoseHistory
-from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings, SimulatedHead
+from visual_servo_epipolar.simulation.mounts.sensor import BodyState, PoseHistory
 from visual_servo_epipolar.simulation.nod import Nod
 
 WARN_PERIOD_S = 2.0

@@ -6,8 +6,14 @@ from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
-from visual_servo_epipolar.simulation.light.exposure import Exposure, LitView, toned
-from visual_servo_epipolar.simulation.light.lights import Light, LIGHTS, LightSettings
+from visual_servo_epipolar.simulation.light import (
+    Exposure,
+    Light,
+    LIGHTS,
+    LightSettings,
+    LitView,
+    toned,
+)
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.sensor import (

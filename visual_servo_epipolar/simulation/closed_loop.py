@@ -17,8 +17,8 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.simulation.bases.registry import new_base, nod_of
-from visual_servo_epipolar.simulation.mounts.shutter import BodyState, PoseHistory
-from visual_servo_epipolar.simulation.mounts.simulated_head import SimulatedHead
+from visual_servo_epipolar.simulation.mounts.pan_tilt import SimulatedHead
+from visual_servo_epipolar.simulation.mounts.sensor import BodyState, PoseHistory
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.view import View
 

@@ -24,9 +24,9 @@ from visual_servo_epipolar.core.arrays import (
     IntArray,
 )
 from visual_servo_epipolar.core.settings import internal, Settings
-from visual_servo_epipolar.simulation.light.exposure import brightened
+from visual_servo_epipolar.simulation.light import brightened
 from visual_servo_epipolar.simulation.mounts.sensor import Sensor, SensorSettings
-from visual_servo_epipolar.simulation.rooms.textures import fractal_grain
+from visual_servo_epipolar.simulation.rooms.building import fractal_grain
 
 ASPECT = 0.39  # width of a walking person over the height
 PHASES = 8  # silhouettes in one step

@@ -20,8 +20,12 @@ from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.disturbances import Disturbances
-from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
-from visual_servo_epipolar.simulation.mounts.shutter import INSTANT, interpolated, Shutter
+from visual_servo_epipolar.simulation.mounts.sensor import (
+    DESIRED_FRAME,
+    INSTANT,
+    interpolated,
+    Shutter,
+)
 from visual_servo_epipolar.simulation.mounts.simulated_rig import (
     lenses_of,
     LensPlacement,

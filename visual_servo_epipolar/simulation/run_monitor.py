@@ -19,8 +19,8 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns, seconds_between
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
-from visual_servo_epipolar.simulation.mounts.shutter import Receipt
-from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings
+from visual_servo_epipolar.simulation.mounts.pan_tilt import HeadSettings
+from visual_servo_epipolar.simulation.mounts.sensor import Receipt
 from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig, true_geometry
 
 WRONG_BEARING = math.radians(10.0)  # beyond which a geometry is wrong [rad]

@@ -19,7 +19,7 @@ from visual_servo_epipolar.simulation.bases.registry import (
     SimulatedBaseModel,
 )
 from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
-from visual_servo_epipolar.simulation.light.lights import LightSettings
+from visual_servo_epipolar.simulation.light import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import (
     head_settings,

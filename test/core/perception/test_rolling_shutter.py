@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
-from visual_servo_epipolar.simulation.mounts.shutter import Shutter
+from visual_servo_epipolar.simulation.mounts.sensor import Shutter
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 from visual_servo_epipolar.simulation.views import points_of

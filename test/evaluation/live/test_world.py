@@ -16,9 +16,9 @@ from visual_servo_epipolar.evaluation.faults.campaign import FAULTS
 from visual_servo_epipolar.evaluation.faults.fault import EVERYWHERE, Fault, StruckRun
 from visual_servo_epipolar.evaluation.faults.judge import Record
 from visual_servo_epipolar.evaluation.faults.processes import RunListener
-from visual_servo_epipolar.evaluation.live.wire import Envelope
 from visual_servo_epipolar.evaluation.live.world import (
     BreakableUnicycleNode,
+    Envelope,
     small_camera,
     World,
     WorldSettings,

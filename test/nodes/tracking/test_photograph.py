@@ -26,7 +26,7 @@ from visual_servo_epipolar.nodes.tracking.photograph import (
     Photograph,
     read_photographs,
 )
-from visual_servo_epipolar.simulation.light.lights import LightSettings
+from visual_servo_epipolar.simulation.light import LightSettings
 
 HOME = Pose.from_start(0.0, 0.0, 0.0)
 

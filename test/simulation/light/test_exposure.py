@@ -7,14 +7,15 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.light.exposure import (
+from visual_servo_epipolar.simulation.light import (
     brightened,
     Exposure,
     HYSTERESIS,
+    LIGHTS,
+    LightSettings,
     LitView,
     STOP,
 )
-from visual_servo_epipolar.simulation.light.lights import LIGHTS, LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 CAMERA = CameraSettings(

@@ -5,7 +5,7 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.light.lights import (
+from visual_servo_epipolar.simulation.light import (
     Box,
     DAY,
     Lamp,

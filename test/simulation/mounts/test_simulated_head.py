@@ -5,9 +5,12 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.rigs.rig import HeadCommand, Joints
-from visual_servo_epipolar.simulation.mounts.pan_tilt import pan_tilt_rig, PanTiltSettings
+from visual_servo_epipolar.simulation.mounts.pan_tilt import (
+    pan_tilt_rig,
+    PanTiltSettings,
+    SimulatedHead,
+)
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
-from visual_servo_epipolar.simulation.mounts.simulated_head import SimulatedHead
 
 MS = 1_000_000
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.simulation.light.lights import (
+from visual_servo_epipolar.simulation.light import (
     CEILING,
     FURNITURE,
     LIGHTS,
@@ -18,9 +18,13 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
-from visual_servo_epipolar.simulation.rooms.changes import changed_storey, ChangedStorey
-from visual_servo_epipolar.simulation.rooms.floor_plan import PLAN
-from visual_servo_epipolar.simulation.rooms.storey import Storey, StoreyScene
+from visual_servo_epipolar.simulation.rooms.storey import (
+    changed_storey,
+    ChangedStorey,
+    PLAN,
+    Storey,
+    StoreyScene,
+)
 from visual_servo_epipolar.simulation.routes.ways import way_named, WAYS
 
 POSES = (

@@ -31,9 +31,9 @@ from visual_servo_epipolar.simulation.routes.drives import (
     RouteSample,
     Taught,
     teach,
+    world_of,
 )
 from visual_servo_epipolar.simulation.routes.ways import DrivenWay, rounded, way_named
-from visual_servo_epipolar.simulation.routes.worlds import world_of
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 SCENARIO = route_scenario(Scenario(base=PioneerSettings(wheel_ratio=1.01)), 1).with_servo(

@@ -13,8 +13,13 @@ from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.routes.drives import repeat, route_scenario, Taught, teach
-from visual_servo_epipolar.simulation.routes.kidnaps import kidnap
+from visual_servo_epipolar.simulation.routes.drives import (
+    kidnap,
+    repeat,
+    route_scenario,
+    Taught,
+    teach,
+)
 from visual_servo_epipolar.simulation.routes.ways import rounded
 from visual_servo_epipolar.simulation.scenario import load, Scenario
 

@@ -11,8 +11,7 @@ import numpy as np
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.witness import Witness
-from visual_servo_epipolar.evaluation.live.wire import Envelope, Filter
-from visual_servo_epipolar.evaluation.live.world import World, WorldSettings
+from visual_servo_epipolar.evaluation.live.world import Envelope, Filter, World, WorldSettings
 
 # Phases that nearly every run goes through, where the robot moves; a law without them has its own.
 EVERYWHERE = (Phase.DISPLACING, Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)

@@ -35,8 +35,13 @@ from visual_servo_epipolar.evaluation.faults.fault import (
 )
 from visual_servo_epipolar.evaluation.faults.sensing import drop_some, late, lost, restamp
 from visual_servo_epipolar.evaluation.faults.witness import SERVO
-from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
-from visual_servo_epipolar.evaluation.live.world import BreakableUnicycleNode, NODES, WorldSettings
+from visual_servo_epipolar.evaluation.live.world import (
+    BreakableUnicycleNode,
+    Envelope,
+    HOP_NS,
+    NODES,
+    WorldSettings,
+)
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.route_folder import write_route
 from visual_servo_epipolar.nodes.route_node import RouteNode

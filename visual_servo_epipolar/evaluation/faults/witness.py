@@ -17,8 +17,7 @@ from visual_servo_epipolar.evaluation.faults.judge import (
     ServoCommand,
     TrueMotion,
 )
-from visual_servo_epipolar.evaluation.live.wire import Envelope, ImageOrigin, WARNING
-from visual_servo_epipolar.evaluation.live.world import World
+from visual_servo_epipolar.evaluation.live.world import Envelope, ImageOrigin, WARNING, World
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.simulated_rig import true_geometry

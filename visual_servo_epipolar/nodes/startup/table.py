@@ -86,11 +86,11 @@ NODES: Mapping[str, NodeRow] = {
         services='',
         settings=(
             'simulation.mounts.camera_settings:CameraSettings',
-            'simulation.mounts.simulated_head:HeadSettings',
+            'simulation.mounts.pan_tilt:HeadSettings',
             'simulation.mounts.camera_settings:LensSettings',
             'nodes.startup.settings:CameraRig',
             'simulation.disturbances:DisturbanceSettings',
-            'simulation.light.lights:LightSettings',
+            'simulation.light:LightSettings',
             'nodes.startup.settings:CameraFrames',
         ),
     ),

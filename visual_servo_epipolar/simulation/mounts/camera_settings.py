@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera, CAMERAS, with_intrinsics
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
-from visual_servo_epipolar.simulation.mounts.shutter import Receipt, Shutter
+from visual_servo_epipolar.simulation.mounts.sensor import Receipt, Shutter
 from visual_servo_epipolar.simulation.mounts.simulated_rig import LensPlacement
 
 

@@ -10,8 +10,11 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import (
     two_lens_rig,
     TwoLensSettings,
 )
-from visual_servo_epipolar.simulation.mounts.pan_tilt import pan_tilt_rig, PanTiltSettings
-from visual_servo_epipolar.simulation.mounts.simulated_head import HeadSettings
+from visual_servo_epipolar.simulation.mounts.pan_tilt import (
+    HeadSettings,
+    pan_tilt_rig,
+    PanTiltSettings,
+)
 from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
 
 

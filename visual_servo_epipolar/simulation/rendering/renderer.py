@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel, PlanarCamera
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.geometry.rays import normalised
-from visual_servo_epipolar.simulation.mounts.shutter import Shutter
+from visual_servo_epipolar.simulation.mounts.sensor import Shutter
 from visual_servo_epipolar.simulation.mounts.simulated_rig import (
     lenses_of,
     LensPlacement,

@@ -6,7 +6,7 @@ import math
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.simulation.rooms.textures import Painting
+from visual_servo_epipolar.simulation.rooms.building import Painting
 
 LETTERS = 'ABCDEFGHKLMNPRSTUVWXYZaeioustnr0123456789'
 

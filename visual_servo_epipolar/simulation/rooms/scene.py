@@ -8,12 +8,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.simulation.light.lights import CEILING, LIGHTS, RoomChange, UNCHANGED
+from visual_servo_epipolar.simulation.light import CEILING, LIGHTS, RoomChange, UNCHANGED
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms import materials as m
-from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, LEFT, REAR, RIGHT
+from visual_servo_epipolar.simulation.rooms.building import (
+    Builder,
+    Furniture,
+    LEFT,
+    Painting,
+    REAR,
+    RIGHT,
+)
 from visual_servo_epipolar.simulation.rooms.storey import Storey
-from visual_servo_epipolar.simulation.rooms.textures import Painting
 
 STOREY = 'storey'  # of a building, in the coordinates of its plan
 KEPT = 3  # lights by which a room is kept

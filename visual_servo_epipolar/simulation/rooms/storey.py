@@ -1,19 +1,358 @@
-"""Storey: a ring of corridors around two rooms, with two more beside it; the world of routes."""
+"""Storey: a ring of corridors around two rooms, two more beside it; what may change in it."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.simulation.light.lights import LIGHTS, RoomChange, UNCHANGED
-from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene
+from visual_servo_epipolar.simulation.light import (
+    FURNITURE,
+    Lamp,
+    LAMPS,
+    Light,
+    LIGHTS,
+    PICTURES,
+    RoomChange,
+    STOREY,
+    UNCHANGED,
+    Window,
+)
+from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene, Surface
 from visual_servo_epipolar.simulation.rooms import materials as m
-from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, HEIGHT
-from visual_servo_epipolar.simulation.rooms.changes import changed_storey
-from visual_servo_epipolar.simulation.rooms.floor_plan import FloorCell, PLAN, THICKNESS, WallLine
-from visual_servo_epipolar.simulation.rooms.textures import Painting
+from visual_servo_epipolar.simulation.rooms.building import (
+    Builder,
+    Furniture,
+    HEIGHT,
+    Painting,
+    Panel,
+)
+from visual_servo_epipolar.simulation.rooms.materials import poster
+
+THICKNESS = 0.12  # of walls [m]
+DOOR_HEIGHT = 2.1  # of openings that have a lintel [m]
+DOOR = 1.1  # width [m]
+WIDEST_DOOR = 1.6  # wider openings reach to the ceiling [m]
+SLACK = 0.3  # in an opening one is in both of its cells [m]
+DEEPEST = 8  # cells that one looks through
+
+Point = tuple[float, float]
+
+
+class FloorCell(NamedTuple):
+    """A room, or a stretch of corridor: its corners (x0, y0) and (x1, y1) [m]."""
+
+    name: str
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+
+    def holds(self, x: float, y: float, slack: float = 0.0) -> bool:
+        """Whether a point lies in it, or within ``slack`` [m] of it."""
+        within = self.x0 - slack <= x <= self.x1 + slack
+        return within and self.y0 - slack <= y <= self.y1 + slack
+
+
+class WallLine(NamedTuple):
+    """A wall along x (at y = ``at``) or along y, with openings: (middle, width) along it [m]."""
+
+    along_x: bool
+    at: float
+    start: float
+    end: float
+    openings: tuple[tuple[float, float], ...] = ()
+
+    def pieces(self) -> Iterator[tuple[float, float, float]]:
+        """Yield start, end and bottom of each solid piece [m]: lintels hang above doors."""
+        start = self.start
+        for middle, width in sorted(self.openings):
+            left, right = middle - 0.5 * width, middle + 0.5 * width
+            yield start, left, 0.0
+            if width <= WIDEST_DOOR:
+                yield left, right, DOOR_HEIGHT
+            start = right
+        yield start, self.end, 0.0
+
+    def place(self, along: float) -> Point:
+        """Return the point ``along`` the wall [m]."""
+        return (along, self.at) if self.along_x else (self.at, along)
+
+
+class Opening(NamedTuple):
+    """An opening between two cells, from one end to the other."""
+
+    cells: tuple[str, str]
+    ends: tuple[Point, Point]
+
+
+@dataclass(frozen=True)
+class FloorPlan:
+    """Cells and the walls between them; what lies beyond the cells is never seen."""
+
+    cells: tuple[FloorCell, ...]
+    walls: tuple[WallLine, ...]
+
+    @cached_property
+    def openings(self) -> tuple[Opening, ...]:
+        """All openings, with the cells on either side."""
+        found = []
+        for wall in self.walls:
+            for middle, width in wall.openings:
+                ends = wall.place(middle - 0.5 * width), wall.place(middle + 0.5 * width)
+                x, y = wall.place(middle)
+                beside = self.cells_at(x, y, 0.5 * THICKNESS)
+                if len(beside) == 2:
+                    found.append(Opening((beside[0], beside[1]), ends))
+        return tuple(found)
+
+    def cells_at(self, x: float, y: float, slack: float = SLACK) -> list[str]:
+        """Return the names of the cells that hold a point, both where it is in an opening."""
+        return [cell.name for cell in self.cells if cell.holds(x, y, slack)]
+
+    def is_near_opening(self, x: float, y: float, clear: float) -> bool:
+        """Return whether a point is in the way of an opening: ``clear`` [m] beside it."""
+        for opening in self.openings:
+            (x0, y0), (x1, y1) = opening.ends
+            reach = clear + 0.5 * math.hypot(x1 - x0, y1 - y0)
+            if math.hypot(0.5 * (x0 + x1) - x, 0.5 * (y0 + y1) - y) < reach:
+                return True
+        return False
+
+    def seen_from(self, x: float, y: float) -> frozenset[str]:
+        """Return the names of the cells of which something may be seen from a point."""
+        seen: set[str] = set()
+        for name in self.cells_at(x, y):
+            self._look(name, (x, y), None, (name,), seen)
+        return frozenset(seen)
+
+    def _look(
+        self,
+        name: str,
+        eye: Point,
+        wedge: tuple[Point, Point] | None,
+        way: tuple[str, ...],
+        seen: set[str],
+    ) -> None:
+        """Add the cell and those seen through its openings, within a ``wedge`` (right, left)."""
+        seen.add(name)
+        for opening in self.openings if len(way) < DEEPEST else ():
+            if name not in opening.cells:
+                continue
+            other = opening.cells[opening.cells[0] == name]
+            if other in way:
+                continue
+            narrowed = _narrowed(eye, wedge, opening.ends)
+            if narrowed is not None:
+                self._look(other, eye, narrowed, (*way, other), seen)
+
+
+def _narrowed(
+    eye: Point, wedge: tuple[Point, Point] | None, ends: tuple[Point, Point]
+) -> tuple[Point, Point] | None:
+    """Return what of a ``wedge`` of view goes through an opening, None if nothing does."""
+    right, left = ((x - eye[0], y - eye[1]) for x, y in ends)
+    if _cross(right, left) < 0.0:
+        right, left = left, right
+    if wedge is not None:
+        right = wedge[0] if _cross(right, wedge[0]) > 0.0 else right
+        left = wedge[1] if _cross(wedge[1], left) > 0.0 else left
+    return (right, left) if _cross(right, left) > 0.0 else None
+
+
+def _cross(first: Point, second: Point) -> float:
+    """Return the sine of the turn to the left from one direction to another, times lengths."""
+    return first[0] * second[1] - first[1] * second[0]
+
+
+PLAN = FloorPlan(
+    (
+        FloorCell('south', -2.4, -2.4, 16.4, 0.0),
+        FloorCell('north', -2.4, 9.0, 16.4, 11.4),
+        FloorCell('west', -2.4, 0.0, 0.0, 9.0),
+        FloorCell('east', 14.0, 0.0, 16.4, 9.0),
+        FloorCell('library', 0.0, 0.0, 7.0, 9.0),
+        FloorCell('workshop', 7.0, 0.0, 14.0, 9.0),
+        FloorCell('office', 0.0, -8.4, 7.0, -2.4),
+        FloorCell('store', 7.0, -8.4, 14.0, -2.4),
+    ),
+    (
+        WallLine(True, -8.4, 0.0, 14.0),
+        WallLine(True, -2.4, -2.4, 16.4, ((3.0, DOOR), (11.0, DOOR))),
+        WallLine(True, 0.0, -2.4, 16.4, ((-1.2, 2.4), (4.5, DOOR), (9.5, DOOR), (15.2, 2.4))),
+        WallLine(True, 9.0, -2.4, 16.4, ((-1.2, 2.4), (2.5, DOOR), (11.5, DOOR), (15.2, 2.4))),
+        WallLine(True, 11.4, -2.4, 16.4),
+        WallLine(False, -2.4, -2.4, 11.4),
+        WallLine(False, 0.0, -8.4, -2.4),
+        WallLine(False, 0.0, 0.0, 9.0),
+        WallLine(False, 7.0, -8.4, -2.4, ((-5.5, DOOR),)),
+        WallLine(False, 7.0, 0.0, 9.0, ((6.0, DOOR),)),
+        WallLine(False, 14.0, -8.4, -2.4),
+        WallLine(False, 14.0, 0.0, 9.0),
+        WallLine(False, 16.4, -2.4, 11.4),
+    ),
+)
+
+
+Cells = frozenset[str]
+PARTS: Mapping[str, tuple[str, ...]] = {
+    LAMPS: (LAMPS,),
+    PICTURES: (PICTURES,),
+    FURNITURE: (FURNITURE,),
+    STOREY: (LAMPS, PICTURES, FURNITURE),
+}
+SHARE = 1.0 / 3.0  # of the lamps that are off, of the pictures that are others, of what is moved
+SHIFT = (0.1, 0.35)  # of a piece of furniture along its wall [m]
+CHAIR, CHAIRS = (0.45, 0.42, 0.85), 2  # its size [m], and how many a cell has
+OFF = 165.0  # grey of a lamp that is off
+# Cells with a window in an outer wall: its middle [m], the normal into the cell.
+WINDOWS: Mapping[str, tuple[tuple[float, float], tuple[float, float]]] = {
+    'office': ((4.6, -8.34), (0.0, 1.0)),
+    'store': ((9.4, -8.34), (0.0, 1.0)),
+    'north': ((5.0, 11.34), (0.0, -1.0)),
+    'west': ((-2.34, 5.2), (1.0, 0.0)),
+    'east': ((16.34, 4.0), (-1.0, 0.0)),
+}
+
+
+@dataclass(eq=False)
+class ChangedStorey:
+    """
+    A storey with a ``change``: its ``builder``, its ``light``, and what lights each cell besides.
+
+    ``cells`` of a panel of the shell or of a body, by name, are those in which it can be seen.
+    """
+
+    builder: Builder
+    light: Light
+    cells: dict[str, Cells]
+    sources: dict[str, tuple[Lamp | Window, ...]]
+
+    def surfaces(self) -> list[tuple[Surface, Cells]]:
+        """Return all surfaces, panes of windows the last, and the cells of each."""
+        builder, found = self.builder, []
+        lamps, boxes = builder.places_of_lamps, builder.boxes
+        for panel in builder.panels:
+            cells = self.cells[panel.name if panel.body == ROOM else panel.body]
+            found.append((panel.lit(self._light_in(cells), lamps, boxes), cells))
+        for cell in self.sources:
+            for pane in builder.panes(self._light_in(frozenset([cell]))):
+                name = f'{cell} {pane.name}'
+                found.append((replace(pane, name=name, body=name), frozenset([cell])))
+        return found
+
+    def _light_in(self, cells: Cells) -> Light:
+        sources = [each for cell in sorted(cells) for each in self.sources.get(cell, ())]
+        return replace(self.light, sources=(*self.light.sources, *sources))
+
+
+def changed_storey(
+    builder: Builder, cells: Mapping[str, Cells], light: Light, change: RoomChange
+) -> ChangedStorey:
+    """Return the storey that a ``builder`` built, by a ``light``, after the ``change``."""
+    parts = PARTS.get(change.name, ()) if change.has_changed else ()
+    storey = ChangedStorey(builder, light, dict(cells), {})
+    for number, (name, apply) in enumerate(APPLIED.items()):
+        if name in parts:
+            storey.builder = storey.builder.copied(np.random.default_rng((change.seed, number)))
+            apply(storey)
+    return storey
+
+
+def _switch_lamps(storey: ChangedStorey) -> None:
+    """Switch a third of the lamps off, stand a lamp into most cells, let day in at windows."""
+    builder, light = storey.builder, storey.light
+    rng = builder.rng
+    is_off = rng.uniform(size=len(builder.lamps)) < SHARE
+    off = [lamp for lamp, each in zip(builder.lamps, is_off, strict=True) if each]
+    builder.lamps = [lamp for lamp, each in zip(builder.lamps, is_off, strict=True) if not each]
+    builder.panels = [_with_lamps_off(panel, off, rng) for panel in builder.panels]
+    ambient, ceiling = rng.uniform((0.4, 0.7), (1.1, 1.6)).tolist()
+    storey.light = replace(light, ambient=ambient * light.ambient, ceiling=ceiling * light.ceiling)
+    for cell in PLAN.cells:
+        low, high = (cell.x0 + 0.5, cell.y0 + 0.5, 1.4), (cell.x1 - 0.5, cell.y1 - 0.5, 2.2)
+        x, y, z = rng.uniform(low, high).tolist()
+        lamp, window = Lamp((x, y, z), float(rng.uniform(1.0, 3.0))), WINDOWS.get(cell.name)
+        sources: tuple[Lamp | Window, ...] = (lamp,) if rng.uniform() < 0.7 else ()
+        if window is not None:
+            sources += (_window(*window, rng),)
+        storey.sources[cell.name] = sources
+
+
+def _with_lamps_off(
+    panel: Panel, off: list[tuple[float, float]], rng: np.random.Generator
+) -> Panel:
+    """Return a panel with the lamps that are ``off`` painted grey, where it is a ceiling."""
+    (x0, y0, _), across, down = panel.frame
+    here = [(x - x0, y - y0) for x, y in off]
+    here = [(x, y) for x, y in here if 0.0 < x < across[0] and 0.0 < y < down[1]]
+    if not panel.name.endswith('ceiling') or not here:
+        return panel
+    sheet = panel.sheet.copied(rng)
+    for x, y in here:
+        sheet.rect(x - 0.6, y - 0.15, 1.2, 0.3, OFF)
+    return replace(panel, sheet=sheet)
+
+
+def _window(
+    middle: tuple[float, float], normal: tuple[float, float], rng: np.random.Generator
+) -> Window:
+    sky, sun, aside, up = rng.uniform((3.0, 0.0, -0.6, 0.3), (8.0, 0.8, 0.6, 0.9)).tolist()
+    (x, y), (nx, ny) = middle, normal
+    sun_from = (-nx - aside * ny, -ny + aside * nx, up)
+    return Window((x, y, 1.75), (2.2, 1.3), sky, sun, sun_from, (nx, ny, 0.0))
+
+
+def _exchange_pictures(storey: ChangedStorey) -> None:
+    """Hang other pictures over a third of those on walls and boards, each where one hung."""
+    builder = storey.builder
+    for number, panel in enumerate(builder.panels):
+        out = [each for each in panel.sheet.pictures if builder.rng.uniform() < SHARE]
+        if out:
+            sheet = panel.sheet.copied(builder.rng)
+            for place in out:
+                poster(sheet, *place)
+            builder.panels[number] = replace(panel, sheet=sheet)
+
+
+def _move_furniture(storey: ChangedStorey) -> None:
+    """Move a third of the furniture along its walls, and put chairs where none stood."""
+    builder = storey.builder
+    rng = builder.rng
+    names = {cell.name for cell in PLAN.cells}
+    for piece in [*builder.standing]:
+        is_furniture = piece.name.split(' ')[0] in names and piece.bottom == 0.0
+        if is_furniture and rng.uniform() < SHARE:
+            side = 1.0 if rng.uniform() < 0.5 else -1.0
+            builder.move(piece, side * float(rng.uniform(*SHIFT)) * piece.axes()[0][:2])
+    for cell in PLAN.cells:
+        for number in range(CHAIRS):
+            chair = _chair(cell, f'{cell.name} chair {number}', rng)
+            storey.cells[chair.name] = frozenset([cell.name])
+            builder.stand(chair)
+
+
+def _chair(cell: FloorCell, name: str, rng: np.random.Generator) -> Furniture:
+    """Return a chair near one of the longer walls of a cell, out of the way."""
+    width, depth = cell.x1 - cell.x0, cell.y1 - cell.y0
+    is_narrow, along_x = min(width, depth) < 3.0, width > 2.0 * depth
+    while True:
+        off = 0.35 if is_narrow else float(rng.uniform(0.6, 0.9))
+        along, side, turn = rng.uniform((0.15, -1.0, -np.pi), (0.85, 1.0, np.pi)).tolist()
+        x, y = cell.x0 + along * width, cell.y0 + along * depth
+        if along_x:
+            y = cell.y0 + off if side < 0.0 else cell.y1 - off
+        else:
+            x = cell.x0 + off if side < 0.0 else cell.x1 - off
+        if not PLAN.is_near_opening(x, y, 0.7):  # a chair is smaller than a shelf
+            return Furniture(name, x, y, CHAIR, m.crate, m.timber, turn=turn)
+
+
+APPLIED = {LAMPS: _switch_lamps, PICTURES: _exchange_pictures, FURNITURE: _move_furniture}
+
 
 CORRIDORS = ('south', 'north', 'west', 'east')
 LAMP_SPACING = 3.6  # at most [m]

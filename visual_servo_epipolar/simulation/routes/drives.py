@@ -1,6 +1,6 @@
-"""Drives in simulation: a way is taught by a driver, and repeated by photographs alone."""
+"""Drives in simulation: a way is taught and repeated, in changed worlds; kidnaps beside it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 import math
@@ -12,7 +12,9 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist, wrap_angle
 from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.routes.following.closing import closing_of
 from visual_servo_epipolar.core.routes.following.follower import RouteProgress
+from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
@@ -20,9 +22,64 @@ from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns
 from visual_servo_epipolar.simulation.bases.registry import new_base, SimulatedBase
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.light.lights import LightSettings
+from visual_servo_epipolar.simulation.light import (
+    FURNITURE,
+    LAMPS,
+    LightSettings,
+    PICTURES,
+    STOREY,
+)
+from visual_servo_epipolar.simulation.rooms.storey import PLAN
 from visual_servo_epipolar.simulation.routes.ways import DrivenWay, Driver, SPACING
 from visual_servo_epipolar.simulation.scenario import Scenario
+
+GAMMA = (0.4, 2.5)  # drawn evenly in its logarithm
+
+
+@dataclass(frozen=True, slots=True)
+class ChangedWorld:
+    """
+    A world: what has ``changed`` of the storey, whether its ``tones`` are of another gamma.
+
+    ``people`` walk through the image; ``light`` is the share of the light that is left.
+    """
+
+    changed: str = 'none'
+    tones: bool = False
+    people: bool = False
+    light: float = 1.0
+
+    def of(self, scenario: Scenario, seed: int) -> Scenario:
+        """Return a ``scenario`` in this world, drawn by ``seed``."""
+        rng = np.random.default_rng((seed, 13))
+        gamma = math.exp(float(rng.uniform(*np.log(GAMMA)))) if self.tones else 1.0
+        light = replace(scenario.light, changed=self.changed, changed_seed=seed, gamma=gamma)
+        height, since, still = float(rng.uniform(0.5, 1.0)), *rng.integers((20, 22), (70, 45))
+        disturbances = replace(
+            scenario.disturbances,
+            disturbed_from=0 if self.light != 1.0 else int(since),
+            disturbed_for=int(still),
+            disturbed_every=int(still) + 60,
+            person=height if self.people else 0.0,
+            light_step=self.light - 1.0,
+        )
+        return replace(scenario, light=light, disturbances=disturbances)
+
+
+WORLDS: Mapping[str, ChangedWorld] = {
+    'light': ChangedWorld(LAMPS, tones=True),
+    'pictures': ChangedWorld(PICTURES),
+    'furniture': ChangedWorld(FURNITURE),
+    'people': ChangedWorld(people=True),
+    'all': ChangedWorld(STOREY, tones=True, people=True),
+    'dim': ChangedWorld(light=0.08),
+}
+
+
+def world_of(scenario: Scenario, name: str, seed: int) -> Scenario:
+    """Return a ``scenario`` in the world of that name; as it is in that called same."""
+    return WORLDS[name].of(scenario, seed) if name in WORLDS else scenario
+
 
 REST_FRAMES = 8  # after the last command, until the base stands
 WRONG_OFFSET, WRONG_STATION, WRONG_HEADING = 0.05, 0.02, math.radians(0.5)  # silently [m, rad]
@@ -231,3 +288,77 @@ def _apart(pose: Pose, truth: Pose) -> tuple[float, float]:
     """Return how far a pose is from the true one [m], and its heading to the left [rad]."""
     away = math.hypot(pose.x - truth.x, pose.y - truth.y)
     return away, wrap_angle(pose.theta - truth.theta)
+
+
+ASIDE, TURNED = 0.5, math.radians(20.0)  # most of a start beside the route [m, rad]
+WALL = 0.6  # distance from walls of a start anywhere [m]
+RIGHT_WAY, RIGHT_OFFSET = 0.3, 0.1  # errors of a place that is right [m]
+
+
+@dataclass(frozen=True, slots=True)
+class Kidnaps:
+    """How many starts were ``tried``, found ``right``, ``refused``, or found ``wrong``."""
+
+    tried: int
+    right: int
+    refused: int
+    wrong: int
+
+
+def kidnap(scenario: Scenario, taught: Taught, count: int, seed: int) -> Kidnaps:
+    """
+    Put the robot beside the route ``count`` times, and judge where it says that it is.
+
+    A camera that sees all around is turned anyhow.
+    """
+    simulator, finder = new_simulator(scenario), PlaceFinder(taught.route)
+    closing = closing_of(taught.route, finder)
+    rng = np.random.default_rng((seed, 11))
+    turned = math.pi if scenario.camera.camera.wraps else TURNED
+    right = refused = 0
+    for number in range(count):
+        k, offset = int(rng.integers(0, len(taught.way.points) - 40)), float(rng.uniform(-1, 1))
+        pose = _beside(taught, k, ASIDE * offset, turned * float(rng.uniform(-1.0, 1.0)))
+        place = finder.find(simulator.capture(pose, number))
+        if place is not None and closing is not None:  # right by either end of the way
+            place = closing.on_lap(place, taught.route.views, k * SPACING)
+        refused += place is None
+        right += place is not None and _is_right(taught, place, pose)
+    return Kidnaps(count, right, refused, count - right - refused)
+
+
+def kidnap_elsewhere(scenario: Scenario, taught: Taught, count: int, seed: int) -> Kidnaps:
+    """Put the robot anywhere in the storey of the ``scenario``, another one than that taught."""
+    simulator, finder = new_simulator(scenario), PlaceFinder(taught.route)
+    found = [
+        finder.find(simulator.capture(pose, k)) for k, pose in enumerate(_anywhere(count, seed))
+    ]
+    refused = sum(place is None for place in found)
+    return Kidnaps(count, 0, refused, count - refused)
+
+
+def _beside(taught: Taught, k: int, offset: float, turn: float) -> Pose:
+    ahead = taught.way.points[k + 4] - taught.way.points[k]
+    heading = math.atan2(ahead[1], ahead[0])
+    x, y = (
+        taught.way.points[k] + [-offset * math.sin(heading), offset * math.cos(heading)]
+    ).tolist()
+    return Pose(x, y, wrap_angle(heading + turn))
+
+
+def _anywhere(count: int, seed: int) -> Iterator[Pose]:
+    rng = np.random.default_rng((seed, 12))
+    for _ in range(count):
+        cell = PLAN.cells[int(rng.integers(len(PLAN.cells)))]
+        low, high = (cell.x0 + WALL, cell.y0 + WALL), (cell.x1 - WALL, cell.y1 - WALL)
+        x, y = rng.uniform(low, high).tolist()
+        yield Pose(x, y, float(rng.uniform(-math.pi, math.pi)))
+
+
+def _is_right(taught: Taught, place: Place, pose: Pose) -> bool:
+    """Whether a place is where the robot is: odometry's ways are not quite true ones."""
+    ratio = float(taught.way.length[-1]) / taught.route.length
+    k = round(place.way * ratio / SPACING)
+    k, offset = taught.way.offset(pose, min(max(k, 0), len(taught.way.points) - 1))
+    apart = abs(k * SPACING - place.way * ratio)
+    return apart < RIGHT_WAY and abs(offset - place.offset) < RIGHT_OFFSET
