@@ -32,7 +32,8 @@ setup(
     name=NAME,
     version=version(),
     description='Drive a unicycle robot to the pose of a photograph, by epipolar geometry.',
-    long_description='Epipolar visual servoing of mobile robots: ROS 2 nodes, simulator, tools.',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     author='visual_servo_epipolar developers',
     author_email='ros-maintainers@visual-servo-epipolar.org',
     maintainer='visual_servo_epipolar developers',
@@ -48,6 +49,7 @@ setup(
         (f'{SHARE}/config', sorted(glob('config/*.*'))),
         (f'{SHARE}/config/rigs', sorted(glob('config/rigs/*.yaml'))),
         (f'{SHARE}/config/scenarios', sorted(glob('config/scenarios/*.yaml'))),
+        (f'{SHARE}/config/sros2', sorted(glob('config/sros2/*.xml'))),
         (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
     ],
     # For pip alone. On a native ROS these come from rosdep (package.xml), and apt's cv2 has no

@@ -1,4 +1,4 @@
-"""Every relative link of the README and of docs/ leads to a file, and to a heading in it."""
+"""Every relative link of the pages leads to a file, and to a heading in it."""
 
 from pathlib import Path
 import re
@@ -6,7 +6,8 @@ import re
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
+README = ROOT / 'README.md'
+PAGES = [README, *sorted({*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')} - {README})]
 CODE_BLOCK = re.compile(r'^ *```.*?^ *```', re.M | re.S)
 LINK = re.compile(r'\]\(([^)\s]+)\)')
 

@@ -25,6 +25,8 @@ def test_package_xml_and_setup_py_carry_the_version_and_the_name_of_the_package(
     package = ElementTree.parse(ROOT / 'package.xml').getroot()
     assert package.findtext('version') == VERSION == setup_says('--version')
     assert package.findtext('name') == 'visual_servo_epipolar' == setup_says('--name')
+    assert f'\nversion: {VERSION}\n' in (ROOT / 'CITATION.cff').read_text()
+    assert re.fullmatch(r'\d+\.\d+\.\d+', VERSION)  # catkin takes no other form
 
 
 def test_package_xml_and_setup_py_agree_on_the_licence() -> None:

@@ -50,7 +50,7 @@ def attitudes(least: float = 2e-3) -> st.SearchStrategy[Attitude]:
     return st.builds(Attitude, angle, angle, within, within, st.just(1e-3), floats(-0.9, 0.9))
 
 
-def informations(least: float = 3e-3) -> st.SearchStrategy[np.ndarray]:
+def information_matrices(least: float = 3e-3) -> st.SearchStrategy[np.ndarray]:
     within = deviations(least, 1.0)
     return st.builds(information_of, within, within, floats(-0.9, 0.9))
 
@@ -86,7 +86,7 @@ def test_the_same_pair_again_and_again_tells_twice_what_it_does_once(
     np.testing.assert_allclose(relative, 0.5, rtol=1e-6)
 
 
-@given(attitudes(ABOVE), informations(ABOVE))
+@given(attitudes(ABOVE), information_matrices(ABOVE))
 def test_no_number_of_pairs_tells_more_than_twice_what_one_does(
     before: Attitude, information: np.ndarray
 ) -> None:
@@ -97,7 +97,7 @@ def test_no_number_of_pairs_tells_more_than_twice_what_one_does(
     assert np.linalg.eigvalsh(root.T @ found @ root)[0] > 1.0 - 1e-6
 
 
-@given(attitudes(ABOVE), informations(ABOVE))
+@given(attitudes(ABOVE), information_matrices(ABOVE))
 def test_nothing_that_was_known_is_lost(before: Attitude, information: np.ndarray) -> None:
     found = learnt_attitude(before, informed(before, information)).covariance
     root = np.linalg.cholesky(np.linalg.inv(before.covariance))
@@ -126,7 +126,7 @@ def test_no_attitude_is_known_better_than_the_floor_leaves_it(
     assert_positive_definite(found.covariance)
 
 
-@given(attitudes(), informations(), informations())
+@given(attitudes(), information_matrices(), information_matrices())
 def test_the_correlation_stays_that_of_a_covariance(
     before: Attitude, first: np.ndarray, second: np.ndarray
 ) -> None:
