@@ -108,7 +108,7 @@ mounts-figure: $(STAMP) ## the figure and the tables of docs/results.md, half an
 ablation: $(STAMP) ## each departure from the paper left out, and each alone; half an hour
 	@$(BIN)/visual_servo bench ablation
 
-parameters: $(STAMP) ## docs/parameters.md from the settings
+parameters: $(STAMP) ## docs/parameters.md and upgrading.md from the settings
 	@$(BIN)/python docs/parameters.py
 
 data-flow-figure: $(STAMP) ## the picture of nodes and topics

@@ -1,4 +1,4 @@
-"""Writes docs/parameters.md, the reference of all parameters: python docs/parameters.py."""
+"""Writes docs/parameters.md and docs/upgrading.md from the settings: python docs/parameters.py."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import Field, fields
@@ -10,7 +10,7 @@ import sys
 from types import ModuleType
 from typing import Any
 
-from visual_servo_epipolar.core.settings import range_of, Settings
+from visual_servo_epipolar.core.settings import parameters_of, range_of, Settings
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings
 
@@ -26,34 +26,74 @@ NODES = (
 )
 SCENARIO = (RunSettings, PointSettings)  # sections run and points
 DECLARATION = re.compile(r'parameters\.declare\(self, (\w+)\)')
-HEADER = ('| parameter | default | range | what | |', '|---|---|---|---|---|')
+HEADER = ('| parameter | default | range | what |', '|---|---|---|---|')
 ALONE = 'Scenario files and replay alone:'
 HEAD = """\
 # Parameters
 
-This page lists all parameters of all nodes, in the order of [`config/*.yaml`](../config), under
-the class that declares them. `python docs/parameters.py` writes it from those classes; a test
-compares the two.
+All parameters of all nodes, in the order of [`config/*.yaml`](../config), under the class that
+declares them. `python docs/parameters.py` writes this page from the classes.
+[Upgrading](upgrading.md) has the names of earlier versions.
 
-* Write a double with a point: `1.0`, not `1`. A node refuses values out of range, and names that
+* Write a double with a point: `1.0`, not `1`. A node refuses values out of range and names that
   it does not have. A file under `/**:` may hold the parameters of several nodes, as
   [`robot.yaml`](../config/robot.yaml) does.
-* *fixed* marks parameters that can be set at the start only. The others can be changed while the
-  robot drives: `ros2 param set /servo_node max_linear 0.3`.
-* *Step 1*, *Step 2*: of laws `paper`, `corrected` and `full`. Law `smooth` has one motion instead,
-  and ends by step 2 only where it has no memory of views. What names neither serves all laws.
-* Scenario files accept these names in sections `servo`, `tracker`, `base`, `camera` and
-  `disturbances`, the names under *scenario files and replay alone*, and those at the end of this
-  page. `visual_servo replay --set servo.look_ahead=0.3` accepts those of servo and tracker.
-* Every node also takes `use_sim_time`, as all ROS nodes do.
-* `~` stands for the home folder in names of files and folders.
+* *fixed* parameters can be set at the start only; the others while the robot drives: `ros2 param
+  set /servo_node max_linear 0.3`.
+* *Step 1*, *Step 2*: of laws `paper`, `corrected` and `full`; law `smooth` ends by step 2 only
+  without its memory.
+* Scenario files take these names in sections `servo`, `tracker`, `base`, `camera` and
+  `disturbances`, and those under *scenario files and replay alone*; `visual_servo replay --set
+  servo.look_ahead=0.3` those of servo and tracker.
+* Every node also takes `use_sim_time`. `~` stands for the home folder in names of files and
+  folders.
+"""
+UPGRADING = """\
+# Upgrading from 0.1
+
+`python docs/parameters.py` writes this page from the settings.
+
+* **Parameters.** The tables name what was renamed or is gone. Names under *scenario files and
+  replay alone* of [parameters](parameters.md) are settings that no robot needs: a parameter file
+  may keep their defaults, and is refused in one line if it gives another value; scenario files,
+  `replay --set` and Python keep them. A node that is given an old name says which one replaces
+  it. Bags and scenarios with old names are read; a bag that was recorded with a setting that is
+  gone replays with a note.
+* **Start.** The servo waits for `~/start` unless `autostart` is set (false by default). Parameter
+  files are keyed `/**:`.
+* **Bags.** `recorder_node` writes mcap alone; bags of sqlite3 are read, and `ros2 bag convert`
+  makes one of the other. `--repair` writes a new file beside the damaged one.
+* **Camera files** of COLMAP and nerfstudio are not read: write their numbers as YAML.
+* **Commands.** `sweep` writes `table.md`, `map.png` and `runs.jsonl`; `bench` has only what
+  [results](results.md) needs.
+* **Python.** Import from [`visual_servo_epipolar.api`](../visual_servo_epipolar/api.py); all
+  other modules are internal and have moved.
+* **Folders of routes, photographs and bags** of 0.1 are read as before.
+
+## Names that changed
 """
 
 
 def page() -> str:
-    """Return the whole page."""
-    nodes = [_chapter(name, settings_of(_module(name))) for name in NODES]
-    return '\n'.join([HEAD, *nodes, _chapter('Scenarios alone', SCENARIO)])
+    """Return the page of parameters; what an earlier node has likewise is named, not repeated."""
+    shown: dict[str, str] = {}
+    kinds = {name: settings_of(_module(name)) for name in NODES} | {'Scenarios alone': SCENARIO}
+    return '\n'.join([HEAD, *(_chapter(name, each, shown) for name, each in kinds.items())])
+
+
+def upgrading() -> str:
+    """Return the page of names that changed, by node."""
+    chapters = [UPGRADING]
+    for node in NODES:
+        rows: dict[str, str] = {}
+        for kind in settings_of(_module(node)):
+            rows |= {old: f'`{new}`' for old, new in kind.RENAMED.items()}
+            off = {old: f'gone; {_written(value)} holds' for old, value in kind.GONE.items()}
+            rows |= {old: text for old, text in off.items() if old not in rows}
+        if rows:
+            lines = [f'| `{old}` | {new} |' for old, new in sorted(rows.items())]
+            chapters.append('\n'.join([f'### {node}\n', '| 0.1 | now |', '|---|---|', *lines, '']))
+    return '\n'.join(chapters)
 
 
 def settings_of(module: ModuleType) -> list[type[Settings]]:
@@ -65,20 +105,31 @@ def _module(node: str) -> ModuleType:
     return import_module(f'visual_servo_epipolar.nodes.{node}')
 
 
-def _chapter(title: str, kinds: Sequence[type[Settings]]) -> str:
-    return '\n'.join([f'## {title}\n', *(part for kind in kinds for part in _sections(kind))])
+def _chapter(title: str, kinds: Sequence[type[Settings]], shown: dict[str, str]) -> str:
+    parts = [part for kind in kinds for part in _sections(kind, title, shown)]
+    return '\n'.join([f'## {title}\n', *parts])
 
 
-def _sections(kind: type[Settings]) -> Iterator[str]:
+def _sections(kind: type[Settings], title: str, shown: dict[str, str]) -> Iterator[str]:
     """Yield a section for each class that declares fields of ``kind``."""
     owners: dict[type, list[Field[Any]]] = {}
     for item in fields(kind):
         owners.setdefault(_owner(kind, item.name), []).append(item)
     for owner, items in owners.items():
-        rows = [_row(item) for item in items if not range_of(item).internal]
-        others = ', '.join(f'`{item.name}`' for item in items if range_of(item).internal)
-        table = [*HEADER, *rows, ''] if rows else []
-        yield '\n'.join([_title(owner), *table, *([f'{ALONE} {others}.\n'] if others else [])])
+        known = {item.name for item in parameters_of(kind)}
+        rows = {item.name: _row(item) for item in items if item.name in known}
+        earlier = {name: shown[row] for name, row in rows.items() if row in shown}
+        new = [row for name, row in rows.items() if name not in earlier]
+        others = [item.name for item in items if item.name not in known]
+        alone = [name for name in others if name not in shown]
+        parts = [_title(owner), *([*HEADER, *new, ''] if new else [])]
+        for node in dict.fromkeys(earlier.values()):
+            same = ', '.join(f'`{name}`' for name, of in earlier.items() if of == node)
+            parts.append(f'As those of {node}: {same}.\n')
+        if alone:
+            parts.append(f'{ALONE} {", ".join(f"`{name}`" for name in alone)}.\n')
+        yield '\n'.join(parts)
+        shown |= dict.fromkeys([*new, *others], title)
 
 
 def _owner(kind: type, name: str) -> type:
@@ -97,9 +148,8 @@ def _row(item: 'Field[Any]') -> str:
     cells = (
         f'`{item.name}`',
         f'`{_written(item.default)}`',
-        _range(limits.low, limits.high, limits.choices),
+        _range(limits.low, limits.high, limits.choices, 'fixed' if limits.read_only else ''),
         limits.text.replace('|', r'\|'),
-        'fixed' if limits.read_only else '',
     )
     return f'| {" | ".join(cells)} |'
 
@@ -115,20 +165,22 @@ def _written(value: Any) -> str:
     return f'{value:.6g}' if isinstance(value, float) and value != int(value) else repr(value)
 
 
-def _range(low: float | None, high: float | None, choices: tuple[str, ...]) -> str:
-    if choices:
-        return ', '.join(f'`{choice}`' for choice in choices)
-    return '' if low is None or high is None else f'{_short(low)} to {_short(high)}'
+def _range(low: float | None, high: float | None, choices: tuple[str, ...], fixed: str) -> str:
+    parts = [f'`{choice}`' for choice in choices]
+    if not choices and low is not None and high is not None:
+        parts = [f'{_short(low)}..{_short(high)}']
+    return ', '.join([*parts, fixed] if fixed else parts)
 
 
 def _short(value: float) -> str:
     return str(value) if isinstance(value, int) else f'{value:g}'
 
 
-def main(target: Path) -> None:
-    """Write the page."""
-    target.write_text(page(), encoding='utf-8')
+def main(folder: Path) -> None:
+    """Write both pages."""
+    (folder / 'parameters.md').write_text(page(), encoding='utf-8')
+    (folder / 'upgrading.md').write_text(upgrading(), encoding='utf-8')
 
 
 if __name__ == '__main__':
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name('parameters.md'))
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)

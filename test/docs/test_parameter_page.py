@@ -1,4 +1,4 @@
-"""docs/parameters.md is what `python docs/parameters.py` writes, and leaves no parameter out."""
+"""docs/parameters.md and docs/upgrading.md are what `python docs/parameters.py` writes."""
 
 from dataclasses import fields
 import importlib.util
@@ -24,10 +24,12 @@ def generator() -> ModuleType:
     return module
 
 
-def test_the_page_is_what_the_settings_say(generator: ModuleType) -> None:
-    assert PAGE.read_text(encoding='utf-8') == generator.page(), (
-        'docs/parameters.md is not up to date; run python docs/parameters.py'
-    )
+def test_the_pages_are_what_the_settings_say(generator: ModuleType) -> None:
+    pages = {'parameters.md': generator.page(), 'upgrading.md': generator.upgrading()}
+    for name, text in pages.items():
+        assert (DOCS / name).read_text(encoding='utf-8') == text, (
+            f'docs/{name} is not up to date; run python docs/parameters.py'
+        )
 
 
 def test_every_group_of_settings_of_a_node_is_on_the_page(
