@@ -4,6 +4,7 @@ from dataclasses import replace
 import math
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
@@ -12,7 +13,7 @@ from servo_rig import AWAY, CAMERA, GOAL, HandSetClock, PERIOD_NS, Rig, STAMP_NS
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL
 from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.observation import observe
@@ -277,6 +278,26 @@ def test_epipoles_are_published_as_measured(bench) -> None:
     # 60 points at 0.2 px from 3.6 m: a tenth of a degree; five times that is no luck.
     assert telemetry['bearing_current_rad'] == pytest.approx(bearings[0], abs=math.radians(0.5))
     assert telemetry['bearing_desired_rad'] == pytest.approx(bearings[1], abs=math.radians(1.5))
+
+
+def test_the_goal_is_published_in_the_base_as_far_as_its_covariance_says(bench) -> None:
+    goals = bench.listen(PoseWithCovarianceStamped, 'goal_pose')
+    rig, pose = Rig(bench, stale_timeout=60.0, law='smooth', base_frame='base'), AWAY
+    for _ in range(40):
+        rig.see(pose)
+        stamp_ns = rig.stamp_ns - PERIOD_NS
+        if goals and read.stamp_ns(goals[-1].header) == stamp_ns:
+            break
+        pose = integrate(pose, rig.twists()[-1], 1e-9 * PERIOD_NS)
+    message = goals[-1]
+    assert (message.header.frame_id, read.stamp_ns(message.header)) == ('base', stamp_ns)
+    sine, cosine = math.sin(pose.heading_error), math.cos(pose.heading_error)
+    true = [pose.x * sine - pose.y * cosine, pose.x * cosine + pose.y * sine]
+    found = message.pose.pose
+    error = np.array([found.position.x, found.position.y]) - true
+    covariance = message.pose.covariance.reshape(6, 6)[:2, :2]
+    assert error @ np.linalg.solve(covariance, error) < 3.0**2
+    assert np.sqrt(covariance.trace()) < 0.5 * pose.distance  # it is known, not just not wrong
 
 
 def true_bearings(pose):

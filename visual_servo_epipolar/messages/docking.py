@@ -4,22 +4,9 @@ from importlib import import_module
 from typing import Any
 
 from builtin_interfaces.msg import Duration
-from geometry_msgs.msg import PoseWithCovarianceStamped
 
-from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.docking.task import Outcome, Request, Task
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.messages import write
-
-
-def pose_with_covariance(
-    value: FloatArray, covariance: FloatArray, stamp_ns: int, frame_id: str
-) -> PoseWithCovarianceStamped:
-    """Return a pose in the plane, (3,): x, y [m], yaw [rad], with its ``covariance``, (3, 3)."""
-    message = PoseWithCovarianceStamped(header=write.header(stamp_ns, frame_id))
-    message.pose.pose = write.planar_pose(*value.tolist())
-    message.pose.covariance = write.covariance(covariance)
-    return message
 
 
 class DockRobotWire:

@@ -7,7 +7,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -182,6 +182,16 @@ def planar_pose(x: float, y: float, yaw: float) -> PoseMessage:
 def pose_stamped(value: FloatArray, stamp_ns: int, frame_id: str) -> PoseStamped:
     """Return a pose in the plane, (3,): x, y [m], yaw [rad], as a geometry_msgs/PoseStamped."""
     return PoseStamped(header=header(stamp_ns, frame_id), pose=planar_pose(*value.tolist()))
+
+
+def pose_with_covariance(
+    value: tuple[FloatArray, FloatArray], stamp_ns: int, frame_id: str
+) -> PoseWithCovarianceStamped:
+    """Return a pose in the plane, (3,): x, y [m], yaw [rad], with its covariance, (3, 3)."""
+    message = PoseWithCovarianceStamped(header=header(stamp_ns, frame_id))
+    message.pose.pose = planar_pose(*value[0].tolist())
+    message.pose.covariance = covariance(value[1])
+    return message
 
 
 def covariance(measured: FloatArray, axes: tuple[int, ...] = (X, Y, YAW)) -> FloatArray:

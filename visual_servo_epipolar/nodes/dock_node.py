@@ -64,7 +64,7 @@ class DockReports:
             covariance = dock.turned(place.pose[2])
         self._pose_pub.publish(write.pose_stamped(pose, dock.stamp_ns, frame))
         self._covariance_pub.publish(
-            docking.pose_with_covariance(pose, covariance, dock.stamp_ns, frame)
+            write.pose_with_covariance((pose, covariance), dock.stamp_ns, frame)
         )
 
     def search(self, search: DockSearch, stamp_ns: int, notice: str) -> None:

@@ -81,7 +81,7 @@ class ServoNode(ManagedNode):
         self._commands = Commands(
             self, self._node_settings, self._head, wheelbase=self._settings.wheelbase
         )
-        self._reports = Reports(self)
+        self._reports = Reports(self, self._node_settings.base_frame)
         self._run = Run(self, self._warn, self._commands, self._reports, self._standstill)
         enable = Enable(self, self._node_settings.enable_timeout, self._on_withdrawn)
         self._admission = Admission(

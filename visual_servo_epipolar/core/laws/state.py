@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.estimate.curvature import Curvature
 from visual_servo_epipolar.core.estimate.dead_band import DeadBand
 from visual_servo_epipolar.core.estimate.delay import Delay
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics
+from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel, GoalEstimate
 from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.estimate.motion_check import MotionCheck
 from visual_servo_epipolar.core.estimate.odometry import Odometry
@@ -47,7 +48,7 @@ class ViewState:
 
     Both are None before the first. ``goal`` is where it drives, with the map of keyframes around
     it; ``period``, the time between two images [s], smoothed, nan before the second, and
-    ``jitter``, by how much it varies [s];
+    ``jitter``, by how much it varies [s]; ``estimate``, where the goal is by all of that;
     ``rotation_bias``, what the best rotation is off in heading [rad], nan while unknown;
     ``trusted_heading``, the heading error of the last measurement by which it drove [rad], nan
     before; ``frame``, the number of steps; ``seen_ns``, the stamp of the last image with enough
@@ -59,6 +60,7 @@ class ViewState:
     goal: Goal[MapState] = Goal()
     period: float = math.nan
     jitter: float = 0.0
+    estimate: GoalEstimate | None = None
     rotation_bias: float = math.nan
     trusted_heading: float = math.nan
     frame: int = 0
@@ -121,6 +123,12 @@ class Identification:
     delay: Delay = Delay()
     odometry: Odometry = Odometry()
     straight: StraightLeg | None = None
+
+    @property
+    def base(self) -> BaseModel:
+        """What driving has shown of the base."""
+        dead_band = self.dead_band.linear.value, self.dead_band.angular.value
+        return BaseModel(self.delay.value, dead_band, self.curvature.value)
 
     def effective(self, settings: SettingsT) -> SettingsT:
         """Return ``settings`` with delay and dead band of the base as they are by now."""

@@ -135,7 +135,8 @@ class MapMeasurement:
     ahead) [m] and ``heading_error`` [rad], which are defined there as well, with deviations;
     ``own`` are those parts of the three deviations that average out over views. ``difference`` is
     D at unit focal length as the offset makes it, ``difference_slope`` its slope along the axis
-    [1/m]; ``parallax`` [rad] that of the median feature; ``inliers`` counts features that agree.
+    [1/m]; ``parallax`` [rad] that of the median feature; ``inliers`` counts features that agree;
+    ``pose_covariance``, (3, 3), is that of lateral, longitudinal and heading.
     """
 
     bearings: Bearings | None
@@ -153,6 +154,7 @@ class MapMeasurement:
     difference_deviation: float
     difference_slope: float
     inliers: int
+    pose_covariance: FloatArray = field(default_factory=lambda: np.full((3, 3), np.nan))
 
 
 def map_measurement_of(said: MapLocalization, slope: float) -> MapMeasurement:
@@ -177,6 +179,7 @@ def map_measurement_of(said: MapLocalization, slope: float) -> MapMeasurement:
         slope * longitudinal_deviation,
         slope,
         int(np.count_nonzero(said.inliers)),
+        said.covariance[: HEADING + 1, : HEADING + 1],
     )
 
 

@@ -12,12 +12,13 @@ from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.bases.limiter import Limiter
+from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.phases.conditions import has_turned, is_untrusted
 from visual_servo_epipolar.core.laws.prediction import predicted
-from visual_servo_epipolar.core.laws.state import ServoState, ViewState
+from visual_servo_epipolar.core.laws.state import Identification, ServoState, ViewState
 from visual_servo_epipolar.core.laws.timing import (
     after_clock_jump,
     clock_jump,
@@ -63,7 +64,7 @@ def update(
     fusion, identified = identify(state, perception, fusion, drive, settings)
     measurement = fusion.measurement
     after = state.changed(
-        view=_see(state, fusion, perception.observation, dt, settings),
+        view=_see(state, fusion, identified, perception.observation, dt, settings),
         identified=identified,
         motion=reckon(state, measurement, identified, drive, settings),
         desired_rate=desired_rate(state, measurement, dt),
@@ -75,13 +76,16 @@ def update(
 def _see(
     state: ServoState,
     fusion: Fusion,
+    identified: Identification,
     observation: Observation | None,
     dt: float,
     settings: ServoSettings,
 ) -> ViewState:
     """Return what is seen, with what perception and the map carry on."""
+    mounted = identified.extrinsics or settings.extrinsics
     return ViewState(
         measurement=fusion.measurement,
+        estimate=goal_estimate(fusion.measurement, fusion.reading, mounted, identified.base),
         memory=fusion.memory,
         goal=replace(state.view.goal, map=fusion.map),
         period=usual_period(state.view.period, dt),

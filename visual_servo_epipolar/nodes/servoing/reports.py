@@ -1,6 +1,7 @@
 """Reports of the servo: phase, telemetry, diagnostics, markers; settings and events for bags."""
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -17,8 +18,10 @@ from visual_servo_epipolar.nodes.lifecycle.reports import NodeReports
 class Reports(NodeReports):
     """Reports of the servo ``node``: all that it publishes but commands."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, base_frame: str) -> None:
         super().__init__(node)
+        self._base_frame = base_frame
+        self._goal_pub = self._publisher(PoseWithCovarianceStamped, 'goal_pose', qos.STREAM)
         self._telemetry_pub = self._publisher(JointState, 'epipoles', qos.STREAM)
         self._phase_pub = self._publisher(String, 'phase', qos.LATCHED)
         self._progress_pub = self._publisher(JointState, '~/progress', qos.STREAM)
@@ -34,6 +37,9 @@ class Reports(NodeReports):
         stamp_ns, frame_id = image
         self.phase(state, words)
         self._telemetry_pub.publish(write.telemetry(telemetry(state), stamp_ns, frame_id))
+        estimate = state.view.estimate
+        if estimate is not None and (goal := estimate.in_base()) is not None:
+            self._goal_pub.publish(write.pose_with_covariance(goal, stamp_ns, self._base_frame))
         self._progress_pub.publish(write.telemetry(progress(state), stamp_ns, frame_id))
         self._diagnose(diagnostics.diagnosis(state, stamp_ns, name=self._name, words=words))
         self._markers_pub.publish(diagnostics.markers(state, stamp_ns, frame_id))

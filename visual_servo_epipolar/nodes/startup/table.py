@@ -26,8 +26,8 @@ NODES: Mapping[str, NodeRow] = {
         does='Drives the robot to the pose of the photograph: features in, velocities out.',
         subscribes='tracks, camera_info, stop_button, odom, joint_states',
         publishes=(
-            'cmd_vel, head/command, epipoles, phase, /diagnostics, ~/progress, ~/result, '
-            '~/markers, ~/settings, ~/events'
+            'cmd_vel, head/command, epipoles, goal_pose, phase, /diagnostics, ~/progress, '
+            '~/result, ~/markers, ~/settings, ~/events'
         ),
         services='~/start, ~/stop, ~/reset',
         settings=('nodes.startup.settings:ServoNodeSettings', 'core.servo.settings:ServoSettings'),
