@@ -22,7 +22,7 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.arrival import ARRIVAL_OFFSET, has_parallax
-from visual_servo_epipolar.core.laws.phases.lines import lateral_offset
+from visual_servo_epipolar.core.laws.phases.conditions import lateral_offset
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement

@@ -8,9 +8,8 @@ at 0.8 1/s. Whose accelerations are limited brakes by them instead, and only the
 import math
 
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
-from visual_servo_epipolar.core.laws.prediction import is_late
 from visual_servo_epipolar.core.laws.state import ServoState
-from visual_servo_epipolar.core.laws.timing import usual_step
+from visual_servo_epipolar.core.laws.timing import is_late, usual_step
 from visual_servo_epipolar.core.laws.two_steps.equations import LINE_DAMPING
 from visual_servo_epipolar.core.laws.two_steps.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.mapping.adjustment.window import X

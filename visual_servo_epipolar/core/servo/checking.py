@@ -14,8 +14,8 @@ from visual_servo_epipolar.core.arrays import median
 from visual_servo_epipolar.core.estimate.motion_check import Evidence, MotionCheck
 from visual_servo_epipolar.core.estimate.verdicts import NOISE_OF_PARALLAX
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.prediction import goal_distance
 from visual_servo_epipolar.core.laws.state import Known, ServoState
+from visual_servo_epipolar.core.laws.timing import goal_distance
 from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation

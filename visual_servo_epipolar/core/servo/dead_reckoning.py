@@ -6,14 +6,13 @@ from typing import NamedTuple
 
 from visual_servo_epipolar.core.estimate.odometry import Odometry
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.prediction import is_late
 from visual_servo_epipolar.core.laws.state import (
     Identification,
     MotionState,
     ServoState,
     ViewState,
 )
-from visual_servo_epipolar.core.laws.timing import usual_step
+from visual_servo_epipolar.core.laws.timing import is_late, usual_step
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.odometry.ranging import Leg, MIN_TURN, Slope

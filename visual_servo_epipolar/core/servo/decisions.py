@@ -6,12 +6,15 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.bounds import FACING
-from visual_servo_epipolar.core.laws.phases.conditions import sees_too_little
-from visual_servo_epipolar.core.laws.phases.excursion import excursion_limit
+from visual_servo_epipolar.core.laws.phases.conditions import excursion_limit, sees_too_little
 from visual_servo_epipolar.core.laws.phases.probing import classify_probe, is_probing, probe
-from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.state import ServoState
-from visual_servo_epipolar.core.laws.timing import has_timed_out, phase_timeout, usual_step
+from visual_servo_epipolar.core.laws.timing import (
+    has_timed_out,
+    phase_timeout,
+    predicted,
+    usual_step,
+)
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.servo.settings import ServoSettings

@@ -17,11 +17,11 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.phases.conditions import has_turned, is_untrusted
-from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.state import Identification, ServoState, ViewState
 from visual_servo_epipolar.core.laws.timing import (
     after_clock_jump,
     clock_jump,
+    predicted,
     time_step,
     usual_step,
     USUAL_STEP_S,

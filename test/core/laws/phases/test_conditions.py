@@ -18,8 +18,11 @@ from visual_servo_epipolar.core.laws.phases.bounds import (
     release_bound,
     trial_of,
 )
-from visual_servo_epipolar.core.laws.phases.conditions import is_off_course, is_sideways
-from visual_servo_epipolar.core.laws.phases.excursion import excursion_limit
+from visual_servo_epipolar.core.laws.phases.conditions import (
+    excursion_limit,
+    is_off_course,
+    is_sideways,
+)
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception

@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.excursion import excursion_limit
+from visual_servo_epipolar.core.laws.phases.conditions import excursion_limit
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.servo.decisions import classify

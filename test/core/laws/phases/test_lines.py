@@ -7,11 +7,13 @@ import pytest
 from servo_states import in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.conditions import is_far_enough, KNOWN, ROOM
-from visual_servo_epipolar.core.laws.phases.lines import (
+from visual_servo_epipolar.core.laws.phases.conditions import (
+    is_far_enough,
+    KNOWN,
     LAST_LOOK_AHEAD,
     leads_home,
     line_look_ahead,
+    ROOM,
 )
 from visual_servo_epipolar.core.laws.two_steps.equations import follow_line
 from visual_servo_epipolar.core.odometry.ranging import (

@@ -8,11 +8,13 @@ import pytest
 from servo_states import sight
 
 from visual_servo_epipolar.core.laws.smooth.approach import approach, back_off
-from visual_servo_epipolar.core.laws.smooth.steering import aim, polar_pose, visible_aim
-from visual_servo_epipolar.core.laws.smooth.wide_view import (
+from visual_servo_epipolar.core.laws.smooth.steering import (
+    aim,
     goes_around_in_view,
     leads_around,
+    polar_pose,
     share_left,
+    visible_aim,
 )
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement

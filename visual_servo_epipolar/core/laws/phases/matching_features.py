@@ -26,10 +26,13 @@ from visual_servo_epipolar.core.laws.phases.arrival import (
     stands_aside,
 )
 from visual_servo_epipolar.core.laws.phases.bounds import FACING, is_matched, trial_of
-from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted
-from visual_servo_epipolar.core.laws.phases.lines import lateral_offset, line_look_ahead
-from visual_servo_epipolar.core.laws.prediction import felt_latency
+from visual_servo_epipolar.core.laws.phases.conditions import (
+    is_untrusted,
+    lateral_offset,
+    line_look_ahead,
+)
 from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.timing import felt_latency
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.laws.two_steps.derived_gains import gains_in_use, with_gains_of_now
 from visual_servo_epipolar.core.laws.two_steps.gains import CRITICAL_GAIN_DELAY

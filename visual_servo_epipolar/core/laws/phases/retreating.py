@@ -9,8 +9,8 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     is_far_enough,
     is_sideways,
     is_untrusted,
+    leads_home,
 )
-from visual_servo_epipolar.core.laws.phases.lines import leads_home
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 

@@ -18,9 +18,10 @@ from visual_servo_epipolar.core.laws.phases.bounds import (
 from visual_servo_epipolar.core.laws.phases.conditions import (
     begun_step_1,
     is_off_course,
+    leads_home,
+    offset_ratio,
     with_new_leg,
 )
-from visual_servo_epipolar.core.laws.phases.lines import leads_home, offset_ratio
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.laws.two_steps.derived_gains import gains_in_use, with_gains_of_now

@@ -19,28 +19,24 @@ from visual_servo_epipolar.core.laws.braking import (
     TAIL_S,
     unfelt_latency,
 )
-from visual_servo_epipolar.core.laws.phases.lines import LAST_TURN
-from visual_servo_epipolar.core.laws.smooth.all_round import (
+from visual_servo_epipolar.core.laws.phases.conditions import LAST_TURN
+from visual_servo_epipolar.core.laws.smooth.steering import (
+    aim,
+    curvature,
     driving_share,
+    GAINS,
     goes_around,
+    goes_around_in_view,
+    heading_window,
+    IN_PLACE,
     LEAST_WAY,
     line_share,
     off_aim,
     on_nearer_side,
-)
-from visual_servo_epipolar.core.laws.smooth.steering import (
-    aim,
-    curvature,
-    GAINS,
     polar_pose,
     PolarPose,
-    visible_aim,
-)
-from visual_servo_epipolar.core.laws.smooth.wide_view import (
-    goes_around_in_view,
-    heading_window,
-    IN_PLACE,
     RESERVE,
+    visible_aim,
 )
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE

@@ -38,7 +38,7 @@ from visual_servo_epipolar.core.laws.smooth.phases import (
     ONE_MOTION,
     retreating,
 )
-from visual_servo_epipolar.core.laws.smooth.wide_view import RESERVE
+from visual_servo_epipolar.core.laws.smooth.steering import RESERVE
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.timing import usual_step
 from visual_servo_epipolar.core.laws.two_steps.laws import FULL

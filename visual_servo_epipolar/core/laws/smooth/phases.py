@@ -33,14 +33,15 @@ from visual_servo_epipolar.core.laws.phases.matching_features import MATCHING_FE
 from visual_servo_epipolar.core.laws.phases.orienting import ORIENTING
 from visual_servo_epipolar.core.laws.phases.retreating import has_run_up, RETREATING
 from visual_servo_epipolar.core.laws.phases.standing import ARRIVED, FAILED, HOLDING, WAITING
-from visual_servo_epipolar.core.laws.smooth.all_round import goes_around, sees_all_round
 from visual_servo_epipolar.core.laws.smooth.approach import approach, back_off, way_left
-from visual_servo_epipolar.core.laws.smooth.steering import polar_pose
-from visual_servo_epipolar.core.laws.smooth.wide_view import (
+from visual_servo_epipolar.core.laws.smooth.steering import (
+    goes_around,
     goes_around_in_view,
     KEPT_SHARE,
     leads_around,
     LEAST_SHARE,
+    polar_pose,
+    sees_all_round,
 )
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.two_steps.laws import transitions_by

@@ -10,14 +10,41 @@ being the heading error. For a unicycle at the distance d, with the curvature ka
 The curvature law (Park and Kuipers, ICRA 2011) turns delta to its aim atan(-k_1 phi), along which
 phi decays. It needs the distance as the scale of curvature alone, and no epipole that may be
 infinite. Angles in rad, lengths in m, velocities in m/s and rad/s.
+
+A camera that sees all round leads its robot around the goal. A head that turns its camera, or a
+lens that sees half a circle, keeps features in view within a window of headings: where the aim of
+delta is beyond it, the robot drives straight on at the window's edge, the distance falls, and
+with it |phi|, until the aim is within: delta goes from low + phi to aim(phi), and what is left of
+the distance is the ratio of their sines. Where that is too little, or nothing, it backs off, by
+the same law driven backward, for which the goal's other side is ahead.
 """
+
+from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
+from visual_servo_epipolar.core.bases.base import turns_in_place
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
+from visual_servo_epipolar.core.perception.measurement import Measurement
 
 TURN = 2.0 * math.pi
+NEAR_LINE, TURNED = 0.35, 0.7  # [m], [rad]: within both the line to the goal is followed,
+LINE_SLOPE = 0.7  # by who is behind it and no farther aside than that share
+AT_GOAL_AROUND = 0.12  # nearer no direction to it is worth a turn [m]
+BEHIND_IT = 2.6  # |phi| beyond which either side leads around as well [rad]
+STEERED, TURNS_IN_PLACE = 0.6, 1.0  # off the aim: up to which it drives on, and not at all [rad]
+NEARS, LEADS_AWAY = 1.45, 1.6  # delta at which it drives on, and not at all [rad]
+LEAST_WAY = 0.5  # of the distance, that is left to drive at least while it goes around
+RESERVE = 0.05  # of the margins of the view [rad]
+WIDE_RESERVE = 0.3  # of those by which the way is chosen [rad]
+WIDE = 1.0  # of a window of headings to either side, from where on it is wide [rad]
+LEAST_SHARE, KEPT_SHARE = 0.35, 0.2  # of the distance left where the aim is seen: at first, later
+ASIDE = 0.6  # |phi| and |delta| up to which it is the way ahead as that of any robot [rad]
+AT_GOAL = 0.25  # from where the line to it is followed, whatever the direction [m]
+IN_PLACE = 1.2  # off the aim of delta, beyond which it does not drive on at all [rad]
+STEPS = 12  # of Newton's method; one is exact to a degree
 
 
 class PolarPose(NamedTuple):
@@ -92,3 +119,108 @@ def visible_aim(wanted: float, delta: float, margins: tuple[float, float]) -> fl
         wanted = min(turns, key=lambda each: max(delta - right - each, each - delta - left, 0.0))
     visible = min(max(wanted, delta - right), delta + left)
     return None if visible == wanted and abs(visible - delta) <= math.pi else visible
+
+
+def sees_all_round(measurement: Measurement) -> bool:
+    """Return whether no turn leads features out of view."""
+    return math.isinf(min(measurement.view_margins))
+
+
+def goes_around(x: float, y: float, heading: float, measurement: Measurement) -> bool:
+    """Return whether one at ``x``, ``y`` [m] goes around the goal, not up a line to it."""
+    distance = math.hypot(x, y)
+    if not sees_all_round(measurement) or distance < AT_GOAL_AROUND:
+        return False
+    return distance > NEAR_LINE or abs(heading) > TURNED or abs(x) > -LINE_SLOPE * y
+
+
+def line_share(x: float, y: float) -> float:
+    """Return the share of the look-ahead that is aimed at ahead of the goal: by who is behind."""
+    return min(max(2.0 * (1.0 + abs(x) / y), 0.0), 1.0) if y < 0.0 else 0.0
+
+
+def on_nearer_side(pose: PolarPose) -> PolarPose:
+    """Return ``pose`` with the phi, of the two ahead of the goal, whose aim is the nearer one."""
+    if abs(pose.phi) <= BEHIND_IT:
+        return pose
+    other = pose._replace(phi=pose.phi - math.copysign(math.tau, pose.phi))
+    return min(pose, other, key=lambda each: abs(off_aim(each)))
+
+
+def off_aim(pose: PolarPose) -> float:
+    """Return by how much delta is off its aim [rad]."""
+    return wrap_angle(pose.delta - aim(pose.phi))
+
+
+def driving_share(delta: float, off: float, *, in_place: float = TURNS_IN_PLACE) -> float:
+    """
+    Return the share of the speed, by how far delta is ``off`` its aim, and leads away [rad].
+
+    Off by ``in_place`` and more the robot does not drive at all: it has to turn in place.
+    """
+    steered = min(max((in_place - abs(off)) / (in_place - STEERED), 0.0), 1.0)
+    nearing = min(max((LEADS_AWAY - abs(delta)) / (LEADS_AWAY - NEARS), 0.0), 1.0)
+    return min(steered, nearing)
+
+
+def heading_window(measurement: Measurement, reserve: float) -> tuple[float, float]:
+    """Return the least and the largest heading error at which features are in view [rad]."""
+    left, right = measurement.view_margins
+    if math.isinf(left + right):
+        return -math.inf, math.inf
+    # About the photograph's heading, whatever features are tracked from here: of a fixed lens
+    # these are others from another heading, and a window that moves along leads back and forth.
+    half = 0.5 * (left + right) - reserve
+    return -half, half
+
+
+def is_wide(window: tuple[float, float]) -> bool:
+    """Return whether a ``window`` of heading errors [rad] is wide to both sides."""
+    low, high = window
+    return low < -WIDE and high > WIDE and math.isfinite(high - low)
+
+
+def share_left(phi: float, window: tuple[float, float]) -> float:
+    """Return the share of the distance that is left where the aim of delta is within a window."""
+    edge = -window[0] if phi > 0.0 else window[1]  # by symmetry of one to the right
+    phi = abs(phi)
+    if phi - aim(phi) <= edge:
+        return 1.0
+    if phi >= edge:
+        return 0.0  # it leads past the goal
+    within = 0.5 * edge
+    for _ in range(STEPS):
+        slope = 1.0 + GAINS.k1 / (1.0 + (GAINS.k1 * within) ** 2)
+        within -= (within - aim(within) - edge) / slope
+    return math.sin(edge - phi) / math.sin(edge - within)
+
+
+def leads_around(
+    pose: PolarPose,
+    measurement: Measurement,
+    settings: DriveSettings,
+    *,
+    least: float = LEAST_SHARE,
+) -> bool:
+    """
+    Return whether one motion leads from ``pose`` around to the goal, in view all the way.
+
+    A base that steers cannot turn to the aim first: ``on_arcs`` says where its motion leads.
+    """
+    window = heading_window(measurement, WIDE_RESERVE)
+    wide = turns_in_place(settings.drive) and is_wide(window)
+    return wide and share_left(pose.phi, window) >= least
+
+
+def goes_around_in_view(
+    pose: PolarPose,
+    measurement: Measurement,
+    settings: DriveSettings,
+    *,
+    least: float = KEPT_SHARE,
+    aside: float = ASIDE,
+) -> bool:
+    """Return whether it goes around the goal now: it is ``aside`` [rad] of the way ahead."""
+    if pose.distance < AT_GOAL or max(abs(pose.phi), abs(pose.delta)) < aside:
+        return False
+    return leads_around(pose, measurement, settings, least=least)

@@ -12,10 +12,12 @@ from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, displacement
-from visual_servo_epipolar.core.laws.prediction import felt_latency
 from visual_servo_epipolar.core.laws.state import ServoState
-from visual_servo_epipolar.core.laws.two_steps.gains import Circumstances, derive, Gains
-from visual_servo_epipolar.core.laws.two_steps.settling_times import (
+from visual_servo_epipolar.core.laws.timing import felt_latency
+from visual_servo_epipolar.core.laws.two_steps.gains import (
+    Circumstances,
+    derive,
+    Gains,
     longest_convergence,
     longest_matching,
 )
