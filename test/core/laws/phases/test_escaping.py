@@ -12,9 +12,8 @@ from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.bounds import hysteresis
 from visual_servo_epipolar.core.laws.phases.conditions import offset_ratio
-from visual_servo_epipolar.core.laws.phases.displacing import MOST_RESTARTS
-from visual_servo_epipolar.core.laws.phases.zeroing_epipoles import escape_bound
 from visual_servo_epipolar.core.laws.two_steps import equations
+from visual_servo_epipolar.core.laws.two_steps.two_steps import escape_bound, MOST_RESTARTS
 from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,

@@ -1,13 +1,32 @@
-"""Phases in which the robot stands: before a run, after it, and while it cannot go on."""
+"""
+Phases that any law has: standing, orienting, retreating.
+
+The robot stands before, after and in a run; it turns to the photograph's heading; and it backs off
+at that heading, to come in from behind.
+"""
 
 import math
 
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.braking import settled_turn
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import is_at_goal
-from visual_servo_epipolar.core.laws.phases.bounds import align_bound, engage_bound
-from visual_servo_epipolar.core.laws.phases.conditions import has_turned, is_sideways, is_untrusted
+from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_at_goal
+from visual_servo_epipolar.core.laws.phases.bounds import (
+    align_bound,
+    engage_bound,
+    pulse_turn_bound,
+    trial_of,
+)
+from visual_servo_epipolar.core.laws.phases.conditions import (
+    begun_step_1,
+    has_turned,
+    is_far_enough,
+    is_sideways,
+    is_untrusted,
+    leads_home,
+)
 from visual_servo_epipolar.core.laws.phases.probing import begun_probe
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -58,3 +77,81 @@ HOLDING = PhaseRow(
 ARRIVED = PhaseRow(phase=Phase.ARRIVED, words='stands at the goal', colour='#44337A')
 FAILED = PhaseRow(phase=Phase.FAILED, words='stands, the run is over', colour='#D55E00')
 STANDING = (WAITING, HOLDING, ARRIVED, FAILED)
+
+
+def _oriented(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+    if state.settling.settled < settings.align_frames:
+        return Event.NOTHING
+    if is_at_goal(state, measurement, settings):
+        return Event.MATCHED
+    if is_sideways(measurement, settings):
+        return Event.SIDEWAYS
+    if measurement.bearings is not None:
+        return begun_step_1(measurement, settings, Event.APART)
+    # At the goal's heading and still no baseline: step 2 removes the residual.
+    return Event.ALIGNED
+
+
+def _orient(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+    """Return the turn in place to the goal's heading."""
+    return Twist(0.0, settled_turn(-measurement.heading_error, state, settings))
+
+
+def _nearly_oriented(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+    bound = pulse_turn_bound(measurement, settings, trial_of(state))
+    return abs(measurement.heading_error) <= bound
+
+
+ORIENTING = PhaseRow(
+    phase=Phase.ORIENTING,
+    words='turns in place to the heading of the photograph',
+    colour='#CC79A7',
+    classify=_oriented,
+    command=_orient,
+    is_settled=faces_goal,
+    is_close=_nearly_oriented,
+)
+
+
+def _retreated(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+    if is_untrusted(measurement, settings):
+        return Event.LOST
+    if not has_run_up(state, measurement, settings):
+        return Event.NOTHING
+    if leads_home(measurement, settings):
+        return Event.ALIGNED
+    if measurement.bearings is None or not is_far_enough(measurement, settings):
+        return Event.NOTHING
+    within = abs(measurement.bearings.chi) <= settings.retreat_bearing
+    return Event.APART if within and not is_sideways(measurement, settings) else Event.NOTHING
+
+
+def has_run_up(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+    """
+    Return whether a retreat after a miss has led as far as that asks for.
+
+    Who missed twice knows less of where the goal is than it believes: before a wall, straight
+    back, a short way tells hardly what is aside.
+    """
+    misses = state.run.attempts - 1
+    return misses < 2 or measurement.difference <= -misses * settings.retreat_difference
+
+
+def _retreat(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+    """Return the turn to the goal's heading as far as the view allows, then with backing off."""
+    if settings.max_retreat == 0.0:
+        return STANDSTILL
+    left, right = measurement.view_margins
+    angle = min(max(-measurement.heading_error, -right), left)
+    turning = abs(angle) > settings.retreat_heading
+    return Twist(0.0 if turning else -settings.retreat_speed, settled_turn(angle, state, settings))
+
+
+RETREATING = PhaseRow(
+    phase=Phase.RETREATING,
+    words='backs off, to come in from behind',
+    colour='#E69F00',
+    classify=_retreated,
+    command=_retreat,
+    begin=lambda state, *_: state.changed(leg=None),  # which ranges the goal in step 1
+)

@@ -41,7 +41,7 @@ from visual_servo_epipolar.core.laws.smooth.phases import (
 from visual_servo_epipolar.core.laws.smooth.steering import RESERVE
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.timing import usual_step
-from visual_servo_epipolar.core.laws.two_steps.laws import FULL
+from visual_servo_epipolar.core.laws.two_steps.two_steps import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 SPARED = 0.85  # of the largest curvature, by which ways are chosen: the rest undoes errors

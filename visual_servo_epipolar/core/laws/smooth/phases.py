@@ -29,10 +29,15 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     is_untrusted,
     with_new_leg,
 )
-from visual_servo_epipolar.core.laws.phases.matching_features import MATCHING_FEATURES
-from visual_servo_epipolar.core.laws.phases.orienting import ORIENTING
-from visual_servo_epipolar.core.laws.phases.retreating import has_run_up, RETREATING
-from visual_servo_epipolar.core.laws.phases.standing import ARRIVED, FAILED, HOLDING, WAITING
+from visual_servo_epipolar.core.laws.phases.standing import (
+    ARRIVED,
+    FAILED,
+    has_run_up,
+    HOLDING,
+    ORIENTING,
+    RETREATING,
+    WAITING,
+)
 from visual_servo_epipolar.core.laws.smooth.approach import approach, back_off, way_left
 from visual_servo_epipolar.core.laws.smooth.steering import (
     goes_around,
@@ -44,7 +49,7 @@ from visual_servo_epipolar.core.laws.smooth.steering import (
     sees_all_round,
 )
 from visual_servo_epipolar.core.laws.state import ServoState
-from visual_servo_epipolar.core.laws.two_steps.laws import transitions_by
+from visual_servo_epipolar.core.laws.two_steps.two_steps import MATCHING_FEATURES, transitions_by
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 NEAR_GOAL = 0.25  # from where a bearing tells of the goal, not of the way to it [m]

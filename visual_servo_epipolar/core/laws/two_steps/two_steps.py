@@ -1,0 +1,506 @@
+"""
+Two steps: the laws of the paper, which zero the epipoles, then match the features.
+
+Displacing is the turn in place that brings e_au to where step 1 can begin; step 1 zeroes the
+epipoles, onto the axis of the photograph, eqs. (16)-(17); step 2 drives straight until the
+features match, eqs. (21)-(22).
+"""
+
+import math
+
+from visual_servo_epipolar.core.estimate.settings import DEPARTURES, DriveSettings
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.braking import (
+    braked,
+    braked_turn,
+    BRAKING,
+    converging_speed,
+    heading_share,
+    LEAST_LOOK_AHEAD,
+    looking_speed,
+    settled_turn,
+    STEERING_S,
+    unfelt_latency,
+)
+from visual_servo_epipolar.core.laws.law import epipole_controls, Law, matching_control
+from visual_servo_epipolar.core.laws.machine import PhaseRow, StateMachine
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phases.arrival import (
+    faces_goal,
+    has_parallax,
+    is_in_doubt,
+    is_near_enough,
+    stands_aside,
+    stopping,
+)
+from visual_servo_epipolar.core.laws.phases.bounds import (
+    align_bound,
+    engage_bound,
+    FACING,
+    hysteresis,
+    is_matched,
+    release_bound,
+    trial_of,
+)
+from visual_servo_epipolar.core.laws.phases.conditions import (
+    begun_step_1,
+    discordant_bearing,
+    is_off_course,
+    is_untrusted,
+    lateral_offset,
+    leads_home,
+    line_look_ahead,
+    offset_ratio,
+    with_new_leg,
+)
+from visual_servo_epipolar.core.laws.phases.standing import ORIENTING, RETREATING, STANDING
+from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.timing import felt_latency
+from visual_servo_epipolar.core.laws.two_steps import equations
+from visual_servo_epipolar.core.laws.two_steps.derived_gains import (
+    gains_in_use,
+    legal_target,
+    with_gains_of_now,
+)
+from visual_servo_epipolar.core.laws.two_steps.gains import CRITICAL_GAIN_DELAY
+from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.reasons import Reason
+
+MOST_RESTARTS = 12  # of step 1 in an attempt: it goes to and fro
+CREEP = 0.02  # least speed under contact braking, lest noise in the rate stop the robot [m/s]
+YAW_FOR_NEW_START = math.radians(1.5)  # that the camera may be learnt to differ by in this phase
+RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
+LARGEST_ESCAPE = 0.1  # [rad]
+DOUBTFUL_LOOKS = 3  # times the frames of one that is sure: the noise has to be known
+YAW_FOR_NEW_ATTEMPT = math.radians(0.5)  # that the camera is learnt to differ by in this phase
+LEAST_DELAY = 1e-3  # of a loop [s]
+
+
+def _displaced(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+    if measurement.bearings is None:
+        return Event.LOST
+    alpha = measurement.bearings.alpha
+    if abs(measurement.bearings.chi) <= engage_bound(measurement, settings):
+        return Event.DISPLACED  # e_du is zero already: any e_au will do
+    if not settings.options.discordant_turn and not settings.derives:
+        return Event.DISPLACED if abs(alpha) > settings.singular_epipole else Event.NOTHING
+    off = alpha - math.atan(state.law.target)
+    if settings.options.speed_ramps:  # also once it stands
+        turn = stopping(state.twist.angular, settings.max_angular_acceleration, settings)
+        off = max(off, off + turn, key=abs)
+    return Event.DISPLACED if abs(off) <= settings.displacement_tolerance else Event.NOTHING
+
+
+def _displace(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+    """Return the turn in place of e_au to its target (section IV-B, remarks)."""
+    if measurement.bearings is None:
+        return STANDSTILL
+    bearings = measurement.bearings
+    if settings.options.speed_ramps:
+        angle = math.atan(state.law.target) - bearings.alpha
+        return Twist(0.0, braked_turn(angle, state, settings))
+    return equations.turn_epipole(
+        bearings.epipole_current, state.law.target, k1=settings.turn_gain
+    )
+
+
+def _begin_displacing(
+    state: ServoState, measurement: Measurement, settings: DriveSettings
+) -> ServoState:
+    """
+    Return ``state`` with a new leg, and the target of e_au.
+
+    ValueError if none is legal, or step 1 was given up too often in this attempt.
+    """
+    if state.run.restarts >= MOST_RESTARTS and settings.options.speed_ramps:
+        raise ValueError(Reason.RESTARTED.of(state.run.restarts))
+    state = with_new_leg(state, measurement)
+    if settings.derives:
+        return state.changed(target=legal_target(state, measurement, settings))
+    return state.changed(target=_target(measurement, settings))
+
+
+def _target(measurement: Measurement, settings: DriveSettings) -> float:
+    """Return the abscissa of e_au for DISPLACING (section IV-B, remarks; or discordant)."""
+    bearings = measurement.bearings
+    if bearings is None:
+        return 0.0
+    if not settings.options.discordant_turn:
+        return math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
+    return math.tan(discordant_bearing(measurement, settings))
+
+
+DISPLACING = PhaseRow(
+    phase=Phase.DISPLACING,
+    words='turns, to begin step 1 with the goal on the right side',
+    colour='#56B4E9',
+    classify=_displaced,
+    command=_displace,
+    begin=_begin_displacing,
+)
+
+
+def _zeroed(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+    if measurement.bearings is None:
+        return Event.NO_BASELINE if measurement.parallax <= settings.near_parallax else Event.LOST
+    chi = measurement.bearings.chi
+    if abs(chi) >= settings.divergence:
+        return Event.DIVERGED
+    factor = hysteresis(state, settings)
+    turned = state.yaw_learnt > factor * YAW_FOR_NEW_START
+    off_course = is_off_course(measurement, settings, factor=factor)
+    if not state.law.latched and not turned and off_course:
+        return Event.ALIGNED if leads_home(measurement, settings) else Event.SIDEWAYS
+    if state.law.latched:
+        escaped = abs(chi) > escape_bound(state, measurement, settings)
+    else:
+        escaped = leads_away(measurement, settings, factor=factor)
+    if escaped or (turned and not _goes_on(state, measurement, settings)):
+        return begun_step_1(measurement, settings, Event.ESCAPED)
+    return Event.ALIGNED if state.settling.settled >= settings.align_frames else Event.NOTHING
+
+
+def _goes_on(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+    """Return whether step 1 leads home as it is, though the yaw of the camera is another."""
+    if not settings.options.line_following or measurement.bearings is None:
+        return False
+    if state.law.latched:
+        return True
+    # The spiral of the held e_au, as in ``equations.displaced_epipole``.
+    least_tangent = abs(measurement.bearings.chi) / math.log(1.0 / settings.least_spiral_ratio)
+    return abs(state.law.target) >= least_tangent and not is_off_course(measurement, settings)
+
+
+def escape_bound(state: ServoState, measurement: Measurement, settings: DriveSettings) -> float:
+    """
+    Return the bearing of e_du [rad] beyond which step 1 has to begin anew.
+
+    An offset that line following brings below a millimetre need not be zeroed first, as when a
+    camera ahead of the axle swings aside while the robot turns: to begin anew would displace e_au
+    by as much, and the camera would swing aside once more.
+    """
+    bound = hysteresis(state, settings) * release_bound(measurement, settings)
+    if not settings.options.line_following:
+        return bound
+    if measurement.offset is None:
+        motion = state.motion
+        distance = motion.range if motion.range > 0.0 else min(motion.distance, UNKNOWN_RANGE)
+    else:
+        distance = math.hypot(*measurement.offset)
+    most = RESIDUAL_OFFSET / max(offset_ratio(distance, measurement, settings), 1e-9)
+    return max(bound, min(most / distance, LARGEST_ESCAPE))
+
+
+def leads_away(measurement: Measurement, settings: DriveSettings, *, factor: float = 1.0) -> bool:
+    """
+    Return whether both epipoles are on one side, from where step 1 drives away from the goal.
+
+    e_au is turned to the other side first, but on the sign that e_du had then: it may have been
+    lost in noise, or that of a mount that was taken for another.
+    """
+    law, bearings = settings.options, measurement.bearings
+    if bearings is None or not (law.discordant_turn and law.retreat):
+        return False
+    known = abs(bearings.chi) > factor * release_bound(measurement, settings)
+    return known and bearings.alpha * bearings.chi > 0.0
+
+
+def _zero_epipoles(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+    """Return eqs. (16)-(17), braked before contact if the law says so."""
+    bearings, law = measurement.bearings, settings.options
+    if bearings is None:
+        return STANDSTILL
+    if state.law.latched and _turns_back(state, settings):
+        return Twist(0.0, braked_turn(-bearings.alpha, state, settings))
+    nu = _auxiliary_controls(bearings, state, measurement, settings)
+    twist = equations.linearizing_control(
+        bearings.epipole_current,
+        bearings.epipole_desired,
+        sigma=_sigma(bearings, settings),
+        distance=state.motion.distance,
+        nu=(nu[0], 0.0) if state.law.latched else nu,
+    )
+    if not law.contact_braking:
+        return twist
+    rate, braking = state.law.desired_rate, settings.braking
+    speed = equations.braking_speed(bearings.chi, rate, deceleration=braking)
+    return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
+
+
+def _turns_back(state: ServoState, settings: DriveSettings) -> bool:
+    """Return whether a turn in place that brakes zeroes e_au, not the controls of the law."""
+    own = settings.options.epipole_controls is None and gains_in_use(state, settings) is None
+    return own and settings.options.speed_ramps
+
+
+def _auxiliary_controls(
+    bearings: Bearings, state: ServoState, measurement: Measurement, settings: DriveSettings
+) -> tuple[float, float]:
+    """Return (nu_1, nu_2) of the law; a discordant turn holds e_au until e_du is latched."""
+    law = settings.options
+    gains = _first_gains(state, settings)
+    if law.discordant_turn and not state.law.latched and not settings.finite_time:
+        gains['e_target'] = _held_epipole(state, measurement)
+    controls = epipole_controls(law, finite_time=settings.finite_time)
+    return controls(bearings.epipole_current, bearings.epipole_desired, **gains)
+
+
+def _first_gains(state: ServoState, settings: DriveSettings) -> dict[str, float]:
+    """Return k1, k2 and the exponent of (12), given or derived; a held e_au has the turn gain."""
+    derived, holds = gains_in_use(state, settings), settings.options.discordant_turn
+    k1 = settings.turn_gain if holds else settings.k1
+    if derived is None:
+        return {'k1': k1, 'k2': settings.k2, 'exponent': settings.exponent}
+    if holds:
+        k1 = min(k1, derived.k1_alone)
+    else:
+        k1 = derived.k1_alone if state.law.latched else derived.k1
+    return {'k1': k1, 'k2': derived.k2, 'exponent': derived.exponent}
+
+
+def _held_epipole(state: ServoState, measurement: Measurement) -> float:
+    """Return the abscissa to hold e_au at: the target, as far as features stay in view."""
+    if measurement.bearings is None:
+        return state.law.target
+    alpha, (left, right) = measurement.bearings.alpha, measurement.view_margins
+    return math.tan(min(max(math.atan(state.law.target), alpha - right), alpha + left))
+
+
+def _sigma(bearings: Bearings, settings: DriveSettings) -> float:
+    """Return sign cos(psi - theta), or the sign that the paper prints."""
+    if settings.options.true_sigma:
+        return bearings.sigma
+    return equations.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
+
+
+def _are_zero(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+    """Return whether both epipoles are zero, or so small that step 2 leads home from here."""
+    if not state.law.latched or measurement.bearings is None:
+        return False
+    if _turns_back(state, settings) and leads_home(measurement, settings):
+        return True
+    return abs(measurement.bearings.alpha) <= align_bound(measurement, settings)
+
+
+def _begin_zeroing(
+    state: ServoState, measurement: Measurement, settings: DriveSettings
+) -> ServoState:
+    """Return ``state`` with a new leg, and its derived gains; ValueError if none is legal."""
+    state = with_new_leg(state, measurement)
+    return with_gains_of_now(state, measurement, settings) if settings.derives else state
+
+
+def _observe(state: ServoState, measurement: Measurement, settings: DriveSettings) -> ServoState:
+    """Latch e_du at zero, once it is small or of the other sign, until a new phase."""
+    if state.law.latched or measurement.bearings is None:
+        return state
+    bearing = measurement.bearings.chi
+    near = abs(bearing) <= engage_bound(measurement, settings)
+    return state.changed(latched=near or bearing * state.law.side < 0.0)
+
+
+ZEROING_EPIPOLES = PhaseRow(
+    phase=Phase.ZEROING_EPIPOLES,
+    words='drives onto the axis of the photograph (step 1)',
+    colour='#0072B2',
+    classify=_zeroed,
+    command=_zero_epipoles,
+    is_settled=_are_zero,
+    begin=_begin_zeroing,
+    observe=_observe,
+)
+
+
+def _matched(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+    if is_untrusted(measurement, settings):
+        return Event.LOST
+    if state.settling.settled < _looks(state, measurement, settings) * settings.arrival_frames:
+        return Event.NOTHING
+    attempts_remain = state.run.attempts < settings.max_attempts
+    repeats = settings.options.new_attempts and attempts_remain
+    missed = Event.MISSED if repeats else Event.EXHAUSTED
+    if has_parallax(state, measurement, settings):
+        # Within a tolerance of the owner's alone it is no miss: it goes on, nearer.
+        return missed if is_matched(measurement, settings, trial_of(state)) else Event.NOTHING
+    if repeats and measurement.offset is None and state.yaw_learnt > YAW_FOR_NEW_ATTEMPT:
+        return Event.MISSED  # aside by as much as two views cannot tell
+    if faces_goal(state, measurement, settings):
+        return Event.MATCHED
+    if settings.options.final_turn:
+        return Event.TURNED
+    return missed if settings.arrival_heading > FACING else Event.MATCHED
+
+
+def _looks(state: ServoState, measurement: Measurement, settings: DriveSettings) -> int:
+    """Return how many times the usual frames decide whether this is the goal."""
+    if not is_in_doubt(measurement, settings) or stands_aside(state, measurement, settings):
+        return 1
+    return DOUBTFUL_LOOKS
+
+
+def _match(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+    """Return eqs. (21)-(22), or their u_1 with line following instead of u_2 = 0."""
+    control, difference = matching_control(settings.options), measurement.difference
+    if _brakes(state, settings):
+        difference += state.motion.slope.value * state.twist.linear * unfelt_latency(settings)
+    twist = control(difference, k_t=_matching_gain(difference, state, settings))
+    if not settings.options.line_following:
+        return twist
+    fastest = min(settings.max_linear, _converging_speed(state, measurement, settings))
+    linear = min(max(twist.linear, -settings.max_linear), fastest)
+    twist = equations.follow_line(
+        linear,
+        lateral_offset(state, measurement),
+        measurement.heading_error,
+        look_ahead=_look_ahead(abs(linear), state, measurement, settings),
+    )
+    if (
+        not _brakes(state, settings)
+        or measurement.offset is None
+        or not settings.options.final_turn
+    ):
+        return twist
+    facing = heading_share(measurement.offset[1])
+    turn = settled_turn(-measurement.heading_error, state, settings)
+    return Twist(linear, (1.0 - facing) * twist.angular + facing * turn)
+
+
+def _converging_speed(
+    state: ServoState, measurement: Measurement, settings: DriveSettings
+) -> float:
+    """Return the speed at which line following ends on the axis, as a memory knows it [m/s]."""
+    if measurement.offset is None or not _brakes(state, settings):
+        return math.inf
+    x, y = measurement.offset
+    if y >= 0.0:
+        return math.inf
+    braking = BRAKING * settings.max_acceleration
+    aside = abs(x) + LEAST_LOOK_AHEAD * abs(measurement.heading_error)
+    speed = converging_speed(aside, -y, state, braking, 1.0)
+    return min(speed, looking_speed(-y, state, settings))
+
+
+def _look_ahead(
+    speed: float, state: ServoState, measurement: Measurement, settings: DriveSettings
+) -> float:
+    """Return the look-ahead of line following [m], in time no less than a loop can follow."""
+    length = line_look_ahead(state, measurement, settings)
+    return max(length, STEERING_S * speed) if _brakes(state, settings) else length
+
+
+def _matching_gain(difference: float, state: ServoState, settings: DriveSettings) -> float:
+    """Return k_t of (21) [m/s]: given, derived, or a rate over the slope of D once it is known."""
+    derived = gains_in_use(state, settings)
+    k_t = settings.k_t if derived is None else derived.k_t
+    if not settings.options.slope_gain or not state.motion.slope.value > 0.0:
+        return k_t
+    factor = equations.adaptive_gain(
+        difference, at_zero=settings.gain_at_goal, far=1.0, slope=settings.gain_slope
+    )
+    rate = settings.approach_rate
+    rate = (
+        min(k_t * state.motion.slope.value, rate) if derived is None else min(derived.rate, rate)
+    )
+    rate = min(factor * rate, max(rate, _damped_rate(state, settings)))
+    if _brakes(state, settings):
+        rate = _braked_rate(rate, difference / state.motion.slope.value, state, settings)
+    return rate / state.motion.slope.value
+
+
+def _brakes(state: ServoState, settings: DriveSettings) -> bool:
+    """Return whether step 2 ends at a constant deceleration: its way is known, gains are given."""
+    law = settings.options
+    known = law.slope_gain and state.motion.slope.value > 0.0
+    return known and law.speed_ramps and not settings.derives
+
+
+def _braked_rate(rate: float, way: float, state: ServoState, settings: DriveSettings) -> float:
+    """Return the speed over the ``way`` left [1/s] that brakes in time, near its end that rate."""
+    if way == 0.0:
+        return rate
+    deceleration, band = BRAKING * settings.max_acceleration, settings.dead_band_linear
+    return braked(way, state, gain=rate, deceleration=deceleration, dead_band=band) / way
+
+
+def _damped_rate(state: ServoState, settings: DriveSettings) -> float:
+    """Return the rate [1/s] that is critically damped under the delay of the loop."""
+    delay = felt_latency(settings) + (state.view.period if state.view.period > 0.0 else 0.0)
+    return CRITICAL_GAIN_DELAY / max(delay, LEAST_DELAY)
+
+
+def _is_matched(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+    matched = is_matched(measurement, settings, trial_of(state))
+    return matched or is_near_enough(state, measurement, settings)
+
+
+def _nearly_matched(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+    return is_matched(measurement, settings, trial_of(state, spent=True))
+
+
+def _begin_matching(
+    state: ServoState, measurement: Measurement, settings: DriveSettings
+) -> ServoState:
+    """Return ``state`` with its derived gains, if any; ValueError if none is legal."""
+    return with_gains_of_now(state, measurement, settings) if settings.derives else state
+
+
+MATCHING_FEATURES = PhaseRow(
+    phase=Phase.MATCHING_FEATURES,
+    words='drives straight until the features match (step 2)',
+    colour='#009E73',
+    classify=_matched,
+    command=_match,
+    is_settled=_is_matched,
+    is_close=_nearly_matched,
+    begin=_begin_matching,
+)
+
+
+def transitions_by(drive: Phase) -> dict[tuple[Phase, Event], Phase]:
+    """Return the transitions that laws share, whose way to the goal begins with ``drive``."""
+    survey = {  # of the situation: at the start, and after tracks came back
+        Event.SIDEWAYS: Phase.RETREATING,
+        Event.APART: drive,
+        Event.ALIGNED: Phase.MATCHING_FEATURES,
+        Event.MATCHED: Phase.ARRIVED,
+    }
+    standing = {
+        Event.NO_BASELINE: Phase.ORIENTING,
+        Event.AMBIGUOUS: Phase.MATCHING_FEATURES,
+        Event.AMBIGUOUS_NEAR: Phase.RETREATING,
+        **survey,
+    }
+    return {
+        **{(Phase.WAITING, event): phase for event, phase in standing.items()},
+        **{(Phase.HOLDING, event): phase for event, phase in standing.items()},
+        **{(Phase.ORIENTING, event): phase for event, phase in survey.items()},
+        (Phase.RETREATING, Event.APART): drive,
+        (Phase.RETREATING, Event.RESOLVED): Phase.HOLDING,
+        (Phase.MATCHING_FEATURES, Event.RESOLVED): Phase.HOLDING,
+        (Phase.MATCHING_FEATURES, Event.NO_GAIN): Phase.FAILED,
+        (Phase.MATCHING_FEATURES, Event.MATCHED): Phase.ARRIVED,
+        (Phase.MATCHING_FEATURES, Event.TURNED): Phase.ORIENTING,
+        (Phase.MATCHING_FEATURES, Event.MISSED): Phase.RETREATING,
+    }
+
+
+TWO_STEPS = StateMachine(
+    (*STANDING, ORIENTING, RETREATING, DISPLACING, ZEROING_EPIPOLES, MATCHING_FEATURES),
+    {
+        **transitions_by(Phase.DISPLACING),
+        (Phase.RETREATING, Event.ALIGNED): Phase.MATCHING_FEATURES,
+        (Phase.DISPLACING, Event.DISPLACED): Phase.ZEROING_EPIPOLES,
+        (Phase.DISPLACING, Event.NO_GAIN): Phase.FAILED,
+        (Phase.ZEROING_EPIPOLES, Event.ALIGNED): Phase.MATCHING_FEATURES,
+        (Phase.ZEROING_EPIPOLES, Event.SIDEWAYS): Phase.RETREATING,
+        (Phase.ZEROING_EPIPOLES, Event.ESCAPED): Phase.DISPLACING,
+        (Phase.ZEROING_EPIPOLES, Event.NO_BASELINE): Phase.ORIENTING,
+        (Phase.ZEROING_EPIPOLES, Event.NO_GAIN): Phase.DISPLACING,
+    },
+)
+
+PAPER = Law(new_attempts=True)
+CORRECTED = PAPER.changed({'true_sigma': True})
+FULL = PAPER.changed(dict.fromkeys(DEPARTURES, True))
