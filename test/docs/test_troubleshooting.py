@@ -1,14 +1,17 @@
-"""docs/troubleshooting.md quotes messages as the code says them."""
+"""docs/troubleshooting.md quotes messages as the code says them, and every reason of the servo."""
 
 from pathlib import Path
 import re
 
 import pytest
 
+from visual_servo_epipolar.core.reasons import Reason
+
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / 'docs' / 'troubleshooting.md').read_text(encoding='utf-8')
-# A quoted message: `> words of the program`; `...` stands for numbers and names.
-QUOTED = re.findall(r'^> (.+)$', TEXT, re.M)
+# The first cell of a row: words of the program; `...` stands for numbers and names.
+QUOTED = [row for row in re.findall(r'^\| (.+?) \| .+ \|$', TEXT, re.M) if row != 'message']
+UNSAID = (Reason.NONE, Reason.OTHER, Reason.SKIPPED)
 
 
 @pytest.fixture(scope='module')
@@ -28,6 +31,11 @@ def test_a_quoted_message_is_in_the_source(message: str, source: str) -> None:
     assert fragments(message)
     for fragment in fragments(message):
         assert fragment in source, f'nothing says {fragment!r}'
+
+
+@pytest.mark.parametrize('reason', [each for each in Reason if each not in UNSAID])
+def test_each_reason_is_explained(reason: Reason) -> None:
+    assert re.sub(r'\{[^}]*\}', '...', reason.value) in QUOTED
 
 
 def test_there_are_messages_to_look_up() -> None:
