@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 from durations import few_of
 import numpy as np
 import pytest
@@ -163,3 +164,27 @@ def test_without_anchoring_features_are_checked_backward(world, approach) -> Non
 def test_an_image_of_another_size_is_refused(world) -> None:
     with pytest.raises(ValueError, match='image must have the size of the desired one, 640x480'):
         tracker(world).track(np.zeros((240, 320), np.uint8))
+
+
+def reduced(image: np.ndarray, width: int) -> np.ndarray:
+    return cv2.resize(image, (width, 3 * width // 4), interpolation=cv2.INTER_AREA)
+
+
+@pytest.mark.parametrize(('width', 'most'), [(640, 60), (320, 157)])
+def test_more_of_the_smaller_features_of_a_small_image_are_tracked(world, width, most) -> None:
+    small, tracking = reduced(world.photograph(), width), Tracker(SETTINGS)
+    tracking.set_desired(small)
+    assert len(tracking.track(small)) == most
+
+
+def test_features_that_no_descriptor_finds_are_found_beside_others(world, approach) -> None:
+    pose, image = approach[0]
+    counts = []
+    for enough in (1, 60):
+        tracking = Tracker(replace(SETTINGS, min_features=enough))
+        tracking.set_desired(reduced(world.photograph(), 160))
+        features = tracking.track(reduced(image, 160))
+        pixels = {it: 4.0 * getattr(features, it) + 1.5 for it in ('current', 'desired')}
+        assert np.nanmedian(errors(world, replace(features, **pixels), pose)) < 1.2
+        counts.append(len(features))
+    assert counts[0] < counts[1]

@@ -128,7 +128,11 @@ class _TrackedAppearance:
         settings: TrackerSettings,
         camera: CameraModel,
     ) -> None:
-        self.appearance, self._view, self.tracker = appearance, view, Tracker(settings, camera)
+        self.appearance, self._view, self.tracker = (
+            appearance,
+            view,
+            Tracker(settings, camera, as_many=False),
+        )
         canvas, keypoints = self.tracker.canvas, appearance.keypoints
         self._desired = view_of_keypoints(
             canvas.painted(as_gray(appearance.load())),

@@ -222,7 +222,8 @@ class Teacher:
         """End the last key view, and begin one at a frame: first back through those before."""
         self._end_key_view()
         count = self._settings.features
-        tracker = Tracker(TrackerSettings(max_features=count, candidates=2 * count), self.camera)
+        settings = TrackerSettings(max_features=count, candidates=2 * count)
+        tracker = Tracker(settings, self.camera, as_many=False)
         try:
             view = desired_view(frame.image, canvas=tracker.canvas)
         except TrackingError:

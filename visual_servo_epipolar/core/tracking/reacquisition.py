@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import FloatImage, i
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import contained, numbers, Warps
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
+from visual_servo_epipolar.core.tracking.matching import DesiredView
 from visual_servo_epipolar.core.tracking.tracks import fit_motion, ImageMotion
 
 STALE_FRAMES = 100  # added to the age of a prediction by a frame without a motion to follow
@@ -183,3 +184,20 @@ def reacquire(
             rows.append(row)
             current[row], affine[row] = pixel, prediction.affine
     return replace(warps, current=current, affine=affine).take(np.array(rows, np.int64))
+
+
+def among_neighbours(
+    found: Warps, view: DesiredView, anchor: Anchor, image: FloatImage, missing: int
+) -> Warps:
+    """
+    Return keypoints of a ``view`` that no descriptor found in ``image``, to be aligned yet.
+
+    Where those ``found`` around them predict: of twice as many as are ``missing``, those of most
+    texture.
+    """
+    ids = np.flatnonzero(~contained(np.arange(len(view.keypoints)), found.ids))
+    ids = ids[view.corners[ids].argsort(kind='stable')[::-1]][: 2 * max(missing, 0)]
+    desired = view.keypoints.pixels[ids]
+    nowhere = Warps(ids, desired, desired, np.tile(np.eye(2), (len(ids), 1, 1)))
+    predicted = PredictedFeatures(nowhere, np.full(len(ids), MAX_UNSEEN + 1))
+    return reacquire(predicted, found, anchor, image, view.canvas)

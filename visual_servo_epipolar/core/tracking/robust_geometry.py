@@ -106,6 +106,11 @@ def _essential(
     still = np.linalg.norm(current - desired, axis=1) <= limit
     if still.sum() >= max(MIN_MATCHES, len(still) // 2):
         return cross_matrix(np.array([0.0, 0.0, 1.0])), np.asarray(still)
+    essential = _least_squares(products, np.ones(len(products)))
+    essential, distance = _refined(essential, current, desired, products, limit)
+    inliers = distance <= limit
+    if int(inliers.sum()) > len(inliers) - MIN_MATCHES:  # the others have no geometry of their own
+        return essential, inliers
     best, inliers, least = None, nothing, math.inf
     for essential in _candidates(current, desired, products, limit):
         essential, distance = _refined(essential, current, desired, products, limit)

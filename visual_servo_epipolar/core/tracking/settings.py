@@ -14,9 +14,15 @@ class TrackerSettings(Settings):
 
     GONE: ClassVar[Mapping[str, Any]] = {'passing_features': 0, 'auxiliary_features': 0}
 
-    max_features: int = setting(60, 'Features tracked at a time', low=8, high=1000)
+    max_features: int = setting(
+        60,
+        'Features tracked at a time in 640x480 and larger images; more of the smaller ones of '
+        'smaller images, in the same time',
+        low=8,
+        high=1000,
+    )
     min_features: int = setting(
-        40, 'Features below which the image is matched anew', low=1, high=1000
+        40, 'Features, of so many, below which the image is matched anew', low=1, high=1000
     )
     rematch_period: int = internal(
         11, 'Fewest frames between two whole-image matches', low=1, high=10000

@@ -19,6 +19,7 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
     float_image,
     FloatImage,
     inside_border,
+    patches_for_one,
 )
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
@@ -29,7 +30,11 @@ from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView
 from visual_servo_epipolar.core.tracking.photographs.photographs import Photographs, Rematching
 from visual_servo_epipolar.core.tracking.photographs.tied_view import TiedView
-from visual_servo_epipolar.core.tracking.reacquisition import Predictions, reacquire
+from visual_servo_epipolar.core.tracking.reacquisition import (
+    among_neighbours,
+    Predictions,
+    reacquire,
+)
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracks import Tracks
 
@@ -48,11 +53,18 @@ class Tracker:
     is what the features lead to. Of its ``photographs``, in different light, that number
     ``photograph`` is tracked, from 0 on; there are none before there is a desired image.
     ``reason`` says why the last matching of a whole image failed. A ``camera`` whose image is no
-    plane is to be noted; others need none. Views are on its ``canvas``.
+    plane is to be noted; others need none. Views are on its ``canvas``. Features of small images
+    are smaller, and ``as_many`` more are tracked as take the same time.
     """
 
-    def __init__(self, settings: TrackerSettings, camera: CameraModel | None = None) -> None:
-        self.settings = settings
+    def __init__(
+        self,
+        settings: TrackerSettings,
+        camera: CameraModel | None = None,
+        *,
+        as_many: bool = True,
+    ) -> None:
+        self.settings, self._as_many = settings, as_many
         self.canvas = Canvas.of(camera, math.radians(self.settings.stitch_band))
         self.photographs = Photographs()
         self.photograph = 0
@@ -87,6 +99,21 @@ class Tracker:
     def _tied(self) -> TiedView:
         """The photograph that is tracked."""
         return self.photographs.views[self.photograph]
+
+    @property
+    def _most(self) -> int:
+        """Most features that are tracked at a time."""
+        return self._many(self.settings.max_features)
+
+    def _many(self, usual: int) -> int:
+        """Return how many patches of this image take as long as a ``usual`` number elsewhere."""
+        if not self._as_many:
+            return usual
+        return round(usual * patches_for_one(self._tied.view.image.shape))
+
+    def _are_few(self, tracked: Tracks) -> bool:
+        """Return whether features are so few that others are looked for."""
+        return len(tracked) < self._many(self.settings.min_features)
 
     def is_desired(self, image: Image) -> bool:
         """Return whether ``image``, of shape (H, W), is the desired one, pixel by pixel."""
@@ -153,14 +180,13 @@ class Tracker:
         A matching of the whole image is saved where somebody knows how the photograph is seen.
         """
         self.redetect()
-        limit = self.settings.max_features
         frame = Frame(self.canvas.painted(image))
         aligned = self._aligned(Tracks.detected(warps), float_image(frame.image), FIRST_ITERATIONS)
         found = aligned.without_residual_outliers().without_epipolar_outliers(self.canvas)
         if self._candidates is None or len(found) < self.settings.min_features:
             return len(found)
-        self._candidates.remember(warps.ids, self.settings.candidates)
-        self._tracked = self._candidates.limited(found, found, limit)
+        self._candidates.remember(warps.ids, self._many(self.settings.candidates))
+        self._tracked = self._candidates.limited(found, found, self._most)
         self._shift = _shift(self._tracked)
         self._predictions.correct(found.warps)
         self._previous = frame
@@ -230,8 +256,7 @@ class Tracker:
         """Return the tracks in ``frame``, by matching all of it where few are left."""
         tracked = self._carried_on(frame)
         is_due = self._rematching.is_due(len(self._tracked), self.settings.rematch_period)
-        few = len(tracked) < self.settings.min_features
-        if is_due and (few or self._has_turned(tracked)):
+        if is_due and (self._are_few(tracked) or self._has_turned(tracked)):
             tracked = self._replenished(tracked, frame.image)
             self._shift = _shift(tracked)
         return tracked
@@ -290,9 +315,8 @@ class Tracker:
         """Return the tracks and those missing candidates, tried in turn, that are in ``image``."""
         assert self._candidates is not None
         factor = FEW_FACTOR if len(tracked) < self.settings.min_features else 1
-        ids = self._candidates.next_missing(
-            tracked.warps, factor * self.settings.search_per_frame, self.settings.max_features
-        )
+        count = factor * self.settings.search_per_frame
+        ids = self._candidates.next_missing(tracked.warps, count, self._most)
         if not len(ids):
             return tracked
         predicted = self._predictions.select(ids)
@@ -302,16 +326,15 @@ class Tracker:
         if not len(found):
             return tracked
         joined = tracked.joined(found)
-        if len(joined) <= self.settings.max_features:
+        if len(joined) <= self._most:
             return joined
-        return self._candidates.limited(joined, tracked, self.settings.max_features)
+        return self._candidates.limited(joined, tracked, self._most)
 
     def _replenished(self, tracked: Tracks, image: Image) -> Tracks:
         """Return the tracks filled up with features of a new matching of the whole image."""
-        limit = self.settings.max_features
         try:
             photograph, matches = self._rematching.matches(
-                (self.photographs, self.photograph), len(self._tracked), image, limit
+                (self.photographs, self.photograph), len(self._tracked), image, self._most
             )
         except TrackingError as error:
             self.reason = str(error)
@@ -323,12 +346,22 @@ class Tracker:
             self._begin(photograph)
             tracked = self._tracked
         assert self._candidates is not None
-        warps = self._candidates.matched(matches, tracked.warps, self.settings.candidates)
-        detected = self._aligned(Tracks.detected(warps), float_image(image), FIRST_ITERATIONS)
-        joined = tracked.joined(detected).without_epipolar_outliers(self.canvas)
-        self._candidates.remember(joined.warps.ids, self.settings.candidates)
+        candidates, pixels = self._many(self.settings.candidates), float_image(image)
+        warps = self._candidates.matched(matches, tracked.warps, candidates)
+        joined = self._with_detected(tracked, warps, pixels)
+        if self._are_few(joined):
+            missing = self._most - len(joined)
+            view, anchor = self._tied.view, self._tied.anchor
+            more = among_neighbours(joined.warps, view, anchor, pixels, missing)
+            joined = self._with_detected(joined, more, pixels)
+        self._candidates.remember(joined.warps.ids, candidates)
         self._predictions.correct(joined.warps)
-        return self._candidates.limited(joined, tracked, limit)
+        return self._candidates.limited(joined, tracked, self._most)
+
+    def _with_detected(self, tracked: Tracks, warps: Warps, image: FloatImage) -> Tracks:
+        """Return the tracks and those ``warps`` that the image shows, of one geometry."""
+        detected = self._aligned(Tracks.detected(warps), image, FIRST_ITERATIONS)
+        return tracked.joined(detected).without_epipolar_outliers(self.canvas)
 
 
 def _shift(tracks: Tracks) -> float:

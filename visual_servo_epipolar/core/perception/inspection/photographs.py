@@ -12,13 +12,9 @@ from visual_servo_epipolar.core.geometry.epipolar import in_pixels
 from visual_servo_epipolar.core.perception.inspection.judgement import Inspection, judged
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
-from visual_servo_epipolar.core.tracking.alignment.sampling import (
-    float_image,
-    FloatImage,
-    overlap,
-)
+from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, overlap
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
-from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
+from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.matchers.base import Matcher
 from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
@@ -29,11 +25,7 @@ from visual_servo_epipolar.core.tracking.matching import (
     Matches,
     warps_of,
 )
-from visual_servo_epipolar.core.tracking.reacquisition import (
-    MAX_UNSEEN,
-    PredictedFeatures,
-    reacquire,
-)
+from visual_servo_epipolar.core.tracking.reacquisition import among_neighbours
 from visual_servo_epipolar.core.tracking.robust_geometry import MIN_MATCHES
 
 REFINEMENT = 15  # iterations of the alignment after the match
@@ -104,25 +96,10 @@ def _aligned(view: DesiredView, matches: Matches, image: Image) -> Warps:
         return start  # blurred, or seen from far aside: as SIFT has them
     found = alignment.warps.take(good)
     for _ in range(ROUNDS):
-        found = found.joined(_among_neighbours(found, view, anchor, pixels))
+        more = among_neighbours(found, view, anchor, pixels, ENOUGH - len(found))
+        alignment = anchor.align(more, pixels, iterations=REFINEMENT)
+        found = found.joined(alignment.warps.take(alignment.correlation >= AMONG_NEIGHBOURS))
     return found
-
-
-def _among_neighbours(found: Warps, view: DesiredView, anchor: Anchor, image: FloatImage) -> Warps:
-    """
-    Return keypoints of a ``view`` that no descriptor found in ``image``, where neighbours predict.
-
-    Those of most texture, up to ENOUGH with what is ``found``.
-    """
-    ids = np.flatnonzero(~contained(np.arange(len(view.keypoints)), found.ids))
-    ids = ids[view.corners[ids].argsort(kind='stable')[::-1]]
-    ids = ids[: 2 * max(ENOUGH - len(found), 0)]
-    desired = view.keypoints.pixels[ids]
-    nowhere = Warps(ids, desired, desired, np.tile(np.eye(2), (len(ids), 1, 1)))
-    predicted = PredictedFeatures(nowhere, np.full(len(ids), MAX_UNSEEN + 1))
-    more = reacquire(predicted, found, anchor, image, view.canvas)
-    alignment = anchor.align(more, image, iterations=REFINEMENT)
-    return alignment.warps.take(alignment.correlation >= AMONG_NEIGHBOURS)
 
 
 def _in_pixels(

@@ -29,6 +29,11 @@ def patch_radius(shape: tuple[int, ...]) -> int:
     return max(LEAST_RADIUS, round(RADIUS * math.sqrt(share)))
 
 
+def patches_for_one(shape: tuple[int, ...]) -> float:
+    """Return how many patches of an image of ``shape`` (H, W) have the pixels of a usual one."""
+    return ((2 * RADIUS + 1) / (2 * patch_radius(shape) + 1)) ** 2
+
+
 def overlap(pixels: FloatArray, shape: tuple[int, ...]) -> float:
     """
     Return how many features at ``pixels``, (N, 2), of an image of ``shape`` count as one.
