@@ -45,3 +45,10 @@ def test_every_page_can_be_reached_from_the_readme() -> None:
         }
         new = {target for target in targets if target.suffix == '.md'} - reached
     assert {page.resolve() for page in PAGES} <= reached
+
+
+def test_pictures_are_small_enough_for_a_page() -> None:
+    kinds = {'.png', '.jpg', '.gif', '.webp'}
+    sizes = [file.stat().st_size for file in (ROOT / 'docs').rglob('*.*') if file.suffix in kinds]
+    assert max(sizes) < 1_000_000
+    assert sum(sizes) < 8_000_000

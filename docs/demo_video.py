@@ -1,4 +1,4 @@
-"""Makes demo.gif of the video of a demo: `python demo_gif.py demo_out/video.mp4 [TARGET.gif]`."""
+"""Makes demo.webp of a video: `python demo_video.py demo_out/video.mp4 [TARGET.webp]`."""
 
 from pathlib import Path
 import sys
@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image
 
 WIDTH, FRAMES, FRAME_MS, LAST_MS = 560, 26, 250, 2500
-COLOURS = 64
+QUALITY = 60  # of WebP
 
 
 def frames(video: Path) -> list[Image.Image]:
@@ -27,16 +27,16 @@ def frames(video: Path) -> list[Image.Image]:
 
 
 def main() -> None:
-    """Write the moving picture."""
+    """Write the moving picture, for README.md."""
     if len(sys.argv) < 2:
         sys.exit(__doc__)
-    target = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).with_name('demo.gif')
-    images = [image.quantize(COLOURS) for image in frames(Path(sys.argv[1]))]
+    target = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).with_name('demo.webp')
+    images = frames(Path(sys.argv[1]))
     if not images:
         sys.exit(f'{sys.argv[1]}: no video that can be read; make one with visual_servo demo')
     first, *others = images
     times = [FRAME_MS] * len(others) + [LAST_MS]
-    first.save(target, save_all=True, append_images=others, duration=times, loop=0, optimize=True)
+    first.save(target, save_all=True, append_images=others, duration=times, quality=QUALITY)
 
 
 if __name__ == '__main__':
