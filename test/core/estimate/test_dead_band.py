@@ -6,7 +6,7 @@ import math
 import pytest
 from servo_states import in_phase, MEMORY, reading, SETTINGS, sight, then
 
-from visual_servo_epipolar.core.estimate.curvature import Curvature
+from visual_servo_epipolar.core.estimate.base_model import Curvature, largest_dead_band
 from visual_servo_epipolar.core.estimate.dead_band import (
     DeadBand,
     LEAST_ASKED,
@@ -14,7 +14,6 @@ from visual_servo_epipolar.core.estimate.dead_band import (
     MOST_HOP,
     Threshold,
 )
-from visual_servo_epipolar.core.estimate.physical import largest_dead_band
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from servo_states import SETTINGS, sight
 
-from visual_servo_epipolar.core.estimate.delay import Delay, MOST_DEVIATION
+from visual_servo_epipolar.core.estimate.base_model import Delay, MOST_DEVIATION
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.timing import BORNE, felt_latency, is_late
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent

@@ -7,14 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.estimate.curvature import Curvature
+from visual_servo_epipolar.core.estimate.base_model import Curvature, MOST_CURVATURE
 from visual_servo_epipolar.core.estimate.motion_check import (
     Evidence,
     MOST_CONTRADICTIONS,
     MotionCheck,
     QUIET_S,
 )
-from visual_servo_epipolar.core.estimate.physical import MOST_CURVATURE
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.observation import Observation

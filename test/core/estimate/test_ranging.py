@@ -6,7 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 import pytest
 
-from visual_servo_epipolar.core.estimate.curvature import Curvature
+from visual_servo_epipolar.core.estimate.base_model import Curvature
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
 from visual_servo_epipolar.core.laws.state import ServoState

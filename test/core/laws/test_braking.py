@@ -8,7 +8,7 @@ import pytest
 from servo_states import behind, in_phase, sight
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimate.delay import Delay
+from visual_servo_epipolar.core.estimate.base_model import Delay
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws import braking
 from visual_servo_epipolar.core.laws.braking import braked_turn

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from servo_states import in_phase
 
-from visual_servo_epipolar.core.estimate.delay import Delay
+from visual_servo_epipolar.core.estimate.base_model import Delay
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase

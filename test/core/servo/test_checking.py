@@ -7,7 +7,7 @@ import pytest
 from servo_states import in_phase, SETTINGS, sight
 from strategies import blurred, matches, through_lens
 
-from visual_servo_epipolar.core.estimate.curvature import Curvature
+from visual_servo_epipolar.core.estimate.base_model import Curvature
 from visual_servo_epipolar.core.estimate.dead_band import DeadBand, Threshold
 from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.estimate.motion_check import MotionCheck

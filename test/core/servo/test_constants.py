@@ -6,7 +6,7 @@ import math
 import pytest
 from servo_states import BEARINGS, in_phase, ranged, SETTINGS, sight, TWO_VIEWS
 
-from visual_servo_epipolar.core.estimate.curvature import Curvature
+from visual_servo_epipolar.core.estimate.base_model import Curvature
 from visual_servo_epipolar.core.estimate.extrinsics import CORRELATION, moved, PSI
 from visual_servo_epipolar.core.estimate.extrinsics_update import update_extrinsics
 from visual_servo_epipolar.core.geometry.epipolar import Bearings

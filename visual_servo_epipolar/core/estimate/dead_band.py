@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 import math
 
-from visual_servo_epipolar.core.estimate.curvature import heading_deviation
-from visual_servo_epipolar.core.estimate.physical import (
+from visual_servo_epipolar.core.estimate.base_model import (
+    heading_deviation,
     largest_dead_band,
     MOST_CURVATURE,
 )

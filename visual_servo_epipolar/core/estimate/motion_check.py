@@ -14,12 +14,12 @@ dead band.
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from visual_servo_epipolar.core.estimate.head_check import HeadCheck
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.estimate.verdicts import (
     Asked,
     CommandWindow,
     contradiction,
+    HeadCheck,
     Reference,
     view_motion,
 )

@@ -10,8 +10,7 @@ once it is not used, and never again in this run once it has been contradicted s
 from dataclasses import dataclass, replace
 import math
 
-from visual_servo_epipolar.core.estimate.curvature import heading_deviation
-from visual_servo_epipolar.core.estimate.physical import FASTER, SLOWER
+from visual_servo_epipolar.core.estimate.base_model import FASTER, heading_deviation, SLOWER
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import motion_between, Pose
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement

@@ -7,9 +7,8 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimate.curvature import Curvature
+from visual_servo_epipolar.core.estimate.base_model import Curvature, Delay
 from visual_servo_epipolar.core.estimate.dead_band import DeadBand
-from visual_servo_epipolar.core.estimate.delay import Delay
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics
 from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel, GoalEstimate
 from visual_servo_epipolar.core.estimate.map_state import MapState
@@ -21,7 +20,6 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.smooth.arcs import Backing
 from visual_servo_epipolar.core.laws.two_steps.gains import Gains
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Leg, Slope
@@ -155,6 +153,13 @@ class RunState:
     attempts: int = 1
     restarts: int = 0
     mount: FloatArray | None = None
+
+
+class Backing(NamedTuple):
+    """A way back: its curvature [1/m] and length [m]; inf where none leads to the goal."""
+
+    curvature: float
+    way: float
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ robot that has settled must be there when all has acted, too.
 from dataclasses import replace
 import math
 
-from visual_servo_epipolar.core.estimate.delay import BORNE
+from visual_servo_epipolar.core.estimate.base_model import BORNE
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.phase import Phase

@@ -4,8 +4,8 @@ from dataclasses import replace
 import math
 from typing import NamedTuple
 
+from visual_servo_epipolar.core.estimate.base_model import MOST_CURVATURE
 from visual_servo_epipolar.core.estimate.map_state import localize, MapState, measurement_of
-from visual_servo_epipolar.core.estimate.physical import MOST_CURVATURE
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement

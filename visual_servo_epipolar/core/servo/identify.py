@@ -3,7 +3,7 @@
 from dataclasses import replace
 import math
 
-from visual_servo_epipolar.core.estimate.curvature import Curvature
+from visual_servo_epipolar.core.estimate.base_model import Curvature
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics
 from visual_servo_epipolar.core.estimate.extrinsics_update import update_extrinsics
 from visual_servo_epipolar.core.estimate.straight_leg import straight_on

@@ -29,6 +29,7 @@ BENCHMARKS: Mapping[str, str] = {
     'latency': f'{HERE}.latency',
     'calibration': f'{HERE}.calibration',
     'ablation': f'{HERE}.ablation',
+    'consistency': f'{HERE}.consistency',
     'mounts': f'{HERE}.mounts',
     'mounts_images': f'{HERE}.mounts:ON_IMAGES',
     'real': f'{HERE}.estimation.real',

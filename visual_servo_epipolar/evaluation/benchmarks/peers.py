@@ -40,7 +40,7 @@ from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, saturate, 
 from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.smooth.arcs import GoalOffset, moved
+from visual_servo_epipolar.core.laws.smooth.on_arcs import GoalOffset, moved
 from visual_servo_epipolar.core.laws.smooth.steering import aim, curvature, Gains, polar_pose
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement

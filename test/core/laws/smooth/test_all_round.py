@@ -10,8 +10,7 @@ from strategies import floats
 
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 from visual_servo_epipolar.core.laws.phase import Event
-from visual_servo_epipolar.core.laws.smooth.approach import approach
-from visual_servo_epipolar.core.laws.smooth.phases import APPROACHING
+from visual_servo_epipolar.core.laws.smooth.smooth import approach, APPROACHING
 from visual_servo_epipolar.core.laws.smooth.steering import goes_around
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement

@@ -10,7 +10,7 @@ from servo_states import behind, sight
 from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.estimate.pose_filter import first_pose
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.laws.smooth.approach import approach, back_off
+from visual_servo_epipolar.core.laws.smooth.smooth import approach, back_off
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.odometry.increments import Motion
 from visual_servo_epipolar.core.perception.measurement import Measurement

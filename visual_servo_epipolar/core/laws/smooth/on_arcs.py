@@ -1,17 +1,22 @@
 """
 Law ``smooth`` on a base that does not turn in place: one motion, after backing off on an arc.
 
-A memory of views knows where the robot is. Where one motion from there would not end at the goal,
-as ``arcs`` drives it ahead, the robot backs off on the arc from which it does; what is left aside
-at the goal cannot be turned away in place, so that it backs off for it as well. Each motion that
-ends elsewhere is an attempt, and those are bounded in number.
+The law of ``steering`` is driven ahead in thought, at the bounded curvature, with the features in
+view; a base that is steered late drives slower for it, on the same path. A memory of views knows
+where the robot is. Where one motion from there would not end on the goal's axis, the robot first
+backs off on an arc, that of the least way there and back; what is left aside at the goal cannot be
+turned away in place, so that it backs off for it as well. Each motion that ends elsewhere is an
+attempt, and those are bounded in number.
 """
 
 from dataclasses import replace
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.bases.car import LAG_WAY
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.braking import BRAKING, rate_within
@@ -20,30 +25,29 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_near_enough
 from visual_servo_epipolar.core.laws.phases.bounds import FACING
 from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted
-from visual_servo_epipolar.core.laws.smooth.approach import approach, seen_from, Sight
-from visual_servo_epipolar.core.laws.smooth.arcs import (
-    Bounds,
-    GoalOffset,
-    lag_way,
-    lagged,
-    misses,
-    turned_back,
-    way_back,
-)
-from visual_servo_epipolar.core.laws.smooth.phases import (
+from visual_servo_epipolar.core.laws.smooth.smooth import (
+    approach,
     APPROACHING,
     is_through,
     missed,
     motion_trial,
     ONE_MOTION,
     retreating,
+    seen_from,
+    Sight,
 )
-from visual_servo_epipolar.core.laws.smooth.steering import RESERVE
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.smooth.steering import GAINS, RESERVE
+from visual_servo_epipolar.core.laws.state import Backing, ServoState
 from visual_servo_epipolar.core.laws.timing import usual_step
 from visual_servo_epipolar.core.laws.two_steps.two_steps import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
+STEP, LEAST_STEP = 0.06, 0.006  # of a way ahead in thought: part of the distance, at least [m]
+STEPS = 110
+LEAST_AHEAD = 0.1  # of the goal, on its axis, where the law ends [m]
+WAYS = np.array([0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0])
+BENDS = np.array([0.0, -0.3, 0.3, -0.6, 0.6, -1.0, 1.0])  # of the largest curvature
+ASIDE, TURNED = 1e-3, 5e-3  # error at which a way ends at the goal [m], [rad]
 SPARED = 0.85  # of the largest curvature, by which ways are chosen: the rest undoes errors
 MISSED = 4.0  # times what a way may miss the goal by, at which it is given up
 FAR = 0.2  # way left for which as much again is tolerated: it is not known as well from there [m]
@@ -51,6 +55,105 @@ DECIDED = 0.08  # way left below which the goal itself tells [m]
 FACES = 0.01  # heading error of a car that has arrived, where no tolerance is set [rad]
 WIDEST = 1.2  # turn that a way takes at most, whatever is in view [rad]
 LEAST_BACKING = 0.05  # speed of the last of a way back [m/s]
+
+
+class GoalOffset(NamedTuple):
+    """Places of robots, shape (N,): right and ahead of the goal [m], heading error [rad]."""
+
+    x: FloatArray
+    y: FloatArray
+    heading: FloatArray
+
+
+class Bounds(NamedTuple):
+    """
+    Bounds of a path.
+
+    ``curvature``, the largest [1/m]; ``left`` and ``right``, how far it may turn from the present
+    heading so that features stay in view [rad].
+    """
+
+    curvature: float
+    left: float
+    right: float
+
+
+def moved(place: GoalOffset, way: FloatArray, kappa: FloatArray) -> GoalOffset:
+    """Return where ``way`` [m], backward negative, leads on arcs of curvature ``kappa`` [1/m]."""
+    turn = kappa * way
+    chord = way * np.sinc(0.5 * turn / np.pi)
+    middle = place.heading + 0.5 * turn
+    return GoalOffset(
+        place.x - chord * np.sin(middle), place.y + chord * np.cos(middle), place.heading + turn
+    )
+
+
+def misses(place: GoalOffset, heading: float, bounds: Bounds) -> FloatArray:
+    """
+    Return by how much the motion from each ``place`` misses the goal: 1 is what it may.
+
+    ``heading`` is the one that ``bounds`` count their turns from. inf where it begins out of view,
+    or past the goal.
+    """
+    low, high = heading - bounds.right, heading + bounds.left
+    lost = (place.heading < low) | (place.heading > high) | (place.y >= 0.0)
+    for _ in range(STEPS):
+        way = np.minimum(
+            np.maximum(STEP * np.hypot(place.x, place.y), LEAST_STEP),
+            np.maximum(-place.y, 0.0) / np.maximum(np.cos(place.heading), 0.2),
+        )
+        if not way.any():
+            break
+        wanted = _curvature(place, low, high)
+        place = moved(place, way, np.clip(wanted, -bounds.curvature, bounds.curvature))
+    error = np.hypot(place.x / ASIDE, place.heading / TURNED)
+    return np.where(lost | (place.y < -LEAST_STEP), np.inf, error)
+
+
+def _curvature(place: GoalOffset, low: float, high: float) -> FloatArray:
+    """Return what ``steering`` asks for at each ``place`` [1/m], with features in view."""
+    ahead = np.maximum(LEAST_AHEAD + place.y, 0.0)
+    distance = np.hypot(place.x, ahead - place.y)
+    phi = 0.5 * np.pi - np.arctan2(ahead - place.y, -place.x)
+    delta = place.heading + phi
+    aim = np.arctan(-GAINS.k1 * phi)
+    held = np.clip(aim, low + phi, high + phi)
+    rate = GAINS.k1 / (1.0 + (GAINS.k1 * phi) ** 2)
+    damping = np.where(held == aim, (1.0 + rate) * np.sin(delta), 0.0)
+    return np.asarray(-(GAINS.k2 * (delta - held) + damping) / distance)
+
+
+def way_back(place: tuple[float, float, float], kappa: float, bounds: Bounds) -> Backing:
+    """
+    Return the shortest arc backward from ``place`` after which one motion ends at the goal.
+
+    ``kappa`` is the curvature of the present way back [1/m], which costs least to keep.
+    """
+    bends, ways = (
+        item.ravel() for item in np.meshgrid(BENDS * bounds.curvature, WAYS, indexing='ij')
+    )
+    start = GoalOffset(*(np.full(len(ways), value) for value in place))
+    behind = moved(start, -ways, bends)
+    missed = misses(behind, place[2], bounds)
+    cost = 2.0 * ways + 0.1 * np.abs(bends - kappa) * (ways > 0.0) + np.hypot(behind.x, behind.y)
+    cost[missed > 1.0] = np.inf
+    best = int(np.argmin(cost))
+    return Backing(float(bends[best]), float(ways[best]) if np.isfinite(cost[best]) else np.inf)
+
+
+def lagged(kappa: float, wanted: float, way: float) -> float:
+    """Return the curvature [1/m] after a ``way`` [m] on which the wheels turn to ``wanted``."""
+    return wanted + (kappa - wanted) * math.exp(-way / LAG_WAY)
+
+
+def lag_way(way: float) -> float:
+    """Return the part of a ``way`` [m] that is lost while the wheels turn."""
+    return LAG_WAY * (1.0 - math.exp(-way / LAG_WAY))
+
+
+def turned_back(kappa: float, way: float, most: float) -> float:
+    """Return the turn [rad] against a curvature ``kappa`` that a ``way`` [m] allows."""
+    return most * way - (most + kappa) * lag_way(way)
 
 
 def _approaching(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:

@@ -1,9 +1,13 @@
 """
-Delay of the base: how late it turns, learnt from what was commanded and what is seen.
+Base model: how late a base obeys, which curvature it adds, and what it can be at most.
 
 Of each delay that may be, commands say which turn there should have been between two views; the
-one whose turns fit those that are seen best is that of the base, be its wheels worn or not. Who
-begins late may have been held; who ends late as well obeys late.
+one whose turns fit those that are seen best is that of the base, be its wheels worn or not. A base
+that begins late may have been held; one that ends late as well obeys late.
+
+Physical bounds hold whatever the motion seems to teach; two more are where their layers are: the
+focal ratio (``geometry.lens.MOST_RATIO``), and the mount of the camera, which is the configured
+one, and its deviations (``extrinsics.PLAUSIBLE``).
 """
 
 from dataclasses import dataclass, field, replace
@@ -13,16 +17,24 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimate.curvature import heading_deviation
-from visual_servo_epipolar.core.estimate.physical import (
-    largest_dead_band,
-    MOST_DELAY_S,
-)
 from visual_servo_epipolar.core.estimate.settings import DriveSettings, SettingsT, with_identified
+from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.stamps import seconds_between
 
+MOST_CURVATURE = 0.3  # of wheels that shall roll straight on: unequal by a tenth [rad/m]
+MOST_DELAY_S = 1.5  # from an image to the motion that it causes [s]
+MOST_TURN_RATIO = 1.6  # of a turn over that commanded
+# Way by the wheels over that commanded: no base drives farther, and many drive less.
+FASTER, SLOWER = 1.25, 0.5
+# What any base follows [m/s, rad/s], or a larger part of the largest velocity.
+FOLLOWED, FOLLOWED_PART = 0.065, 0.2
+LATENCY_S = 0.2  # from a command to the image that shows its effect
+CHANGE_DECAY = 0.5  # of a change of the angular velocity, in one frame
+LEAST_HEADING_VARIANCE = 5e-4**2  # [rad^2]
+NOISE_OF_PARALLAX = 2.0  # that it is at most without any, in deviations of a coordinate
+FIRST_VARIANCE = 0.05**2  # of the curvature: 3 deg/m [rad^2/m^2]
 BORNE = 0.25  # up to which laws bear a delay as it is [s]
 STEP_S = 0.05  # between two delays that may be [s]
 DELAYS: FloatArray = np.arange(round(MOST_DELAY_S / STEP_S) + 1, dtype=np.float64) * STEP_S
@@ -38,6 +50,81 @@ LEAST_CHANGE = 1e-3  # of squares that a delay adds, and takes away, in beginnin
 GAINS = 0.6, 1.6  # turns seen over turns commanded, of a base that obeys
 UNEXPLAINED = 0.15  # most share of squared turns that the delay leaves
 CLEARLY = 3.0  # times as much is left without it
+
+
+def largest_dead_band(limit: float) -> float:
+    """Return what any base follows whose largest velocity is ``limit`` [m/s, rad/s]."""
+    return min(max(FOLLOWED, FOLLOWED_PART * limit), limit)
+
+
+@dataclass(frozen=True, slots=True)
+class Curvature:
+    """
+    Curvature that the base adds to every command: ``value`` [rad/m] and ``variance`` [rad^2/m^2].
+
+    ``change`` is the largest recent change of the angular velocity, decayed, and ``last_angular``
+    the angular velocity commanded last [rad/s].
+    """
+
+    value: float = 0.0
+    variance: float = FIRST_VARIANCE
+    change: float = 0.0
+    last_angular: float = 0.0
+
+    def updated(
+        self,
+        previous: Measurement | None,
+        measurement: Measurement,
+        twist: Twist,
+        dt: float,
+        *,
+        drift: float,
+    ) -> 'Curvature':
+        """
+        Return the curvature after ``twist`` for ``dt`` [s]: one step of a scalar Kalman filter.
+
+        The state c is a random walk of ``drift`` [rad/m] in a metre. With s = u_1 dt the turn of
+        the heading between the measurements is u_2 dt + c s + noise. A command reaches the wheels
+        late by an unknown part of LATENCY_S, so that a change of u_2 counts as heading noise.
+        """
+        change = max(abs(twist.angular - self.last_angular), CHANGE_DECAY * self.change)
+        driven = dt != 0.0 and measurement.bearings is not None
+        if previous is None or previous.bearings is None or not driven:
+            return Curvature(self.value, self.variance, change, twist.angular)
+        travel = twist.linear * dt
+        turn = math.remainder(measurement.heading_error - previous.heading_error, 2.0 * math.pi)
+        innovation = turn - twist.angular * dt - self.value * travel
+        variance = self.variance + drift**2 * abs(travel)
+        late = (LATENCY_S * change) ** 2
+        noise = late + _heading_noise(previous) + _heading_noise(measurement)
+        gain = variance * travel / (variance * travel * travel + noise)
+        value = min(max(self.value + gain * innovation, -MOST_CURVATURE), MOST_CURVATURE)
+        return Curvature(value, variance * (1.0 - gain * travel), change, twist.angular)
+
+
+def heading_deviation(measurement: Measurement) -> float:
+    """Return the deviation of the heading error by a memory, or by two views [rad]; or inf."""
+    if math.isfinite(measurement.heading_deviation):
+        return measurement.heading_deviation
+    if measurement.bearings is not None:
+        return math.sqrt(max(heading_variance(measurement), LEAST_HEADING_VARIANCE))
+    if math.isnan(measurement.parallax):
+        return math.inf
+    # A rotation alone takes for a turn what is parallax, but for the noise in it.
+    parallax = measurement.parallax - NOISE_OF_PARALLAX * measurement.noise
+    return max(parallax, math.sqrt(LEAST_HEADING_VARIANCE))
+
+
+def heading_variance(measurement: Measurement) -> float:
+    """Return the variance of alpha = psi - phi - pi/2 by two views [rad^2]; nan while unknown."""
+    (psi, psi_phi), (_, phi) = measurement.covariance.tolist()
+    return float(psi + phi - 2.0 * psi_phi)
+
+
+def _heading_noise(measurement: Measurement) -> float:
+    """Return the variance of a heading [rad^2], never below the least, which stands for nan."""
+    variance = heading_variance(measurement)
+    return LEAST_HEADING_VARIANCE if math.isnan(variance) else variance + LEAST_HEADING_VARIANCE
 
 
 def _zeros() -> FloatArray:

@@ -1,0 +1,95 @@
+"""
+Consistency: errors of the estimate of the goal in closed loops, over the covariance it states.
+
+After the first second of a run each image with a scale counts: chi square of offset and heading
+by their covariance (NEES), of the offset alone and of the heading, over what is expected of it.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+import math
+from typing import Any
+
+import numpy as np
+
+from visual_servo_epipolar.commands.arguments import scenario_path
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.evaluation.benchmarks.starts import runs_on_points
+from visual_servo_epipolar.evaluation.tables import cells, Columns, markdown, numbers
+from visual_servo_epipolar.simulation.closed_loop import Loop
+from visual_servo_epipolar.simulation.scenario import load
+from visual_servo_epipolar.sweeping.plan import Run
+from visual_servo_epipolar.sweeping.provenance import commit
+
+SCENARIOS, LAWS = ('nominal', 'realistic', 'harsh', 'cheap'), ('full', 'smooth')
+STARTS, QUICK_STARTS = 12, 1
+FIRST_S = 1.0  # of a run, that does not count
+PARTS = {'nees': [0, 1, 2], 'offset': [0, 1], 'heading': [2]}
+COLUMNS: Columns = {
+    'scenario': lambda row: str(row['scenario']),
+    'law': lambda row: f'`{row["law"]}`',
+    'images': lambda row: str(row['images']),
+    'offset and heading': lambda row: numbers(row['nees'], 2),
+    'offset': lambda row: numbers(row['offset'], 2),
+    'heading': lambda row: numbers(row['heading'], 2),
+}
+
+
+def ratios(estimate: GoalEstimate, pose: Pose) -> list[float]:
+    """Return chi square over its expected value of each of PARTS, at the true ``pose``."""
+    right, ahead = estimate.offset or (math.nan, math.nan)
+    turn = math.remainder(estimate.heading - pose.heading_error, 2.0 * math.pi)
+    error = np.array([right - pose.x, ahead - pose.y, turn])
+    return [
+        float(error[it] @ np.linalg.solve(estimate.covariance[np.ix_(it, it)], error[it]))
+        / len(it)
+        for it in PARTS.values()
+    ]
+
+
+def ratios_of_run(settings: Run) -> Iterator[list[float]]:
+    """Drive a run, and yield the ratios of its images."""
+    found: list[tuple[Pose, GoalEstimate]] = []
+    loop = Loop(*settings)
+
+    def control(state: ServoState, seen: Observation, servo: ServoSettings) -> ServoState:
+        after = step(state, seen, servo)
+        if after.view.estimate is not None and after.phase.runs:
+            found.append((loop.exposed_at, after.view.estimate))
+        return after
+
+    loop.run(control=control)
+    for pose, estimate in found:
+        late = seconds_between(found[0][1].stamp_ns, estimate.stamp_ns) > FIRST_S
+        if late and np.isfinite(estimate.covariance).all():
+            yield ratios(estimate, pose)
+
+
+def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
+    """Drive from the same starts in each scenario, by each law, and return a row for each."""
+    starts, rows = QUICK_STARTS if quick else STARTS, []
+    for name in SCENARIOS[: 1 if quick else None]:
+        for law in LAWS:
+            scenario = load(scenario_path(name)).with_servo({'law': law})
+            found: list[list[float]] = []
+            for number, settings in enumerate(runs_on_points(scenario, 'front', starts, seed), 1):
+                say(f'consistency: {name}, {law}: run {number} of {starts} ...')
+                found += ratios_of_run(settings)
+            both = np.percentile(np.array(found or [[math.nan] * len(PARTS)]), (50, 95), axis=0)
+            parts = {part: both[:, column].tolist() for column, part in enumerate(PARTS)}
+            rows.append({'scenario': name, 'law': law, 'images': len(found), **parts})
+    return {'starts': starts, 'seed': seed, 'commit': commit(), 'rows': rows}
+
+
+def table(document: Mapping[str, Any]) -> str:
+    """Return the document as Markdown: one row a scenario and law."""
+    words = (
+        f'{document["starts"]} starts in front, point features; chi square over its expected '
+        f'value, median / p95; seed {document["seed"]}, commit {document["commit"]}.'
+    )
+    return '\n'.join([words, '', *markdown(' | '.join(COLUMNS), cells(COLUMNS, document['rows']))])
