@@ -23,6 +23,7 @@ from zipfile import BadZipFile
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 import yaml
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
@@ -40,7 +41,9 @@ VERSION = 1
 FORMER_NOISE_PX = 0.1  # of a structure that does not name its own
 ROUTE, CAMERA, STRUCTURE = 'route.yaml', 'camera.yaml', 'structure.npz'
 PHOTOGRAPH = re.compile(r'\d{6}(_\d+)?\.(png|jpg)')
-ENCODING = {'.png': [cv2.IMWRITE_PNG_COMPRESSION, 6], '.jpg': [cv2.IMWRITE_JPEG_QUALITY, 90]}
+ENCODING = {'.png': [cv2.IMWRITE_PNG_COMPRESSION, 6], '.jpg': [cv2.IMWRITE_JPEG_QUALITY, 75]}
+# What is kept of a descriptor, of norm 512, and of a covariance: the noise of either is larger.
+DESCRIPTOR_STEP, COVARIANCE_BITS = 8, 8
 RENEWED = ('rows', 'pixels', 'sizes', 'angles', 'descriptors')
 AGAIN = 'copy the folder anew from where it is whole, or teach the route again'
 FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -185,9 +188,9 @@ def _columns(view: RouteView) -> dict[str, Any]:
     """Return the arrays of a key view, rows are features, or samples of the path."""
     keypoints, structure, path = view.keypoints, view.structure, view.path
     return _keypoint_columns(keypoints) | {
-        'offsets': structure.offsets.T,
-        'inverse_depth': structure.inverse_depth,
-        'covariance': structure.covariance.transpose(2, 0, 1).astype(np.float32),
+        'offsets': structure.offsets.T.astype(np.float32),
+        'inverse_depth': structure.inverse_depth.astype(np.float32),
+        'covariance': _rounded(structure.covariance.transpose(2, 0, 1)),
         'path': np.column_stack([path.way, path.poses, path.curvatures, path.speeds]),
         'shared': np.concatenate([structure.shared, [structure.jitter, structure.noise]])[None],
         'tuning': np.array([[int(keypoints.tuning or 1)]]),  # type: ignore[call-overload]
@@ -212,13 +215,20 @@ def _arrays(views: Sequence[RouteView]) -> dict[str, Any]:
 
 
 def _keypoint_columns(keypoints: Keypoints) -> dict[str, Any]:
-    whole = keypoints.descriptors
+    whole = DESCRIPTOR_STEP * np.rint(keypoints.descriptors / DESCRIPTOR_STEP)
     return {
         'pixels': keypoints.pixels,
         'sizes': keypoints.sizes,
-        'angles': keypoints.angles,
+        'angles': keypoints.angles.astype(np.float32),
         'descriptors': whole.astype(np.uint8 if whole.max(initial=0) < 256 else np.uint16),
     }
+
+
+def _rounded(covariance: FloatArray) -> NDArray[np.float32]:
+    """Return a ``covariance`` to COVARIANCE_BITS, so that it is compressed well."""
+    mantissa, exponent = np.frexp(covariance)
+    whole = np.rint(np.ldexp(mantissa, COVARIANCE_BITS))
+    return np.asarray(np.ldexp(whole, exponent - COVARIANCE_BITS), np.float32)
 
 
 class _Head(NamedTuple):
@@ -410,8 +420,8 @@ def _key_view(
     keypoints = _keypoints(part, tuning)
     structure = LocalStructure(
         keypoints.pixels,
-        part['offsets'].T,
-        part['inverse_depth'],
+        part['offsets'].T.astype(np.float64),
+        part['inverse_depth'].astype(np.float64),
         part['covariance'].transpose(1, 2, 0).astype(np.float64),
         shared[:SHARED],
         float(shared[SHARED]),
@@ -432,5 +442,5 @@ def _key_view(
 
 
 def _keypoints(part: Mapping[str, Any], tuning: int) -> Keypoints:
-    descriptors = part['descriptors'].astype(np.float32)
-    return Keypoints(part['pixels'], part['sizes'], part['angles'], descriptors, tuning)
+    angles, descriptors = part['angles'].astype(np.float64), part['descriptors'].astype(np.float32)
+    return Keypoints(part['pixels'], part['sizes'], angles, descriptors, tuning)

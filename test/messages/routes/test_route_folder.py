@@ -42,9 +42,10 @@ def test_a_route_is_read_as_it_was_written(folder: Path) -> None:
         expected = key_view(number)
         off = np.abs(view.image.astype(int) - expected.image)
         assert not off.any() if view.is_station else 0 < off.max() < 60
-        assert np.array_equal(view.keypoints.descriptors, expected.keypoints.descriptors)
-        assert np.array_equal(view.structure.pixels, expected.structure.pixels)
-        assert np.array_equal(view.structure.inverse_depth, expected.structure.inverse_depth)
+        kept, learnt = view.structure, expected.structure
+        assert np.abs(view.keypoints.descriptors - expected.keypoints.descriptors).max() <= 4.0
+        assert np.array_equal(kept.pixels, learnt.pixels)
+        assert np.allclose(kept.inverse_depth, learnt.inverse_depth, rtol=1e-7)
         assert np.array_equal(view.path.poses, expected.path.poses)
         assert view.keypoints.tuning == 2 and view.way == expected.way
     assert sorted(file.name for file in folder.iterdir()) == [
@@ -59,7 +60,7 @@ def test_a_route_is_read_as_it_was_written(folder: Path) -> None:
 
 def test_descriptors_take_a_byte_where_that_holds_them(tmp_path: Path) -> None:
     view = key_view(0)
-    for largest, size in ((255.0, 1), (512.0, 2)):
+    for largest, size in ((248.0, 1), (512.0, 2)):
         descriptors = np.full_like(view.keypoints.descriptors, largest)
         keypoints = replace(view.keypoints, descriptors=descriptors)
         other = replace(view, keypoints=keypoints)
@@ -68,8 +69,13 @@ def test_descriptors_take_a_byte_where_that_holds_them(tmp_path: Path) -> None:
             assert stored['descriptors'].itemsize == size
             assert stored['covariance'].dtype == np.float32
         again = read_route(tmp_path / f'{size}').views[0]
-        assert np.array_equal(again.keypoints.descriptors, descriptors)
-        assert np.allclose(again.structure.covariance, view.structure.covariance, rtol=1e-6)
+        assert np.allclose(again.structure.covariance, view.structure.covariance, rtol=2.0**-8)
+
+
+def test_a_route_that_is_written_again_loses_nothing_more(folder: Path, tmp_path: Path) -> None:
+    write_route(read_route(folder), tmp_path / 'again')
+    for file in folder.iterdir():
+        assert (tmp_path / 'again' / file.name).read_bytes() == file.read_bytes()
 
 
 def test_what_the_odometry_bridged_is_marked_in_the_folder(tmp_path: Path) -> None:
@@ -97,7 +103,7 @@ def test_photographs_of_other_days_are_kept_and_lose_nothing(folder: Path) -> No
     assert (folder / '000001.jpg').read_bytes() == old
     assert np.array_equal(again.views[2].renewed[0].load(), key_view(10).image)
     assert np.array_equal(again.views[1].renewed[1].rows, rows)
-    expected = key_view(1).keypoints.descriptors[rows]
+    expected = route.views[1].keypoints.descriptors[rows]
     assert np.array_equal(again.views[1].renewed[0].keypoints.descriptors, expected)
     (folder / '000002_1.png').unlink()
     with pytest.raises(InputError, match='1 of 6 photographs are missing, the first is 000002_1'):
