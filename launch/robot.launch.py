@@ -42,7 +42,7 @@ def generate_launch_description():
                 'true: the robot drives as soon as there are tracks, not on ~/start',
                 UNSET_OR_BOOLEAN,
             ),
-            argument('use_sim_time', who='a simulator'),
+            argument('use_sim_time', source='a simulator'),
             argument('record'),
             argument(
                 'dock',
@@ -54,7 +54,7 @@ def generate_launch_description():
             argument(
                 'lifecycle',
                 'self',
-                'Who configures and activates: each node itself at the start, you by ros2 '
+                'What configures and activates: each node itself at the start, you by ros2 '
                 'lifecycle, or the lifecycle manager of nav2, which is started for it',
                 ('self', 'manual', 'nav2'),
             ),

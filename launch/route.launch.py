@@ -44,7 +44,7 @@ def generate_launch_description():
             argument(
                 'start', '', 'Simulated start: x, y [m], heading from +y [deg]: "[3.1, -5.0, 5.0]"'
             ),
-            argument('use_sim_time', who='a simulator'),
+            argument('use_sim_time', source='a simulator'),
             argument('record'),
             argument('sigterm_timeout'),
             OpaqueFunction(function=nodes),

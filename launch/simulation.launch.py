@@ -58,7 +58,7 @@ def generate_launch_description():
             argument(
                 'autostart', '', 'false: the servo waits for its service ~/start', UNSET_OR_BOOLEAN
             ),
-            argument('use_sim_time', who='somebody else'),
+            argument('use_sim_time', source='another program'),
             argument('record'),
             argument(
                 'rviz',

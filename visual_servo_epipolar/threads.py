@@ -2,7 +2,7 @@
 
 import os
 
-# Matrices here are small, and who shares their products among threads waits for a core for each
+# Matrices here are small, and a library that shares their products waits for a core for each
 # of them where others have the cores; the threads themselves keep a core busy by waiting.
 ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1'}
 

@@ -17,7 +17,7 @@ class Terminated(KeyboardInterrupt):
     """SIGTERM came: all ends as after Ctrl-C, with its own exit code."""
 
 
-def leave_at_once(who: str) -> None:
+def leave_at_once(name: str) -> None:
     """
     Let SIGINT and SIGTERM end this process from now on, by one line and their exit code.
 
@@ -26,7 +26,7 @@ def leave_at_once(who: str) -> None:
     """
 
     def leave(number: int, _: object) -> NoReturn:
-        os.write(STDERR, f'{who}: interrupted\n'.encode())
+        os.write(STDERR, f'{name}: interrupted\n'.encode())
         os._exit(CODES[signal.Signals(number)])
 
     for number in CODES:

@@ -94,7 +94,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    who = f'visual_servo {options.command}'
+    name = f'visual_servo {options.command}'
     try:
         with terminable():
             check_outputs(options)
@@ -103,18 +103,18 @@ def _run(options: argparse.Namespace) -> int:
         return UNREAD
     except (VisualServoError, OSError) as error:
         code = BAD_INPUT if isinstance(error, (InputError, OSError)) else FAILURE
-        return _complain(who, error, code)
+        return _complain(name, error, code)
     except ImportError as error:
-        return _complain(who, remedy(error), BAD_INPUT)
+        return _complain(name, remedy(error), BAD_INPUT)
     except KeyboardInterrupt as error:
         return _complain(
-            who, 'interrupted', TERMINATED if isinstance(error, Terminated) else INTERRUPTED
+            name, 'interrupted', TERMINATED if isinstance(error, Terminated) else INTERRUPTED
         )
 
 
-def _complain(who: str, reason: object, code: int) -> int:
+def _complain(name: str, reason: object, code: int) -> int:
     with suppress(BrokenPipeError):
-        print(f'{who}: {" ".join(str(reason).split())}', file=sys.stderr)
+        print(f'{name}: {" ".join(str(reason).split())}', file=sys.stderr)
     return code
 
 

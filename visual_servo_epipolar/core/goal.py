@@ -13,7 +13,7 @@ MapT = TypeVar('MapT')
 @dataclass(frozen=True)
 class Goal(Generic[MapT]):
     """
-    Goal of a run: its ``id``, which each of its features knows.
+    Goal of a run: its ``id``, which each of its features carries.
 
     The ``map`` of what lies around is the servo's, and is learnt anew for each goal.
     """

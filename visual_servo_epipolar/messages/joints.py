@@ -34,7 +34,7 @@ def read_joints(message: Any, names: Sequence[str]) -> dict[str, float]:
     if len(message.position) != len(present):
         raise ValueError(
             f'joint_states must have a position for each of its {len(present)} joints, got '
-            f'{len(message.position)}; look at who publishes them'
+            f'{len(message.position)}; check which node publishes them'
         )
     angles = dict(zip(present, map(float, message.position), strict=True))
     return {name: angles[name] for name in names if name in angles}

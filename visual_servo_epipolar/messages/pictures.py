@@ -3,7 +3,7 @@ Pictures: the pixels of JPEG, PNG, TIFF, WebP, and of what else OpenCV reads, as
 
 The calibration of a camera belongs to the pixels as it stores them: what an orientation tag, of
 EXIF or of TIFF's own, turns must turn K as well. A picture that is upside down by its tag is
-turned for those who turn K, all others with a tag are refused. OpenCV, asked to turn none, turns
+turned where K is as well, all others with a tag are refused. OpenCV, asked to turn none, turns
 those of TIFF.
 """
 

@@ -221,7 +221,7 @@ def has_photograph(message: Any) -> bool:
 
 
 def phase(word: str) -> str:
-    """Return the phase that a word on ``phase`` or in diagnostics is of: who is armed waits."""
+    """Return the phase that a word on ``phase`` or in diagnostics is of: an armed servo waits."""
     return Phase.WAITING.value if word == ARMED else word
 
 

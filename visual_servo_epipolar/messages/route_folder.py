@@ -174,7 +174,7 @@ def calibration_hash(camera: CameraModel) -> str:
 
 
 def route_hash(folder: Path) -> str:
-    """Return the hash of a route in its folder with all parts, by which a bag knows it."""
+    """Return the hash of a route in its folder with all parts, by which a bag names it."""
     return _hash(place_of(folder, ROUTE).read_bytes())
 
 

@@ -48,7 +48,7 @@ TRACK_FIELDS = tuple(
 
 def stamp(stamp_ns: int) -> Time:
     """Return a time [ns] as a message; the first or last that there is of any beyond."""
-    # Of 2^32 - 1 ns beside the last second, as a driver may send, who passes it on must not die.
+    # Of 2^32 - 1 ns beside the last second, as a driver may send: no node may end by it.
     stamp_ns = min(max(stamp_ns, FIRST_NS), LAST_NS)
     return Time(sec=int(stamp_ns // NANOSECONDS), nanosec=int(stamp_ns % NANOSECONDS))
 

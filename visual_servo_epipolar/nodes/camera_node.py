@@ -75,7 +75,7 @@ class CameraNode(GuardedNode):
         self._desired_pub.publish(self._message(self._simulator.photograph(), 0))
 
     def _mount_transform(self) -> TransformStamped:
-        """Return where the camera sits on the base; the floor's jitter is not known to anybody."""
+        """Return where the camera sits on the base; the floor's jitter is unknown."""
         mount, base = self._settings.mount, Pose(0.0, 0.0, 0.0)
         return transforms.mount_transform(
             self._names.base, self._names.camera, mount.R_world_camera(base), mount.centre(base)

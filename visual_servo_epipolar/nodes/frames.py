@@ -49,11 +49,11 @@ class MountSettings(Protocol):
 
 class StaticMount:
     """
-    Keeps the static transforms of a robot, and knows from them how its camera is mounted.
+    Keeps the static transforms of a robot, and finds in them how its camera is mounted.
 
     Nothing is known unless it ``listens``, nor without tf2_msgs, which it says. What cannot be
     used is said by ``warn``; ``trouble`` tells of a mount that is known and cannot be used, ''
-    where there is none: who drives all the same takes the camera for one that looks ahead.
+    where there is none: a node that drives all the same assumes a camera that looks ahead.
     """
 
     def __init__(

@@ -6,12 +6,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 # subscriber connects and no step is lost. Depth 1: in a control loop a second-newest message is
 # worth nothing.
 STREAM = COMMAND = QoSProfile(depth=1)
-# A photograph, or a state, must reach those who come late.
+# A photograph, or a state, must reach subscribers that come late.
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # /clock as ROS defines it.
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 DIAGNOSTICS = QoSProfile(depth=10)
-# Switches that anybody may press: at depth 1 a press is lost where another message, also of
+# Switches that several may press: at depth 1 a press is lost where another message, also of
 # another publisher, comes after it while images are looked at.
 SWITCH = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED_SWITCH = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)

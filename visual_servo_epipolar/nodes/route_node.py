@@ -327,7 +327,7 @@ class RouteNode(ManagedNode):
             return 'no images have come for a second; is the camera running?'
         return self._rivals.refusal() or self._enable.withheld()
 
-    @in_every_state  # who cancels wants the robot to stand also when the node is active again
+    @in_every_state  # after a cancel the robot stands also when the node is active again
     def _cancel(self) -> str:
         self._stop('cancelled')
         return 'the robot stands'

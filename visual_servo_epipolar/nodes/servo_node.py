@@ -254,7 +254,7 @@ class ServoNode(ManagedNode):
             run.insist()
 
     def _on_idle(self) -> None:
-        """Say who else commands the base, and why the robot stands, where no step does."""
+        """Report others that command the base, and why the robot stands, where no step does."""
         rivals = self._admission.rivals
         contested = rivals.complaint()
         self._look_around()
@@ -327,7 +327,7 @@ class ServoNode(ManagedNode):
             text += f'; the order lapses after {timeout:g} s'
         return '; '.join(filter(None, [text, self._run.notice]))
 
-    @in_every_state  # who stops the robot wants it to stand also when the node is active again
+    @in_every_state  # after a stop the robot stands also when the node is active again
     def _on_stop(self) -> str:
         self.stop()
         return 'the robot stands'

@@ -98,7 +98,7 @@ def board(size: tuple[int, int], share: float, slides: bool, rng: np.random.Gene
 
 
 def person(size: tuple[int, int], height: float, rng: np.random.Generator) -> Occluder:
-    """Return one who walks through the image from left to right, ``height`` of it tall."""
+    """Return a person who walks through the image from left to right, ``height`` of it tall."""
     tall = round(size[1] * height)
     wide, high = max(8, round(ASPECT * tall)), max(16, tall)
     top = size[1] - tall if height < 1.0 else 0

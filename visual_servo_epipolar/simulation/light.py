@@ -89,7 +89,7 @@ class Window:
 
     @property
     def edges(self) -> FloatArray:
-        """Its edges to the right, for who looks out, and down [m], shape (2, 3)."""
+        """Its edges to the right, as seen from inside, and down [m], shape (2, 3)."""
         x, y, _ = self.normal
         return np.asarray(
             [[-y * self.size[0], x * self.size[0], 0.0], [0.0, 0.0, -self.size[1]]], np.float64

@@ -114,7 +114,7 @@ class RunMonitor:
 
 
 def verdict(log: RunLog, rig: SimulatedRig) -> dict[str, Any]:
-    """Return the verdict on a run: that of ``summarise``, and what only the world knows."""
+    """Return the verdict on a run: that of ``summarise``, and what only the world can measure."""
     return summarise(log) | {'wrong_geometry_s': wrong_geometry_s(log, rig)}
 
 

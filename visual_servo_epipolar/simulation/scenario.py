@@ -165,7 +165,7 @@ def _by_section(document: Any, where: str) -> dict[str, Any]:
     nodes = [str(key) for key in document if str(key) == ALL_NODES or _node(key) in NODES]
     sections = {key: values for key, values in document.items() if str(key) not in nodes}
     general, special = _parameters(document, nodes, where)
-    # A file for all nodes that one of them knows whole is that one's: both have min_features.
+    # A file for all nodes whose names one of them has is that one's: both have min_features.
     whole = [item for item in ROBOT if general.keys() <= set(_names(item))]
     for section in NODES.values():
         names = _names(section) if section in (whole or ROBOT) else []

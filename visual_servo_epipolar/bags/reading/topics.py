@@ -167,7 +167,7 @@ def _as_transported(bag: Bag, topics: Mapping[str, BagTopic]) -> BagTopic:
     if settings is None or compressed is None or compressed.kind not in IMAGES:
         return image
     first = next(iter(bag.messages([settings.name])), None)
-    with suppress(ValueError):  # settings of no use: who reads them says so
+    with suppress(ValueError):  # settings of no use: their reader reports it
         if first and from_text(first.message.data).values.get('transport') == 'compressed':
             return compressed
     return image

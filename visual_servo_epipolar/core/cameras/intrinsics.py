@@ -105,7 +105,7 @@ def checked_matrix(numbers: Sequence[float], name: str = 'K') -> FloatArray:
             f'columns; write {name} row by row'
         )
     raise ValueError(
-        f'the rows of {name} must be {expected}, got {values}; calibrate, or mend who writes it'
+        f'the rows of {name} must be {expected}, got {values}; calibrate, or mend its writer'
     )
 
 

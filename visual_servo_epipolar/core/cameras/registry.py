@@ -18,7 +18,7 @@ CameraFactory: TypeAlias = Callable[..., CameraModel]
 @dataclass(frozen=True, slots=True)
 class CameraRow:
     """
-    Row of a camera: who makes it, and how many ``coefficients`` its lens may have.
+    Row of a camera: its constructor, and how many ``coefficients`` its lens may have.
 
     ``factory`` takes width, height, fx, fy, cx, cy [px], the coefficients and the name of the
     lens, and ``skew`` by keyword. Where the size of the image tells all, ``of_size`` makes it from

@@ -2,7 +2,7 @@
 A request to dock, from acceptance to result: states and errors of the action DockRobot.
 
 Pure functions take what is heard of the servo and the time [s], and return the task after it with
-the orders that follow; who carries them out is no matter of the core. Each attempt stops the servo
+the orders that follow; a node carries them out. Each attempt stops the servo
 first: what it says before it says ``waiting`` is of an earlier run.
 """
 
@@ -206,7 +206,7 @@ def cancel(task: Task, why: str) -> Task:
 
 
 def abandon(task: Task, why: str) -> Task:
-    """Return the task after who serves it has given it up: an error, and the servo is stopped."""
+    """Return the task after its server has given it up: an error, and the servo is stopped."""
     return _end(task, Error.UNKNOWN, why)
 
 

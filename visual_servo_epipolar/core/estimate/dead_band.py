@@ -16,9 +16,9 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 LATE_S = 0.5  # by which a base may follow late
 PATIENCE_S = 1.5  # in which it follows if it does at all
 LEAST_ASKED = 0.003  # motion, below which laws and delays make anything of it [m], [rad]
-STANDING = 0.5  # of what was commanded: who moved less stands, now and then at least
+STANDING = 0.5  # of what was commanded: a base that moved less stands, at least now and then
 OF_PULSES = 0.15  # the same of pulses, most of which a base may spend on speeding up
-SMOOTHING = 0.2  # weight of the newest position of who stands
+SMOOTHING = 0.2  # weight of the newest position of a standing robot
 MANY = 4.0  # pulses, of which one may not have acted yet
 DEVIATIONS = 8.0  # of a position, that the motion commanded must be
 # Over the velocity that was not followed, and over one of about what was learnt already: it may be
@@ -133,7 +133,7 @@ class DeadBand:
     Thresholds of the base, [m/s] and [rad/s], as they show while it drives.
 
     ``along`` is the way of the camera along the robot's own axis [m], to ``place``, (right, ahead)
-    of the goal [m], None where no memory of views knows it. There the difference D of the features
+    of the goal [m], None where no memory of views gives it. There the difference D of the features
     tells it where its slope is known, as the longitudinal error ``seen`` [m], nan elsewhere.
     """
 

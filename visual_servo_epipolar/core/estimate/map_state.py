@@ -1,4 +1,4 @@
-"""Map state: what the keyframes of the way say of this view, where they know better than two."""
+"""Map state: what the keyframes of the way say of this view, where they are surer."""
 
 from dataclasses import dataclass, replace
 import math
@@ -99,7 +99,7 @@ def localize(
         carries = _carries(said, observations.ids, before.place, motion)
         if is_over or not carries:
             place = None if before.place is None else before.place.after(motion)
-            # Who seems to be elsewhere was not seen.
+            # A pose that contradicts the driven path is discarded.
             unseen = replace(after, pose=views.pose, shrinkage=views.shrinkage)
             is_over = is_over and (carries or before.is_over)  # the cause, also of what follows
             return MapState(unseen, place, few_s, is_over), None
@@ -174,7 +174,7 @@ def sharpened(
     measurement: Measurement, reading: MapMeasurement, settings: DriveSettings
 ) -> Measurement:
     """
-    Return ``measurement`` with what the memory knows better, by deviations.
+    Return ``measurement`` with what the memory measures better, by deviations.
 
     Of two that know a bearing about as well it is the memory's: two views do not know how wrong
     the lens is, and where now the one and then the other counts, bearings leap.

@@ -1,9 +1,9 @@
 """
-Odometry: whether the wheels tell the truth, by what is seen and by what was commanded.
+Odometry: whether the wheels agree, with what is seen and by what was commanded.
 
-They know way and turn between two images better than commands do; but an encoder may be unplugged,
+They measure motion between two images better than commands do; but an encoder may be unplugged,
 a driver repeat its last pose, a frame be mirrored. Images tell the turn, and the way as far as a
-memory of views knows its scale; commands say what a base does at most. Until odometry has agreed
+memory of views has a scale; commands say what a base does at most. Until odometry has agreed
 once it is not used, and never again in this run once it has been contradicted several times.
 """
 
@@ -23,7 +23,7 @@ DEVIATIONS = 5.0  # of a turn that is seen
 TURN_SHARE, WAY_SHARE, TURN_OF_WAY, LEAST_TURN, LEAST_WAY = 0.15, 0.1, 0.12, 0.01, 0.003
 BETTER = 0.5  # of its error, that commands must have: else they are wrong as well
 MOST_CONTRADICTIONS = 3  # less the times that it agreed since
-GAP_S = 1.0  # without images, over which anybody may have moved the robot
+GAP_S = 1.0  # without images, over which the robot may have been moved
 JUMP_SPEEDS, JUMP_WAY, JUMP_TURN = 2.0, 0.03, 0.05  # over the largest speeds, and beyond [m, rad]
 MOST_DEVIATION = 0.02  # of a heading that tells a turn [rad]
 COMMANDED_WAY = 0.4  # commanded, after which it is held against that [m]
@@ -93,7 +93,7 @@ def turn_errors(check: OdometryCheck, seen: Seen) -> Errors:
 
 
 def way_errors(check: OdometryCheck, seen: Seen) -> Errors:
-    """Return the errors of ways ahead; none where no memory knows the places."""
+    """Return the errors of ways ahead; none where no memory gives the places."""
     before = check.seen
     if before.place is None or seen.place is None:
         return Errors(math.nan)
@@ -242,7 +242,7 @@ def _jump(motion: Motion, dt: float, settings: DriveSettings) -> str:
         return ''
     return (
         f'odometry leaps by {motion.way:.2f} m and {motion.turn:.2f} rad in {dt:.2f} s, at most '
-        f'{most_way:.2f} m and {most_turn:.2f} rad can be; look who else publishes or resets odom'
+        f'{most_way:.2f} m and {most_turn:.2f} rad can be; what else publishes or resets odom?'
     )
 
 

@@ -489,7 +489,7 @@ class DriveSettings(PerceptionSettings, ControlSettings, ABC):
         """
         Return the settings of a camera mounted as in a description of the robot.
 
-        Who draws one seldom measures: deviations stay what they are.
+        A drawing is seldom measured: deviations stay what they are.
 
         Raises ValueError if it is beyond what the settings allow.
         """

@@ -27,20 +27,20 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 COMMON, COMMON_SHARE = 8, 0.4  # features that two views must have in common, of the first one's
 NOISE_OF_PARALLAX = 1.2  # of two views of one place, in deviations of a coordinate
 LEAST_NOISE = 1e-9  # [rad]
-STANDING_TURN, STANDING_PARALLAX = 0.015, 2.5  # of who stands at most [rad], [deviations]
+STANDING_TURN, STANDING_PARALLAX = 0.015, 2.5  # of a standing robot at most [rad], [deviations]
 TURN_DEVIATIONS = 6.0  # that a turn between two views may be wrong by, of a parallax
 DELAYS: FloatArray = np.linspace(0.0, MOST_DELAY_S, 16)  # [s]
-ASKED_TURN, ASKED_PARALLAX = 0.1, 10.0  # that show for certain who stands [rad], [deviations]
+ASKED_TURN, ASKED_PARALLAX = 0.1, 10.0  # that show a standing robot [rad], [deviations]
 # The same of slow commands, of which a dead band may swallow some, and for how long at least [s].
 ASKED_SLOWLY, SLOWLY_S = 1.5, 3.0
 UNRESPONSIVE_S = 6.0  # of any commands, to a base that did not follow, nor has moved since [s]
-SHARE = 0.25  # of what was commanded, that who stands moves at most
+SHARE = 0.25  # of what was commanded, that a standing robot moves at most
 # By which a turn may differ from commands: at least [rad], and in parallax, which a rotation alone
 # explains wrong.
 LEAST_TURN, TURN_OF_PARALLAX = 0.04, 1.5
 AGAINST = 0.4, 2.5  # turns seen over turns commanded, of an image that turns against commands
 SOON_S, TOLD_TURN = 0.5, 0.01  # in which a base usually follows, and a turn that counts [rad]
-MOVED_PARALLAX = 12.0  # of who was moved while it was to stand [deviations]
+MOVED_PARALLAX = 12.0  # of a robot moved while it was to stand [deviations]
 TURNED_BACK = 0.3  # of a turn, after a single wrong reading
 LONGEST_S = 1.0  # between two images that are compared
 LEAST_SLIP = 0.02  # that ends a run [rad]
@@ -220,7 +220,7 @@ def _against(window: CommandWindow, seen: ViewMotion) -> str:
 
 
 def _moved(window: CommandWindow, seen: ViewMotion) -> str:
-    """Return that who was to stand was moved; or ''."""
+    """Return that a robot that was to stand was moved; or ''."""
     if window.turns.any() or window.ways.any() or seen.parallax < MOVED_PARALLAX * seen.noise:
         return ''
     return (

@@ -110,7 +110,7 @@ def balances_ahead(
 
     The balance runs from 1, for the bearings, to -1, for their reverse. ``phasors`` are exp(i psi)
     and exp(i phi), shape (..., 2); rays of upright cameras are given by x and z; ``voting``, shape
-    (..., N), says who votes, ``noise``, (..., N), is the deviation of their angles [rad].
+    (..., N), says which match votes, ``noise``, (..., N), is the deviation of their angles [rad].
     A look-alike that was found along the epipolar line fits the geometry. Only its depth tells:
     beyond infinity, which is behind both cameras. Where more than a few of the ``voting`` matches
     are there, the geometry is in doubt, not they: then all count, and the vote is undecided.

@@ -22,7 +22,7 @@ def log_false_alarms(
     fundamental: FloatArray, current: FloatArray, desired: FloatArray, inliers: BoolArray
 ) -> float:
     """
-    Return log10 of how many geometries as good as this are expected among random matches.
+    Return log10 of how many geometries that fit as well are expected among random matches.
 
     Parameters
     ----------

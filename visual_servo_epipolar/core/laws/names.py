@@ -1,4 +1,4 @@
-"""Names of laws, for who lists them without loading any: ``registry.LAWS`` has the laws."""
+"""Names of laws, to list them without loading any: ``registry.LAWS`` has the laws."""
 
 from visual_servo_epipolar.core.registry import Registry
 

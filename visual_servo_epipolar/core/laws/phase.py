@@ -1,5 +1,5 @@
 """
-Phases and events: words that messages, files and plots share, and what the servo knows of each.
+Phases and events: words that messages, files and plots share, and the flags of each.
 
 What a phase does stands in its row (``machine.PhaseRow``), and how phases follow each other in the
 machine of a law (``machine.StateMachine``). A law may define phases and events of its own.

@@ -67,7 +67,7 @@ def laws_on_arcs() -> list[str]:
     """Return the names of the laws that drive a base which does not turn in place."""
     names = []
     for name in LAWS:
-        with suppress(ValueError):  # broken, which says who asks for it by name
+        with suppress(ValueError):  # broken, which is reported where it is asked for by name
             rows = machine_of(LAWS[name], on_arcs=True).rows
             names += [] if any(phase.turns_in_place for phase in rows) else [name]
     return names
@@ -85,7 +85,7 @@ def phase_row(word: str) -> PhaseRow | None:
     """Return the row of the first law that has a phase of this word; None if no law has one."""
     if word not in StateMachine.row_of_word:  # of a law that is not in use here
         for name in LAWS:
-            with suppress(ValueError):  # broken, which says who asks for it by name
+            with suppress(ValueError):  # broken, which is reported where it is asked for by name
                 _ = LAWS[name]
     return StateMachine.row_of_word.get(word)
 

@@ -81,7 +81,7 @@ class MotionState:
     What was commanded, and how far that has led.
 
     ``command``, the last one, of those ``sent``; ``since_command``, the time between the one
-    before and it, by the clock of who sends them [s], nan where unknown;
+    before and it, by the clock of their sender [s], nan where unknown;
     ``dead_band_residual``, the part of it that the dead band of the base withheld [m/s, rad/s];
     ``last_linear``, the speed of the command before the last [m/s].
 
@@ -190,8 +190,8 @@ class Settling:
     ``rest``, the mean of ``rested`` measurements since the last motion was seen, None while it
     moves, and ``rest_square``, the sum of squares by which their D varies; ``settled``, frames in
     a row that fulfil it; ``settled_parallax``, the root mean square of the parallax over them
-    [rad]; ``settled_aside``, the mean by which they look aside before a wall, in deviations, of
-    who has no map; ``time_in_tolerance``, for how long the phase has been so
+    [rad]; ``settled_aside``, the mean by which they look aside before a wall, in deviations,
+    where there is no map; ``time_in_tolerance``, for how long the phase has been so
     near its aim that a base may be unable to come nearer [s].
     """
 

@@ -39,7 +39,7 @@ def clock_jump(state: ServoState, stamp_ns: int, settings: DriveSettings) -> str
     """
     Return in words how the stamps leap to ``stamp_ns`` from the last image; empty if they do not.
 
-    They must advance. Who drives has an image again before the last one is stale. Who stands may
+    They must advance. A driving robot has an image before the last is stale; a standing one may
     have waited for as long as the stamps say.
     """
     if state.measurement is None:

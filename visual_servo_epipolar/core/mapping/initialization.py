@@ -36,7 +36,7 @@ from visual_servo_epipolar.core.mapping.fitting import (
 )
 
 STEPS, MORE_STEPS, ROUNDS = 2, 6, 6
-ALMOST = 1.5  # times the usual squares: as good as there
+ALMOST = 1.5  # times the usual squares: converged but for rounding
 COLD_DAMPING = 1e-3
 VOTE = 3.0  # most deviations of an inverse depth that count for its sign
 MOST_NOISE = 2.0  # of residuals over the noise that is expected: else it is the wrong geometry
@@ -85,7 +85,7 @@ def initial_geometry(
     twin = None if bearings is None else begun(last._replace(bearings=bearings))
     if twin is not None:
         others.append(twin)
-    # Who needs views left out does not fit as well.
+    # A geometry that needs views left out does not fit as well.
     others = [other for other in others if len(other.window) >= len(best.window)]
     return None if any(is_rival(best, other) for other in others) else best
 

@@ -1,7 +1,7 @@
 """
 Ranging: the distance to the goal from two bearings and the path between them.
 
-The servo has no odometry, but it knows its commands: between two images the robot went u_1 dt
+The servo has no odometry, but its commands: between two images the robot went u_1 dt
 along its heading, and the heading is measured. The goal is at the origin, and the bearing is psi_0
 where the leg began, psi at its end; hence, with r the displacement and p the unit vector of psi,
 

@@ -46,7 +46,7 @@ def looked_at(
     frame: int,
 ) -> LensCheck:
     """
-    Return the check after one more view, of which ``run`` is what the run measured and knows.
+    Return the check after one more view, of which ``run`` is what the run has measured.
 
     It begins from there: a first look from nothing takes half a second, these two or three views.
     """

@@ -20,7 +20,7 @@ class Measurement:
     the cameras; where the camera does not sit on the axle they become those of the axle, and
     ``camera_bearings`` keeps the others. ``difference`` is D of eq. (23) at unit focal length,
     averaged over the features, ``difference_deviation`` its noise, ``difference_slope`` what a
-    metre ahead adds to it, where a memory of views knows that; ``feature_error`` the median angle
+    metre ahead adds to it, where a memory of views gives that; ``feature_error`` the median angle
     between current and desired features [rad]; ``parallax`` the angle that the best rotation
     leaves unexplained [rad]; ``heading_error`` [rad], left positive, comes from the bearings where
     there are any, else from that rotation, whose own is ``rotation_heading``. ``deviation`` is the

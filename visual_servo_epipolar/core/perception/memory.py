@@ -38,7 +38,7 @@ class PerceptionMemory:
     ``noise`` the deviation of a tracked coordinate [px] as the residuals show it;
     ``consecutive_rejections`` counts estimates in a row that contradict ``bearings``; ``lens``
     is what was learnt of the camera matrix. ``two_view_skip`` is how many views to come need no
-    estimate, since the map knows their geometry, and which ``wrong`` matches it found, by id; None
+    estimate, since the map has their geometry, and which ``wrong`` matches it found, by id; None
     where it does not. ``rivals`` are both geometries before a plane, while the robot probes which
     is right; ``unlearnt`` is the last view, if its noise is yet to be learnt; ``shutter`` is what
     images show of its readout.

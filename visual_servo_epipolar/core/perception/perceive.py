@@ -102,7 +102,7 @@ def with_difference(perception: Perception, settings: PerceptionSettings) -> Mea
     """
     Return the measurement of a ``perception`` with D, which it may be without.
 
-    A memory of views that knows the geometry knows D as well: where one is expected to, it is only
+    A memory of views that has the geometry has D as well: where one is expected to, it is only
     computed when that has nothing to say.
     """
     measurement, observation = perception.measurement, perception.observation

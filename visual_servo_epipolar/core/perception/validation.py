@@ -309,7 +309,7 @@ def _contradiction(
     """
     Return how ``estimate`` contradicts the last bearings, in words; empty if it does not.
 
-    Whoever gives up the last bearings knows as little as at the beginning: a second geometry then
+    Without the last bearings as little is known as at the beginning: a second geometry then
     counts as it does there.
     """
     if memory.bearings is not None:

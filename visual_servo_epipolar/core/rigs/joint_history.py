@@ -76,8 +76,8 @@ class JointHistory:
         if turn <= FASTER * self._speed * dt + SLACK:
             return ''
         self._leapt = (
-            f'angles of {self.name} leap by {turn:.2f} rad in {dt:.3f} s; look who else publishes '
-            'them, or who sets the encoder to zero; set it as it was at the photograph, and call '
+            f'angles of {self.name} leap by {turn:.2f} rad in {dt:.3f} s; what else publishes '
+            'them, or sets the encoder to zero? Set it as it was at the photograph, and call '
             '~/reset'
         )
         return self._leapt

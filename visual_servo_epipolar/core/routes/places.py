@@ -173,10 +173,10 @@ class PlaceFinder:
         return place if is_near and place.deviation < CERTAIN else None
 
     def _beside(self, number: int, pose: FloatArray) -> PathPoint:
-        """Return where a pose in axes of a key view is beside the path, as who knows it best."""
+        """Return where a pose in axes of a key view is beside the path, by the next key view."""
         views, best = self.route.views, (math.inf, number, pose, 0.0)
         for k in range(max(number - SAME_PLACE, 0), min(number + SAME_PLACE + 1, len(views))):
-            # The path that a key view knows ends soon before and behind it.
+            # The path of a key view ends soon before and behind it.
             here = compose(relative_pose(views[k].pose, views[number].pose), pose)
             apart = np.linalg.norm(views[k].path.poses[:, :2] - here[:2], axis=1)
             nearest = int(np.argmin(apart))

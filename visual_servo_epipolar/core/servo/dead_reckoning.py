@@ -168,7 +168,7 @@ def measured_range(
 
 
 def _slope(state: ServoState, measurement: Measurement, acted: Actuation) -> Slope:
-    """Return the slope of D, as the map knows it, or updated by what acted in step 2."""
+    """Return the slope of D, as the map gives it, or updated by what acted in step 2."""
     slope = state.motion.slope
     if measurement.difference_slope > 0.0:
         return Slope(measurement.difference_slope, slope.weight)

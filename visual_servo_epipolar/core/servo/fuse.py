@@ -1,4 +1,4 @@
-"""Fuse: two views and the map become one measurement, or the map alone where it knows better."""
+"""Fuse: two views and the map become one measurement, or the surer map alone."""
 
 from dataclasses import replace
 import math

@@ -42,7 +42,7 @@ def pulsed_move(
     Return the twist to command for the one ``wanted``, and the rest of the move [m/s, rad/s].
 
     None where the law goes on: the base follows, the aim is farther than it drives while a move
-    is waited for, or no memory of views knows where that is.
+    is waited for, or no memory of views gives its place.
     """
     seen, rest = state.settling.rest or state.measurement, state.motion.dead_band_residual
     known = seen is not None and seen.offset is not None and settings.dead_band_mode == 'pulse'

@@ -16,7 +16,7 @@ BESIDE = (
 )
 MOST_TURNED = 0.5  # heading error with which a robot beside the goal moves aside at most [rad]
 SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
-# Who stands on its way does so below this speed [m/s], for longer than a cusp takes [s], farther
+# A robot stands on its way below this speed [m/s], for longer than a cusp takes [s], farther
 # from its last place than this [m].
 STANDING, LEAST_STANDSTILL_S, ENDING_M = 0.01, 0.3, 0.01
 AT_GOAL_M = 0.02  # a robot this near the goal has arrived, for whoever watches it

@@ -177,7 +177,7 @@ class Tracker:
         """
         Begin anew with what ``warps`` expect in ``image``; return how many features are there.
 
-        A matching of the whole image is saved where somebody knows how the photograph is seen.
+        A matching of the whole image is saved where the view of the photograph is known.
         """
         self.redetect()
         frame = Frame(self.canvas.painted(image))

@@ -1,7 +1,7 @@
 """
 Latency benchmark: from an image on the wire to the twist on the wire.
 
-The floor beside it, in the same run by turns: an echo node that answers each image of the same
+The floor beside it, alternating in the same run: an echo node that answers each image of the same
 size by an empty twist. The camera is this process; images are those of a run that the servo has
 driven before.
 """
@@ -226,7 +226,7 @@ CELLS = (
     FULL,
 )
 SECONDS, QUICK_SECONDS = 60.0, 4.0
-TURN_S = 20.0  # at most, nodes and echo by turns: load from elsewhere hits both
+TURN_S = 20.0  # at most, nodes and echo alternating: load from elsewhere hits both
 LEAD_RATE = 10.0  # of images before a run [Hz]
 ECHO_SHARE = 0.25  # of the time of the nodes
 LATENCIES = (
@@ -258,7 +258,7 @@ class Cost:
 
     @classmethod
     def of(cls, process: Process) -> 'Cost':
-        """Read what the kernel knows of a process."""
+        """Read the kernel's figures of a process."""
         # User and system time are fields 14 and 15; the name before them may hold blanks.
         fields = Path(f'/proc/{process.pid}/stat').read_text().rpartition(')')[2].split()
         ticks = int(fields[11]) + int(fields[12])
@@ -325,7 +325,7 @@ def _turns(seconds: float) -> int:
 def _by_turns(
     loop: PlayedCamera, run: DrivenRun, seconds: float, say: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Show the run to nodes and echo by turns, and return what both took."""
+    """Show the run to nodes and echo alternately, and return what both took."""
     turns = _turns(seconds)
     nodes, echoes = Answers(), Answers()
     stretches: list[Stretch] = []

@@ -4,13 +4,13 @@ Peers: position-based, homography-based and image-based visual servoing of a uni
 Position-based: the polar law of Aicardi, Casalino, Bicchi, Balestrino (1995) on the relative pose.
 With e the distance, a the direction of the goal against the heading and b against the goal's
 heading, u = g cos(a) e and w = k a + g cos(a) sin(a) / a (a + h b) make (e^2 + a^2 + h b^2) / 2
-fall. It is smooth, and knows no field of view. Close to the goal, where the direction of the
+fall. It is smooth, and has no field of view. Close to the goal, where the direction of the
 residual is noise, the robot covers the way ahead and turns to the final heading.
 
 Homography-based: after Fang, Dixon, Dawson, Chawda, IEEE SMC-B 35(5), 2005. Scaled translation and
 rotation, as a homography gives them, are the errors: e1 and e2 the goal's place in the robot's
 frame over the depth d* of the plane, e3 the heading error. A turn that never rests, e2^2 sin t,
-moves what no smooth law that knows no time can: e2. With
+moves what no smooth, time-invariant law can: e2. With
 
     v = k_v e1,  w = -k_w e3 + k_s |e2| e2 sin(s t)
 

@@ -109,7 +109,7 @@ class Record:
     """
     Record of one run; times are of the steady clock [s].
 
-    ``arrived_s`` is when the robot last said that it had arrived, ``why`` the words of those who
+    ``arrived_s`` is when the robot last said that it had arrived, ``why`` the words of nodes that
     said why it stands, ``senseless`` what was wrong with a command that is no velocity;
     ``wrong_route`` what was said of a route that must not have been written;
     ``wrong_geometry_s`` is as ``run_monitor.wrong_geometry_s`` [s].
@@ -389,7 +389,7 @@ def _arrival_error(record: Record, bounds: SafetyBounds) -> str:
 
 
 def _last(record: Record) -> TrueMotion:
-    """Return the end of a run; who is carried away after the arrival had arrived all the same."""
+    """Return the end of a run; a robot carried away after its arrival had arrived all the same."""
     if record.phase != Phase.ARRIVED.value:
         return record.truths[-1]
     away_s = min(

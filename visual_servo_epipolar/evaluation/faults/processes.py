@@ -1,4 +1,4 @@
-"""Faults of real processes: one of four is harmed while the robot drives; who hears them."""
+"""Faults of real processes: one of four is harmed while the robot drives."""
 
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -50,7 +50,7 @@ from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 DEEP = QoSProfile(depth=500)
 SPEAKS = re.compile(r'\[(?:WARN|ERROR|FATAL)\].*?\]: (.*)')
 SETTINGS = ServoSettings()
-# Nobody is left to say why the robot stands; of any other node the servo does.
+# No node is left to report why the robot stands; of any other node the servo does.
 ALONE = (SERVO, BASE)
 # Ramps are judged in simulated time alone: here messages come when the machine has time.
 LIMITS = Limits(SETTINGS.max_linear, SETTINGS.max_angular, math.inf, math.inf)
@@ -68,7 +68,7 @@ class RunListener(Listener):
 
     @property
     def hears_all(self) -> bool:
-        """Whether everybody whom it hears has been found."""
+        """Whether all publishers that it subscribes to have been found."""
         return all(item.get_publisher_count() for item in self._subscriptions)
 
     @property
@@ -188,7 +188,7 @@ PROCESSES: Mapping[str, ProcessFault] = {
 
 
 START_S, REST_S, LONGEST_S = 90.0, 3.0, 120.0
-LATE_S = 0.5  # by which a busy machine may deliver what is sent, or run who is due
+LATE_S = 0.5  # by which a busy machine may deliver what is sent, or run what is due
 PIONEER = PioneerSettings()
 
 

@@ -144,7 +144,7 @@ class Wire:
         heapq.heappush(self._events, (moment_ns, next(self._numbers), act))
 
     def send(self, envelope: Envelope) -> None:
-        """Put an envelope on its way to all who subscribe to its topic when it arrives."""
+        """Put an envelope on its way to all subscribers of its topic when it arrives."""
 
         def arrive() -> None:
             for node, subscription in self._listeners(envelope.topic):

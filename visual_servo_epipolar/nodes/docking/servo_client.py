@@ -25,7 +25,7 @@ class ServoClient:
     """
     The servo called ``servo``: calls ``on_phase`` with each phase, ``on_answer`` with answers.
 
-    ``on_armed`` is called where it drives as soon as it can. A failure, and who waits again
+    ``on_armed`` is called where it drives as soon as it can. A failure, and a renewed wait
     without having driven, wait for the reason, if only for a while. Answers are the order, and
     the refusal in words or ''. Orders and their answers pass in every state of the node; the rest
     is for as long as it is configured.
@@ -42,7 +42,7 @@ class ServoClient:
         self._node, self._on_phase, self._on_answer = node, on_phase, on_answer
         self._on_armed, self._was_armed = on_armed, False
         # Not made by configure: the answer to a start that comes after a cleanup counts as well,
-        # and a servo that answers somebody who is gone waits in vain.
+        # and a servo that answers a client that is gone waits in vain.
         self._clients = {
             order: node.create_client(Trigger, f'{servo}/{order.value}') for order in ServoOrder
         }

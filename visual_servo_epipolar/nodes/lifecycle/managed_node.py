@@ -41,7 +41,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
     or later is destroyed after ``cleanup``, unless it is ``keep``-ed.
     """
 
-    __is_made = False  # until then rclpy creates what is its own; no kind of node knows the names
+    __is_made = False  # until then rclpy creates what is its own; no kind of node has the names
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)

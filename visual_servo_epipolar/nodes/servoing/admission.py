@@ -22,7 +22,7 @@ class Admission:
     """
     Admission of tracks to the ``run`` of the servo ``node``.
 
-    ``settings`` returns those in force, ``enable`` is who lets the robot drive. Where time itself
+    ``settings`` returns those in force, ``enable`` is the heartbeat. Where time itself
     waits for the servo (no watchdog), all tracks are timely.
     """
 

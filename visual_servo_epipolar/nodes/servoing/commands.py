@@ -60,7 +60,7 @@ class Commands:
         self._stopped_ns = self._steady.now().nanoseconds
 
     def forget(self) -> None:
-        """Repeat no order: who is active no more is silent."""
+        """Repeat no order: an inactive node is silent."""
         self._stopped_ns = None
 
     @property

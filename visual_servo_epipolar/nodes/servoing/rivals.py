@@ -20,7 +20,7 @@ class CommandConflicts:
     Others that publish on the cmd_vel of ``node``: beside another servo none may drive.
 
     Any other publisher is named, no more: a multiplexer may be silent meanwhile, and a joystick
-    is let be by who leaves it alone. So is a subscriber that takes another type of message.
+    may rest. So is a subscriber that takes another type of message.
     """
 
     def __init__(self, node: Node) -> None:
@@ -42,10 +42,10 @@ class CommandConflicts:
         if not names:
             return ''
         topic = self._node.resolve_topic_name(TOPIC)
-        who = ', '.join('an unknown program' if UNKNOWN in name else name for name in names)
+        named = ', '.join('an unknown program' if UNKNOWN in name else name for name in names)
         return (
-            f'{who} may publish on {topic} as well, and the base would obey both in turns; stop '
-            'it, or put a multiplexer between them and the base'
+            f'{named} may publish on {topic} as well, and the base would obey both in turns; '
+            'stop it, or put a multiplexer between them and the base'
         )
 
     def refusal(self) -> str:
@@ -78,7 +78,7 @@ class CommandConflicts:
 
 
 def publishers(node: Node, topic: str = TOPIC) -> Counter[str]:
-    """Return the full names of those who publish on a ``topic`` of ``node``, and how often."""
+    """Return the full names of publishers on a ``topic`` of ``node``, and how often."""
     return Counter(map(_full_name, node.get_publishers_info_by_topic(topic)))
 
 

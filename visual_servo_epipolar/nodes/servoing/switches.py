@@ -1,4 +1,4 @@
-"""Switches of people: a stop button, and a heartbeat of who lets the robot drive."""
+"""Switches of people: a stop button, and a heartbeat that lets the robot drive."""
 
 from collections.abc import Callable
 from typing import Any

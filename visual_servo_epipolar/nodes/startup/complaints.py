@@ -26,7 +26,7 @@ class Complaints:
     """
     Complaints of ``node``, as warnings, each at most once in ``period_s`` [s].
 
-    Alike are those that differ in their numbers alone. The throttle of rclpy knows lines of code:
+    Alike are those that differ in their numbers alone. rclpy's throttle goes by lines of code:
     one complaint would hide every other that comes from the same line.
     """
 
@@ -98,7 +98,7 @@ class Inputs:
         """Return an input that notices each message on its way to the callback."""
         topic = subscription.topic_name
         kind, durability = self._kinds[topic], subscription.qos_profile.durability
-        # What was latched may have come before anybody listened in here.
+        # What was latched may have come before this subscription.
         latched = kind.once and durability == DurabilityPolicy.TRANSIENT_LOCAL
         patience_s = math.inf if latched else PATIENCE_S
         source = Input(kind, topic, subscription, self._now_ns(), patience_s)

@@ -21,7 +21,7 @@ SHARED: Mapping[str, tuple[Any, ...]] = {
     'camera_info': ('camera_info', 'Topic of its calibration, as /camera/camera_info'),
     'cmd_vel': ('cmd_vel', 'Topic on which the base takes velocity commands'),
     'desired_image': ('', 'File of the photograph; empty: {otherwise}'),
-    'use_sim_time': ('', 'true: time comes from /clock, which {who} publishes', UNSET_OR_BOOLEAN),
+    'use_sim_time': ('', 'true: time is the /clock of {source}', UNSET_OR_BOOLEAN),
     'rig': ('', 'Rig: a parameter file of camera, head and base, or a name, as panorama'),
     'record': ('', 'Folder of a new bag; empty: no recorder'),
     'sigterm_timeout': (

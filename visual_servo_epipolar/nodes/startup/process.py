@@ -51,7 +51,7 @@ def discovery_range(reach: str) -> Iterator[None]:
 def on_ending(action: Callable[[signal.Signals], None]) -> None:
     """Let ``action`` be called, with the signal, in place of what would kill the process."""
     for number in ENDING:
-        # Who starts a node by nohup wants it to outlive its terminal.
+        # A node that is started by nohup is to outlive its terminal.
         if number is signal.SIGHUP and signal.getsignal(number) is signal.SIG_IGN:
             continue
         signal.signal(number, lambda received, _: action(signal.Signals(received)))

@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.nodes.startup import command_line, complaints, process
 from visual_servo_epipolar.nodes.startup.executor import new_executor, spin_once
 
-FAREWELL_S = 0.5  # after `shutdown`, until who asked for it has the answer
+FAREWELL_S = 0.5  # after `shutdown`, until the client that asked for it has the answer
 
 
 def spin(kind: type[Any]) -> int:

@@ -52,7 +52,7 @@ class AdaptiveSubscription:
             self._node.get_logger().info(f'{name} is published as {fitting}, and so subscribed')
 
     def _fitting(self) -> str:
-        """Return what suits all who publish messages of this type; as it is without any."""
+        """Return what suits all publishers of this type; as it is without any."""
         expected = f'{self._kind.__module__.partition(".")[0]}/msg/{self._kind.__name__}'
         publishers = self._node.get_publishers_info_by_topic(self._subscription.topic_name)
         offered = [item.qos_profile for item in publishers if item.topic_type == expected]

@@ -58,7 +58,7 @@ class SimulatedBase(Protocol):
 
 class SimulatedBaseModel(NamedTuple):
     """
-    One row: the class of settings, which no other row has, and who makes the base.
+    One row: the class of settings, which no other row has, and the class of the base.
 
     ``factory`` is called as ``new_base``; ``seed`` fixes the noise of the odometry.
     """

@@ -20,7 +20,7 @@ from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
 
 class SimulatedRigModel(NamedTuple):
     """
-    One row: the class of settings, which no other row has, and who makes the rig of them.
+    One row: the class of settings, which no other row has, and the function that makes the rig.
 
     ``turns`` tells that joints turn the camera.
     """

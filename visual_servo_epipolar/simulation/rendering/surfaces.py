@@ -38,7 +38,7 @@ class Surface:
 
     @property
     def corners(self) -> FloatArray:
-        """Corners, shape (4, 3), clockwise for who looks at the surface."""
+        """Corners, shape (4, 3), clockwise as seen from before the surface."""
         u, v = self.edge_u, self.edge_v
         return self.origin + np.stack([0.0 * u, u, u + v, v])
 

@@ -209,7 +209,7 @@ def _along_the_sides(rng: np.random.Generator) -> list[Furniture]:
 
 
 class RoomKind(NamedTuple):
-    """How far the front wall is from the goal [m], and who builds the room."""
+    """How far the front wall is from the goal [m], and the function that builds the room."""
 
     end: float
     build: Callable[[Builder], None]

@@ -1,1 +1,1 @@
-"""Routes in simulation: ways through the storey, a driver who knows them, and the closed loop."""
+"""Routes in simulation: ways through the storey, their driver, and the closed loop."""

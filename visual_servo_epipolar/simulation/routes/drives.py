@@ -190,7 +190,7 @@ class RouteSample(NamedTuple):
 
     @property
     def is_wrong(self) -> bool:
-        """Whether it believes a view, and is elsewhere beside the way than it says."""
+        """Whether a view is trusted, and the robot elsewhere beside the way than estimated."""
         off = abs(self.offset - self.progress.lateral)
         return self.progress.inliers > 0 and off > WRONG_OFFSET
 

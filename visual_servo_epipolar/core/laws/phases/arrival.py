@@ -2,7 +2,7 @@
 Arrival: whether this is the goal, as far as two views or a memory of views can tell.
 
 The tolerances of the owner are held against what is measured and what that may be wrong by. A
-memory of views knows the offset in metres; two views know D alone, which the slope that it has
+memory of views gives the offset in metres; two views give D alone, which the slope that it has
 shown while driving turns into metres along the axis: what is aside only parallax tells.
 """
 
@@ -20,8 +20,8 @@ from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: see ``fit_rotation``
-ARRIVAL_OFFSET = 2e-3  # of who has arrived, by a memory of views [m]
-STILL_THERE = 1.0  # deviations: who has arrived once is not sent away by noise
+ARRIVAL_OFFSET = 2e-3  # of a robot that has arrived, by its memory of views [m]
+STILL_THERE = 1.0  # deviations: a robot that has arrived is not sent away by noise
 ASIDE = 2.0  # deviations of a mean over looks, all of which share the photograph's noise
 CLEARLY_ASIDE = 4.0  # of a mean over a few
 CONTRADICTED = 4.0  # bounds of a parallax, beyond which no memory says that it is the goal
@@ -31,7 +31,7 @@ def has_parallax(state: ServoState, measurement: Measurement, settings: DriveSet
     """
     Return whether the parallax exceeds what noise explains: the robot is not at the goal.
 
-    A memory of views knows it far better, but through a wrongly configured lens its geometry may
+    A memory of views gives it far better, but through a wrongly configured lens its geometry may
     be one that is not there: it never overrules an image that looks another.
     """
     if _looks_elsewhere(state, measurement, settings):
@@ -67,7 +67,7 @@ def _of_the_rest(measurement: Measurement) -> float:
 
 
 def _offset_bound(state: ServoState, measurement: Measurement, settings: DriveSettings) -> float:
-    """Return the largest offset of who has arrived, as a memory of views measures it [m]."""
+    """Return the largest offset of a robot that has arrived, as its memory measures it [m]."""
     noise = NOISE_DEVIATIONS * measurement.offset_deviation
     tolerance = settings.arrival_position
     if tolerance > 0.0:  # a promise: no attempt makes it larger, and no noise
@@ -88,7 +88,7 @@ def is_near_enough(
     """
     Return whether the place is within the owner's tolerance, also once the robot has stopped.
 
-    So are ``deviations`` of what is measured. Who has no final turn must face the goal as well.
+    So are ``deviations`` of what is measured. Without a final turn the heading counts as well.
     """
     if settings.arrival_position == 0.0 or _looks_elsewhere(state, measurement, settings):
         return False
@@ -125,7 +125,7 @@ def is_in_doubt(measurement: Measurement, settings: DriveSettings) -> bool:
 
 
 def stands_aside(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
-    """Return whether a few looks are enough for who is in doubt: it stands clearly aside."""
+    """Return whether a few looks suffice in doubt: the robot stands clearly aside."""
     first = is_in_doubt(measurement, settings) and state.run.attempts == 1
     return first and abs(state.settling.settled_aside) > CLEARLY_ASIDE
 
@@ -134,7 +134,7 @@ def is_at_goal(state: ServoState, measurement: Measurement, settings: DriveSetti
     """
     Return whether heading, parallax and D are those of the photograph, within their noise.
 
-    Who is in doubt has to look for longer, in step 2.
+    In doubt the robot looks for longer, in step 2.
     """
     if is_in_doubt(measurement, settings):
         return False

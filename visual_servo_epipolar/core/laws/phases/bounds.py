@@ -1,7 +1,7 @@
 """
 Bounds below which a measurement counts as zero: no finer than its noise, nor than the base moves.
 
-Where a memory of views knows the offset they are finer than two views could tell. A base may be
+With the offset of a memory of views they are finer than with two views. A base may be
 unable to come as near, and its dead band need not be configured: after 0.8 s within the usual
 tolerance that is enough, after 4 s where each pulse of a dead band has to be seen first. The
 tolerances of the owner make them coarser, less what the measurement may be wrong by.
@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 
 ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
 LEAST_OFFSET, LEAST_HEADING = 4e-5, 2e-5  # that a memory of views bothers about [m], [rad]
-NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of who comes from behind
+NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of arrivals from behind
 PULSE_MISS = 0.15  # of a hop, by which stretched pulses miss: a base slips
 FACING = 6e-4  # heading error that two views leave; what a tolerance is less by, too [rad]
 MOST_HYSTERESIS = 4.0

@@ -34,10 +34,10 @@ LAST_TURN = 0.05  # that it may take [rad]
 MOST_ASIDE = 0.5  # offset in look-aheads: more would turn features out of view
 MOST_TURNED = 0.35  # heading error to begin with [rad]
 LONGEST_WAY = 1.5  # in upper bounds of the distance
-LONGEST_NEARING = 3.0  # the same of who has come nearer, by its memory: it began beyond the bound
+LONGEST_NEARING = 3.0  # the same where the memory shows that the goal is nearer
 NEARER = 0.5  # of what was driven, that is left
 MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]
-CORRECTION = 0.1  # backward, of who never backs off [m]
+CORRECTION = 0.1  # backward, of a robot that never backs off [m]
 LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of others
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 
@@ -72,7 +72,7 @@ def _backs_off(measurement: Measurement, settings: DriveSettings, least_ratio: f
 
 
 def is_far_enough(measurement: Measurement, settings: DriveSettings) -> bool:
-    """Return whether there is room for step 1; who remembers where the goal is needs less."""
+    """Return whether there is room for step 1; with a memory of the goal less is needed."""
     known = measurement.deviation <= KNOWN
     if measurement.offset is not None and measurement.offset[1] <= -ROOM and known:
         return True
@@ -131,7 +131,7 @@ def sees_too_little(measurement: Measurement, settings: DriveSettings) -> bool:
 
 def is_untrusted(measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether the bearings are not trusted, and the goal is not near or D unknown."""
-    if measurement.bearings is not None:  # who faces far away sees no feature that D counts
+    if measurement.bearings is not None:  # facing far away no feature counts in D
         return False
     is_far = measurement.parallax > settings.near_parallax
     return is_far or not math.isfinite(measurement.difference)
@@ -224,8 +224,8 @@ def excursion_limit(state: ServoState, measurement: Measurement, settings: Drive
     """
     Return in words that the robot is farther from the goal than its run may lead it.
 
-    What is driven backward has a bound of its own, over all phases and attempts; who may not back
-    off at all corrects by decimetres near the goal, no more. Laws without
+    What is driven backward has a bound of its own, over all phases and attempts; a robot without
+    room corrects by decimetres near the goal alone. Laws without
     retreat, whose first step may lead away by itself, have a wider one. In steps 1 and 2 of a law
     that spirals inwards the distance hardly grows, and no way is longer than its upper bound
     allows.

@@ -130,7 +130,7 @@ def has_run_up(state: ServoState, measurement: Measurement, settings: DriveSetti
     """
     Return whether a retreat after a miss has led as far as that asks for.
 
-    Who missed twice knows less of where the goal is than it believes: before a wall, straight
+    After two misses the goal is less certain than its deviation says: before a wall, straight
     back, a short way tells hardly what is aside.
     """
     misses = state.run.attempts - 1

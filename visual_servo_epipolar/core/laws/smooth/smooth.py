@@ -155,7 +155,7 @@ def _aimed_pose(sight: Sight, look_ahead: float, around: bool) -> PolarPose:
 
 
 def _around(pose: PolarPose, speed: float, turn: float, settings: DriveSettings) -> Twist:
-    """Return the velocity of who goes around the goal: far off its aim it turns in place first."""
+    """Return the velocity around the goal: far off its aim the robot turns in place first."""
     if not turns_in_place(settings.drive):
         return Twist(speed, turn)
     off = off_aim(pose)
@@ -398,7 +398,7 @@ def missed(state: ServoState, settings: DriveSettings) -> Event:
 
 def _ends(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
     """
-    Return whether the motion ends here, along the axis and in heading; a memory knows both.
+    Return whether the motion ends here, along the axis and in heading, both by a memory.
 
     A base with a dead band turns by pulses, in place, which end finer than those on the way.
     """
@@ -418,7 +418,7 @@ def _decay(state: ServoState, settings: DriveSettings, trial: Trial) -> float:
     """
     Return the share of what is left now that is left when the last frame has settled.
 
-    It decays with TAIL_S, so that who is on the way to the end need not be there to settle: each
+    It decays with TAIL_S, so that the robot may settle before it is at the end: each
     frame asks for less, the last one for nothing beyond the bounds. A base with a dead band stops
     where it is.
     """

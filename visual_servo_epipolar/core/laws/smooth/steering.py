@@ -31,7 +31,7 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 
 TURN = 2.0 * math.pi
 NEAR_LINE, TURNED = 0.35, 0.7  # [m], [rad]: within both the line to the goal is followed,
-LINE_SLOPE = 0.7  # by who is behind it and no farther aside than that share
+LINE_SLOPE = 0.7  # from behind it and no farther aside than that share
 AT_GOAL_AROUND = 0.12  # nearer no direction to it is worth a turn [m]
 BEHIND_IT = 2.6  # |phi| beyond which either side leads around as well [rad]
 STEERED, TURNS_IN_PLACE = 0.6, 1.0  # off the aim: up to which it drives on, and not at all [rad]
@@ -135,7 +135,7 @@ def goes_around(x: float, y: float, heading: float, measurement: Measurement) ->
 
 
 def line_share(x: float, y: float) -> float:
-    """Return the share of the look-ahead that is aimed at ahead of the goal: by who is behind."""
+    """Return the share of the look-ahead that is aimed at ahead of the goal, from behind it."""
     return min(max(2.0 * (1.0 + abs(x) / y), 0.0), 1.0) if y < 0.0 else 0.0
 
 

@@ -370,7 +370,7 @@ def _match(state: ServoState, measurement: Measurement, settings: DriveSettings)
 def _converging_speed(
     state: ServoState, measurement: Measurement, settings: DriveSettings
 ) -> float:
-    """Return the speed at which line following ends on the axis, as a memory knows it [m/s]."""
+    """Return the speed at which line following ends on the axis, by a memory of views [m/s]."""
     if measurement.offset is None or not _brakes(state, settings):
         return math.inf
     x, y = measurement.offset

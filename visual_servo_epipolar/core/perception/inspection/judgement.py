@@ -41,7 +41,7 @@ from visual_servo_epipolar.core.reasons import Reason, reason_of
 MIN_SHARE = 0.5  # of the matches that must agree
 MIN_INLIERS = 8
 PLANAR_SHARE = 0.7  # of the inliers of a general motion that a planar one must explain
-TOLD = math.radians(3.0)  # deviation of tilt or roll beyond which it is not reported
+REPORTED = math.radians(3.0)  # deviation of tilt or roll beyond which it is not reported
 SAME_PLACE_PX = 0.3  # parallax that noise alone makes
 LARGEST_DEVIATION = math.radians(1.5)  # of bearings that are trusted: half of what is wrong
 LARGEST_TURN_DEVIATION = math.radians(2.0)  # of a heading that is reported
@@ -163,7 +163,7 @@ def _upside_down(observation: Observation, fit: GeneralFit, tilt: float, mount: 
 
 def _is_told(mount: Attitude) -> bool:
     """Return whether tilt and roll are given, not those of any camera."""
-    return max(mount.tilt_deviation, mount.roll_deviation) < TOLD
+    return max(mount.tilt_deviation, mount.roll_deviation) < REPORTED
 
 
 def _of_unknown_vertical(planar: Inspection, general: Inspection) -> float:
@@ -240,8 +240,8 @@ def _with_planar(found: Inspection, planar: Estimate, spread: Spread) -> Inspect
         return found
     return replace(
         found,
-        tilt=attitude.tilt if attitude.tilt_deviation < TOLD else math.nan,
-        roll=attitude.roll if attitude.roll_deviation < TOLD else math.nan,
+        tilt=attitude.tilt if attitude.tilt_deviation < REPORTED else math.nan,
+        roll=attitude.roll if attitude.roll_deviation < REPORTED else math.nan,
     )
 
 

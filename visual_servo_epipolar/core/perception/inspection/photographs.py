@@ -88,7 +88,7 @@ def _aligned(view: DesiredView, matches: Matches, image: Image) -> Warps:
     alignment = anchor.align(start, pixels, iterations=REFINEMENT)
     good = alignment.correlation >= MIN_CORRELATION
     if int(good.sum()) < MIN_MATCHES:
-        if not np.ptp(view.keypoints.sizes):  # of a matcher that knows no sizes: too coarse
+        if not np.ptp(view.keypoints.sizes):  # of a matcher without sizes: too coarse
             raise TrackingError(
                 f'of {len(good)} matches {int(good.sum())} show the same, {MIN_MATCHES} are '
                 'needed; move nearer, or take the photograph in such light'

@@ -114,7 +114,7 @@ def _raised(path: TaughtPath, at: float, views: Sequence[RouteView]) -> FloatArr
 
 
 def _path_at(way: float, views: Sequence[RouteView]) -> TaughtPath:
-    """Return the path that knows a ``way`` [m]."""
+    """Return the path that contains a ``way`` [m]."""
     return next((view.path for view in views if view.path.way[-1] >= way), views[-1].path)
 
 

@@ -1,4 +1,4 @@
-"""Path estimate: where beside the path the robot is, by commands and by the views it believes."""
+"""Path estimate: where beside the path the robot is, by commands and by trusted views."""
 
 from dataclasses import replace
 import math

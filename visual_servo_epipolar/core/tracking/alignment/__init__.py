@@ -1,1 +1,1 @@
-"""Alignment of features with their templates in the desired image; it knows no other frame."""
+"""Alignment of features with their templates in the desired image alone."""

@@ -15,7 +15,7 @@ class Keypoints:
     Keypoints of one image.
 
     ``pixels``, shape (N, 2); ``sizes``, shape (N,), diameters [px]; ``angles``, shape (N,), of
-    the steepest gradient [rad]; ``descriptors``, shape (N, K). A matcher that knows no sizes or
+    the steepest gradient [rad]; ``descriptors``, shape (N, K). A matcher without sizes or
     angles gives ones and zeros. ``tuning`` is how they were detected, for the matcher alone.
     """
 

@@ -24,7 +24,7 @@ LOGITS = CELL * CELL + 1  # of a cell: of its pixels, and of none
 STRIDE = 32  # sides are padded to multiples of it, the coarsest pixel of such a network [px]
 LEAST_SCORE = 0.05  # of a keypoint, as in XFeat
 PEAK = np.ones((5, 5), np.uint8)  # around a keypoint none has a higher score
-# Of an image that is searched: a network knows one size, and what is far away appears smaller.
+# Of an image that is searched: a network has one size, and what is far away appears smaller.
 # Small ones are enlarged too, up to ENOUGH_PIXELS: descriptors are 8 px apart.
 SIZES, QUICK_SIZES, ENLARGED = (1.0, 0.71, 0.5), (0.71, 0.5), (1.41, 2.0)
 ENOUGH_PIXELS = 1280 * 960

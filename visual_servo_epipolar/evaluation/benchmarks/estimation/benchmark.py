@@ -1,7 +1,7 @@
 """
 Estimation benchmark: accuracy, consistency and speed of our estimators, OpenCV's and poselib's.
 
-Time is that of the thread on its processor, by turns on each pair: what else the machine does
+Time is that of the thread on its processor, alternating on each pair: what else the machine does
 meanwhile does not count.
 """
 

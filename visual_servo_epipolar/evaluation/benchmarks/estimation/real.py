@@ -1,5 +1,5 @@
 """
-Photographs with truth: what ``inspect`` believes of them, OpenCV's MAGSAC and RANSAC beside it.
+Photographs with truth: what ``inspect`` trusts of them, OpenCV's MAGSAC and RANSAC beside it.
 
 The pairs of a folder with a truth.json, or simulated ones as hands, phones and cars take them.
 """
