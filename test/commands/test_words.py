@@ -1,14 +1,13 @@
 """Words for users: no markup of docstrings, names that are meant, gains that can be used."""
 
 import ast
-from dataclasses import fields
 import json
 from pathlib import Path
 
 import pytest
 
 from visual_servo_epipolar.commands.main import EVALUATION, main, parser
-from visual_servo_epipolar.core.settings import range_of, Settings
+from visual_servo_epipolar.core.settings import names_of, range_of, Settings
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings, TrackerNodeSettings
 from visual_servo_epipolar.simulation.scenario import CONNECTION, load
 
@@ -67,7 +66,7 @@ def test_the_gains_are_driven_with_as_they_are_printed(
 
 def test_scenarios_leave_out_what_tells_a_node_how_it_is_connected() -> None:
     kinds = (ServoNodeSettings, TrackerNodeSettings)
-    assert CONNECTION == {'use_sim_time', *(item.name for kind in kinds for item in fields(kind))}
+    assert CONNECTION == {'use_sim_time', *(name for kind in kinds for name in names_of(kind))}
 
 
 def test_a_scenario_and_a_setting_without_its_section_are_answered_by_what_is_meant(

@@ -1,13 +1,12 @@
 """Parameter files: shared by nodes, in any namespace, and never passed over in silence."""
 
-from dataclasses import fields
+from collections import Counter
 from pathlib import Path
 
 import pytest
 from rclpy.node import Node
 import yaml
 
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import parameters_of
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.dock_node import DockNode
@@ -16,7 +15,6 @@ from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.route_node import RouteNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup import table
-from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 
@@ -162,7 +160,7 @@ def test_a_file_that_sets_the_clock_alone_is_not_warned_of(bench, tmp_path) -> N
 @pytest.mark.parametrize('kind', [ServoNode, TrackerNode, UnicycleNode, CameraNode])
 def test_a_file_may_hold_the_parameters_of_all_nodes(bench, tmp_path, kind) -> None:
     values = {
-        'turn_gain': 0.5,
+        'latency': 0.5,
         'max_features': 90,
         'wheel_ratio': 1.1,
         'tilt': 0.1,
@@ -182,7 +180,7 @@ def test_a_file_may_hold_the_parameters_of_all_nodes(bench, tmp_path, kind) -> N
         (UnicycleNode, 'zzz', 'it has .*wheel_ratio'),
         (CameraNode, 'zzz', 'it has .*tilt'),
         (RecorderNode, 'zzz', 'it has .*split_size'),
-        (DockNode, 'zzz', 'it has .*servo_timeout'),
+        (DockNode, 'zzz', 'it has .*publish_deviation'),
     ],
 )
 def test_a_name_that_no_node_has_is_refused_in_a_shared_file(
@@ -195,7 +193,7 @@ def test_a_name_that_no_node_has_is_refused_in_a_shared_file(
 
 
 def test_a_name_of_another_node_is_refused_on_the_command_line(bench, tmp_path) -> None:
-    path = file(tmp_path, **under('/**', max_features=50, k1=0.1))
+    path = file(tmp_path, **under('/**', max_features=50, latency=0.2))
     for words in (('-p', 'max_features:=50'), given(path, '-p', 'max_features:=40')):
         with pytest.raises(ValueError, match='no parameter max_features, but tracker_node has'):
             start(bench, ServoNode, *words)
@@ -218,8 +216,24 @@ def test_what_belongs_to_an_experiment_is_no_parameter_but_programs_may_give_it(
     assert bench.start(kind, **{name: value}).get_parameter(name).value == value
 
 
-@pytest.mark.parametrize('node', ['servo_node', 'camera_node'])
-def test_a_file_of_an_earlier_version_with_its_defaults_is_taken(bench, node) -> None:
+def test_a_shared_file_may_give_another_node_what_is_internal_here(bench, tmp_path) -> None:
+    path = file(tmp_path, **under('/**', min_features=20, odometry=True, gains='derived'))
+    expected = 'gains, min_features, odometry: parameters of other nodes, the defaults hold here'
+    route = start(bench, RouteNode, *given(path))
+    bench.until(lambda: bench.logged(expected), expected)
+    assert (route.has_parameter('odometry'), route._servo.odometry) == (False, False)
+    assert start(bench, TrackerNode, *given(path)).get_parameter('min_features').value == 20
+    servo = start(bench, ServoNode, *given(path))
+    assert (servo._settings.min_features, servo._settings.odometry) == (12, True)
+    with pytest.raises(ValueError, match='route_node has no parameter odometry, but servo_node'):
+        start(bench, RouteNode, '-p', 'odometry:=true')
+
+
+@pytest.mark.parametrize('node', [name for name in KINDS if name != 'route_node'])
+def test_a_file_of_an_earlier_version_with_its_defaults_is_taken(
+    bench, tmp_path, monkeypatch, node
+) -> None:
+    monkeypatch.chdir(tmp_path)  # the recorder begins a bag where it is started
     start(bench, KINDS[node], *given(Path(__file__).parents[1] / f'earlier/config/{node}.yaml'))
 
 
@@ -267,17 +281,13 @@ def test_the_tracker_of_a_small_computer_takes_its_file_after_the_robots(bench) 
     small = yaml.safe_load((CONFIG / 'small_computer.yaml').read_text())['/**/tracker_node']
     expected = {'camera_reliability': 'auto', **small['ros__parameters']}
     assert {name: node.get_parameter(name).value for name in expected} == expected
-    # The servo's parameter of that name means something else.
-    servo = start(bench, ServoNode, *files, '-r', '__ns:=/robot1')
-    assert servo.get_parameter('min_features').value == ServoSettings().min_features
 
 
 @pytest.mark.parametrize(
     ('kind', 'other', 'name'),
     [
-        (ServoNode, 'tracker_node', 'min_features'),
+        (ServoNode, 'unicycle_node', 'max_angular'),
         (ServoNode, 'recorder_node', 'autostart'),
-        (TrackerNode, 'servo_node', 'min_features'),
     ],
 )
 def test_the_file_of_another_node_is_refused_where_it_would_mean_something_else(
@@ -288,11 +298,8 @@ def test_the_file_of_another_node_is_refused_where_it_would_mean_something_else(
 
 
 def test_names_that_nodes_share_are_known_to_mean_different_things_or_not() -> None:
-    texts: dict[str, set[str]] = {}
-    for node in table.NODES:
-        for kind in table.settings_of(node):
-            for item in fields(kind):
-                texts.setdefault(item.name, set()).add(node)
+    names = {node: table.parameter_names(node) for node in table.NODES}
+    counts = Counter(name for each in names.values() for name in each)
     alike = {
         'autostart_node',
         'base_frame',
@@ -311,6 +318,6 @@ def test_names_that_nodes_share_are_known_to_mean_different_things_or_not() -> N
         'tilt_joint',
     }
     # The dock node perceives as the servo does, the route node ends at stations by it.
-    alike |= {item.name for kind in (ServoSettings, DriverNodeSettings) for item in fields(kind)}
+    alike |= set(SERVO) & (names['dock_node'] | names['route_node'])
     alike |= {'path_source', 'projection', 'transport'}
-    assert {name for name, nodes in texts.items() if len(nodes) > 1} == alike | table.HOMONYMS
+    assert {name for name, n in counts.items() if n > 1} == alike | table.HOMONYMS

@@ -14,7 +14,7 @@ from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings, DockTaskSettings
 from visual_servo_epipolar.core.laws.registry import law_named
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
-from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.settings import ServoSettings, StationSettings
 from visual_servo_epipolar.core.settings import parameters_of, range_of
 from visual_servo_epipolar.core.tracking.tracker import TrackerSettings
 from visual_servo_epipolar.nodes.camera_node import (
@@ -54,7 +54,7 @@ NODES = {
     'servo_node': (ServoNode, (ServoNodeSettings, ServoSettings)),
     'recorder_node': (RecorderNode, (RecorderNodeSettings, RecordSettings)),
     'dock_node': (DockNode, (DockNodeSettings, DockTaskSettings, DockPoseSettings)),
-    'route_node': (RouteNode, (RouteNodeSettings, ServoSettings, FollowSettings, TeachSettings)),
+    'route_node': (RouteNode, (RouteNodeSettings, StationSettings, FollowSettings, TeachSettings)),
 }
 # Where a file shall differ from the defaults: our own camera is reliable, a driver may not be; the
 # simulation starts by itself, a robot must not.
@@ -145,24 +145,24 @@ def test_the_small_scenario_is_the_small_camera() -> None:
 @pytest.mark.parametrize(
     ('name', 'parameter', 'reason'),
     [
-        ('servo_node', Parameter('k1', value=99.0), 'k1 out of range'),
-        ('servo_node', Parameter('k1', value=float('nan')), 'k1'),
+        ('servo_node', Parameter('latency', value=99.0), 'latency out of range'),
+        ('servo_node', Parameter('latency', value=float('nan')), 'latency'),
         (
             'servo_node',
-            Parameter('k1', value=1),
-            'k1 must be a double, write 1.0, got the integer 1$',
+            Parameter('latency', value=1),
+            'latency must be a double, write 1.0, got the integer 1$',
         ),
-        ('servo_node', Parameter('k1', value='fast'), 'k1 must be a double, got the string fast'),
-        ('servo_node', Parameter('max_attempts', value=2.0), 'must be an integer, got the double'),
+        ('servo_node', Parameter('latency', value='fast'), 'be a double, got the string fast'),
+        ('tracker_node', Parameter('max_features', value=2.0), 'an integer, got the double'),
         (
             'unicycle_node',
             Parameter('start', value=[1, 2, 3]),
             r'start must be a list of doubles, write \[1.0, 2.0, 3.0\], got the list of integers',
         ),
-        ('servo_node', Parameter('max_attempts', value=0), 'max_attempts out of range'),
+        ('tracker_node', Parameter('max_features', value=0), 'max_features out of range'),
         ('servo_node', Parameter('law', value='other'), 'one of paper, corrected, full'),
         ('servo_node', Parameter('estimator', value='lmeds_8pt'), 'read-only'),
-        ('servo_node', Parameter('latch_engage', value=0.1), 'without hysteresis'),
+        ('servo_node', Parameter('dead_band_linear', value=0.9), 'must not exceed max_linear'),
         ('servo_node', Parameter('gain', value=0.1), 'no parameter gain; did you mean gains'),
         ('tracker_node', Parameter('min_features', value=61), 'must not exceed max_features'),
         ('unicycle_node', Parameter('max_linear', value=-1.0), 'max_linear out of range'),
@@ -189,7 +189,8 @@ def set_one(bench, name, *parameters):
 def test_a_refused_change_changes_nothing(bench) -> None:
     servo = bench.start(ServoNode)
     before = servo._settings
-    set_one(bench, 'servo_node', Parameter('k1', value=0.1), Parameter('latch_engage', value=0.1))
+    changes = {'latency': 0.2, 'dead_band_linear': 0.9}
+    set_one(bench, 'servo_node', *(Parameter(name, value=x) for name, x in changes.items()))
     assert servo._settings == before
 
 
@@ -214,7 +215,7 @@ def test_two_changes_that_need_each_other_are_taken_together(bench) -> None:
 @pytest.mark.parametrize(
     ('name', 'parameter', 'current'),
     [
-        ('servo_node', Parameter('k1', value=0.5), lambda node: node._settings.k1),
+        ('servo_node', Parameter('latency', value=0.5), lambda node: node._settings.latency),
         ('servo_node', Parameter('law', value='paper'), lambda node: node._settings.law),
         (
             'tracker_node',
@@ -284,14 +285,14 @@ def test_a_parameter_from_elsewhere_is_refused_with_all_that_there_are(bench) ->
 @pytest.mark.parametrize(
     ('value', 'error', 'reason'),
     [
-        (1, ValueError, 'k1 must be a double, write 1.0, got the integer 1$'),
-        (True, ValueError, 'k1 must be a double, got the boolean True$'),
+        (1, ValueError, 'latency must be a double, write 1.0, got the integer 1$'),
+        (True, ValueError, 'latency must be a double, got the boolean True$'),
         (99.0, InvalidParameterValueException, 'out of range'),
     ],
 )
 def test_a_bad_value_is_refused_at_the_start(bench, value, error, reason) -> None:
     with pytest.raises(error, match=reason):
-        bench.start(ServoNode, k1=value)
+        bench.start(ServoNode, latency=value)
 
 
 def test_settings_that_contradict_each_other_are_refused_at_the_start(bench) -> None:
@@ -307,7 +308,8 @@ def test_names_of_earlier_versions_are_answered_all_at_once_each_in_a_line(bench
 
 def test_a_parameter_that_is_gone_is_answered_with_what_holds(bench) -> None:
     with pytest.raises(ValueError, match='^tracker_node .*\n  auxiliary_features: gone, 0 holds$'):
-        bench.start(TrackerNode, auxiliary_features=5)
+        bench.start(TrackerNode, auxiliary_features=9)
+    bench.start(TrackerNode, auxiliary_features=0)
 
 
 def test_a_list_that_is_given_may_be_empty(bench) -> None:

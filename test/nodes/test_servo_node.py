@@ -334,15 +334,15 @@ def test_it_gives_stamped_commands(bench) -> None:
     assert rig.twists()[0] != STANDSTILL
 
 
-def test_a_gain_changed_on_the_way_is_published_with_the_stamp_it_holds_from(rig) -> None:
+def test_a_setting_changed_on_the_way_is_published_with_the_stamp_it_holds_from(rig) -> None:
     received = rig.bench.listen(String, 'servo_node/settings', qos.LATCHED)
     rig.bench.until(lambda: len(received) == 1, 'settings before')
     rig.see()
-    rig.node.set_parameters([Parameter('k1', value=0.5)])
+    rig.node.set_parameters([Parameter('latency', value=0.5)])
     rig.bench.until(lambda: len(received) == 2, 'settings after')
     before, after = (settings_text.from_text(message.data) for message in received)
-    assert (before.values['k1'], before.after_stamp_ns) == (ServoSettings().k1, None)
-    assert (after.values['k1'], after.after_stamp_ns) == (0.5, STAMP_NS)
+    assert (before.values['latency'], before.after_stamp_ns) == (0.1, None)
+    assert (after.values['latency'], after.after_stamp_ns) == (0.5, STAMP_NS)
 
 
 @pytest.mark.parametrize('later_ns', [0, -PERIOD_NS], ids=['repeated', 'backwards'])

@@ -114,7 +114,7 @@ def in_words(circumstances: Circumstances, gains: Gains) -> str:
 
 
 def as_yaml(circumstances: Circumstances, gains: Gains, timeout: float) -> str:
-    """Return the gains as lines of servo_node.yaml, in its order and its ranges."""
+    """Return the gains as a file for --rig, in the order and the ranges of the settings."""
     values = {
         'k1': gains.k1,
         'k2': gains.k2,

@@ -65,7 +65,8 @@ def internal(default: Any, text: str, **limits: Any) -> Any:
 
 def parameters_of(kind: 'type[Settings] | Settings') -> 'list[Field[Any]]':
     """Return the fields that are parameters of a node."""
-    return [item for item in fields(kind) if not range_of(item).internal]
+    own = [item for item in fields(kind) if item.name not in kind.INTERNAL]
+    return [item for item in own if not range_of(item).internal]
 
 
 def range_of(item: 'Field[Any]') -> Range:
@@ -83,9 +84,10 @@ class Settings:
     ``RENAMED`` has the names of earlier versions, which files and bags may still use; a kind has
     those of all its bases, too. ``GONE`` has names that mean nothing any more, each with the
     value by which it was off: a file is refused, a bag that was recorded with another is replayed
-    with a note.
+    with a note. ``INTERNAL`` names inherited fields that are no parameters of this kind.
     """
 
+    INTERNAL: ClassVar[frozenset[str]] = frozenset()
     RENAMED: ClassVar[Mapping[str, str]] = {}
     GONE: ClassVar[Mapping[str, Any]] = {}
 

@@ -110,14 +110,11 @@ def command(
 
 
 def ackermann_type() -> Any:
-    """Return the type of commands to a car; ValueError where its package is not installed."""
+    """Return the type of commands to a car, AckermannDriveStamped; None if it is not installed."""
     try:
         return import_module('ackermann_msgs.msg').AckermannDriveStamped
     except ImportError:
-        raise ValueError(
-            'ackermann is true, but ackermann_msgs cannot be imported; install '
-            'ros-jazzy-ackermann-msgs, or set ackermann: false and let the base take cmd_vel'
-        ) from None
+        return None
 
 
 def ackermann_drive(

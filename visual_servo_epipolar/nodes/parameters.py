@@ -44,25 +44,27 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     Declare the parameters of ``kind`` and return the settings that YAML and command line ask for.
 
     An internal setting is declared where it is given: by a program, or as its default, as files of
-    earlier versions have it; a setting that is gone may be given the value that holds.
+    earlier versions have it; a setting that is gone may be given the value that holds. In a file
+    that nodes share it may be a parameter of another node.
 
     Raises ValueError for a value that cannot be used, of another type, a name of an earlier
     version, or an internal setting of another value; rclpy raises for a wrong range.
     """
     given = node.given
+    for name, off in kind.GONE.items():
+        if name in given and given[name].value == off:
+            del given[name]
     old = [f'{name} -> {kind.RENAMED[name]}' for name in given if name in kind.RENAMED]
-    old += [
-        f'{name}: gone, {off!r} holds'
-        for name, off in kind.GONE.items()
-        if name in given and given[name].value != off
-    ]
+    gone = given.keys() & kind.GONE.keys() - kind.RENAMED.keys()
+    old += [f'{name}: gone, {kind.GONE[name]!r} holds' for name in sorted(gone)]
     if old:
         lines = '\n  '.join(['rename or delete them in your file', *old])
         raise ValueError(f'{node.get_name()} is given names of earlier versions; {lines}')
-    _refuse_internal(node, kind)
+    known = {item.name for item in parameters_of(kind)}
+    skipped = _without_effect(node, kind, known)
     values: dict[str, Any] = {}
     for item in fields(kind):
-        if range_of(item).internal and item.name not in given:
+        if item.name in skipped or (item.name not in known and item.name not in given):
             continue
         default = _plain(item.default)
         expected = Parameter(item.name, value=default).type_
@@ -81,21 +83,31 @@ def _plain(default: Any) -> Any:
     return list(default) if isinstance(default, tuple) else default
 
 
-def _refuse_internal(node: GuardedNode, kind: type[Settings]) -> None:
-    """Raise ValueError for internal settings that files or users give another value."""
-    found = [
-        item.name
+def _without_effect(node: GuardedNode, kind: type[Settings], known: set[str]) -> set[str]:
+    """
+    Return internal settings that a file gives another value for other nodes, which have them.
+
+    Raises ValueError for those that no node has.
+    """
+    asked = {
+        item.name: node.given[item.name].value
         for item in fields(kind)
-        if range_of(item).internal
-        and item.name in node.given.keys() - node.by_program
+        if item.name in node.given.keys() - node.by_program - known
         and node.given[item.name].value != _plain(item.default)
-    ]
-    if found:
+    }
+    shared = {name for name in asked if name in table.parameter_names(table.owner_of(name))}
+    gone = {name: value for name, value in asked.items() if name not in shared}
+    if gone:
+        kind(**gone)  # ValueError for a value that says more about itself
         raise ValueError(
-            f'{node.get_name()} has no parameter {", ".join(found)} any more: the default serves '
+            f'{node.get_name()} has no parameter {", ".join(gone)} any more: the default serves '
             'every robot, got another value; take it out of your file (scenario files and '
             'visual_servo replay --set keep it)'
         )
+    if shared:
+        names = ', '.join(sorted(shared))
+        node.get_logger().info(f'{names}: parameters of other nodes, the defaults hold here')
+    return shared
 
 
 def watch(node: Node, attribute: str, then: Callable[[], None] = lambda: None) -> None:
@@ -173,9 +185,8 @@ def _hint(node: Node, parameter: str, owner: str) -> str:
     if owner:
         return f', but {owner} has; give it there, or in a file that both read'
     declared = sorted(node.list_parameters([], 0).names)
-    kinds = [kind for name in table.NODES for kind in table.settings_of(name)]
-    known = {item.name for kind in kinds for item in parameters_of(kind)}  # a file may be shared
-    close = alike(parameter, sorted({*declared, *known}))
+    known = {name for other in table.NODES for name in table.parameter_names(other)}
+    close = alike(parameter, sorted({*declared, *known}))  # a file may be shared
     return f'; did you mean {close[0]}?' if close else f'; it has {", ".join(declared)}'
 
 
@@ -187,6 +198,7 @@ def _names_for(node: Node, sections: Iterable[ParameterSection]) -> set[str]:
 
 def _refuse_homonyms(node: Node, path: str, sections: Sequence[ParameterSection]) -> None:
     """Raise ValueError for a file of another node, for /**, that would change this one, too."""
+    kinds = set(map(table.name_of, type(node).__mro__))
     for section in sections:
         if '*' not in section.key or not section.reaches(node.get_fully_qualified_name()):
             continue
@@ -194,7 +206,7 @@ def _refuse_homonyms(node: Node, path: str, sections: Sequence[ParameterSection]
         mistaken = sorted(
             name for name in section.names & table.HOMONYMS if node.has_parameter(name)
         )
-        if owners and mistaken and not all(map(node.has_parameter, section.names)):
+        if mistaken and owners and not kinds.intersection(owners):
             raise ValueError(
                 f'{path} is of {owners[0]} alone, but by its key {section.key} would set '
                 f'{mistaken[0]} of {node.get_name()}, which means something else; '

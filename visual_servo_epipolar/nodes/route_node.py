@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.servo.session import Session
-from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.settings import ServoSettings, StationSettings
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.route_folder import (
@@ -35,7 +35,7 @@ from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.routing.recording import RouteRecording, RouteRenewal
 from visual_servo_epipolar.nodes.routing.repetition import RouteRepetition, RouteReports
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
-from visual_servo_epipolar.nodes.servoing.commands import Commands, refuse_ackermann
+from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
 from visual_servo_epipolar.nodes.servoing.run import QUIET_S
@@ -63,11 +63,10 @@ class RouteNode(ManagedNode):
         super().__init__('route_node', **options)
         self._warn = Complaints(self, WARN_PERIOD_S)
         self._node_settings = parameters.declare(self, RouteNodeSettings)
-        self._servo = parameters.declare(self, ServoSettings)
+        self._servo: ServoSettings = parameters.declare(self, StationSettings)
         self._follow = parameters.declare(self, FollowSettings)
         self._teach = parameters.declare(self, TeachSettings)
         parameters.finish(self, options)
-        refuse_ackermann(self._node_settings, self._servo)
         parameters.watch(self, '_node_settings')
         parameters.watch(self, '_teach')
         parameters.watch(self, '_servo', self._use)
@@ -104,7 +103,7 @@ class RouteNode(ManagedNode):
         )
         self._repetition = RouteRepetition(
             self,
-            Commands(self, settings, None, wheelbase=self._servo.wheelbase),
+            Commands(self, settings, self._servo, None),
             self._reports,
             self._enable.withheld,
             self._rivals.notice,

@@ -19,7 +19,7 @@ from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state, serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.servoing.admission import Admission
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
-from visual_servo_epipolar.nodes.servoing.commands import Commands, refuse_ackermann
+from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.servoing.head import Head
 from visual_servo_epipolar.nodes.servoing.reports import Reports
@@ -54,7 +54,6 @@ class ServoNode(ManagedNode):
         self._node_settings = parameters.declare(self, ServoNodeSettings)
         self._settings = parameters.declare(self, ServoSettings)
         parameters.finish(self, options)
-        refuse_ackermann(self._node_settings, self._settings)
         parameters.watch(self, '_settings', self._announce)
         parameters.watch(self, '_node_settings', self._announce)
         self._begins = self._settings.autostart  # a run, when it is activated
@@ -78,9 +77,7 @@ class ServoNode(ManagedNode):
             profile=qos.ODOMETRY if self._node_settings.watchdog else qos.STREAM,
         )
         self._head = Head(self, self._settings, self._node_settings, self._warn)
-        self._commands = Commands(
-            self, self._node_settings, self._head, wheelbase=self._settings.wheelbase
-        )
+        self._commands = Commands(self, self._node_settings, self._settings, self._head)
         self._reports = Reports(self, self._node_settings.base_frame)
         self._run = Run(self, self._warn, self._commands, self._reports, self._standstill)
         enable = Enable(self, self._node_settings.enable_timeout, self._on_withdrawn)

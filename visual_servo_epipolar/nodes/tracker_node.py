@@ -157,7 +157,7 @@ class TrackerNode(ManagedNode):
         most = self._node_settings.max_photographs
         if len(self._tracker.photographs) >= most:
             raise ValueError(
-                f'{name} is one photograph more than max_photographs, {most}; raise it, or begin '
+                f'{name} is one photograph more than the {most} of one pose that are used; begin '
                 'anew without capture_adds'
             )
         try:

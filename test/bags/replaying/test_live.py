@@ -72,7 +72,7 @@ def test_stop_start_and_reset_are_replayed_where_they_happened(servo, tmp_path) 
     servo.see(7, 12)
     servo.call('servo_node/reset')
     servo.see(12, 16)
-    servo.nodes[0].set_parameters([Parameter('turn_gain', value=0.5)])
+    servo.nodes[0].set_parameters([Parameter('max_speed_ratio', value=0.5)])
     servo.see(16, 20)
     steps, comparison = replayed(write_bag(tmp_path / 'orders', servo.received))
     assert len(steps) == 18
@@ -83,7 +83,7 @@ def test_stop_start_and_reset_are_replayed_where_they_happened(servo, tmp_path) 
         'started',
         'brought to a standstill',
         'reset to a new run',
-        'turn_gain set from 0.8 to 0.5',
+        'max_speed_ratio set from 1.0 to 0.5',
     ]
     assert {item.node for item in history} == {'servo'}
     times = [item.time_s for item in history]

@@ -37,9 +37,9 @@ def test_a_camera_that_cannot_be_used_any_more_is_waited_for(bench) -> None:
 
 def test_settings_of_docking_hold_from_the_next_event_on(bench) -> None:
     node = bench.start(served, **SERVED)
-    changed = node.set_parameters([parameters.override('servo_timeout', 7.0)])
+    changed = node.set_parameters([parameters.override('max_retries', 7)])
     assert all(result.successful for result in changed)
-    assert node._server.settings.servo_timeout == 7.0
+    assert node._server.settings.max_retries == 7
 
 
 def test_tracks_that_wait_do_not_outlive_a_deactivation(bench) -> None:

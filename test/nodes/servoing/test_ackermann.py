@@ -1,17 +1,16 @@
-"""Commands to a car as ackermann_msgs: what they say, and when they are refused."""
+"""Commands to a car as ackermann_msgs: what they say, and to which base they go."""
 
+from importlib.util import find_spec
 import math
 from types import SimpleNamespace
 
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes.servoing.commands import refuse_ackermann
-from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+from visual_servo_epipolar.nodes.servo_node import ServoNode
 
-CAR = ServoSettings(law='smooth', base='car', max_curvature=1.0)
+CAR = {'law': 'smooth', 'base': 'car', 'max_curvature': 1.0}
 
 
 def kind(header: object) -> SimpleNamespace:
@@ -31,19 +30,16 @@ def test_who_stands_steers_straight() -> None:
     assert (message.drive.speed, message.drive.steering_angle) == (0.0, 0.0)
 
 
-def test_it_is_refused_of_a_base_that_turns_in_place() -> None:
-    with pytest.raises(ValueError, match='ackermann must go with a base that steers'):
-        refuse_ackermann(ServoNodeSettings(ackermann=True), ServoSettings())
+@pytest.mark.parametrize(('values', 'steers'), [(CAR, True), ({}, False)])
+def test_a_base_that_steers_is_sent_it_where_its_package_is_installed(
+    bench, values, steers
+) -> None:
+    installed = find_spec('ackermann_msgs') is not None
+    names = {item.topic_name for item in bench.start(ServoNode, **values).publishers}
+    assert ('/ackermann_cmd' in names) is (steers and installed)
 
 
-def test_where_the_package_is_missing_it_says_so() -> None:
-    pytest.importorskip('rclpy')
-    try:
-        import ackermann_msgs  # noqa: F401, PLC0415
-    except ImportError:
-        with pytest.raises(ValueError, match='ackermann_msgs cannot be imported; install'):
-            refuse_ackermann(ServoNodeSettings(ackermann=True), CAR)
-
-
-def test_nobody_is_asked_for_what_is_not_wanted() -> None:
-    refuse_ackermann(ServoNodeSettings(), ServoSettings())
+def test_the_parameter_that_asked_for_it_is_answered_by_the_base(bench) -> None:
+    with pytest.raises(ValueError, match='ackermann -> base: car'):
+        bench.start(ServoNode, ackermann=True)
+    bench.start(ServoNode, ackermann=False)  # as files of earlier versions have it

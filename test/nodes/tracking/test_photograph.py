@@ -286,7 +286,7 @@ def test_photographs_in_other_light_are_added_and_kept(bench, simulator, tmp_pat
     assert rig.node._tracker.goal.id == goal
     rig.see()
     bench.until(lambda: bool(bench.logged('of 2 fits the light best')), 'the log')
-    assert 'one photograph more than max_photographs, 2; raise it' in rig.capture().message
+    assert 'one photograph more than the 2 of one pose that are used' in rig.capture().message
     assert [len(images) for images in (load(path).more, list(tmp_path.glob('*.png')))] == [1, 2]
     bench.executor.remove_node(rig.node)
     bench.nodes.remove(rig.node)
@@ -323,7 +323,7 @@ def test_a_folder_or_a_list_gives_several_photographs(simulator, tmp_path, monke
     with pytest.raises(ValueError, match=r'must be a readable image file, got .*rain.png'):
         read_photographs(os.pathsep.join([*names, 'rain.png']), 4)
     (tmp_path / 'aaa.png').write_bytes(b'not even read')
-    with pytest.raises(ValueError, match=r'at most max_photographs, \d, got \d by'):
+    with pytest.raises(ValueError, match=r'at most \d photographs, got \d by'):
         read_photographs(str(tmp_path), len(names))
 
 

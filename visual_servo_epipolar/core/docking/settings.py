@@ -1,6 +1,7 @@
 """Settings of docking: of the dock's pose along the driven path, and of a request to dock."""
 
 from dataclasses import dataclass, fields, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,6 +19,10 @@ class DockPoseSettings(PerceptionSettings):
     Angles in rad, lengths in m.
     """
 
+    INTERNAL: ClassVar[frozenset[str]] = frozenset(
+        ('estimator', 'readout', 'camera_tilt_deviation', 'camera_roll_deviation')
+    )
+
     camera_yaw: float = fixed(
         0.0,
         'Yaw of the camera on the base, to the left, 3.14 looks back, as configured [rad]',
@@ -30,11 +35,11 @@ class DockPoseSettings(PerceptionSettings):
     camera_left: float = fixed(
         0.0, 'Camera to the left of the middle of the axle, as configured [m]', low=-2.0, high=2.0
     )
-    camera_yaw_deviation: float = fixed(0.02, 'Deviation of that yaw [rad]', low=0.0, high=0.5)
-    camera_forward_deviation: float = fixed(
+    camera_yaw_deviation: float = internal(0.02, 'Deviation of that yaw [rad]', low=0.0, high=0.5)
+    camera_forward_deviation: float = internal(
         0.02, 'Deviation of that offset ahead [m]', low=0.0, high=1.0
     )
-    camera_left_deviation: float = fixed(
+    camera_left_deviation: float = internal(
         0.02, 'Deviation of that offset aside [m]', low=0.0, high=1.0
     )
     path_deviation: float = setting(
@@ -52,7 +57,7 @@ class DockPoseSettings(PerceptionSettings):
         low=1e-4,
         high=10.0,
     )
-    publish_heading: float = setting(
+    publish_heading: float = internal(
         0.02, 'Deviation of the heading below which it is published [rad]', low=1e-4, high=3.0
     )
     key_views: int = internal(10, 'Views along the path that are kept', low=3, high=40)
@@ -91,21 +96,23 @@ class DockTaskSettings(Settings):
     """Settings of the action dock_robot: names as docking_server has them."""
 
     dock_id: str = fixed('', 'Name of the dock of the photograph; empty: that of every request')
-    dock_type: str = fixed('', 'Type of the dock of the photograph; empty: that of every request')
+    dock_type: str = internal(
+        '', 'Type of the dock of the photograph; empty: that of every request'
+    )
     max_retries: int = setting(3, 'Further attempts after one that failed', low=0, high=100)
-    initial_perception_timeout: float = setting(
+    initial_perception_timeout: float = internal(
         5.0, 'Longest wait for the photograph to be seen [s]', low=0.1, high=600.0
     )
-    dock_approach_timeout: float = setting(
+    dock_approach_timeout: float = internal(
         300.0, 'Longest approach in one attempt [s]', low=1.0, high=86400.0
     )
-    servo_timeout: float = setting(
+    servo_timeout: float = internal(
         5.0, 'Longest silence of the servo while it should drive [s]', low=0.2, high=600.0
     )
     wait_for_charge: bool = fixed(False, 'Docked means charging (battery_state); false: arrived')
-    charging_threshold: float = setting(
+    charging_threshold: float = internal(
         0.5, 'Current of battery_state above which it charges [A]', low=0.0, high=1000.0
     )
-    wait_charge_timeout: float = setting(
+    wait_charge_timeout: float = internal(
         5.0, 'Longest wait at the dock for that current [s]', low=0.1, high=600.0
     )

@@ -137,22 +137,22 @@ class ControlSettings(Settings):
         low=0.0,
         high=2.0,
     )
-    k1: float = setting(
+    k1: float = internal(
         0.08, 'Step 1: gain k1 of eq. (12) on the current epipole [1/s]', low=0.0, high=5.0
     )
-    k2: float = setting(
+    k2: float = internal(
         0.23, 'Step 1: gain k2 of eq. (12) on the desired epipole', low=0.0, high=5.0
     )
-    exponent: float = setting(7.0 / 9.0, 'Step 1: beta/gamma of eq. (12)', low=0.05, high=1.0)
+    exponent: float = internal(7.0 / 9.0, 'Step 1: beta/gamma of eq. (12)', low=0.05, high=1.0)
     finite_time: bool = internal(False, 'Step 1: use eq. (20), zero both epipoles in finite time')
     initial_distance: float = setting(
         8.0, 'Upper bound d_hat_0 of the distance to the goal [m]', low=0.1, high=100.0
     )
     min_distance: float = internal(0.3, 'Floor of the estimate d_hat [m]', low=0.01, high=10.0)
-    k_t: float = setting(
+    k_t: float = internal(
         16.0, 'Step 2: gain k_t of eq. (21), D at unit focal length [m/s]', low=0, high=200
     )
-    approach_rate: float = setting(
+    approach_rate: float = internal(
         1.0,
         'Step 2: largest closing rate, from the measured slope of D; with speed ramps the end '
         'brakes, up to 4 times as sharply [1/s]',
@@ -165,7 +165,7 @@ class ControlSettings(Settings):
     gain_slope: float = internal(
         20.0, 'Step 2: initial decrease of that factor with |D|', low=0.0, high=1e4
     )
-    turn_gain: float = setting(
+    turn_gain: float = internal(
         0.8,
         'Gain of turns in place and of holding e_au; with speed ramps turns end by braking, 4 '
         'times as sharply [1/s]',
@@ -194,10 +194,10 @@ class ControlSettings(Settings):
         low=0.01,
         high=99,
     )
-    max_jerk: float = setting(
+    max_jerk: float = internal(
         0.0, 'Speed ramps: change of the linear acceleration; 0 = off [m/s^3]', low=0.0, high=99.0
     )
-    max_angular_jerk: float = setting(
+    max_angular_jerk: float = internal(
         0.0,
         'Speed ramps: change of the angular acceleration; 0 = off [rad/s^3]',
         low=0.0,
@@ -331,7 +331,7 @@ class DriveSettings(PerceptionSettings, ControlSettings, ABC):
     pan_min: float = fixed(-1.745, 'Head: least pan angle [rad]', low=-6.2, high=0.0)
     pan_max: float = fixed(1.745, 'Head: largest pan angle, to the left [rad]', low=0.0, high=6.2)
     pan_speed: float = fixed(1.5, 'Head: speed of its pan joint [rad/s]', low=0.01, high=20.0)
-    head_latency: float = fixed(
+    head_latency: float = internal(
         0.1, 'Head: time from its command to its motion [s]', low=0.0, high=1.0
     )
     photograph_pan: float = fixed(
@@ -366,7 +366,7 @@ class DriveSettings(PerceptionSettings, ControlSettings, ABC):
         'Use odom instead of commands for the motion between images, unless images contradict it',
     )
     autostart: bool = fixed(False, 'Start by itself once there are tracks; false: on ~/start')
-    latch_engage: float = setting(
+    latch_engage: float = internal(
         0.002, 'Step 1: bearing of e_du that counts as zero [rad]', low=0.0, high=0.2
     )
     latch_release: float = internal(
@@ -419,7 +419,7 @@ class DriveSettings(PerceptionSettings, ControlSettings, ABC):
     retreat_difference: float = internal(
         0.06, '|D| at unit focal length to back off to at least', low=0.001, high=1.0
     )
-    retreat_speed: float = setting(0.2, 'Speed of backing off [m/s]', low=0.01, high=2.0)
+    retreat_speed: float = internal(0.2, 'Speed of backing off [m/s]', low=0.01, high=2.0)
     max_retreat: float = setting(
         20.0,
         'Largest distance driven backward in a run, all attempts together; 0 = it never backs '
@@ -441,7 +441,7 @@ class DriveSettings(PerceptionSettings, ControlSettings, ABC):
     holding_timeout: float = setting(
         5.0, 'Longest hold before the run fails [s]', low=0.1, high=600.0
     )
-    few_features_timeout: float = setting(
+    few_features_timeout: float = internal(
         15.0,
         'Longest drive on the memory of views alone, with fewer than min_features; 0 = none [s]',
         low=0.0,
@@ -450,7 +450,7 @@ class DriveSettings(PerceptionSettings, ControlSettings, ABC):
     stale_timeout: float = setting(
         0.5, 'Age of the last tracks at which the robot is stopped [s]', low=0.05, high=60.0
     )
-    max_attempts: int = setting(5, 'Attempts before a miss is a failure', low=1, high=20)
+    max_attempts: int = internal(5, 'Attempts before a miss is a failure', low=1, high=20)
 
     def __post_init__(self) -> None:
         super().__post_init__()

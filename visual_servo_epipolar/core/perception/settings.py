@@ -40,7 +40,7 @@ class PerceptionSettings(Settings):
         low=0.0,
         high=100.0,
     )
-    min_features: int = setting(12, 'Features below which the servo holds', low=8, high=1000)
+    min_features: int = internal(12, 'Features below which the servo holds', low=8, high=1000)
     keep_features: int = internal(
         30, 'Turns: features that no turn may take out of view', low=8, high=1000
     )
@@ -60,7 +60,9 @@ class PerceptionSettings(Settings):
     min_spread: float = internal(
         0.03, 'Least spread of the features that agree [rad]', low=0.0, high=1.0
     )
-    pixel_noise: float = setting(0.3, 'Prior noise of tracked coordinates [px]', low=0.01, high=10)
+    pixel_noise: float = internal(
+        0.3, 'Prior noise of tracked coordinates [px]', low=0.01, high=10
+    )
     readout: float = setting(
         0.0,
         'Rolling shutter: time from the first row to the last, negative if the last one is read '
@@ -80,7 +82,7 @@ class PerceptionSettings(Settings):
     camera_roll_deviation: float = fixed(
         0.09, 'Deviation of that roll, estimated while driving [rad]', low=0.0017, high=0.5
     )
-    floor_jitter: float = setting(
+    floor_jitter: float = internal(
         0.0017, 'Deviation of tilt and of roll by the floor, view by view [rad]', low=0, high=0.1
     )
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES, DriveSettings
@@ -54,3 +55,13 @@ class ServoSettings(DriveSettings):
         """
         taken = (name for name in DEPARTURES if getattr(self._named_law, name))
         return self.law + ''.join(f'-{name}' for name in taken if not getattr(self, name))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StationSettings(ServoSettings):
+    """Settings of the servo that ends a route at a station: no head, no start far away."""
+
+    INTERNAL: ClassVar[frozenset[str]] = frozenset(
+        'gains nearest_distance initial_distance estimator focal_deviation odometry rig pan_min '
+        'pan_max pan_speed photograph_pan photograph_tilt run_timeout'.split()
+    )

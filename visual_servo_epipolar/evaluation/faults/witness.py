@@ -9,6 +9,7 @@ from rclpy.node import Node
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.routes.run import FOLLOWING, LOCALIZING
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.judge import (
     Limits,
@@ -130,8 +131,8 @@ class Witness:
             return
         carried_s = 0.0
         if node.get_parameter('memory').value:
-            carried_s = float(node.get_parameter('few_features_timeout').value)
-        enough = int(node.get_parameter('min_features').value)
+            carried_s = ServoSettings.few_features_timeout
+        enough = ServoSettings.min_features
         taken_s = envelope.sight.taken_ns / NANOSECONDS
         self.record.sight.note(_shown(envelope.message), self.now_s, taken_s, enough, carried_s)
 

@@ -24,13 +24,14 @@ class Commands:
     """
     Commands of a ``node`` that drives; outside of a run it is silent: others may drive.
 
-    ``head`` is that which carries the camera, where one may.
+    ``head`` is that which carries the camera, where one may. A base that steers is sent
+    ackermann_msgs on ackermann_cmd, too, where these are installed.
     """
 
     def __init__(
-        self, node: Node, settings: DriverNodeSettings, head: Head | None, *, wheelbase: float
+        self, node: Node, settings: DriverNodeSettings, servo: ServoSettings, head: Head | None
     ) -> None:
-        self._head, self._wheelbase = head, wheelbase
+        self._head, self._wheelbase = head, servo.wheelbase
         self._stamped, self._frame = settings.enable_stamped_cmd_vel, settings.base_frame
         self._always, self._steady = not settings.watchdog, Clock(clock_type=ClockType.STEADY_TIME)
         self._ended_ns: int | None = None  # when the run ended
@@ -38,11 +39,9 @@ class Commands:
         self._sent_ns: int | None = None  # when the last command went out
         kind = write.twist_type(stamped=self._stamped)
         self._command_pub = node.create_publisher(kind, 'cmd_vel', qos.COMMAND)
-        if settings.ackermann:
-            self._drive = write.ackermann_type()
+        self._drive = None if turns_in_place(servo.drive) else write.ackermann_type()
+        if self._drive is not None:
             self._drive_pub = node.create_publisher(self._drive, 'ackermann_cmd', qos.COMMAND)
-        else:
-            self._drive = None
 
     def answer(self, before: ServoState, state: ServoState, stamp_ns: int) -> None:
         """Publish the command of ``state``, in a run and shortly after its end."""
@@ -93,18 +92,6 @@ class Commands:
     def wait(self) -> None:
         """Wait until the last command is acknowledged."""
         self._command_pub.wait_for_all_acked(Duration(seconds=STOP_TIMEOUT_S))
-
-
-def refuse_ackermann(node_settings: DriverNodeSettings, settings: ServoSettings) -> None:
-    """Raise ValueError where commands to a car are asked for that cannot go out."""
-    if not node_settings.ackermann:
-        return
-    if turns_in_place(settings.drive):
-        raise ValueError(
-            f'ackermann must go with a base that steers, got base {settings.base}; set base: car '
-            'and its max_curvature'
-        )
-    write.ackermann_type()
 
 
 def _just_now(then_ns: int | None, now_ns: int) -> bool:

@@ -1,7 +1,6 @@
 """Main loop of every node: init, spin, a clean exit with a zero twist."""
 
 import gc
-import re
 import signal
 import sys
 import time
@@ -15,7 +14,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.nodes.startup import command_line, complaints, process
+from visual_servo_epipolar.nodes.startup import command_line, complaints, process, table
 from visual_servo_epipolar.nodes.startup.executor import new_executor, spin_once
 
 FAREWELL_S = 0.5  # after `shutdown`, until the client that asked for it has the answer
@@ -30,7 +29,7 @@ def spin(kind: type[Any]) -> int:
     closed, would leave the robot moving, and SIGTSTP, of Ctrl-Z: after that the node goes on, but
     its run has ended. ``stop`` and ``suspend`` are called of nodes that have them.
     """
-    name = re.sub(r'(?<=[a-z])(?=[A-Z])', '_', kind.__name__).lower()  # servo_node of a ServoNode
+    name = table.name_of(kind)
     code = command_line.answer(name, sys.argv[1:])
     if code is not None:
         return code

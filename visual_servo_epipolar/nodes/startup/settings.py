@@ -1,7 +1,8 @@
 """Settings of the connections of the nodes, free of ROS: topics, frames, time."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
@@ -75,10 +76,10 @@ class ImageSettings(CalibrationSettings):
 class DriverNodeSettings(CalibrationSettings):
     """Settings of the connections of a node that drives the robot by its camera."""
 
+    RENAMED: ClassVar[Mapping[str, str]] = {'ackermann': 'base: car'}
+    GONE: ClassVar[Mapping[str, Any]] = {'ackermann': False}
+
     enable_stamped_cmd_vel: bool = fixed(False, 'Publish geometry_msgs/TwistStamped on cmd_vel')
-    ackermann: bool = fixed(
-        False, 'Publish ackermann_msgs/AckermannDriveStamped on ackermann_cmd too, for a car'
-    )
     watchdog: bool = internal(
         True, 'Stop the robot when tracks or images stay away; off where time itself waits'
     )
@@ -165,7 +166,7 @@ class TrackerNodeSettings(ImageSettings):
         'File where a captured photograph is kept with its camera, .yaml; empty: it is not kept',
         path=True,
     )
-    capture_frames: int = fixed(
+    capture_frames: int = internal(
         10, 'Images at rest of which a captured photograph is the mean', low=1, high=100
     )
     capture_adds: bool = setting(
@@ -174,7 +175,7 @@ class TrackerNodeSettings(ImageSettings):
     renew: bool = fixed(
         False, 'After an arrival the view in a light that no photograph has is kept beside them'
     )
-    max_photographs: int = setting(4, 'Most photographs of one pose', low=1, high=16)
+    max_photographs: int = internal(4, 'Most photographs of one pose', low=1, high=16)
     camera_reliability: str = _reliability('images')
 
     def __post_init__(self) -> None:
@@ -200,13 +201,13 @@ class UnicycleSettings(Settings):
         choices=('pioneer', 'ackermann'),
     )
     lockstep: bool = fixed(False, 'Own /clock, and move one frame for each command')
-    begin: bool = fixed(True, 'Lockstep: begin as soon as somebody listens to ground_truth')
-    rate: float = fixed(100.0, 'Rate of the base [Hz]', low=1.0, high=1000.0)
+    begin: bool = internal(True, 'Lockstep: begin as soon as somebody listens to ground_truth')
+    rate: float = internal(100.0, 'Rate of the base [Hz]', low=1.0, high=1000.0)
     frame_rate: float = fixed(
         11.0, 'Frames a second, the step of lockstep [Hz]', low=0.1, high=200.0
     )
     enable_stamped_cmd_vel: bool = fixed(False, 'Take geometry_msgs/TwistStamped on cmd_vel')
-    world_frame: str = fixed('world', 'Frame of ground truth: goal at its origin')
+    world_frame: str = internal('world', 'Frame of ground truth: goal at its origin')
     odom_frame: str = fixed('odom', 'Frame of the odometry')
     base_frame: str = fixed('base_link', 'Frame of the base')
     frame_prefix: str = fixed(

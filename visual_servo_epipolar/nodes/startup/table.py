@@ -3,8 +3,9 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
+import re
 
-from visual_servo_epipolar.core.settings import names_of, Settings
+from visual_servo_epipolar.core.settings import names_of, parameters_of, Settings
 
 PACKAGE = 'visual_servo_epipolar'
 
@@ -64,7 +65,7 @@ NODES: Mapping[str, NodeRow] = {
         services='~/start_recording, ~/station, ~/stop_recording, ~/repeat, ~/cancel',
         settings=(
             'nodes.startup.settings:RouteNodeSettings',
-            'core.servo.settings:ServoSettings',
+            'core.servo.settings:StationSettings',
             'core.routes.settings:FollowSettings',
             'core.routes.settings:TeachSettings',
         ),
@@ -108,9 +109,7 @@ NODES: Mapping[str, NodeRow] = {
 
 
 # Parameters of more than one node that mean different things there.
-HOMONYMS = frozenset(
-    {'autostart', 'max_angular', 'max_linear', 'min_features', 'steering_rate', 'wheelbase'}
-)
+HOMONYMS = frozenset({'autostart', 'max_angular', 'max_linear', 'steering_rate', 'wheelbase'})
 
 
 def settings_of(node: str) -> Iterator[type[Settings]]:
@@ -120,9 +119,20 @@ def settings_of(node: str) -> Iterator[type[Settings]]:
         yield getattr(import_module(f'{PACKAGE}.{module}'), name)
 
 
+def name_of(kind: type) -> str:
+    """Return the name of a node by its class: servo_node of a ServoNode."""
+    return re.sub(r'(?<=[a-z])(?=[A-Z])', '_', kind.__name__).lower()
+
+
 def owner_of(parameter: str) -> str:
     """Return the first node that has a parameter, of today or of an earlier version; or ''."""
-    return next((node for node in NODES if parameter in accepted_names(node)), '')
+    owners = [node for node in NODES if parameter in parameter_names(node)]
+    return next(iter(owners or (node for node in NODES if parameter in accepted_names(node))), '')
+
+
+def parameter_names(node: str) -> set[str]:
+    """Return the parameters that a node has today."""
+    return {item.name for kind in settings_of(node) for item in parameters_of(kind)}
 
 
 def accepted_names(*nodes: str) -> set[str]:

@@ -59,8 +59,8 @@ def read_photographs(given: str, most: int) -> dict[str, Image]:
     files = _photograph_files(given)
     if len(files) > most:
         raise ValueError(
-            f'desired_image must name at most max_photographs, {most}, got {len(files)} by '
-            f'{given!r}; raise it, or name fewer'
+            f'desired_image must name at most {most} photographs, got {len(files)} by {given!r}; '
+            'name fewer'
         )
     return {file: _read_photograph(file) for file in files}
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 import math
 
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.settings import setting
+from visual_servo_epipolar.core.settings import internal, setting
 from visual_servo_epipolar.simulation.bases.pioneer import obeyed, Pioneer, PioneerSettings
 
 
@@ -19,7 +19,7 @@ class AckermannSettings(PioneerSettings):
     steering_rate: float = setting(
         1.0, 'Car: how fast they are steered [rad/s]', low=0.01, high=50.0
     )
-    steering_offset: float = setting(
+    steering_offset: float = internal(
         0.0, 'Car: steering offset at a command of zero [rad]', low=-0.3, high=0.3
     )
 

@@ -32,15 +32,15 @@ class PioneerSettings(Settings):
     max_angular: float = setting(1.74, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
     acceleration: float = setting(0.3, 'Linear acceleration [m/s^2]', low=0.01, high=20.0)
     deceleration: float = setting(0.6, 'Linear deceleration [m/s^2]', low=0.01, high=20.0)
-    angular_acceleration: float = setting(
+    angular_acceleration: float = internal(
         1.74, 'Angular acceleration [rad/s^2]', low=0.01, high=50.0
     )
-    wheel_radius: float = setting(0.0975, 'Nominal radius of a wheel [m]', low=0.01, high=1.0)
-    track: float = setting(0.33, 'Distance between the wheels [m]', low=0.05, high=2.0)
+    wheel_radius: float = internal(0.0975, 'Nominal radius of a wheel [m]', low=0.01, high=1.0)
+    track: float = internal(0.33, 'Distance between the wheels [m]', low=0.05, high=2.0)
     command_timeout: float = setting(
         0.5, 'Age of the last command at which the base stops; 0 = never [s]', low=0.0, high=60.0
     )
-    odometry_noise: float = setting(
+    odometry_noise: float = internal(
         0.0075, 'Deviation of wheel odometry, a metre and a radian', low=0.0, high=1.0
     )
     wheel_ratio: float = setting(

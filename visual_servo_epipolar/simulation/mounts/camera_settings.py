@@ -49,7 +49,7 @@ class CameraSettings(Settings):
         'What is seen',
         choices=('room', 'wall', 'plain', 'storey', 'nearwall', 'nearwall_boxes'),
     )
-    scene_seed: int = fixed(1, 'Seed of the scene', low=0, high=2**31 - 1)
+    scene_seed: int = internal(1, 'Seed of the scene', low=0, high=2**31 - 1)
     seed: int = fixed(0, 'Seed of noise and jitter', low=0, high=2**31 - 1)
     mount_height: float = fixed(0.6, 'Height above the floor [m]', low=0.01, high=2.4)
     mount_forward: float = fixed(0.0, 'Camera ahead of the axle [m]', low=-1.0, high=1.0)
@@ -72,7 +72,7 @@ class CameraSettings(Settings):
     noise: float = fixed(2.0, 'Noise, standard deviation [grey levels]', low=0.0, high=50.0)
     gain_drift: float = internal(0.0, 'Amplitude of the drift of the gain', low=0.0, high=0.9)
     blur: float = fixed(0.0, 'Blur, sigma [px]', low=0.0, high=10.0)
-    jpeg: int = fixed(
+    jpeg: int = internal(
         0, 'Quality of the JPEG that images come as; 0 = as they are', low=0, high=100
     )
     shutter: float = setting(
@@ -95,7 +95,7 @@ class CameraSettings(Settings):
     breathing_period: float = internal(
         2.0, 'Period of that change of the focal length [s]', low=0.1, high=100.0
     )
-    stamp_delay: float = setting(
+    stamp_delay: float = internal(
         0.0,
         'Time from the exposure to the receipt, when the image is stamped; 0 = stamped as exposed '
         '[s]',
