@@ -430,10 +430,10 @@ def test_the_same_photograph_again_changes_nothing(rig, photograph, view) -> Non
     assert read.goal(rig.clouds[-1]) == goal
 
 
-def test_the_process_of_the_tracker_takes_one_thread_of_opencv(
+def test_the_process_of_the_tracker_takes_one_thread_of_opencv_and_has_room_for_images(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    threads, during = cv2.getNumThreads(), []
+    threads, during, tuned = cv2.getNumThreads(), [], []
 
     def init(**_: object) -> None:
         during.append(cv2.getNumThreads())
@@ -441,7 +441,7 @@ def test_the_process_of_the_tracker_takes_one_thread_of_opencv(
 
     monkeypatch.setattr(rclpy, 'init', init)
     monkeypatch.setattr(sys, 'argv', ['tracker_node'])
-    monkeypatch.setattr(process, 'tune_transport', lambda: None)
+    monkeypatch.setattr(process, 'tune_transport', lambda **given: tuned.append(given))
     for name in ('on_ending', 'on_suspending', 'ignore_ending'):
         monkeypatch.setattr(process, name, lambda *_: None)
     cv2.setNumThreads(2)
@@ -449,7 +449,7 @@ def test_the_process_of_the_tracker_takes_one_thread_of_opencv(
         assert spin(TrackerNode) == 2
     finally:
         cv2.setNumThreads(threads)
-    assert during == [1]
+    assert (during, tuned) == ([1], [{'sends_images': True}])
 
 
 @pytest.mark.parametrize('projection', ['equirectangular_stitched', 'dual_fisheye'])

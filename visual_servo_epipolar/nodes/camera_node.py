@@ -37,6 +37,8 @@ WARN_PERIOD_S = 2.0
 class CameraNode(GuardedNode):
     """Hosts a ``CameraSimulator``: an image a frame of ground truth, in any kind of time."""
 
+    sends_images = True
+
     def __init__(self, **options: Any) -> None:
         super().__init__('camera_node', **options)
         self._settings = parameters.declare(self, CameraSettings)

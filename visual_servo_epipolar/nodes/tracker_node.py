@@ -45,6 +45,7 @@ class TrackerNode(ManagedNode):
     """
 
     one_core = True  # of OpenCV: more threads would wait for cores that others have
+    sends_images = True
 
     def __init__(self, **options: Any) -> None:
         super().__init__('tracker_node', **options)

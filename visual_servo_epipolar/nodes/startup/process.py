@@ -9,22 +9,23 @@ import signal
 import sys
 
 MALLOPT_MMAP_THRESHOLD, MALLOPT_TRIM_THRESHOLD = -3, -1
-KEEP_BYTES = 2**29 - 1
+KEEP_BYTES = 2**23  # an image of 8 MB; a match of whole images takes 300 MB for a moment
 DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
 # Ctrl-C, kill, a terminal that is closed, Ctrl-backslash.
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
-def tune_transport() -> None:
+def tune_transport(*, sends_images: bool = True) -> None:
     """
     Tune the transport for images: shared memory for whole frames, and buffers that are kept.
 
-    The default segment is smaller than one image, and glibc returns megabyte buffers to the
-    kernel after each message. Both are settings of this process alone; a profile of the user's
-    own (FASTRTPS_DEFAULT_PROFILES_FILE) is left as it is.
+    The default segment is smaller than one image that is sent, and glibc returns megabyte buffers
+    to the kernel after each message; those larger than an image, of a matching, may go back. Both
+    are settings of this process alone; a profile of the user's own
+    (FASTRTPS_DEFAULT_PROFILES_FILE) is left as it is.
     """
     profile = Path(__file__).with_name('fastdds_profile.xml')
-    if profile.is_file():
+    if sends_images and profile.is_file():
         os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
     if sys.platform == 'linux':
         libc = ctypes.CDLL(None)

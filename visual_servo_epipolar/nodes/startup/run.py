@@ -33,7 +33,7 @@ def spin(kind: type[Any]) -> int:
     code = command_line.answer(name, sys.argv[1:])
     if code is not None:
         return code
-    process.tune_transport()
+    process.tune_transport(sends_images=getattr(kind, 'sends_images', False))
     if getattr(kind, 'one_core', False):
         cv2.setNumThreads(1)
     # Lists: a second signal within the lock of an event would wait for it for ever.
