@@ -23,10 +23,9 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK
-from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation import views
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.views import view_of
 
 RIGS, RUNS, SEED = ('pinhole', 'fisheye', 'panorama'), 12, 5
 FOLDER = Path(__file__).parent
@@ -39,9 +38,8 @@ def drive(rig: str) -> list[RunLog]:
     for index in range(RUNS):
         seed = 1000 * SEED + index
         scenario = load(None, rig_path(rig)).with_servo({'law': 'smooth'}).seeded(seed)
-        loop = scenario.loop(start_in('around', SEED, index, scenario), seed)
-        runs.append((loop, view_of(scenario, 'features', seed), scenario.camera.nominal_camera))
-    return [run(*each) for each in runs]
+        runs.append(views.drive(scenario, start_in('around', SEED, index, scenario), seed))
+    return runs
 
 
 def draw(logs: dict[str, Sequence[RunLog]]) -> Figure:
@@ -69,7 +67,7 @@ def _map(axes: Axes, rig: str, runs: Sequence[RunLog]) -> None:
 def panorama() -> Image:
     """Return an image of 360 deg, beside the goal and turned away, with its features."""
     scenario = load(None, rig_path('panorama_small'))
-    view = view_of(scenario, 'images', 0)
+    view = views.view_of(scenario, 'images', 0)
     pixels = view.observe(LOOK_FROM, 0).current
     image = cv2.cvtColor(view.image, cv2.COLOR_GRAY2BGR)  # type: ignore[attr-defined]
     for u, v in np.rint(pixels).astype(int).tolist():

@@ -17,9 +17,8 @@ from visual_servo_epipolar.core.laws.registry import LAWS
 from visual_servo_epipolar.core.perception.inspection.judgement import Inspection
 from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog, Sample, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.simulation import closed_loop
 from visual_servo_epipolar.simulation.scenario import load, Scenario
-from visual_servo_epipolar.simulation.views import view_of
+from visual_servo_epipolar.simulation.views import drive
 
 if TYPE_CHECKING:
     from visual_servo_epipolar.core.routes.route import Route
@@ -83,8 +82,7 @@ def simulate(
     """
     world = (scenario or Scenario()).seeded(seed)
     world = world if law is None else world.with_servo({'law': law})
-    view = view_of(world, source, seed)
-    return closed_loop.run(world.loop(start, seed), view, world.camera.nominal_camera, watch=watch)
+    return drive(world, start, seed, source, watch=watch)
 
 
 def sweep(

@@ -19,10 +19,9 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import least_time, RunLog, seconds
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK
-from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation import views
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.views import view_of
 
 LAWS = ('full', 'smooth')
 STARTS = (*(('front', index) for index in range(9)), *(('beside', index) for index in (0, 3, 8)))
@@ -37,9 +36,8 @@ def drive(law: str) -> list[RunLog]:
     for region, index in STARTS:
         seed = 1000 * SEED + index
         scenario = Scenario().with_servo({'law': law}).seeded(seed)
-        loop = scenario.loop(start_in(region, SEED, index, scenario), seed)
-        runs.append((loop, view_of(scenario, 'features', seed), scenario.camera.nominal_camera))
-    return [run(*each) for each in runs]
+        runs.append(views.drive(scenario, start_in(region, SEED, index, scenario), seed))
+    return runs
 
 
 def draw(logs: dict[str, Sequence[RunLog]]) -> Figure:

@@ -9,9 +9,8 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.cameras.intrinsics import ImageIntrinsics
 from visual_servo_epipolar.core.cameras.registry import CameraRow
 from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import from_document
-from visual_servo_epipolar.simulation.views import points_of
+from visual_servo_epipolar.simulation.views import drive
 
 LOWEST = 0.6  # cosine of the elevation that its mirror shows at least
 
@@ -67,8 +66,6 @@ def test_the_servo_drives_by_a_camera_of_another_package(install) -> None:
     }
     scenario = from_document({'camera': camera}, 'test')
     # Turned away by 100 deg: no other lens would see the goal's features.
-    loop = scenario.loop((0.5, -3.0, 100.0), 2)
-    log = run(loop, points_of(scenario, 2), scenario.camera.nominal_camera)
-    result = summarise(log)
+    result = summarise(drive(scenario, (0.5, -3.0, 100.0), 2))
     assert result['outcome'] == 'arrived', result['reason']
     assert result['position_error_m'] < 0.01

@@ -23,13 +23,12 @@ from visual_servo_epipolar.core.rigs.rig import (
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.step import step
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.mounts.registry import SIMULATED_RIGS, SimulatedRigModel
 from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
 from visual_servo_epipolar.simulation.scenario import from_document
-from visual_servo_epipolar.simulation.views import points_of
+from visual_servo_epipolar.simulation.views import drive
 
 SWING, PERIOD = 0.2, 50.0  # of the head [rad, frames]
 
@@ -121,9 +120,7 @@ def scenario(install, monkeypatch):
 @pytest.mark.parametrize('rig', ['pan', 'fixed'])
 def test_the_servo_drives_with_a_head_of_another_package(scenario, rig: str) -> None:
     scenario, control = scenario.with_servo({'rig': rig}), Control([])
-    loop = scenario.loop((0.4, -2.5, 5.0), 3)
-    nominal = scenario.camera.nominal_camera
-    result = summarise(run(loop, points_of(scenario, 3), nominal, control=control))
+    result = summarise(drive(scenario, (0.4, -2.5, 5.0), 3, control=control))
     if rig == 'fixed':  # who knows of no joints takes the swing for the robot's
         assert result['outcome'] != 'arrived' or result['position_error_m'] > 0.02
         assert set(control.commands) == {None}

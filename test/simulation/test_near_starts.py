@@ -3,9 +3,8 @@
 import pytest
 
 from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.views import view_of
+from visual_servo_epipolar.simulation.views import drive
 
 # x, y, heading error and the seed; the first four turned to and fro for as long as they might.
 STARTS = [
@@ -20,15 +19,7 @@ STARTS = [
 
 @pytest.mark.long
 def test_every_start_near_the_goal_arrives_and_faces_it_soon() -> None:
-    scenarios = [(Scenario().seeded(seed), start, seed) for *start, seed in STARTS]
-    logs = [
-        run(
-            each.loop(tuple(start), seed),
-            view_of(each, 'features', seed),
-            each.camera.nominal_camera,
-        )
-        for each, start, seed in scenarios
-    ]
+    logs = [drive(Scenario().seeded(seed), tuple(start), seed) for *start, seed in STARTS]
     assert [log.reason for log in logs if log.outcome != 'arrived'] == []
     for log in logs:
         spans = summarise(log)['phases']

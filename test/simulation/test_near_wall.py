@@ -4,9 +4,8 @@ from durations import few_of
 import pytest
 
 from visual_servo_epipolar.commands.arguments import scenario_path
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.views import points_of
+from visual_servo_epipolar.simulation.views import drive
 
 STARTS = [(0.92, -2.58, 0.46), (-0.52, -2.03, -9.37), (1.19, -2.38, -14.44), (1.2, -1.0, 10.0)]
 
@@ -15,8 +14,6 @@ STARTS = [(0.92, -2.58, 0.46), (-0.52, -2.03, -9.37), (1.19, -2.38, -14.44), (1.
 @pytest.mark.parametrize(('x', 'y', 'heading'), few_of(STARTS, keep=(1,)))
 def test_the_robot_probes_and_arrives(x: float, y: float, heading: float, law: str) -> None:
     scenario = load(scenario_path('nearwall')).with_servo({'law': law})
-    log = run(
-        scenario.loop((x, y, heading), 0), points_of(scenario, 0), scenario.camera.nominal_camera
-    )
+    log = drive(scenario, (x, y, heading), 0)
     assert log.samples[-1].phase.value == 'arrived', log.reason
     assert log.samples[-1].pose.distance < 5e-3

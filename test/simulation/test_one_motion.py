@@ -13,7 +13,7 @@ from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.views import points_of
+from visual_servo_epipolar.simulation.views import drive
 
 CONFIG = Path(__file__).parents[2] / 'config' / 'scenarios'
 
@@ -75,6 +75,5 @@ def test_a_base_that_turns_by_pulses_is_not_through_while_it_faces_elsewhere() -
     # D is zero on the way, too: with 37 deg to turn the motion has not ended.
     seed = 1281573172
     realistic = load(CONFIG / 'realistic.yaml').with_servo({'law': 'smooth'}).seeded(seed)
-    loop = realistic.loop((2.249583, 1.286026, 88.947885), seed)
-    log = run(loop, points_of(realistic, seed), realistic.camera.nominal_camera)
+    log = drive(realistic, (2.249583, 1.286026, 88.947885), seed)
     assert log.outcome == 'arrived', log.reason

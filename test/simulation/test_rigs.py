@@ -9,12 +9,12 @@ import pytest
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.closed_loop import Loop, run
+from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.run_monitor import verdict
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.views import view_of
+from visual_servo_epipolar.simulation.views import drive, view_of
 
 RIGS = Path(__file__).parents[2] / 'config/rigs'
 SEED = 3
@@ -49,8 +49,7 @@ def test_two_centres_that_nobody_tells_move_the_goal_by_millimetres_at_most(rig,
     scenario = load(None, RIGS / f'{rig}.yaml').seeded(SEED)
     camera = replace(scenario.camera, lens_rotation=turned)
     scenario = replace(scenario, camera=camera)
-    view = view_of(scenario, 'features', SEED)
-    log = run(scenario.loop((0.8, 0.4, -120.0), SEED), view, scenario.camera.nominal_camera)
+    log = drive(scenario, (0.8, 0.4, -120.0), SEED)
     result = verdict(log, new_rig(scenario.camera))
     assert result['outcome'] == 'arrived', result['reason']
     assert result['position_error_m'] < 0.008 and result['max_distance_ratio'] < 1.1
@@ -58,9 +57,8 @@ def test_two_centres_that_nobody_tells_move_the_goal_by_millimetres_at_most(rig,
 
 def test_a_turn_about_another_lens_is_not_taken_for_a_way() -> None:
     scenario = load(None, RIGS / 'dual_fisheye.yaml').seeded(seed := 274359773)
-    view = view_of(scenario, 'features', seed)
     start = (1.368867, -0.371214, -14.415847)  # its distance was 5 cm after a turn in place
-    log = run(scenario.loop(start, seed), view, scenario.camera.nominal_camera)
+    log = drive(scenario, start, seed)
     result = verdict(log, new_rig(scenario.camera))
     assert result['outcome'] == 'arrived', result['reason']
     assert result['duration_s'] < 30.0 and result['position_error_m'] < 0.008

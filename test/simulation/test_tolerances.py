@@ -7,9 +7,8 @@ from durations import few_of
 import pytest
 
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.views import view_of
+from visual_servo_epipolar.simulation.views import drive
 
 Start = tuple[float, float, float]
 
@@ -21,9 +20,7 @@ NEAR, FAR, TURNED = (0.1, -1.0, 5.0), (0.3, -3.0, 10.0), (0.0, 0.0, -10.0)
 def driven(law: str, start: Start, position: float = 0.0, heading: float = 6e-4) -> RunLog:
     """Return the record of a run that is to end within these tolerances."""
     told = {'law': law, 'arrival_position': position, 'arrival_heading': heading}
-    scenario = Scenario().with_servo(told).seeded(0)
-    view = view_of(scenario, 'features', 0)
-    return run(scenario.loop(start, 0), view, scenario.camera.nominal_camera)
+    return drive(Scenario().with_servo(told).seeded(0), start, 0)
 
 
 def time_in(log: RunLog, phase: str) -> float:

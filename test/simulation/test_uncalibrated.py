@@ -11,9 +11,8 @@ from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.step import advance, update_map
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
-from visual_servo_epipolar.simulation.views import view_of
+from visual_servo_epipolar.simulation.views import drive
 
 STARTS = [(0.78, -2.67, -10.5), (0.36, -4.86, 4.9), (-1.2, -1.0, 8.0)]
 TURNED = (0.0, 0.0, 15.0)  # at the goal, but for the heading
@@ -26,24 +25,14 @@ def scenario(ratio: float, deviation: float = 1.0) -> Scenario:
 
 def driven_from(start: tuple[float, float, float], ratio: float, seed: int) -> RunLog:
     """Return the record of one run whose camera matrix has ``ratio``."""
-    seeded = scenario(ratio).seeded(seed)
-    view = view_of(seeded, 'features', seed)
-    return run(seeded.loop(start, seed), view, seeded.camera.nominal_camera)
+    return drive(scenario(ratio).seeded(seed), start, seed)
 
 
 def driven(cases: list[tuple[float, int, float]]) -> list[RunLog]:
     """Return the records of runs with these ratios, starts, and deviations of the ratio."""
-    runs = []
-    for ratio, k, deviation in cases:
-        seeded = scenario(ratio, deviation).seeded(k)
-        runs.append(
-            (
-                seeded.loop(STARTS[k], k),
-                view_of(seeded, 'features', k),
-                seeded.camera.nominal_camera,
-            )
-        )
-    return [run(*each) for each in runs]
+    return [
+        drive(scenario(ratio, deviation).seeded(k), STARTS[k], k) for ratio, k, deviation in cases
+    ]
 
 
 @pytest.mark.parametrize('ratio', few_of([0.17, 0.5, 1.0]))
@@ -79,8 +68,7 @@ def perceptions_on_the_way(ratio: float, start: tuple[float, float, float]) -> l
         perceptions.append(perceive(seen, servo, state.view.frame, state.view.memory))
         return update_map(advance(state, perceptions[-1], servo))
 
-    view = view_of(seeded, 'features', 1)
-    run(seeded.loop(start, 1), view, seeded.camera.nominal_camera, control=control)
+    drive(seeded, start, 1, control=control)
     return perceptions
 
 

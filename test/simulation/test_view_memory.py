@@ -9,10 +9,9 @@ import pytest
 
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.servo.run_log import Sample, summarise
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.views import points_of
+from visual_servo_epipolar.simulation.views import drive
 
 SEED, STARTS = 3, 2
 
@@ -24,16 +23,15 @@ def driven(remembers: bool) -> list[dict[str, object]]:
     for index in range(STARTS):
         seeded = scenario.seeded(SEED + index)
         start = start_in('front', SEED, index, seeded)
-        view = points_of(seeded, SEED + index)
-        runs.append((seeded.loop(start, SEED + index), view, seeded.camera.nominal_camera))
-    return [summarise(run(*each)) for each in runs]
+        runs.append(summarise(drive(seeded, start, SEED + index)))
+    return runs
 
 
 def test_wheels_that_hop_end_where_they_can() -> None:
     """A millimetre is the least that they move: more is not asked of them, for two minutes."""
     scenario = load(scenario_path('realistic')).seeded(302)
     start = start_in('front', 300, 302, scenario)
-    log = run(scenario.loop(start, 302), points_of(scenario, 302), scenario.camera.nominal_camera)
+    log = drive(scenario, start, 302)
     summary = summarise(log)
     assert summary['outcome'] == 'arrived'
     assert summary['duration_s'] < 40.0
@@ -45,10 +43,7 @@ def driven_from(
     """Return what became of a run, its largest distance from the goal and its way [m]."""
     scenario = load(scenario_path(name)).seeded(seed)
     samples: list[Sample] = []
-    view = points_of(scenario, seed)
-    log = run(
-        scenario.loop(start, seed), view, scenario.camera.nominal_camera, watch=samples.append
-    )
+    log = drive(scenario, start, seed, watch=samples.append)
     places = [(each.pose.x, each.pose.y) for each in samples]
     way = sum(math.dist(*pair) for pair in pairwise(places))
     return summarise(log), max(math.hypot(*place) for place in places), way

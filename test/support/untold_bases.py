@@ -9,10 +9,9 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.step import step
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.views import points_of
+from visual_servo_epipolar.simulation.views import drive
 
 
 def driven(
@@ -34,6 +33,5 @@ def driven(
         states.append(step(state, seen, settings))
         return states[-1]
 
-    loop = scenario.loop(start_in('front', seed, 0, scenario), seed)
-    log = run(loop, points_of(scenario, seed), scenario.camera.nominal_camera, control=control)
+    log = drive(scenario, start_in('front', seed, 0, scenario), seed, control=control)
     return summarise(log), states[-1]

@@ -4,10 +4,10 @@ import pytest
 from sweeps import BRIEF, plan_of
 
 from visual_servo_epipolar.core.servo.run_log import Sample
-from visual_servo_epipolar.simulation.closed_loop import Loop, run
+from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.run_monitor import verdict
-from visual_servo_epipolar.simulation.views import view_of
+from visual_servo_epipolar.simulation.views import drive
 from visual_servo_epipolar.sweeping.plan import Chunk, result_of, work
 
 STARTS = [(0.5, -3.0, 5.0), (-1.0, -4.0, 0.0)]
@@ -17,9 +17,7 @@ def test_a_result_is_that_of_the_run_alone() -> None:
     for start, seed in zip(STARTS, [3, 4], strict=True):
         scenario = BRIEF.seeded(seed)
         found = result_of(scenario, start, seed, 'features')
-        view = view_of(scenario, 'features', seed)
-        log = run(scenario.loop(start, seed), view, scenario.camera.camera)
-        assert found == verdict(log, new_rig(scenario.camera))
+        assert found == verdict(drive(scenario, start, seed), new_rig(scenario.camera))
 
 
 def test_results_do_not_depend_on_the_chunks() -> None:

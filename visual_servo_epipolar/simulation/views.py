@@ -1,9 +1,12 @@
-"""Views of a run in memory: point features, or images through a tracker."""
+"""A run in memory by a scenario: its view, point features or images, and the one loop."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
+from visual_servo_epipolar.simulation.closed_loop import Control, run
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.point_world import PointWorld
@@ -32,3 +35,17 @@ def points_of(scenario: Scenario, seed: int) -> PointWorld:
         disturbances=disturbances,
         shutter=camera.row_timing,
     )
+
+
+def drive(
+    scenario: Scenario,
+    start: tuple[float, float, float],
+    seed: int,
+    source: str = 'features',
+    *,
+    watch: Callable[[Sample], None] | None = None,
+    control: Control | None = None,
+) -> RunLog:
+    """Drive by ``scenario`` from ``start``: x [m], y [m], heading error [deg]; as ``run`` does."""
+    view, camera = view_of(scenario, source, seed), scenario.camera.nominal_camera
+    return run(scenario.loop(start, seed), view, camera, watch=watch, control=control)

@@ -12,9 +12,8 @@ from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_a
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.step import step
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.views import view_of
+from visual_servo_epipolar.simulation.views import drive
 
 STARTS = [(0.8, -3.0, 0.0), (-0.6, -2.4, 12.0), (0.2, -3.4, -10.0)]
 LONGEST_S = 20.0
@@ -38,12 +37,7 @@ def doubts(start: tuple[float, float, float], **camera: float) -> list[str]:
             checks.append(looked_at(checks[-1], seen, run_so_far, settings, after.view.frame))
         return after
 
-    run(
-        scenario.loop(start, 3),
-        view_of(scenario, 'features', 3),
-        scenario.camera.nominal_camera,
-        control=control,
-    )
+    drive(scenario, start, 3, control=control)
     assert checks[-1].memory is not None
     assert checks[-1].memory.lens.ratio_deviation < UNKNOWN
     return [check.doubt for check in checks if check.doubt]

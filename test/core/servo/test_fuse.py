@@ -19,9 +19,8 @@ from visual_servo_epipolar.core.servo import fuse
 from visual_servo_epipolar.core.servo.fuse import SKIPPED, two_view_skip
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.step import step
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.views import points_of
+from visual_servo_epipolar.simulation.views import drive
 
 START, SEED = (-0.9, -3.0, 8.0), 4
 VIEWS = MapState(KeyframeMap(ServoSettings().mount))
@@ -38,8 +37,7 @@ def driven() -> Driven:
         steps.append((state, seen, servo))
         return step(state, seen, servo)
 
-    loop = scenario.loop(START, SEED)
-    run(loop, points_of(scenario, SEED), scenario.camera.nominal_camera, control=control)
+    drive(scenario, START, SEED, control=control)
     return steps[:120]
 
 

@@ -9,9 +9,8 @@ from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.simulation.bases.registry import SIMULATED_BASES, SimulatedBaseModel
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
-from visual_servo_epipolar.simulation.views import points_of
+from visual_servo_epipolar.simulation.views import drive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,8 +52,7 @@ def ideal(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures('ideal')
 def test_a_base_of_another_kind_drives_to_the_goal() -> None:
     scenario = from_document({'base': {'model': 'ideal', 'gain': 0.9}}, 'test')
-    settings = scenario.loop((1.0, -3.0, 0.0), 0)
-    summary = summarise(run(settings, points_of(scenario, 0), scenario.camera.nominal_camera))
+    summary = summarise(drive(scenario, (1.0, -3.0, 0.0), 0))
     assert summary['outcome'] == 'arrived'
     # 0.2 px of noise on 60 features.
     assert summary['position_error_m'] < 0.005

@@ -13,9 +13,8 @@ from visual_servo_epipolar.core.laws.smooth.smooth import APPROACHING, ONE_MOTIO
 from visual_servo_epipolar.core.servo.decisions import classify
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.views import points_of
+from visual_servo_epipolar.simulation.views import drive
 
 CAR = {'law': 'smooth', 'base': 'car', 'max_curvature': 1.667}
 SETTINGS = ServoSettings(**CAR)
@@ -25,8 +24,7 @@ FREELY = ONE_MOTION.transitions
 @pytest.fixture(scope='module')
 def beside() -> RunLog:
     scenario = load(None, rig_path('car')).seeded(7)
-    loop = scenario.loop((0.5, -0.2, -8.0), 7)
-    return run(loop, points_of(scenario, 7), scenario.camera.nominal_camera)
+    return drive(scenario, (0.5, -0.2, -8.0), 7)
 
 
 def test_a_car_beside_its_goal_arrives(beside: RunLog) -> None:
@@ -95,8 +93,7 @@ def test_the_tolerance_of_the_heading_is_the_owners_in_every_attempt(
 def test_a_car_that_sees_rarely_ends_at_the_goals_heading() -> None:
     scenario = load(None, rig_path('car')).seeded(985782782)
     scenario = replace(scenario, camera=replace(scenario.camera, frame_rate=10.0))
-    loop = scenario.loop((-1.060814, -1.54517, -3.346284), 985782782)
-    result = summarise(run(loop, points_of(scenario, 985782782), scenario.camera.nominal_camera))
+    result = summarise(drive(scenario, (-1.060814, -1.54517, -3.346284), 985782782))
     assert result['outcome'] == 'arrived', result['reason']
     assert result['position_error_m'] < 3e-3
     assert abs(result['heading_error_deg']) < 0.1

@@ -20,9 +20,8 @@ from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import from_document
-from visual_servo_epipolar.simulation.views import points_of
+from visual_servo_epipolar.simulation.views import drive
 
 STEP = 1e-3
 PINHOLE, HEAD = (0.35, 0.35), (2.2, 2.2)  # margins of a view that faces the goal [rad]
@@ -128,8 +127,7 @@ def test_turned_away_it_turns_back_the_way_that_shows_the_goal() -> None:
 
 @pytest.mark.parametrize('start', [(-2.0, 0.1, 5.0), (0.4, 2.0, 80.0)])
 def test_with_a_head_no_robot_goes_away_from_its_goal(start) -> None:
-    camera = ON_A_HEAD.camera.nominal_camera
-    result = summarise(run(ON_A_HEAD.loop(start, 3), points_of(ON_A_HEAD, 3), camera))
+    result = summarise(drive(ON_A_HEAD, start, 3))
     assert result['outcome'] == 'arrived', result['reason']
     assert result['position_error_m'] < 0.003
     assert result['max_distance_ratio'] < 1.05
@@ -138,18 +136,13 @@ def test_with_a_head_no_robot_goes_away_from_its_goal(start) -> None:
 
 def test_with_a_noisy_encoder_the_robot_arrives_as_soon_as_it_is_there() -> None:
     noisy = replace(ON_A_HEAD, camera=replace(ON_A_HEAD.camera, head_encoder_noise=4e-3))
-    camera = noisy.camera.nominal_camera
-    result = summarise(run(noisy.loop((0.3, -1.0, 20.0), 3), points_of(noisy, 3), camera))
+    result = summarise(drive(noisy, (0.3, -1.0, 20.0), 3))
     assert result['outcome'] == 'arrived', result['reason']
     assert result['duration_s'] < 15.0 and abs(result['heading_error_deg']) < 0.3
 
 
 def test_a_camera_that_leans_on_its_head_by_what_nobody_told_arrives() -> None:
     leaning = replace(ON_A_HEAD, camera=replace(ON_A_HEAD.camera, tilt=math.radians(5.0)))
-    result = summarise(
-        run(
-            leaning.loop((-2.0, 0.1, 5.0), 3), points_of(leaning, 3), leaning.camera.nominal_camera
-        )
-    )
+    result = summarise(drive(leaning, (-2.0, 0.1, 5.0), 3))
     assert result['outcome'] == 'arrived', result['reason']
     assert result['position_error_m'] < 0.003
