@@ -47,7 +47,7 @@ def _panel(axes: Axes, rows: list[Mapping[str, Any]]) -> None:
         of = [it for it in rows if it['region'] == region]
         axes.plot(
             [it['ratio'] for it in of],
-            [1e3 * it['position_median_m'] for it in of],
+            [1e3 * it['position_error_m']['median'] for it in of],
             color=colour,
             label=f'{region}: median',
         )
@@ -66,8 +66,8 @@ def main(target: Path) -> None:
         draw(document).savefig(target, dpi=130, metadata={'Software': None})
     print(calibration.table(document))
     for row in document['rows']:
-        if row['method'] == 'found out' and row['reasons']:
-            print(row['mount'], row['region'], row['ratio'], *row['reasons'], sep=', ')
+        if row['method'] == 'found out' and row['failure_reasons']:
+            print(row['mount'], row['region'], row['ratio'], *row['failure_reasons'], sep=', ')
 
 
 if __name__ == '__main__':

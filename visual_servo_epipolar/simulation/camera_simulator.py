@@ -29,8 +29,6 @@ from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms.scene import painted_room
 from visual_servo_epipolar.simulation.view import View
 
-SENSORS = 4  # kept, each for one noise
-
 
 class CameraSimulator:
     """
@@ -135,7 +133,7 @@ class CameraSimulator:
         settings, size = self.settings, (self.settings.width, self.settings.height)
         noise = min(gain * settings.noise, MAX_NOISE)
         if noise not in self._sensors:
-            if len(self._sensors) == SENSORS:
+            if len(self._sensors) == 4:  # kept, each for one noise
                 del self._sensors[next(iter(self._sensors))]
             sensor = SensorSettings(
                 noise=noise, gain_drift=settings.gain_drift, blur=settings.blur

@@ -25,7 +25,6 @@ from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig, 
 
 WRONG_BEARING = math.radians(10.0)  # beyond which a geometry is wrong [rad]
 LEAST_BASELINE_M = 0.02  # below which bearings mean little
-BRAKING_FRAMES = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +78,7 @@ class RunMonitor:
     def _settle_frames(self) -> int:
         """Frames after the end in which the base carries out earlier commands, and brakes."""
         delay = float(getattr(self.settings.base, 'command_delay', 0.0))
-        return max(SETTLE_FRAMES, math.ceil(delay * self.settings.frame_rate) + BRAKING_FRAMES)
+        return max(SETTLE_FRAMES, math.ceil(delay * self.settings.frame_rate) + 3)
 
     def add(self, sample: Sample, *, reason: str, attempts: int) -> None:
         """Take in one step; what comes after the end is ignored."""

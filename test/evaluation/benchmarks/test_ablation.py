@@ -47,10 +47,6 @@ def test_paper_with_the_true_sigma_is_named_corrected() -> None:
     assert 'paper+true_sigma' not in ablation.laws()
 
 
-def test_an_expression_that_is_no_law_of_ours_keeps_its_name() -> None:
-    assert ablation._known('paper+retreat') == 'paper+retreat'
-
-
 def test_laws_of_other_packages_neither_load_nor_name_a_row(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -71,15 +67,11 @@ def test_a_quick_run_has_a_row_for_each_of_its_laws(document: dict[str, Any]) ->
     ]
     assert document['starts'] == 1
     assert document['departures'] == DEPARTURES
+    assert not any('runs' in row for row in rows) and json.dumps(document)
     full, without_retreat, _ = rows
     # Point features from the front: full always arrives, and has nothing to retreat from.
     assert full['success_rate'] == without_retreat['success_rate'] == 1.0
     assert full['arrived_but_wrong'] == 0
-
-
-def test_rows_hold_figures_and_no_runs(document: dict[str, Any]) -> None:
-    assert all('runs' not in row for row in document['rows'])
-    json.dumps(document)
 
 
 def test_the_table_has_a_line_for_each_row(document: dict[str, Any]) -> None:

@@ -19,7 +19,6 @@ from visual_servo_epipolar.sweeping.provenance import commit
 REGIONS = ('front', 'beside', 'anywhere')
 STARTS, QUICK_STARTS = 100, 1
 LONGEST_S = 120.0  # of a run: law full needs 30 s in front and at most 100 s beside [s]
-SEED_STEP = 100  # between the seeds of two regions
 NAMES = ('paper', 'corrected', 'full')  # laws of other packages have no row, and need not load
 QUICK_LAWS = ('full', 'full-retreat', 'paper')
 COLUMNS: Columns = {
@@ -64,7 +63,7 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
             source='features',
             laws=names,
             scenario=scenario,
-            seed=seed + SEED_STEP * place,
+            seed=seed + 100 * place,  # between the seeds of two regions
         )
         for place, region in enumerate(regions)
     ]

@@ -19,11 +19,11 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.stamps import seconds_between
-from visual_servo_epipolar.evaluation.benchmarks.starts import runs_on_points
 from visual_servo_epipolar.evaluation.tables import cells, Columns, markdown, numbers
 from visual_servo_epipolar.simulation.closed_loop import Loop
+from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.sweeping.plan import Run
+from visual_servo_epipolar.sweeping.plan import Run, run_of
 from visual_servo_epipolar.sweeping.provenance import commit
 
 SCENARIOS, LAWS = ('nominal', 'realistic', 'harsh', 'cheap'), ('full', 'smooth')
@@ -77,9 +77,11 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
         for law in LAWS:
             scenario = load(scenario_path(name)).with_servo({'law': law})
             found: list[list[float]] = []
-            for number, settings in enumerate(runs_on_points(scenario, 'front', starts, seed), 1):
-                say(f'consistency: {name}, {law}: run {number} of {starts} ...')
-                found += ratios_of_run(settings)
+            for number in range(starts):
+                say(f'consistency: {name}, {law}: run {number + 1} of {starts} ...')
+                own = seed + number
+                start = start_in('front', seed, number, scenario.seeded(own))
+                found += ratios_of_run(run_of(scenario, start, own, 'features'))
             both = np.percentile(np.array(found or [[math.nan] * len(PARTS)]), (50, 95), axis=0)
             parts = {part: both[:, column].tolist() for column, part in enumerate(PARTS)}
             rows.append({'scenario': name, 'law': law, 'images': len(found), **parts})

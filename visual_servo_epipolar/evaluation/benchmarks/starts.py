@@ -1,13 +1,11 @@
-"""Closed loops from the same starts: plans driven by all cores, and runs on point features."""
+"""Closed loops from the same starts: plans that all cores drive, and columns of their tables."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from visual_servo_epipolar.evaluation.tables import Columns, number, numbers
 from visual_servo_epipolar.processes import cores
-from visual_servo_epipolar.simulation.regions import start_in
-from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.sweeping.plan import Run, run_of, SweepPlan
+from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.summary import summary_of
 from visual_servo_epipolar.sweeping.workers import local_workers
 
@@ -23,8 +21,10 @@ ARRIVALS: Columns = {
 TIME: Columns = {'time [s]': lambda row: number(row['duration_s']['median'], 0)}
 
 
-def summaries_of(plans: Sequence[SweepPlan], say: Callable[[str], None]) -> list[dict[str, Any]]:
-    """Return the summary of each law of each plan, without its runs."""
+def summaries_of(
+    plans: Sequence[SweepPlan], say: Callable[[str], None], *, with_runs: bool = False
+) -> list[dict[str, Any]]:
+    """Return the summary of each law of each plan, ``with_runs`` or without them."""
     results: dict[tuple[int, str], dict[int, dict[str, Any]]] = {
         (number, law): {} for number, plan in enumerate(plans) for law in plan.laws
     }
@@ -38,13 +38,4 @@ def summaries_of(plans: Sequence[SweepPlan], say: Callable[[str], None]) -> list
             say(f'{plans[number].region}, {chunk.law}: part {done} of {len(jobs)} ...')
             results[number, chunk.law].update(zip(chunk.indices, job.result(), strict=True))
     summaries = [summary_of([runs[index] for index in sorted(runs)]) for runs in results.values()]
-    return [{key: it[key] for key in it if key != 'runs'} for it in summaries]
-
-
-def runs_on_points(scenario: Scenario, region: str, count: int, seed: int) -> list[Run]:
-    """Return what the closed loop needs for the first starts in ``region``."""
-    runs = []
-    for index, own in enumerate(range(seed, seed + count)):
-        start = start_in(region, seed, index, scenario.seeded(own))
-        runs.append(run_of(scenario, start, own, 'features'))
-    return runs
+    return [{k: it[k] for k in it if with_runs or k != 'runs'} for it in summaries]

@@ -22,7 +22,6 @@ from visual_servo_epipolar.threads import ONE_THREAD
 # Its own among benchmarks that run at a time, and above those that people use.
 DOMAIN = 216 + os.getpid() % 16
 NODES = 'visual_servo_epipolar.nodes'
-END_S = 30.0  # for a process to end, before it is killed
 
 Process = subprocess.Popen[bytes]
 
@@ -78,7 +77,7 @@ def _end(process: Process) -> None:
     process.send_signal(signal.SIGCONT)
     process.terminate()
     try:
-        process.wait(END_S)
+        process.wait(30.0)  # for a process to end, before it is killed
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()

@@ -115,7 +115,6 @@ def _blurred_area(footprint: FloatArray) -> FloatArray:
 
 
 NEAR = 0.05  # nothing nearer than this is seen [m]
-THINNEST = 0.02  # narrower slivers are left out [px]
 THIN = 3.0  # edges of narrower surfaces may share a pixel [px]
 MARGIN = 4.0  # how far outside of the image polygons are cut off [px]
 SUBPIXEL_BITS = 6
@@ -242,7 +241,7 @@ def _polygons(scene: Scene, view: PinholeView) -> tuple[IntArray, list[Polygon],
                 sides = [a * x + b * y + c * z + d for x, y, z in polygon]
                 polygon, _ = _split(polygon, sides)
         breadth = breadth_of(view.outline(polygon)) if polygon else 0.0
-        if breadth >= THINNEST:
+        if breadth >= 0.02:  # narrower slivers are left out [px]
             shown.append(k)
             polygons.append(polygon)
             breadths.append(breadth)

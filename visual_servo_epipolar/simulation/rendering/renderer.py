@@ -220,7 +220,6 @@ def _face(camera: CameraModel, rays: FloatArray, shown: FloatArray, axes: FloatA
 
 TURN_BORDER = 0.06  # of the width: what a turn during the readout brings into the image
 STEP_M = 2e-3  # way from one image that is drawn to the next
-MOST_SAMPLES = 32  # of one exposure
 NEAREST_M = 2.0  # distance at which one pixel of blur takes one sample
 
 
@@ -309,7 +308,7 @@ class Exposures:
 def _samples(twist: Twist, nod: Nod, exposure: float, camera: CameraModel) -> int:
     """Return how many instants make up one exposure: about one a pixel of blur."""
     moved = math.hypot(twist.angular, nod.rate) + abs(twist.linear) / NEAREST_M
-    return min(max(math.ceil(camera.focal * exposure * moved), 1), MOST_SAMPLES)
+    return min(max(math.ceil(camera.focal * exposure * moved), 1), 32)  # of one exposure
 
 
 def _turned(rays: FloatArray, times: FloatArray, turn: FloatArray) -> FloatArray:

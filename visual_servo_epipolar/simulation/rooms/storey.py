@@ -33,9 +33,7 @@ from visual_servo_epipolar.simulation.rooms.building import (
 from visual_servo_epipolar.simulation.rooms.materials import poster
 
 THICKNESS = 0.12  # of walls [m]
-DOOR_HEIGHT = 2.1  # of openings that have a lintel [m]
 DOOR = 1.1  # width [m]
-WIDEST_DOOR = 1.6  # wider openings reach to the ceiling [m]
 SLACK = 0.3  # in an opening one is in both of its cells [m]
 DEEPEST = 8  # cells that one looks through
 
@@ -72,8 +70,8 @@ class WallLine(NamedTuple):
         for middle, width in sorted(self.openings):
             left, right = middle - 0.5 * width, middle + 0.5 * width
             yield start, left, 0.0
-            if width <= WIDEST_DOOR:
-                yield left, right, DOOR_HEIGHT
+            if width <= 1.6:  # wider openings reach to the ceiling [m]
+                yield left, right, 2.1  # of openings that have a lintel [m]
             start = right
         yield start, self.end, 0.0
 
@@ -356,8 +354,6 @@ APPLIED = {LAMPS: _switch_lamps, PICTURES: _exchange_pictures, FURNITURE: _move_
 
 CORRIDORS = ('south', 'north', 'west', 'east')
 LAMP_SPACING = 3.6  # at most [m]
-WALL_DENSITY = 180.0  # texels a metre
-LEAST_PIECE = 0.02  # of a wall [m]
 PITCH = 1.75  # from one piece of furniture along a wall to the next [m]
 CLEAR, FROM_CORNER = 0.85, 1.05  # of furniture beside an opening, and in corners [m]
 FRONTS = (m.bookcase, m.cupboard, m.crate, m.noticeboard)
@@ -413,7 +409,7 @@ class Storey:
                 self._builder.stand(piece)
         for number, wall in enumerate(PLAN.walls):
             for start, end, bottom in wall.pieces():
-                if end - start > LEAST_PIECE:
+                if end - start > 0.02:  # of a wall [m]
                     self._put_up(f'wall {number} {start:g}', wall, (start, end, bottom))
 
     def _lay(self, cell: FloorCell, pieces: list[Furniture]) -> None:
@@ -444,7 +440,7 @@ class Storey:
         size = (end - start, THICKNESS, HEIGHT - bottom)
         self._builder.stand(
             Furniture(name, x, y, size, _face, _face, bottom=bottom, turn=turn),
-            density=WALL_DENSITY,
+            density=180.0,  # texels a metre
         )
         ends = wall.place(start), wall.place(end)
         low, high = np.min(ends, axis=0) - 0.1, np.max(ends, axis=0) + 0.1

@@ -4,12 +4,13 @@ Photographs with truth: what ``inspect`` trusts of them, OpenCV's MAGSAC and RAN
 The pairs of a folder with a truth.json, or simulated ones as hands, phones and cars take them.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 import json
 import math
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import cv2
@@ -164,25 +165,36 @@ def opencv_motion(rays: Rays, noise: float, method: int) -> FloatArray:
 def table(document: Mapping[str, Any]) -> str:
     """Return the document as text: a line for each set of pairs, for all, and for each band."""
     pairs = document['pairs']
-    groups = dict.fromkeys(it['group'] for it in pairs)
-    sets = {name: [it for it in pairs if it['group'] == name] for name in groups} | {'all': pairs}
+    bands: dict[str, list[Mapping[str, Any]]] = {}
     for key, begins in BANDS.items():
         for low, high in pairwise([*begins, math.inf]):
-            among = [it for it in pairs if low <= it[key] < high]
-            sets |= {f'{key} {low:g} to {high:g}': among} if among else {}
+            bands[f'{key} {low:g} to {high:g}'] = [it for it in pairs if low <= it[key] < high]
+    return '\n'.join(['Photographs', *set_lines(pairs, bands)])
+
+
+def set_lines(
+    pairs: Sequence[Mapping[str, Any]],
+    more: Mapping[str, list[Mapping[str, Any]]] = MappingProxyType({}),
+) -> list[str]:
+    """Return a line for each ``group`` of ``pairs``, for all, and for ``more`` sets of them."""
+    groups = dict.fromkeys(it['group'] for it in pairs)
+    sets = {name: [it for it in pairs if it['group'] == name] for name in groups}
+    sets |= ({'all': [*pairs]} if len(groups) > 1 else {}) | {it: more[it] for it in more}
     words = (
         f'The larger error of both bearings, of trusted pairs; wrong: > {WRONG:g} deg; peers '
         'on the same matches, of all pairs; of those that MAGSAC has right, how many are trusted'
     )
-    return '\n'.join(['Photographs', words, *aligned(COLUMNS, map(_set, sets, sets.values()))])
+    return [words, *aligned(COLUMNS, (_set(*it) for it in sets.items() if it[1]))]
 
 
-def _set(name: str, pairs: list[Mapping[str, Any]]) -> list[str]:
+def _set(name: str, pairs: Sequence[Mapping[str, Any]]) -> list[str]:
     trusted = [it for it in pairs if it['trusted']]
     errors = np.array([it['error_deg'] for it in trusted])
     normalised = np.array([it['error_deg'] / it['deviation_deg'] for it in trusted])
-    peers = [np.array([it['peers_deg'][peer] for it in pairs]) for peer in PEERS]
     right = [it for it in pairs if it['peers_deg']['MAGSAC'] <= WRONG]
+    peers = (
+        sum(not it['peers_deg'][each] <= WRONG for it in pairs) for each in pairs[0]['peers_deg']
+    )
     return [
         name,
         str(len(pairs)),
@@ -190,7 +202,7 @@ def _set(name: str, pairs: list[Mapping[str, Any]]) -> list[str]:
         percentiles(errors, 50, 90, 100),
         str(int((errors > WRONG).sum())),
         percentiles(normalised, 50, 95),
-        ', '.join(str(int((~(each <= WRONG)).sum())) for each in peers),
+        ', '.join(map(str, peers)),
         f'{sum(it["trusted"] for it in right)} of {len(right)}',
     ]
 

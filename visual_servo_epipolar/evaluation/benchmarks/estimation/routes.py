@@ -38,6 +38,7 @@ from visual_servo_epipolar.evaluation.benchmarks.estimation.real import (
     angle_errors,
     opencv_motion,
     read_truth,
+    set_lines,
     WRONG,
 )
 from visual_servo_epipolar.evaluation.tables import aligned, number, numbers, percentiles
@@ -53,10 +54,6 @@ WAYS = (
     'way | m | key views | features | found | refused | wrong | position, median / max [m] '
     '| heading [deg] | error/dev., median / p95 | OpenCV right: heading, bearings '
     '| elsewhere found | kB a metre | ms a frame'
-)
-BEARINGS = (
-    'approach or pair | n | trusted | median / p90 / max [deg] | wrong | error/dev., median / p95 '
-    '| OpenCV wrong | of OpenCV right, trusted'
 )
 
 
@@ -246,30 +243,26 @@ def _bearings_row(
     errors = angle_errors(found, clip.bearings(frame, goal))
     return {
         'name': clip.name,
+        'group': clip.name,
         'frame': frame,
         'trusted': trusted,
         'error_deg': float(errors[:2].max()),
         'rotation_error_deg': float(errors[2]),
         'deviation_deg': deviation_deg,
         'parallax_px': parallax_px,
-        'opencv_deg': _opencv(clip, frame, goal).tolist(),
+        'peers_deg': {'MAGSAC': float(_opencv(clip, frame, goal)[:2].max())},
     }
 
 
 def table(document: Mapping[str, Any]) -> str:
     """Return the document as text: a line for each way, and for each approach or pair."""
-    ways, rows = document['ways'], document['bearings']
-    names = dict.fromkeys(row['name'] for row in rows)
-    sets = [(name, [row for row in rows if row['name'] == name]) for name in names]
-    if len(sets) > 1:
-        sets.append(('all', rows))
     words = (
         f'Recorded ways: found is right within {RIGHT_WAY:g} m along, {RIGHT_OFFSET:g} m across '
         f'and {WRONG:g} deg; bearings are wrong from {WRONG:g} deg on'
     )
-    lines = [words, *aligned(WAYS, map(_way_cells, ways)), '']
-    reasons = [f'{it["name"]}: {it["reason"]}' for it in ways if it['reason']]
-    return '\n'.join([*lines, *aligned(BEARINGS, (_bearings_cells(*it) for it in sets)), *reasons])
+    ways = document['ways']
+    lines = [words, *aligned(WAYS, map(_way_cells, ways)), '', *set_lines(document['bearings'])]
+    return '\n'.join([*lines, *(f'{it["name"]}: {it["reason"]}' for it in ways if it['reason'])])
 
 
 def _way_cells(way: Mapping[str, Any]) -> list[str]:
@@ -299,23 +292,6 @@ def _way_cells(way: Mapping[str, Any]) -> list[str]:
 
 def _percentiles(values: list[float], digits: int) -> str:
     return numbers(np.percentile(values, (50, 100)).tolist(), digits) if values else '-'
-
-
-def _bearings_cells(name: str, rows: list[Mapping[str, Any]]) -> list[str]:
-    trusted = [it for it in rows if it['trusted']]
-    errors = np.array([it['error_deg'] for it in trusted])
-    ratios = [it['error_deg'] / it['deviation_deg'] for it in trusted]
-    right = [it for it in rows if max(it['opencv_deg'][:2]) <= 1.0]
-    return [
-        name,
-        str(len(rows)),
-        str(len(trusted)),
-        percentiles(errors, 50, 90, 100),
-        str(int((errors > WRONG).sum())),
-        percentiles(ratios, 50, 95),
-        str(sum(not max(it['opencv_deg'][:2]) <= WRONG for it in rows)),
-        f'{sum(it["trusted"] for it in right)} of {len(right)}',
-    ]
 
 
 def read_clips(folder: str) -> list[Clip]:
