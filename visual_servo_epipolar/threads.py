@@ -1,4 +1,4 @@
-"""How many threads libraries take: to be said before they are loaded."""
+"""Number of threads of libraries: to be set before they are loaded."""
 
 import os
 

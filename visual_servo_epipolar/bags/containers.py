@@ -1,4 +1,4 @@
-"""Containers of bags, known by their first bytes, whatever a file is called."""
+"""Containers of bags, recognised by their first bytes, not by file names."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

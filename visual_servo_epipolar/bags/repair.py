@@ -1,5 +1,5 @@
 """
-Repair: makes a bag readable that is damaged or was left open; nothing of it is written over.
+Repair: makes a damaged or unfinished bag readable, and overwrites none of its files.
 
 A file of mcap that is not whole stays as it is. What can be read of it before its damage is
 written beside it, as NAME.repaired.mcap, by the library of mcap.

@@ -1,7 +1,7 @@
 """
 Storage files of bags, open for reading: mcap, sqlite3, ROS 1; nothing is written to them.
 
-What a file is, its bytes tell. mcap is read by its library, whatever profile and encoding it has;
+Bytes identify a file. mcap is read by its library, whatever profile and encoding it has;
 databases of rosbag2, of any of its versions, by sqlite3; ROS 1 by rosbags.
 """
 

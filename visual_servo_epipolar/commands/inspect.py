@@ -1,4 +1,4 @@
-"""Inspection of two photographs: their epipoles, and whether to believe them."""
+"""Inspection of two photographs: their epipoles, and whether to trust them."""
 
 import argparse
 import math

@@ -1,4 +1,4 @@
-"""Outputs of commands: tried out before a run, and whole or not there after it."""
+"""Outputs of commands: checked before a run, complete or absent after it."""
 
 from argparse import Namespace
 from collections.abc import Mapping

@@ -1,1 +1,1 @@
-"""What runs on a robot: geometry, tracking, laws. No ROS, no file, no clock, no global chance."""
+"""Core, which runs on a robot: no ROS, no file, no clock, no global random state."""

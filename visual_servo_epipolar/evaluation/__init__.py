@@ -1,1 +1,1 @@
-"""What no robot needs: the product measured, broken on purpose and held against the paper."""
+"""Evaluation: benchmarks, fault injection and reproduction of the paper; no robot needs it."""

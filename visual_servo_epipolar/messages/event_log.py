@@ -1,7 +1,7 @@
 """
 Event log: what happened to a node between two images, as JSON on ``~/events``.
 
-Images and settings alone do not say that somebody called ``~/stop``; a replay must know.
+Images and settings alone do not show that ``~/stop`` was called; a replay needs it.
 """
 
 from dataclasses import asdict, dataclass

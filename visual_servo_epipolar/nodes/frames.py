@@ -1,4 +1,4 @@
-"""Frames over ROS: /tf of the simulated robot, and the mount of the camera out of /tf_static."""
+"""Frames over ROS: /tf of the simulated robot, and the mount of the camera from /tf_static."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol, TypeVar

@@ -1,1 +1,1 @@
-"""What never runs on a robot: the world, the base that drives in it, and what perturbs both."""
+"""Simulation, never on a robot: the world, the base that drives in it, and disturbances."""

@@ -1,4 +1,4 @@
-"""One run: how it is set up, what is kept of it, when it is over, and the verdict on it."""
+"""One run: its settings, its samples, its end, and the verdict on it."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""View: what every source of features in a closed loop takes and gives."""
+"""View: the protocol of every source of features in a closed loop."""
 
 from typing import Protocol
 

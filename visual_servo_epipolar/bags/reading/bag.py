@@ -1,8 +1,8 @@
 """
 Bags open for reading: rosbag2 (mcap, sqlite3) of any distribution and ROS 1, whole or damaged.
 
-Whatever is wrong with a bag ends in one InputError: its bytes come from elsewhere, and the
-libraries that decode them raise errors of every kind on damage.
+Any defect of a bag becomes one InputError: the libraries that decode it raise errors of every
+kind on damage.
 """
 
 from collections.abc import Collection, Iterator

@@ -1,4 +1,4 @@
-"""Base: which velocities a robot's base can follow. Servo and phases ask it."""
+"""Base: which velocities a robot's base can follow; servo and phases query it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,8 +1,7 @@
 """
-Limiter: what a base is sent of a wanted velocity; the only place, whoever commands.
+Limiter: turns a wanted velocity into a command that the base can follow.
 
-Each step of the servo passes it, alone or at the stations of a route, and so do the following of
-a route and its turns in place.
+Every command passes it: each step of the servo, the following of a route and its turns in place.
 """
 
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""Cameras: what is asked of every lens, those that are no pinholes, and what no lens can be."""
+"""Cameras: one protocol for every lens, lenses beyond the pinhole, and checks of plausibility."""

@@ -1,4 +1,4 @@
-"""Fisheye camera of Kannala and Brandt: the radius in the image goes with the angle, not z."""
+"""Fisheye camera of Kannala and Brandt: the image radius follows the angle."""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,4 +1,4 @@
-"""Intrinsics: K as calibrations and CameraInfo write it, and what no camera is."""
+"""Intrinsics: K as calibrations and CameraInfo write it, checked for plausibility."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What every camera can do: turn pixels into rays and back."""
+"""Camera model: turns pixels into rays and back."""
 
 import math
 from typing import Protocol, runtime_checkable

@@ -1,4 +1,4 @@
-"""Intrinsics held against reason: what no camera is, and what a lens can only half undo."""
+"""Plausibility: intrinsics that no camera has, and lenses that can be inverted in part only."""
 
 from functools import lru_cache
 import math

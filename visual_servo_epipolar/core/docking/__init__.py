@@ -1,1 +1,1 @@
-"""Docking by a photograph: where it was taken, in metres, and what a request to dock comes to."""
+"""Docking by a photograph: the dock's pose in metres, and requests to dock."""

@@ -1,4 +1,4 @@
-"""The dock's pose: where the base stood at the photograph, beside where it is now."""
+"""The dock's pose: the pose of the base at the photograph, relative to its present one."""
 
 from dataclasses import dataclass
 import math

@@ -1,9 +1,9 @@
 """
 A request to dock, from acceptance to result: states and errors of the action DockRobot.
 
-Pure functions take what is heard of the servo and the time [s], and return the task after it with
-the orders that follow; a node carries them out. Each attempt stops the servo
-first: what it says before it says ``waiting`` is of an earlier run.
+Pure functions take the servo's reports and the time [s], and return the task after them with the
+orders that follow; a node carries them out. Each attempt stops the servo first: its phases before
+``waiting`` belong to an earlier run.
 """
 
 from dataclasses import dataclass, replace

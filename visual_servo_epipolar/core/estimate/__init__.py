@@ -1,1 +1,1 @@
-"""Estimate: where the goal is by all images of the way, and what base and camera are like."""
+"""Estimate: the goal's pose by all images of the way, and models of base and camera."""

@@ -1,9 +1,9 @@
 """
-Base model: how late a base obeys, which curvature it adds, and what it can be at most.
+Base model: its delay, the curvature that it adds, and physical bounds of both.
 
-Of each delay that may be, commands say which turn there should have been between two views; the
-one whose turns fit those that are seen best is that of the base, be its wheels worn or not. A base
-that begins late may have been held; one that ends late as well obeys late.
+For each possible delay the commands give the turn between two views; the delay whose turns fit the
+observed ones best is that of the base, worn wheels or not. A base that begins late may have been
+held; one that ends late as well has a delay.
 
 Physical bounds hold whatever the motion seems to teach; two more are where their layers are: the
 focal ratio (``geometry.lens.MOST_RATIO``), and the mount of the camera, which is the configured

@@ -1,4 +1,4 @@
-"""Dead band: the velocities that a base does not follow, learnt where it stood instead."""
+"""Dead band: the velocities that a base does not follow, estimated where it stands instead."""
 
 from dataclasses import dataclass, replace
 import math

@@ -1,5 +1,5 @@
 """
-Extrinsics: how the camera sits on the base, learnt from what commands do to the bearings.
+Extrinsics: the mount of the camera on the base, estimated from commands and bearings.
 
 The camera is dead-reckoned from the commanded speed and the measured heading, in axes of the
 goal's camera (x right, y forward), and held against the direction psi in which it is seen. That

@@ -1,4 +1,4 @@
-"""Extrinsics update: when what bearings tell of the mount is learnt, and when it is believed."""
+"""Extrinsics update: when bearings update the mount, and when the result is accepted."""
 
 from dataclasses import replace
 import math

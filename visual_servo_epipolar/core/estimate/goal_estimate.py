@@ -1,4 +1,4 @@
-"""The estimate of the goal: where it is, how sure, by which mount and base; one value an image."""
+"""The estimate of the goal: its pose and covariance, mount and base; one value an image."""
 
 from dataclasses import dataclass
 from enum import Enum

@@ -1,4 +1,4 @@
-"""Map state: what the keyframes of the way say of this view, where they are surer."""
+"""Map state: the pose of this view by the keyframes of the way, where it is more certain."""
 
 from dataclasses import dataclass, replace
 import math

@@ -1,5 +1,5 @@
 """
-Odometry: whether the wheels agree, with what is seen and by what was commanded.
+Odometry: whether it agrees with the images and with the commands.
 
 They measure motion between two images better than commands do; but an encoder may be unplugged,
 a driver repeat its last pose, a frame be mirrored. Images tell the turn, and the way as far as a

@@ -1,9 +1,9 @@
 """
-Straight legs of step 2: what a memory of views tells of the yaw of the camera on the base.
+Straight legs of step 2: the yaw of the camera on the base, by a memory of views.
 
-A camera that looks aside of where it is driven ends aside of the line that it follows. Bearings
-tell a yaw of some degrees (``extrinsics``); places that are known to millimetres tell a tenth of a
-degree, the principal point that is off by a few pixels as well: it does the same.
+A camera with a yaw ends beside the line that the robot follows. Bearings show some degrees of yaw
+(``extrinsics``); positions known to millimetres show a tenth of a degree, and so a principal point
+that is off by a few pixels, which acts alike.
 """
 
 from dataclasses import dataclass, replace

@@ -1,7 +1,7 @@
 """
 Verdicts on the motion between two views: what contradicts commands, or a head's encoder.
 
-Rays that a head turned turn, from one image to the next, as the base does. If not, the encoder
+Rays corrected for the head turn, from one image to the next, as the base does. If not, the encoder
 slipped, the motor lost steps or the robot was turned; no image tells which, so that the heading is
 unknown from then on.
 """

@@ -1,4 +1,4 @@
-"""What every estimator takes and gives."""
+"""Estimator: its inputs, its result and its protocol."""
 
 from dataclasses import dataclass
 import math

@@ -1,4 +1,4 @@
-"""Estimate of an uncalibrated camera matrix, learnt while driving."""
+"""Lens: an uncalibrated camera matrix, estimated while driving."""
 
 from dataclasses import dataclass
 import math

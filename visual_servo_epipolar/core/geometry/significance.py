@@ -2,8 +2,8 @@
 Significance of an epipolar geometry: whether as many matches agree on it by chance.
 
 A contrario (Moisan and Stival 2004): of all geometries that seven of n random matches define, how
-many are expected to collect k inliers? What a random match does is not assumed but seen: the same
-features, each paired with another one's partner, tell how often chance fits this very geometry.
+many are expected to collect k inliers? Random matches are not modelled but drawn: the same
+features, each paired with another one's partner, show how often chance fits this very geometry.
 """
 
 import math

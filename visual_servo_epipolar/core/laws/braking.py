@@ -1,8 +1,8 @@
 """
-Braking: turns and ways that end at a constant deceleration, not as exponentials.
+Braking: turns and drives that end at a constant deceleration, not exponentially.
 
 A gain g drives what is left to zero at the rate g for ever: a turn of 0.2 rad takes 6 s to 0.0015
-at 0.8 1/s. Whose accelerations are limited brakes by them instead, and only the last of it decays.
+at 0.8 1/s. With limited accelerations a base brakes by these instead, and only the rest decays.
 """
 
 import math

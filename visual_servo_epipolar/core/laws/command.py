@@ -1,4 +1,4 @@
-"""Command: what the servo asks of the base, and of the head where the rig has one."""
+"""Command: the twist for the base, and the angles for a head where the rig has one."""
 
 from dataclasses import dataclass
 

@@ -1,7 +1,7 @@
 """
 State machine of a law: one row for each of its phases, and the events that lead between them.
 
-A row holds what a step asks of a phase, as functions of state, measurement and settings. Every
+A row holds the answers of a phase, as functions of state, measurement and settings. Every
 machine stops, loses its tracks and fails in the same way, whatever phases a law brings.
 """
 

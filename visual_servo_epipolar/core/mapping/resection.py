@@ -1,10 +1,10 @@
 """
-Resection: the pose of one view on the structure, which is known as well as the window tells.
+Resection: the pose of one view on the structure, with the covariance of the window.
 
 After the steps of ``fitting`` one with the covariance of the whole structure: what features share
 (errors of keyframes) does not average out over them.
 
-Shrinkage: how much of what keyframes say of the photograph's rays a view near it does not confirm.
+Shrinkage: the share of the keyframes' corrections that a view near the goal does not confirm.
 
 Keyframes correct the rays of the photograph, whose noise they average. What a tracker gets wrong,
 though, is not noise: from afar a patch looks another, and is aligned with an error that is about

@@ -1,1 +1,1 @@
-"""Odometry: what was commanded, and how far the base has moved by commands and by its wheels."""
+"""Odometry: commands sent, and the motion of the base by commands and by its wheels."""

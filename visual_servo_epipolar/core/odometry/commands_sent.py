@@ -1,4 +1,4 @@
-"""Commands sent: those of the last seconds, and what they did to a base that obeys late."""
+"""Commands sent: those of the last seconds, and their effect on a base with a delay."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Increments: what the base moved between two images, and how uncertain that is."""
+"""Increments: the motion of the base between two images, with its covariance."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

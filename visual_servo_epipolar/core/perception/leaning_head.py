@@ -3,7 +3,7 @@ Leaning head: rays of a head whose camera leans on it by an unknown angle.
 
 A head turns rays about the vertical, which lies in axes of its camera as it is configured to. If
 the camera leans otherwise, views at other pan angles look tilted and rolled against the
-photograph. The lean is that of the camera's attitude, which is learnt while driving: rays follow
+photograph. The lean is that of the camera's attitude, estimated while driving: rays follow
 it, and as long as it is uncertain, so is by how much a view tilts.
 """
 

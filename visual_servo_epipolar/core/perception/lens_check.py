@@ -1,9 +1,9 @@
 """
-Whether the tracks go with the configured focal length: a doubt is a warning.
+Lens check: whether the tracks agree with the configured focal length; if not, a warning.
 
-A camera that counts as calibrated is looked at now and then as if it were uncalibrated. What
-is learnt of its focal length must agree with the configured one. The run goes by the latter all
-the same: a calibration is better than a few views, more often than not.
+Now and then the focal length of a calibrated camera is estimated as if it were uncalibrated, and
+must agree with the configured one. The run uses the latter all the same: a calibration is
+usually better than a few views.
 """
 
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""The measurement: what one observation tells the servo about the goal."""
+"""Measurement: heading, bearings, D and margins of one observation, with their deviations."""
 
 from dataclasses import dataclass, field
 import math

@@ -1,5 +1,5 @@
 """
-Measures: what features and a validated estimate tell of the goal, D of eq. (23) and margins.
+Measures: quantities computed from features and a validated estimate, D of eq. (23) and margins.
 
 D alone is of the image plane: with a unit ray (x, y, z), |p|^2 = (x^2 + y^2) / z^2 = 1 / z^2 - 1.
 It is taken over the features that both views have well in front; all else is of rays. |p|^2 has no

@@ -1,4 +1,4 @@
-"""What perception carries from frame to frame: the camera's attitude, noise, the last bearings."""
+"""Memory of perception from frame to frame: the camera's attitude, noise, the last bearings."""
 
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Validation gates: the reasons not to act on an estimate."""
+"""Validation gates: reasons not to act on an estimate."""
 
 from dataclasses import dataclass
 import math

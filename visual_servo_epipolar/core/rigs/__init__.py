@@ -1,1 +1,1 @@
-"""Rigs: what carries the camera, a fixed mount or a head, behind one Protocol."""
+"""Rigs: a fixed mount or a head that carries the camera, behind one Protocol."""

@@ -1,4 +1,4 @@
-"""Fixed mount: how a camera that no joint turns sits on the base, and what follows."""
+"""Fixed mount: the pose on the base of a camera that no joint turns, and its margins."""
 
 from dataclasses import dataclass
 import math

@@ -1,4 +1,4 @@
-"""Joint history: the angles of a head at the time of an image, and why they are not known."""
+"""Joint history: the angles of a head at the time of an image, or why they are missing."""
 
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence

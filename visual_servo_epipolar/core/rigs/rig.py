@@ -1,5 +1,5 @@
 """
-Rig: what carries the camera on the base, a fixed mount or a head that turns it.
+Rig: a fixed mount, or a head that turns the camera.
 
 Rays, limits of the view and bearings are in the axes of the rig: those of the camera (x right, y
 down, z forward) with all joints at zero. How these sit on the base is the ``Mount``, and

@@ -1,8 +1,8 @@
 """
 Chain: how key views lie to each other, by all views that two neighbours both place.
 
-Where they share none, the odometry bridges what is between; where it differs from what was learnt
-by more than wheels slip, the key view is not believed.
+Where they share none, the odometry bridges what is between; where it differs from the
+structure by more than wheels slip, the key view is rejected.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,5 +1,5 @@
 """
-Places: where on a route an image was taken, by nothing but the photographs.
+Places: where on a route an image was taken, by the photographs alone.
 
 Each descriptor of an image votes for the key views that have the nearest of all descriptors, where
 it is by far the nearest; of the shortlist, a geometry must pass.

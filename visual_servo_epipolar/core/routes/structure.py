@@ -1,4 +1,4 @@
-"""Local structure: where the features of one photograph are, learnt from views around it."""
+"""Local structure: positions of the features of one photograph, from views around it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

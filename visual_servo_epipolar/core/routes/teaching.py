@@ -3,7 +3,7 @@ Teaching: key views and the path between them, from images along a way that is d
 
 A new key view is taken when too little of the last one is still in view. Its features are then
 tracked backward through the images since the last key view, and forward until the next: from
-these views their depths are learnt, and in them the path is measured.
+these views their depths are estimated, and in them the path is measured.
 """
 
 from collections.abc import Iterator, Sequence

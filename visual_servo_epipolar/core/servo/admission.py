@@ -1,4 +1,4 @@
-"""Admission: which images prove the time that passes, by their stamps and by what they show."""
+"""Admission: which images are new, by their stamps and by their features."""
 
 from collections import deque
 from dataclasses import dataclass, replace

@@ -1,8 +1,8 @@
 """
-Checking: what is undone where motion or matches contradict commands or calibration.
+Checking: undoes estimates where motion or matches contradict commands or calibration.
 
-Nothing is learnt from such a motion. What was learnt since it may have begun is given back, until
-it is over; but for the dead band, which shows where the base stands.
+No estimate uses such a motion. Estimates since it may have begun are restored until it is over,
+except for the dead band, which shows where the base stands.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Dead reckoning: what commands make of travel, distance, range and rates between two images."""
+"""Dead reckoning: travel, distance, range and rates between two images, by commands."""
 
 from dataclasses import replace
 import math

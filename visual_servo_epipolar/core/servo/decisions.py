@@ -1,4 +1,4 @@
-"""Decisions of a step: what the machine of the law makes of a measurement in a phase."""
+"""Decisions of a step: from a measurement in a phase to the next phase, by the law's machine."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Identify: what an image shows of camera, base and wheels, and the measurement that leads to."""
+"""Identify: camera, base and wheels by one image, and the measurement corrected for them."""
 
 from dataclasses import replace
 import math

@@ -1,5 +1,5 @@
 """
-Moves by pulses: how a base with a dead band ends on its aim. It stands, measures, and moves once.
+Moves by pulses: a base with a dead band stands, measures, and moves once onto its aim.
 
 What is slower than a dead band is sent as pulses, each of which is a hop of threshold times frame.
 A move is a train of them, as long as what is left by the mean since the robot stands. Its hops are

@@ -1,4 +1,4 @@
-"""Session: what node, replay and simulation do around each step, from order to order."""
+"""Session: the work of node, replay and simulation around each step, from order to order."""
 
 from dataclasses import dataclass, replace
 from enum import Enum

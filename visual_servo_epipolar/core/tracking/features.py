@@ -1,4 +1,4 @@
-"""Features: what the tracker hands to the servo, the rows of the topic ``tracks``."""
+"""Features: the rows of the topic ``tracks``, from the tracker to the servo."""
 
 from dataclasses import dataclass, field
 

@@ -1,1 +1,1 @@
-"""What is claimed of accuracy and speed, measured: ours and the peers in one run."""
+"""Benchmarks: accuracy and speed, ours and the peers' in one run."""

@@ -1,7 +1,7 @@
 """
 Record of a run with a fault, and the judge: the verdict by ground truth.
 
-The record holds where the robot was, what the servo saw, commanded and said.
+The record holds the robot's poses, and inputs, commands and reports of the servo.
 """
 
 from bisect import bisect_right

@@ -1,4 +1,4 @@
-"""One run with one fault, drawn from a seed: its course, and what became of it."""
+"""One run with one fault, drawn from a seed: its course and its outcome."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

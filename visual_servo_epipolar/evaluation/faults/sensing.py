@@ -1,4 +1,4 @@
-"""Faults of what is seen: images and tracks, calibration and photograph, scenes and light."""
+"""Faults of sensing: images and tracks, calibration and photograph, scenes and light."""
 
 from collections import deque
 from collections.abc import Callable

@@ -1,1 +1,1 @@
-"""Real nodes in our hands: as processes, or in this process and in simulated time."""
+"""Real nodes under test: as processes, or in this process and in simulated time."""

@@ -1,4 +1,4 @@
-"""Processes of nodes on this machine alone, and a listener to what they say."""
+"""Processes of nodes on this machine alone, and a listener to their topics."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack

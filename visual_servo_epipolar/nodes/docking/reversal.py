@@ -1,4 +1,4 @@
-"""Commands of a servo whose camera looks back, turned round for the base."""
+"""Reversal: commands of a servo whose camera looks back, reversed for the base."""
 
 from collections.abc import Callable
 from typing import Any

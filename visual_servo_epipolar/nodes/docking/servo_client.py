@@ -1,4 +1,4 @@
-"""The servo as others drive it: its services, its phase, and the reason for that."""
+"""Client of the servo: its services, its phase, and the reason for it."""
 
 from collections.abc import Callable
 from typing import Any

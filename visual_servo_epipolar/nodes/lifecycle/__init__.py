@@ -1,1 +1,1 @@
-"""Lifecycle: what managed nodes share; none does or says anything unless it is active."""
+"""Lifecycle: shared by managed nodes; none acts or publishes unless it is active."""

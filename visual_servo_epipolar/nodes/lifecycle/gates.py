@@ -1,4 +1,4 @@
-"""Gates of a managed node: what it calls back and publishes in which state, what it answers."""
+"""Gates of a managed node: callbacks, topics and answers by state."""
 
 from collections import deque
 from collections.abc import Callable

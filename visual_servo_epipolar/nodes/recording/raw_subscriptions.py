@@ -1,7 +1,7 @@
 """
-Raw subscriptions: they come and go with what is published, and hand on bytes.
+Raw subscriptions: they follow the topics that are published, and pass on bytes.
 
-Which topics are selected, and the QoS that their publishers offer, is looked up time and again.
+Which topics are selected, and the QoS that their publishers offer, is looked up periodically.
 """
 
 from collections import Counter

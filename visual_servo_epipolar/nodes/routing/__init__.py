@@ -1,1 +1,1 @@
-"""Parts of the route node: the recording of a way, its repetition, and what it says of both."""
+"""Parts of the route node: the recording of a way, its repetition, and reports of both."""

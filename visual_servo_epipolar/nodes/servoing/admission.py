@@ -1,4 +1,4 @@
-"""Admission: which tracks the servo drives by, why not by others, and what a start lacks."""
+"""Admission: which tracks the servo uses, why it refuses others, and what a start lacks."""
 
 from collections.abc import Callable
 

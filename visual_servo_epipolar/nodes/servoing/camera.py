@@ -1,4 +1,4 @@
-"""The camera of the servo: what camera_info says, how it is mounted, and what is odd about it."""
+"""The camera of the servo: its camera_info, its mount, and warnings about both."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""The driven path over ROS: odometry or commands in, where the base was at an image out."""
+"""The driven path over ROS: odometry or commands in, the pose of the base at an image out."""
 
 from collections.abc import Callable
 from dataclasses import replace

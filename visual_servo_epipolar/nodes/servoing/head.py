@@ -1,4 +1,4 @@
-"""Head of the servo: angles of its joints in, where they were at an image and commands out."""
+"""Head of the servo: angles of its joints in; angles at an image and commands out."""
 
 from collections.abc import Callable
 from typing import Any

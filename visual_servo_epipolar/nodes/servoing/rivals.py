@@ -1,4 +1,4 @@
-"""CommandConflicts: others that command the same base, and bases that take another message."""
+"""Conflicts of commands: other publishers on cmd_vel, and bases that take another message."""
 
 from collections import Counter
 from typing import Any

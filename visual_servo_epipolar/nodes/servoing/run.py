@@ -1,4 +1,4 @@
-"""Run of the servo: its state, the steps that images lead to, and what else interrupts it."""
+"""Run of the servo: its state, its steps at images, and interruptions."""
 
 from collections.abc import Callable
 from dataclasses import replace

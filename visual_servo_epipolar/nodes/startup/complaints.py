@@ -1,4 +1,4 @@
-"""Complaints of a node: what is wrong, said at once and when it lasts; inputs that do not come."""
+"""Complaints of a node: problems logged at once and again while they last; missing inputs."""
 
 from dataclasses import dataclass
 import math

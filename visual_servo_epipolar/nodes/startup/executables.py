@@ -1,4 +1,4 @@
-"""Executables of the nodes: they import ROS only when they run, and say it if there is none."""
+"""Executables of the nodes: they import ROS only when they run, and report it if it is missing."""
 
 from functools import partial
 from importlib import import_module

@@ -1,1 +1,1 @@
-"""What belongs to the tracker's node: its photograph, its images, how late it is."""
+"""Parts of the tracker node: its photograph, its images, its lateness."""

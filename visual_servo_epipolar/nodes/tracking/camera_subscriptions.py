@@ -1,4 +1,4 @@
-"""Subscriptions to a camera: as its driver offers its topics, which is found out."""
+"""Subscriptions to a camera: by the QoS that its driver offers."""
 
 from collections.abc import Callable
 from typing import Any

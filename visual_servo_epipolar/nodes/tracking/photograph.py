@@ -1,5 +1,5 @@
 """
-The photograph as a file: a picture that somebody gives, or what was captured, with its camera.
+The photograph as a file: a given picture, or a captured one with its camera.
 
 What is captured is a camera file as camera_calibration writes it, which names the picture beside
 it: ``visual_servo inspect`` takes both. The picture is there before the camera file is renamed to

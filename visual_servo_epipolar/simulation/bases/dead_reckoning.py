@@ -1,4 +1,4 @@
-"""Dead reckoning: what wheel odometry says of its own velocity and uncertainty."""
+"""Dead reckoning: velocity and uncertainty as wheel odometry reports them."""
 
 from dataclasses import dataclass, field
 import math

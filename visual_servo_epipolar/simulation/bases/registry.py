@@ -1,5 +1,5 @@
 """
-Bases: what every simulated one takes and gives, and all by the name that a scenario gives them.
+Simulated bases: their protocol, and a registry by the names of scenarios.
 
 A new one is a file of its own and a row here.
 """

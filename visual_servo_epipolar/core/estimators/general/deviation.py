@@ -2,8 +2,8 @@
 Deviation of the bearings of a general motion: of noise as residuals show it, and of the camera.
 
 The covariance is a sandwich: residuals with their own tails, not those of a model, and as they
-err together in parts of the image. What a camera file may be wrong by moves all residuals, which
-no number of matches averages out.
+err together in parts of the image. Errors of the camera file move all residuals, and no
+number of matches averages them out.
 """
 
 import math

@@ -1,1 +1,1 @@
-"""What the estimators are made of: hypotheses, Sampson distances, refinement, batches of views."""
+"""Parts of the estimators: hypotheses, Sampson distances, refinement, batches of views."""

@@ -1,12 +1,12 @@
 """
-What the planar estimators share: two-point hypotheses, their scores, and tests of modes.
+Shared by the planar estimators: two-point hypotheses, their scores, and tests of modes.
 
 With the phasors P = exp(i psi), Q = exp(i phi) and rays (x, y, z) of an upright camera,
 p_d^T F p_a = 0 for the F of a planar motion reads
 
     r = Re(P alpha + Q beta) = 0,    alpha = y_a (z_d + i x_d),    beta = y_d (x_a - i z_a).
 
-Only y carries information: features on the horizon say nothing. Above the horizon of one camera is
+Only y carries information: features on the horizon carry none. Above the horizon of one camera is
 above that of the other (the oriented epipolar constraint), which names some outliers beforehand.
 The residual is linear in (P, Q) and its squared gradient in (P^2, Q^2), so that all hypotheses are
 scored by two matrix products. Functions of rays take leading axes: one geometry each.

@@ -1,5 +1,5 @@
 """
-What planar estimators share: a fit from the last bearings, and what is concluded of it.
+Shared by planar estimators: a fit from the last bearings, and the estimate made of it.
 
 A model has P parameters, psi and phi first.
 """

@@ -5,7 +5,7 @@ Matrices come by rows, E and its derivatives by P parameters, shape (..., 1 + P,
 p_d^T E p_a of unit rays and its gradient in the planes that touch the unit sphere are linear in E,
 so that one product with a table of the matches gives them all, whatever the parameters mean.
 
-The noise of a ray is taken for alike along all directions across it, with a deviation of its own
+The noise of a ray is assumed equal along all directions across it, with a deviation of its own
 (see ``Camera.resolution``). The noise of a pixel is not quite that: off the axis of a pinhole its
 angle is less along the radius, by the cosine. Knowing it exactly gained nothing in 800 pairs over
 79 deg of view (0.242 / 0.77 deg both ways), and every caller would have to pass two vectors a ray.

@@ -1,5 +1,5 @@
 """
-Rays of a camera whose matrix is wrong, and E with its derivatives by what is wrong.
+Rays of a camera whose matrix is wrong, and E with its derivatives by these errors.
 
 Rays made with a wrong camera matrix are along A^-1 p, A = [[r, 0, h], [0, r, 0], [0, 0, 1]], with
 r the configured focal length over the true one, and h the shift of the principal point along u.

@@ -1,9 +1,9 @@
 """
-Arrival: whether this is the goal, as far as two views or a memory of views can tell.
+Arrival: whether the robot is at the goal, by two views or by a memory of views.
 
 The tolerances of the owner are held against what is measured and what that may be wrong by. A
 memory of views gives the offset in metres; two views give D alone, which the slope that it has
-shown while driving turns into metres along the axis: what is aside only parallax tells.
+shown while driving turns into metres along the axis: an offset aside shows only as parallax.
 """
 
 import math

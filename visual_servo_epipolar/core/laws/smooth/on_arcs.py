@@ -1,7 +1,7 @@
 """
 Law ``smooth`` on a base that does not turn in place: one motion, after backing off on an arc.
 
-The law of ``steering`` is driven ahead in thought, at the bounded curvature, with the features in
+The law of ``steering`` is simulated ahead, at the bounded curvature, with the features in
 view; a base that is steered late drives slower for it, on the same path. A memory of views knows
 where the robot is. Where one motion from there would not end on the goal's axis, the robot first
 backs off on an arc, that of the least way there and back; what is left aside at the goal cannot be

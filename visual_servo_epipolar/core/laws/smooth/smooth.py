@@ -2,7 +2,7 @@
 Law ``smooth``: one motion to the goal, its phase APPROACHING, and where that cannot begin or end.
 
 Its velocity is that of the equations of ``steering``, from what is measured. A robot beside the
-goal backs off first, on an arc. What two views alone know ends the run as in the paper's second
+goal backs off first, on an arc. With two views alone the run ends as in the paper's second
 step: a memory of views is what carries one motion through to its end.
 """
 

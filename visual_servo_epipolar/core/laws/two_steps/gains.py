@@ -1,5 +1,5 @@
 """
-Gains of both steps, derived from section IV-C by what is known before the robot moves.
+Gains of both steps, derived from section IV-C before the robot moves.
 
 In continuous time the law works for any gains (docs/theory.md, 2.1); sampling, delay and limits of
 speed are what bounds them. Saturation by one common factor costs time and leaves the path, so that

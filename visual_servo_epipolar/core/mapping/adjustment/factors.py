@@ -1,4 +1,4 @@
-"""Factors beside the images: what mount and floor do to attitudes, the lens, and the scale."""
+"""Factors beside the images: of mount and floor on attitudes, of the lens, and of the scale."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property

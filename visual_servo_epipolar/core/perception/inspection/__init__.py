@@ -1,1 +1,1 @@
-"""Inspection of two photographs: what they tell, and whether to believe it."""
+"""Inspection of two photographs: their geometry, and whether to trust it."""

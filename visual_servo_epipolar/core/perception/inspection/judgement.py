@@ -1,4 +1,4 @@
-"""Matches of two photographs: the motion that they tell, and whether to believe it."""
+"""Judgement: the motion between two photographs by their matches, and whether to trust it."""
 
 from dataclasses import dataclass, field, replace
 import math

@@ -1,4 +1,4 @@
-"""Two photographs, no robot: epipoles, bearings, rotation, and whether to believe them."""
+"""Two photographs, no robot: epipoles, bearings, rotation, and whether to trust them."""
 
 from dataclasses import replace
 

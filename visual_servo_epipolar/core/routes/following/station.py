@@ -1,4 +1,4 @@
-"""Station: the servo drives to its photographs; commands tell when what they show was moved."""
+"""Station: the servo drives to its photographs; commands show when their scene was moved."""
 
 from contextlib import suppress
 from dataclasses import replace

@@ -1,8 +1,8 @@
 """
-Steering: what turns a robot back onto the path, by offset and turn, or by an epipole.
+Steering: turns the robot back onto the path, by offset and heading, or by an epipole.
 
-A filter of offset, turn, and the curvature that unequal wheels add is moved by commands and set
-right by views. Instead, the current epipole of the next key view may steer (Becerra et al. 2014):
+A filter of offset, turn, and the curvature that unequal wheels add is predicted by commands and
+corrected by views. Instead, the epipole of the next key view may steer (Becerra et al. 2014):
 it is where the image shows the camera of that key view. On the taught way it moves as taught;
 an offset turns the robot. Two views tell it, without depths or metres: near the key view
 it is undefined, and the one after it counts.

@@ -1,4 +1,4 @@
-"""Keypoints of an image, and what a matcher of whole images must do."""
+"""Matcher: keypoints of an image, and the protocol of matchers of whole images."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable

@@ -1,8 +1,8 @@
 """
 Averaging: one photograph of several images taken at rest, with less noise than each.
 
-Whether the camera stood is seen in the images: a difference of two that gradients explain is
-motion, what they do not is noise, and what noise does not explain is somebody who walks by.
+Motion is seen in the images: a difference of two that gradients explain is motion, the rest is
+noise, and what noise does not explain is a person who walks by.
 """
 
 from collections.abc import Sequence

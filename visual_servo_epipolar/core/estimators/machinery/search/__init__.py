@@ -1,1 +1,1 @@
-"""Search of a geometry of which nothing is known, or nothing that fits."""
+"""Search of a geometry without earlier bearings, or where none fit."""

@@ -1,9 +1,9 @@
 """
 Search of the geometry of a pair of views where no bearings are known, or none that fit.
 
-A camera that may be mounted any way is most likely level, or as it was learnt to be: hypotheses
+A camera that may be mounted any way is most likely level, or as estimated before: hypotheses
 by pairs of matches, which need the attitude nearly, come first. Those by five matches, which need
-nothing, are believed where the matches speak for them by more than chance.
+nothing, are accepted where the matches support them by more than chance.
 """
 
 from collections.abc import Callable
