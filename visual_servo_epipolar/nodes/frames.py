@@ -52,7 +52,7 @@ class StaticMount:
     Keeps the static transforms of a robot, and finds in them how its camera is mounted.
 
     Nothing is known unless it ``listens``, nor without tf2_msgs, which it says. What cannot be
-    used is said by ``warn``; ``trouble`` tells of a mount that is known and cannot be used, ''
+    used is logged by ``warn``; ``trouble`` tells of a mount that is known and cannot be used, ''
     where there is none: a node that drives all the same assumes a camera that looks ahead.
     """
 
@@ -61,7 +61,7 @@ class StaticMount:
     ) -> None:
         self._base, self._log, self._warn = _bare(base_frame), node.get_logger(), warn
         self._taken, self.trouble = False, ''
-        self._unknown: set[str] = set()  # frames of images that it was said of
+        self._unknown: set[str] = set()  # frames of images that were logged
         self._parents: dict[str, tuple[str, Transform]] = {}
         kind = transforms.tf_message_class() if listens else None
         self._is_heard = kind is not None
@@ -71,7 +71,7 @@ class StaticMount:
             node.create_subscription(kind, '/tf_static', self.receive, qos.STATIC_TRANSFORMS)
 
     def receive(self, message: Any) -> None:
-        """Take in a tf2_msgs/TFMessage; a transform that cannot be used is left out and said."""
+        """Take in a tf2_msgs/TFMessage; a transform that cannot be used is left out and logged."""
         for item in message.transforms:
             try:
                 self._parents[_bare(item.child_frame_id)] = (
@@ -82,7 +82,7 @@ class StaticMount:
                 self._warn(f'/tf_static: {error}')
 
     def taken(self, camera_frame: str, settings: MountedT) -> MountedT:
-        """Return ``settings`` with what is said of the mount of a camera, where they tell none."""
+        """Return ``settings`` with the mount of a camera in /tf_static, where they have none."""
         self.trouble = ''
         if settings.mount_is_told:
             return settings

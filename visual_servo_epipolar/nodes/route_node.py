@@ -123,7 +123,7 @@ class RouteNode(ManagedNode):
         self._reports.standing(self._repetition.last)
 
     def deactivate(self) -> None:
-        """Stop the robot; a way that is being recorded is lost, which is said."""
+        """Stop the robot; a way that is being recorded is lost, which is logged."""
         self._stop('deactivated')
         if self._recording is not None:
             self.get_logger().warning('the recording of a way is given up')

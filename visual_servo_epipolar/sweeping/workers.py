@@ -182,7 +182,7 @@ def _client(address: str) -> Any:
         from distributed.comm import resolve_address
     except ImportError as error:
         raise InputError(NO_DASK.format(error)) from None
-    logging.getLogger('distributed').setLevel(logging.CRITICAL)  # it is said in one line here
+    logging.getLogger('distributed').setLevel(logging.CRITICAL)  # one line here reports it
     try:
         resolve_address(address)
         return Client(address, timeout=CONNECT_S, set_as_default=False)

@@ -39,7 +39,7 @@ def refuse_implausible(camera: CameraModel, *, cropped: bool = False) -> None:
 
 @lru_cache(maxsize=16)
 def doubts(camera: CameraModel) -> str:
-    """Return what is to be said of a camera that can be used all the same, or ''."""
+    """Return the warning on a camera that can be used all the same, or ''."""
     pixels = _samples(camera)
     lost = 1.0 - float(camera.round_trips(pixels, camera.rays(pixels)).mean())
     if lost <= MOST_LOST:

@@ -79,7 +79,7 @@ class Task:
     A request under way; ``orders`` are those of the last event, ``outcome`` ends it.
 
     Times [s] are those at which it began, the ``step`` began and the servo was heard. ``armed``
-    and ``driven`` say whether the servo has said so in this attempt, ``last_phase`` what it did
+    and ``driven`` are whether the servo reported it in this attempt, ``last_phase`` what it did
     before it ended.
     """
 
@@ -134,7 +134,7 @@ def on_answer(task: Task, order: ServoOrder, refusal: str, now: float) -> Task:
 def on_phase(
     task: Task, phase: Phase, reason: str, now: float, settings: DockTaskSettings
 ) -> Task:
-    """Return the task after the servo has said its ``phase``, and the ``reason`` for it."""
+    """Return the task after the servo has reported its ``phase``, and the ``reason`` for it."""
     task = replace(task, orders=(), heard=now)
     if task.outcome is not None or task.step is Stage.CHARGING:
         return task
@@ -158,7 +158,7 @@ def on_phase(
 
 
 def on_armed(task: Task, now: float) -> Task:
-    """Return the task after the servo has said that it drives as soon as it can."""
+    """Return the task after the servo has reported that it is armed."""
     return replace(task, orders=(), heard=now, armed=task.armed or task.step is not Stage.CLEARING)
 
 
@@ -185,7 +185,7 @@ def on_tick(task: Task, now: float, settings: DockTaskSettings) -> Task:
     silence = now - task.heard
     if silence > settings.servo_timeout:
         error = Error.FAILED_TO_CONTROL if task.driven else Error.FAILED_TO_DETECT_DOCK
-        return _end(task, error, f'the servo has said nothing for {silence:.1f} s')
+        return _end(task, error, f'no message of the servo has come for {silence:.1f} s')
     if task.step in (Stage.CLEARING, Stage.STARTING) and waited > settings.servo_timeout:
         reason = f'the servo has not begun anew for {waited:.1f} s; is phase that of this servo?'
         return _end(task, Error.UNKNOWN, reason)

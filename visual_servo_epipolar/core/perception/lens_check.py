@@ -32,7 +32,7 @@ PLANE_PX, PLANE_SHARE, PLANE_ROUNDS = 2.0, 0.8, 5  # of a homography, and featur
 
 @dataclass(frozen=True, slots=True)
 class LensCheck:
-    """What was learnt: the ``memory`` of the looks so far, and the ``doubt`` to be said, or ''."""
+    """Result so far: the ``memory`` of the looks, and the ``doubt`` to be logged, or ''."""
 
     memory: PerceptionMemory | None = None
     doubt: str = ''

@@ -22,7 +22,7 @@ class JointHistory:
     Angles of the joint ``name`` by stamp, in order of time; stamps that go back begin it anew.
 
     It turns at ``speed`` [rad/s] within ``limits`` [rad]. After a leap nothing is known any more:
-    what the encoder says is not what it said at the photograph, and no view tells a head that
+    the encoder differs from its value at the photograph, and no view tells a head that
     slipped from a robot that faces elsewhere.
     """
 

@@ -109,9 +109,9 @@ class Record:
     """
     Record of one run; times are of the steady clock [s].
 
-    ``arrived_s`` is when the robot last said that it had arrived, ``why`` the words of nodes that
-    said why it stands, ``senseless`` what was wrong with a command that is no velocity;
-    ``wrong_route`` what was said of a route that must not have been written;
+    ``arrived_s`` is when the robot last reported its arrival, ``why`` the words of nodes that
+    reported why it stands, ``senseless`` what was wrong with a command that is no velocity;
+    ``wrong_route`` the message on a route that must not have been written;
     ``wrong_geometry_s`` is as ``run_monitor.wrong_geometry_s`` [s].
     """
 
@@ -202,7 +202,7 @@ def _blindness(record: Record, bounds: SafetyBounds) -> tuple[float, str]:
     Beyond ``sight_s`` the robot must brake, and what it needs for that is no offence. A base whose
     process hung begins with that when it goes on.
     """
-    if not record.truths:  # the base was gone before it had said where it is
+    if not record.truths:  # the base was gone before its first pose
         return 0.0, ''
     seen, newest_s, number = sorted(record.sight.seen), record.truths[0].time_s, 0
     total_s, charge, at_onset, before_s = 0.0, '', STANDSTILL, newest_s
@@ -234,7 +234,7 @@ class Judgement:
     """
     RunVerdict on a run, and why; with the excursion [m], the time moved without sight [s].
 
-    ``charges`` are all that could be said against it: the verdict is the first of them.
+    ``charges`` are all violations found: the verdict is the first of them.
     """
 
     verdict: RunVerdict
@@ -250,7 +250,7 @@ class Judgement:
         return self.verdict in SAFE
 
     def document(self, record: Record, **facts: Any) -> dict[str, Any]:
-        """Return the JSON object of a run: ``facts`` about it, the verdict, what was said."""
+        """Return the JSON object of a run: ``facts`` about it, the verdict, its reports."""
         said = {name: getattr(record, name) for name in ('wrong_geometry_s', 'phase', 'reason')}
         return {**facts, 'safe': self.safe, **asdict(self), 'verdict': self.verdict.value, **said}
 
@@ -274,7 +274,7 @@ def judge_run(record: Record, bounds: SafetyBounds) -> Judgement:
 
 
 def _charges(record: Record, bounds: SafetyBounds, blind: str) -> list[tuple[RunVerdict, str]]:
-    """Return what can be said against a run, the worst first; '' is nothing."""
+    """Return the violations of a run, the worst first; '' is none."""
     crash = record.crashes[0] if record.crashes else ''
     charges = [
         (RunVerdict.TRACEBACK, ' '.join(crash.split())[-300:]),

@@ -46,7 +46,7 @@ class Witness:
 
     def __init__(self, world: World) -> None:
         self.record, self._world, self._wire = Record(), world, world.wire
-        self.struck_ns = 0  # what was said before explains nothing
+        self.struck_ns = 0  # earlier reports explain nothing
         self._rig = new_rig(world.settings.camera)
         self._image: ImageOrigin | None = None  # the last one that reached the tracker
         self._sight: ImageOrigin | None = None  # what the servo saw last
@@ -88,7 +88,7 @@ class Witness:
         return self.pose if self._image is None else self.pose_at(self._image.taken_ns)
 
     def finish(self) -> Record:
-        """Return the record, with what was said about why the robot stands."""
+        """Return the record, with the reports of why the robot stands."""
         record = self.record
         record.crashes = list(self._wire.crashes)
         if record.truths and not self._world.works(BASE):  # without its process it stands

@@ -116,7 +116,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         return outcome
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Activate, publishers last: a node that failed to has said nothing."""
+        """Activate, publishers last: a node that failed to has published nothing."""
         outcome = self.__outcome_of(self.__deliver)
         if outcome == SUCCESS:
             outcome = self.__outcome_of(self.activate)

@@ -23,7 +23,7 @@ DISTRUST_S = 2.0  # after a word of another camera: where two alternate, the rob
 
 class ServoCamera:
     """
-    The camera of the servo ``node``; what is odd about it is said by ``warn``.
+    The camera of the servo ``node``; ``warn`` logs its oddities.
 
     ``model`` is None until a camera_info comes that can be used. A run keeps to the camera that it
     began with, and to the mount.

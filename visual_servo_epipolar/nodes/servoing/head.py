@@ -23,7 +23,7 @@ class Head:
     """
     The head that carries the camera of ``node``: it ``is_there`` if ``servo`` has such a rig.
 
-    What is wrong with what it says is said by ``warn``. Without angles of an image no robot
+    ``warn`` logs what is wrong with its messages. Without angles of an image no robot
     drives by it: a head that has turned looks as if the robot had.
     """
 

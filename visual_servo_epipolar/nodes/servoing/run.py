@@ -68,7 +68,7 @@ class Run:
 
     It is ``active`` between an order to start and one to stop, and armed until it drives;
     ``lapsed`` says why the last order came to nothing, ``trouble`` what is wrong with the tracks
-    that come, also said by ``warn``; ``notice`` is what the owner of the robot should know beside.
+    that come, also logged by ``warn``; ``notice`` is what else the owner of the robot should know.
     ``standstill`` returns why the robot stands, '' if the state says it, and whether that is
     alarming.
     """

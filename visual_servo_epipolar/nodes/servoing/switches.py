@@ -27,7 +27,7 @@ class StopButton:
     Stop button of the servo ``node``, a std_msgs/Bool; ``on_press`` takes the reason.
 
     A true presses it. A false releases it where one button publishes. Of several the one that says
-    false is not the one that was pressed: it is released where none has said true for RELEASE_S,
+    false is not the one that was pressed: it is released where none has sent true for RELEASE_S,
     nor says so when those that are latched are asked anew.
     """
 

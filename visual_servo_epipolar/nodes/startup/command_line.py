@@ -14,7 +14,7 @@ WIDTH = 99
 
 
 def answer(node: str, arguments: Sequence[str]) -> int | None:
-    """Return the exit code where ``arguments`` leave nothing to run, having said why; or None."""
+    """Return the exit code if nothing is left to run, the reason printed; or None."""
     ros, rest = split(arguments)
     if any(word in HELP for word in (*ros, *rest)):
         return _print(usage(node))

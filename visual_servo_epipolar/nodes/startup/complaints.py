@@ -16,7 +16,7 @@ from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 NUMBER = re.compile(r'[-+]?(?:\d[\d.]*(?:e[-+]?\d+)?|\b(?:nan|inf)\b)')
 MOST = 100  # kinds of complaints that are remembered: texts of others may be in them
 LOOK_PERIOD_S = 1.0
-PATIENCE_S = 5.0  # time without a message, or without /clock, before it is said
+PATIENCE_S = 5.0  # time without a message, or without /clock, before it is logged
 REPEAT_S = 30.0
 COMPRESSED = '/compressed'  # what image_transport puts after the name of the images
 ANY_DRIVER = 'set camera_reliability: auto'
@@ -67,7 +67,7 @@ KINDS = {
 
 @dataclass(slots=True)
 class Input:
-    """Input: silent since it came last, or since that was said; ``patience_s`` until it is."""
+    """Input: silent since it came last, or since that was logged; ``patience_s`` until it is."""
 
     kind: InputKind
     topic: str

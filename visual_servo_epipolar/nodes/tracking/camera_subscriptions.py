@@ -58,7 +58,7 @@ class AdaptiveSubscription:
         offered = [item.qos_profile for item in publishers if item.topic_type == expected]
         if not offered:
             return self._offer
-        if self._configured == 'best_effort':  # which DDS hands nothing on that was said before
+        if self._configured == 'best_effort':  # to which DDS hands no earlier message
             return self._configured
         reliable = all(item.reliability == ReliabilityPolicy.RELIABLE for item in offered)
         if reliable and all(item.durability == qos.LATCHED.durability for item in offered):

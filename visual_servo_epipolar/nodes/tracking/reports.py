@@ -14,7 +14,7 @@ from visual_servo_epipolar.nodes.lifecycle.reports import NodeReports
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 LOOK_PERIOD_S = 1.0
-# Time without an image until that is said, and where time is simulated: it may wait for others.
+# Time without an image until that is logged, and where time is simulated: it may wait for others.
 SILENT_S, SIMULATED_SILENT_S = 1.0, 5.0
 
 

@@ -31,7 +31,7 @@ from visual_servo_epipolar.core.laws.phases.probing import begun_probe
 from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
-# In a row that must be trusted before the robot moves again; where it is said to have turned
+# In a row that must be trusted before the robot moves again; where it appears to have turned
 # meanwhile, somebody must have turned it.
 RESUMING_FRAMES, TURNED_FRAMES = 3, 15
 

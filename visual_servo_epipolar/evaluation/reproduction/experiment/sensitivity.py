@@ -40,7 +40,7 @@ def _with(part: str, **changes: Any) -> Change:
 
 
 # Name, whether floor and slip of the experiment are on, and what is changed then. The dead zone is
-# raised, as in the paper, unless said.
+# raised, as in the paper, unless noted.
 ROWS: Sequence[tuple[str, bool, tuple[Change, ...]]] = (
     ('points exact, floor even, no slip', False, (_with('points', noise=0.0),)),
     ('points to 0.2 px, as in all rows below', False, ()),
