@@ -16,6 +16,7 @@ LONG_FUNCTIONS: dict[str, int] = {}
 LARGE_VALUES = {
     'Departures',
     'Event',
+    'GoalEstimate',
     'Inspection',
     'Kind',
     'MapLocalization',

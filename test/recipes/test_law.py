@@ -11,11 +11,11 @@ from visual_servo_epipolar.core.laws.machine import PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted, leads_home
 from visual_servo_epipolar.core.laws.registry import phase_colour, phase_row, sentence
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.timing import goal_distance
 from visual_servo_epipolar.core.laws.two_steps.two_steps import FULL, TWO_STEPS
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 
 SPEED = 0.2  # [m/s]
 

@@ -7,7 +7,7 @@ import pytest
 import untold_bases
 
 from visual_servo_epipolar.core.estimate.dead_band import LEAST_ASKED
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.servo.state import ServoState
 
 SEED = 303
 RATE = 11.0  # images a second

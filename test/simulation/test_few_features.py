@@ -10,10 +10,10 @@ import pytest
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.closed_loop import run
@@ -151,7 +151,7 @@ def test_waiting_does_not_use_the_time_up() -> None:
         seen = observe(view.observe(pose, frame), camera, frame * 100_000_000)
         state = step(state, only(3)(seen), world.servo)
     assert state.phase is Phase.WAITING
-    assert state.view.map.few_s == 0.0
+    assert state.map.few_s == 0.0
 
 
 def test_with_0_s_it_is_off() -> None:

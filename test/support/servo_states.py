@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, PSI, RHO, YAW
+from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.two_steps.two_steps import TWO_STEPS
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance
 
 SETTINGS = ServoSettings(law='full')
@@ -95,7 +96,17 @@ def learnt_yaw(degrees: float) -> Extrinsics:
 def in_phase(phase: Phase, **changes: Any) -> ServoState:
     """Return a state at time zero in ``phase``, as a run would have it, at a standstill."""
     running = {'measurement': sight(0), 'distance': 8.0, 'side': -1.0, 'target': 0.2}
-    return ServoState().changed(phase=phase, **{**running, 'mount': np.zeros(3), **changes})
+    return estimated(
+        ServoState().changed(phase=phase, **{**running, 'mount': np.zeros(3), **changes})
+    )
+
+
+def estimated(state: ServoState) -> ServoState:
+    """Return ``state`` with the estimate of the goal by its parts."""
+    known = state.identified
+    mounted, seen = known.extrinsics or SETTINGS.extrinsics, state.measurement or sight(0)
+    estimate = goal_estimate(seen, None, mounted, known.base, state.map.place)
+    return state.changed(estimate=estimate)
 
 
 def then(

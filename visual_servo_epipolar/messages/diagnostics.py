@@ -9,7 +9,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.laws.registry import phase_row, sentence
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.telemetry import progress, telemetry
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.read import BETWEEN

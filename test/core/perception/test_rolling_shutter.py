@@ -8,11 +8,11 @@ import pytest
 from strategies import CAMERA
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Twist
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.perception.rolling_shutter import base_axes, RollingShutter
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig

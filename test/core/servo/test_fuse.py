@@ -9,7 +9,6 @@ from servo_states import MEMORY, reading, sight
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.estimate.map_state import MapState, measurement_of
 from visual_servo_epipolar.core.goal import Goal
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.perception import validated
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at, UNKNOWN
@@ -18,6 +17,7 @@ from visual_servo_epipolar.core.perception.perceive import perceive, with_differ
 from visual_servo_epipolar.core.servo import fuse
 from visual_servo_epipolar.core.servo.fuse import SKIPPED, two_view_skip
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import drive

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from servo_states import (
     BEARINGS,
+    estimated,
     in_phase,
     learnt_yaw,
     MEMORY,
@@ -26,12 +27,12 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance, step
 
 # Contradictions
@@ -130,9 +131,9 @@ def test_step_2_by_a_wrong_yaw_is_another_attempt(degrees: float, phase: Phase) 
 
 def test_nothing_is_learnt_of_the_yaw_before_anything_is() -> None:
     assert ServoState().yaw_learnt == 0.0
-    assert ServoState().changed(extrinsics=learnt_yaw(2.0)).yaw_learnt == 0.0
+    assert estimated(ServoState().changed(extrinsics=learnt_yaw(2.0))).yaw_learnt == 0.0
     state = ServoState().changed(extrinsics=learnt_yaw(-2.0), mount=np.zeros(3))
-    assert state.yaw_learnt == pytest.approx(math.radians(2.0))
+    assert estimated(state).yaw_learnt == pytest.approx(math.radians(2.0))
 
 
 # The update by a measurement

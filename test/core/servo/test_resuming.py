@@ -8,10 +8,10 @@ from servo_states import in_phase, SETTINGS, sight
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.conditions import TURNED
 from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES, TURNED_FRAMES
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.decisions import classify
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import update
 
 THERE = sight()

@@ -64,21 +64,21 @@ def test_who_holds_says_the_newest_reason_and_who_has_ended_his_own() -> None:
 @pytest.mark.parametrize('phase', PHASES)
 def test_a_run_keeps_to_the_goal_that_it_began_with(phase: Phase) -> None:
     begun = change_goal(in_phase(phase, measurement=sight(30)), 7)
-    assert begun.view.goal.id == 7
+    assert begun.goal.id == 7
     assert begun.view.measurement is not None  # the first to be told is no change
     assert change_goal(begun, NO_GOAL) is begun
     assert not Session(begun).other_goal(None)
     after = change_goal(begun, 8)
     assert bool(Session(begun).other_goal(8)) == phase.runs
-    assert after.view.goal.id == (7 if phase.runs else 8)
+    assert after.goal.id == (7 if phase.runs else 8)
     assert (after is begun) == phase.runs
 
 
 def test_another_goal_has_no_map_yet() -> None:
     learnt = in_phase(Phase.WAITING, goal=Goal(7, map=MapState(few_s=3.0)), measurement=sight(30))
     after = change_goal(learnt, 8)
-    assert (after.view.goal, after.measurement) == (Goal(8), None)
-    assert change_goal(learnt, 7).view.map.few_s == 3.0
+    assert (after.goal, after.measurement) == (Goal(8), None)
+    assert change_goal(learnt, 7).map.few_s == 3.0
 
 
 @pytest.mark.parametrize('phase', PHASES)

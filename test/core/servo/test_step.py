@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.conditions import displacement
-from visual_servo_epipolar.core.laws.state import RunState, ServoState
+from visual_servo_epipolar.core.laws.state import RunState
 from visual_servo_epipolar.core.laws.timing import phase_timeout
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -27,6 +27,7 @@ from visual_servo_epipolar.core.servo import step as servo_step
 from visual_servo_epipolar.core.servo.decisions import nominal_twist
 from visual_servo_epipolar.core.servo.session import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 
 # Accelerations as good as unlimited: what the laws ask for shows at once.
 SETTINGS = ServoSettings(

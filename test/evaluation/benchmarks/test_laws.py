@@ -20,10 +20,10 @@ from visual_servo_epipolar.core.geometry.motion import (
 )
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.smooth.steering import polar_pose
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.run_log import MotionLimits
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.evaluation.benchmarks import laws
 from visual_servo_epipolar.evaluation.benchmarks.peers import (
     ALIGN,

@@ -14,7 +14,7 @@ from fibonacci_wire import BY_POSE  # noqa: E402
 
 from visual_servo_epipolar.core.docking.task import Error, State  # noqa: E402
 from visual_servo_epipolar.core.laws.phase import Phase  # noqa: E402
-from visual_servo_epipolar.core.laws.state import ServoState  # noqa: E402
+from visual_servo_epipolar.core.servo.state import ServoState  # noqa: E402
 from visual_servo_epipolar.messages import diagnostics  # noqa: E402
 from visual_servo_epipolar.nodes import qos  # noqa: E402
 

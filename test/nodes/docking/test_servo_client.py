@@ -9,7 +9,7 @@ import pytest
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import diagnostics, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.docking import servo_client

@@ -5,7 +5,7 @@ from functools import partial
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import diagnostics, write
 from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode, UNFINISHED

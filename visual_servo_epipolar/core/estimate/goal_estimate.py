@@ -9,6 +9,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, YAW
+from visual_servo_epipolar.core.estimate.pose_filter import FilteredPose
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -28,9 +29,15 @@ class Source(Enum):
 
 
 class BaseModel(NamedTuple):
-    """Base as driving shows it: delay [s], dead band [m/s, rad/s], curvature [rad/m]."""
+    """
+    Base as driving shows it.
+
+    ``delay`` [s], 0 until it is known, and ``response``, how late it obeys at all [s], nan until
+    then; ``dead_band`` [m/s, rad/s]; ``curvature`` [rad/m].
+    """
 
     delay: float = 0.0
+    response: float = math.nan
     dead_band: tuple[float, float] = (0.0, 0.0)
     curvature: float = 0.0
 
@@ -48,6 +55,8 @@ class GoalEstimate:
     axis [1/m], and ``difference_deviation``; ``margins``, how far the robot may turn to the left
     and to the right before features leave the view [rad]. ``mount`` is yaw [rad], forward and
     left [m] of the camera, (3,), and ``base`` the model of the base by which it was made.
+    ``range`` is the distance that bearings and commands show [m], nan while they hardly do, and
+    ``place`` the average of what the map has, None without.
     """
 
     stamp_ns: int
@@ -60,6 +69,8 @@ class GoalEstimate:
     margins: tuple[float, float]
     mount: FloatArray
     base: BaseModel
+    range: float
+    place: FilteredPose | None
     source: Source
     reason: Reason
 
@@ -78,7 +89,11 @@ class GoalEstimate:
 
 
 def goal_estimate(
-    measurement: Measurement, reading: MapMeasurement | None, mounted: Extrinsics, base: BaseModel
+    measurement: Measurement,
+    reading: MapMeasurement | None,
+    mounted: Extrinsics,
+    base: BaseModel,
+    place: FilteredPose | None = None,
 ) -> GoalEstimate:
     """Return the estimate by a ``measurement`` of the axle, and what the map has ``reading``."""
     covariance, source = UNKNOWN, Source.NOTHING
@@ -102,6 +117,8 @@ def goal_estimate(
         measurement.view_margins,
         mounted.mount,
         base,
+        mounted.distance if mounted.is_ranged else math.nan,
+        place,
         source,
         reason_of(measurement.reason),
     )

@@ -8,7 +8,7 @@ at 0.8 1/s. With limited accelerations a base brakes by these instead, and only 
 import math
 
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.laws.timing import is_late, usual_step
 from visual_servo_epipolar.core.laws.two_steps.equations import LINE_DAMPING
 from visual_servo_epipolar.core.laws.two_steps.gains import CRITICAL_GAIN_DELAY
@@ -43,7 +43,7 @@ def rate_within(margin: float, *, deceleration: float, delay: float) -> float:
 
 
 def converging_speed(
-    aside: float, left: float, state: ServoState, braking: float, power: float
+    aside: float, left: float, state: DriveState, braking: float, power: float
 ) -> float:
     """
     Return the speed at which what is ``aside`` [m] decays on the way that is ``left`` [m/s].
@@ -60,7 +60,7 @@ def converging_speed(
     return math.sqrt(speed * speed + 2.0 * braking * (left - near))
 
 
-def looking_speed(left: float, state: ServoState, settings: DriveSettings) -> float:
+def looking_speed(left: float, state: DriveState, settings: DriveSettings) -> float:
     """Return the speed [m/s] at which views enough show what is aside on the way ``left`` [m]."""
     # What is unknown falls as 1 / sqrt of the views that see it from near.
     known = min(WELL_KNOWN / max(place_deviation(state), WELL_KNOWN), 1.0) ** 2
@@ -69,13 +69,13 @@ def looking_speed(left: float, state: ServoState, settings: DriveSettings) -> fl
     return math.sqrt(slow * slow + 2.0 * braking * max(left - NEAR, 0.0))
 
 
-def place_deviation(state: ServoState) -> float:
+def place_deviation(state: DriveState) -> float:
     """Return what the averaged place is unknown by, aside [m]; 0 without an average."""
-    place = state.view.map.place
+    place = state.view.estimate and state.view.estimate.place
     return 0.0 if place is None else math.sqrt(place.covariance[X, X])
 
 
-def _residual(state: ServoState) -> float:
+def _residual(state: DriveState) -> float:
     """Return what steering may leave aside [m]: half of what the place is unknown by."""
     deviation = place_deviation(state)
     return min(max(0.5 * deviation, LEAST_RESIDUAL), RESIDUAL) if deviation else RESIDUAL
@@ -87,7 +87,7 @@ def heading_share(left: float) -> float:
     return min(max(share, 0.0), 1.0)
 
 
-def braked_turn(angle: float, state: ServoState, settings: DriveSettings) -> float:
+def braked_turn(angle: float, state: DriveState, settings: DriveSettings) -> float:
     """
     Return the rate [rad/s] of a turn in place of which an ``angle`` [rad] is left, as seen.
 
@@ -102,7 +102,7 @@ def braked_turn(angle: float, state: ServoState, settings: DriveSettings) -> flo
     )
 
 
-def settled_turn(angle: float, state: ServoState, settings: DriveSettings) -> float:
+def settled_turn(angle: float, state: DriveState, settings: DriveSettings) -> float:
     """Return the same for a turn that ends as an exponential, however late the base obeys."""
     if not settings.options.speed_ramps:
         return settings.turn_gain * angle
@@ -115,14 +115,17 @@ def settled_turn(angle: float, state: ServoState, settings: DriveSettings) -> fl
     )
 
 
-def _landing_turn(angle: float, state: ServoState, settings: DriveSettings) -> float:
+def _landing_turn(angle: float, state: DriveState, settings: DriveSettings) -> float:
     """
     Return the rate [rad/s] of a turn of a trapezoid, whose last frame ends where it is to.
 
     What was commanded and has not acted is turned already; 0 where that is unknown.
     """
-    late, measurement = state.identified.delay.response, state.measurement
-    if measurement is None or math.isnan(late) or is_late(settings):
+    estimate, measurement = state.view.estimate, state.measurement
+    if estimate is None or measurement is None or is_late(settings):
+        return 0.0
+    late = estimate.base.response
+    if math.isnan(late):
         return 0.0
     if not (settings.turn_gain and settings.options.speed_ramps):
         return 0.0
@@ -137,7 +140,7 @@ def _landing_turn(angle: float, state: ServoState, settings: DriveSettings) -> f
 
 
 def braked(
-    left: float, state: ServoState, *, gain: float, deceleration: float, dead_band: float
+    left: float, state: DriveState, *, gain: float, deceleration: float, dead_band: float
 ) -> float:
     """
     Return the speed of a motion of which ``left`` is left, that ends by ``gain`` [1/s] unbraked.

@@ -13,13 +13,13 @@ from typing import ClassVar, TypeAlias
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
-Classifier: TypeAlias = Callable[[ServoState, Measurement, DriveSettings], Event]
-Command: TypeAlias = Callable[[ServoState, Measurement, DriveSettings], Twist]
-Predicate: TypeAlias = Callable[[ServoState, Measurement, DriveSettings], bool]
-Update: TypeAlias = Callable[[ServoState, Measurement, DriveSettings], ServoState]
+Classifier: TypeAlias = Callable[[DriveState, Measurement, DriveSettings], Event]
+Command: TypeAlias = Callable[[DriveState, Measurement, DriveSettings], Twist]
+Predicate: TypeAlias = Callable[[DriveState, Measurement, DriveSettings], bool]
+Update: TypeAlias = Callable[[DriveState, Measurement, DriveSettings], DriveState]
 
 FAILURES = (Event.TIMED_OUT, Event.DIVERGED, Event.EXHAUSTED, Event.DISOBEYED, Event.EXCURSION)
 REQUIRED = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)  # of any law

@@ -1,23 +1,14 @@
-"""State: all that the servo carries from one image to the next, in parts."""
+"""State by which laws drive: what they carry from one image to the next, in parts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 import math
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimate.base_model import Curvature, Delay
-from visual_servo_epipolar.core.estimate.dead_band import DeadBand
-from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics
-from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel, GoalEstimate
-from visual_servo_epipolar.core.estimate.map_state import MapState
-from visual_servo_epipolar.core.estimate.motion_check import MotionCheck
-from visual_servo_epipolar.core.estimate.odometry import Odometry
-from visual_servo_epipolar.core.estimate.settings import SettingsT
-from visual_servo_epipolar.core.estimate.straight_leg import StraightLeg
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.two_steps.gains import Gains
@@ -28,15 +19,7 @@ from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.stamps import seconds_between
 
-StateT = TypeVar('StateT', bound='ServoState')
-NO_MAP = MapState()
-
-
-class Known(NamedTuple):
-    """What was learnt of the scene, and of base and camera, by a view."""
-
-    map: MapState
-    identified: 'Identification'
+StateT = TypeVar('StateT', bound='DriveState')
 
 
 @dataclass(frozen=True)
@@ -44,10 +27,10 @@ class ViewState:
     """
     What is seen: ``measurement``, the last one, and ``memory``, what perception carries on.
 
-    Both are None before the first. ``goal`` is where it drives, with the map of keyframes around
-    it; ``period``, the time between two images [s], smoothed, nan before the second, and
-    ``jitter``, by how much it varies [s]; ``estimate``, where the goal is by all of that;
-    ``rotation_bias``, what the best rotation is off in heading [rad], nan while unknown;
+    Both are None before the first. ``period`` is the time between two images [s], smoothed, nan
+    before the second, and ``jitter``, by how much it varies [s]; ``estimate`` is where the goal is
+    by all of that; ``rotation_bias``, what the best rotation is off in heading [rad], nan while
+    unknown;
     ``trusted_heading``, the heading error of the last measurement by which it drove [rad], nan
     before; ``frame``, the number of steps; ``seen_ns``, the stamp of the last image with enough
     features, or of the first one; ``joints``, those of the head at the last image.
@@ -55,7 +38,6 @@ class ViewState:
 
     measurement: Measurement | None = None
     memory: PerceptionMemory | None = None
-    goal: Goal[MapState] = Goal()
     period: float = math.nan
     jitter: float = 0.0
     estimate: GoalEstimate | None = None
@@ -68,11 +50,6 @@ class ViewState:
     def unseen(self, stamp_ns: int) -> float:
         """Return for how long too few features have been seen, at the time of an image [s]."""
         return 0.0 if self.seen_ns is None else seconds_between(self.seen_ns, stamp_ns)
-
-    @property
-    def map(self) -> MapState:
-        """Map of the goal's surroundings."""
-        return self.goal.map or NO_MAP
 
 
 @dataclass(frozen=True)
@@ -102,35 +79,6 @@ class MotionState:
     slope: Slope = Slope()
     travel: float = 0.0
     reversed: float = 0.0
-
-
-@dataclass(frozen=True)
-class Identification:
-    """
-    What driving shows of camera and base.
-
-    ``extrinsics`` of the camera on the base, None before the first image; ``curvature`` that the
-    base adds to commands; ``dead_band``, what it was seen not to follow; ``delay``, how late it
-    obeys; ``odometry``, and whether it tells the truth; ``straight``, the leg of step 2 by the
-    map, None without.
-    """
-
-    extrinsics: Extrinsics | None = None
-    curvature: Curvature = Curvature()
-    dead_band: DeadBand = DeadBand()
-    delay: Delay = Delay()
-    odometry: Odometry = Odometry()
-    straight: StraightLeg | None = None
-
-    @property
-    def base(self) -> BaseModel:
-        """What driving has shown of the base."""
-        dead_band = self.dead_band.linear.value, self.dead_band.angular.value
-        return BaseModel(self.delay.value, dead_band, self.curvature.value)
-
-    def effective(self, settings: SettingsT) -> SettingsT:
-        """Return ``settings`` with delay and dead band of the base as they are by now."""
-        return self.delay.beside(self.dead_band.beside(settings))
 
 
 @dataclass(frozen=True)
@@ -204,23 +152,26 @@ class Settling:
     time_in_tolerance: float = 0.0
 
 
-@dataclass(frozen=True)
-class ServoState:
-    """
-    State of the servo, in parts; a new run starts from ``ServoState()``.
+def parts_by_field(**parts: type[Any]) -> Mapping[str, str]:
+    """Return the name of the part that has a field, by the name of the field."""
+    named = {field.name: part for part, kind in parts.items() for field in fields(kind)}
+    return MappingProxyType(named)
 
-    ``check`` tells whether the base moves as it was commanded, ``known`` what was learnt at the
-    reference of that check and at the one before, None before the second.
-    """
+
+@dataclass(frozen=True)
+class DriveState:
+    """State by which laws drive, in parts; ``ServoState`` has what estimators carry as well."""
 
     view: ViewState = ViewState()
     motion: MotionState = MotionState()
-    identified: Identification = Identification()
     run: RunState = RunState()
     law: LawState = LawState()
     settling: Settling = Settling()
-    check: MotionCheck = MotionCheck()
-    known: tuple[Known, Known] | None = None
+
+    # The part that has a field, by the name of it: no two have one of the same name.
+    part_of: ClassVar[Mapping[str, str]] = parts_by_field(
+        view=ViewState, motion=MotionState, run=RunState, law=LawState, settling=Settling
+    )
 
     def changed(self: StateT, /, **changes: Any) -> StateT:
         """
@@ -231,8 +182,8 @@ class ServoState:
         parts: dict[str, dict[str, Any]] = {}
         whole = {}
         for name, value in changes.items():
-            if name in PART_OF:
-                parts.setdefault(PART_OF[name], {})[name] = value
+            if name in self.part_of:
+                parts.setdefault(self.part_of[name], {})[name] = value
             else:
                 whole[name] = value
         for part, fields_of_it in parts.items():
@@ -267,10 +218,10 @@ class ServoState:
     @property
     def yaw_learnt(self) -> float:
         """Change of what the yaw of the camera is taken for, since the phase began [rad]."""
-        extrinsics, mount = self.identified.extrinsics, self.run.mount
-        if extrinsics is None or mount is None:
+        estimate, mount = self.view.estimate, self.run.mount
+        if estimate is None or mount is None:
             return 0.0
-        return abs(float(extrinsics.mount[0] - mount[0]))
+        return abs(float(estimate.mount[0] - mount[0]))
 
     @property
     def longitudinal_error(self) -> float:
@@ -284,17 +235,3 @@ class ServoState:
     def ended(self) -> bool:
         """Whether the run is over, arrived or failed."""
         return self.phase.ended
-
-
-_PARTS = {
-    'view': ViewState,
-    'motion': MotionState,
-    'identified': Identification,
-    'run': RunState,
-    'law': LawState,
-    'settling': Settling,
-}
-# The part that has a field, by the name of it: no two have one of the same name.
-PART_OF: Mapping[str, str] = MappingProxyType(
-    {field.name: part for part, kind in _PARTS.items() for field in fields(kind)}
-)

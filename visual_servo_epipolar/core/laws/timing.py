@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.estimate.base_model import BORNE
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.state import DriveState, StateT
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING, seconds_between
@@ -28,14 +28,14 @@ HALF_TURNS = 3.0  # at full speed, that no turn in place takes
 USUAL_STEP_S = 0.1  # between two images, where no others came before
 
 
-def time_step(state: ServoState, stamp_ns: int) -> float:
+def time_step(state: DriveState, stamp_ns: int) -> float:
     """Return the time from the last image to ``stamp_ns`` to integrate over [s]."""
     if state.measurement is None:
         return 0.0
     return min(max(seconds_between(state.measurement.stamp_ns, stamp_ns), 0.0), MAX_STEP_S)
 
 
-def clock_jump(state: ServoState, stamp_ns: int, settings: DriveSettings) -> str:
+def clock_jump(state: DriveState, stamp_ns: int, settings: DriveSettings) -> str:
     """
     Return in words how the stamps leap to ``stamp_ns`` from the last image; empty if they do not.
 
@@ -52,12 +52,12 @@ def clock_jump(state: ServoState, stamp_ns: int, settings: DriveSettings) -> str
     return Reason.STAMPS_LEAPT.of(gap)
 
 
-def usual_step(state: ServoState) -> float:
+def usual_step(state: DriveState) -> float:
     """Return the time that usually passes between two images [s]."""
     return state.view.period if state.view.period > 0.0 else USUAL_STEP_S
 
 
-def after_clock_jump(state: ServoState, stamp_ns: int) -> ServoState:
+def after_clock_jump(state: StateT, stamp_ns: int) -> StateT:
     """Return ``state`` by the clock that leapt to ``stamp_ns``: one usual period has passed."""
     if state.measurement is None:
         return state
@@ -69,7 +69,7 @@ def after_clock_jump(state: ServoState, stamp_ns: int) -> ServoState:
     )
 
 
-def has_timed_out(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def has_timed_out(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether the run or the phase has lasted too long; waiting may last for ever."""
     if not state.phase.runs:
         return False
@@ -93,7 +93,7 @@ def phase_timeout(phase: Phase, settings: DriveSettings) -> float:
     return min(settings.phase_timeout, HALF_TURNS * half_turn)
 
 
-def predicted(state: ServoState, settings: DriveSettings) -> ServoState:
+def predicted(state: StateT, settings: DriveSettings) -> StateT:
     """Return ``state`` with its measurement as it will be when the next command acts."""
     measurement = state.measurement
     if measurement is None or not state.phase.drives or not is_late(settings):
@@ -110,7 +110,7 @@ def predicted(state: ServoState, settings: DriveSettings) -> ServoState:
 
 
 def _moved(
-    measurement: Measurement, state: ServoState, way: tuple[float, float], turn: float
+    measurement: Measurement, state: DriveState, way: tuple[float, float], turn: float
 ) -> Measurement:
     """Return ``measurement`` after a ``way``, right and ahead [m], and a ``turn`` [rad]."""
     heading = math.remainder(measurement.heading_error + turn, 2.0 * math.pi)
@@ -137,12 +137,12 @@ def _moved(
     return replace(moved, bearings=Bearings(psi, phi))
 
 
-def goal_distance(state: ServoState, measurement: Measurement) -> float:
+def goal_distance(state: DriveState, measurement: Measurement) -> float:
     """Return the distance from the goal, as well as it is known [m]."""
     if measurement.offset is not None:
         return math.hypot(*measurement.offset)
-    if state.identified.extrinsics is not None and state.identified.extrinsics.is_ranged:
-        return state.identified.extrinsics.distance
+    if state.view.estimate is not None and state.view.estimate.range > 0.0:
+        return state.view.estimate.range
     return state.motion.range if state.motion.range > 0.0 else state.motion.distance
 
 

@@ -14,12 +14,12 @@ from visual_servo_epipolar.core.arrays import median
 from visual_servo_epipolar.core.estimate.motion_check import Evidence, MotionCheck
 from visual_servo_epipolar.core.estimate.verdicts import NOISE_OF_PARALLAX
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.state import Known, ServoState
 from visual_servo_epipolar.core.laws.timing import goal_distance
 from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import Known, ServoState
 
 AHEAD = 0.5  # sine of the bearing up to which the goal is ahead or behind
 KNOWN_PARALLAX = 3.0  # deviations of a parallax of which a metre shows a part
@@ -42,7 +42,7 @@ def check_motion(
         return _undone(state.changed(check=motion), measurement)
     if motion.reference is state.check.reference:
         return state.changed(check=motion)
-    now = Known(state.view.map, state.identified)
+    now = Known(state.map, state.identified)
     before = now if state.known is None else state.known[-1]
     return state.changed(check=motion, known=(before, now))
 
@@ -82,7 +82,7 @@ def _undone(state: ServoState, measurement: Measurement) -> ServoState:
         odometry=replace(identified.odometry, check=None, pose=pose),
         straight=None,
     )
-    goal = replace(state.view.goal, map=lost_map)
+    goal = replace(state.goal, map=lost_map)
     return state.changed(goal=goal, identified=identified, leg=None)
 
 

@@ -6,12 +6,7 @@ from typing import NamedTuple
 
 from visual_servo_epipolar.core.estimate.odometry import Odometry
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.state import (
-    Identification,
-    MotionState,
-    ServoState,
-    ViewState,
-)
+from visual_servo_epipolar.core.laws.state import MotionState, ViewState
 from visual_servo_epipolar.core.laws.timing import is_late, usual_step
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
@@ -19,6 +14,7 @@ from visual_servo_epipolar.core.odometry.ranging import Leg, MIN_TURN, Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import Identification, ServoState
 
 RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next two
 RANGE_SMOOTHING = 0.2

@@ -1,6 +1,7 @@
 """Decisions of a step: from a measurement in a phase to the next phase, by the law's machine."""
 
 import math
+from typing import cast
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.machine import PhaseRow
@@ -8,7 +9,6 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.bounds import FACING
 from visual_servo_epipolar.core.laws.phases.conditions import excursion_limit, sees_too_little
 from visual_servo_epipolar.core.laws.phases.probing import classify_probe, is_probing, probe
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.timing import (
     has_timed_out,
     phase_timeout,
@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.laws.timing import (
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 
 
@@ -133,7 +134,7 @@ def switch_phase(
         warning='',
     )
     try:
-        return row_of(state, settings).begin(state, measurement, settings)
+        return cast(ServoState, row_of(state, settings).begin(state, measurement, settings))
     except ValueError as error:
         state = switch_phase(state, measurement, Event.NO_GAIN, settings)
         return state.changed(reason=str(error))

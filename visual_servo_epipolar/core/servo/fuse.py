@@ -7,7 +7,6 @@ from typing import NamedTuple
 from visual_servo_epipolar.core.estimate.base_model import MOST_CURVATURE
 from visual_servo_epipolar.core.estimate.map_state import localize, MapState, measurement_of
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.odometry.increments import OdometryIncrement
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -23,6 +22,7 @@ from visual_servo_epipolar.core.perception.rivals import (
 )
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 
 SKIPPED = 3  # views between two that are estimated all the same: noise and attitude may change
 
@@ -52,7 +52,7 @@ def fuse(
     """Return what two views, by ``perception``, and the map know ``dt`` [s] after the last."""
     seconds = dt if state.phase.runs else 0.0
     after, reading = localize(
-        state.view.map,
+        state.map,
         perception,
         increment,
         settings,

@@ -7,13 +7,13 @@ from visual_servo_epipolar.core.estimate.base_model import Curvature
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics
 from visual_servo_epipolar.core.estimate.extrinsics_update import update_extrinsics
 from visual_servo_epipolar.core.estimate.straight_leg import straight_on
-from visual_servo_epipolar.core.laws.state import Identification, ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.servo.dead_reckoning import DrivenInterval
 from visual_servo_epipolar.core.servo.fuse import disproved, Fusion
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import Identification, ServoState
 
 BIAS_SMOOTHING = 0.2  # weight of the newest value in an exponential mean
 MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed

@@ -13,9 +13,9 @@ from typing import NamedTuple
 from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.phases.bounds import facing_bound, matched_bound, trial_of
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import seen_after
+from visual_servo_epipolar.core.servo.state import ServoState
 
 ROUNDING = 1e-9  # of a sum of hops
 

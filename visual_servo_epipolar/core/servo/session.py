@@ -10,11 +10,12 @@ from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.machine import interruption
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.state import ServoState, ViewState
+from visual_servo_epipolar.core.laws.state import ViewState
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.servo.admission import Arrival, disorder, FrozenImageCheck, refusal
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import decide, update_map
 from visual_servo_epipolar.core.tracking.features import Features
 
@@ -120,7 +121,7 @@ class Session:
 
     def other_goal(self, goal: int | None) -> str:
         """Return in words that features of ``goal`` are not of the goal of the run; or ''."""
-        changes = self.state.phase.runs and self.state.view.goal.differs(goal or NO_GOAL)
+        changes = self.state.phase.runs and self.state.goal.differs(goal or NO_GOAL)
         return Reason.OTHER_GOAL.of() if changes else ''
 
     def admitted(
@@ -164,11 +165,11 @@ class Session:
 
 def change_goal(state: ServoState, goal: int) -> ServoState:
     """Return the state that drives to ``goal``, without map if it is new; a run keeps its own."""
-    view = state.view
-    if goal in (NO_GOAL, view.goal.id) or (state.phase.runs and view.goal.differs(goal)):
+    view, before = state.view, state.goal
+    if goal in (NO_GOAL, before.id) or (state.phase.runs and before.differs(goal)):
         return state
-    after = view.goal.followed_by(goal)
-    if view.goal.differs(goal):
-        view = ViewState(goal=after, period=view.period, frame=view.frame)
-        return state.changed(view=view, known=None)
+    after = before.followed_by(goal)
+    if before.differs(goal):
+        view = ViewState(period=view.period, frame=view.frame)
+        return state.changed(view=view, goal=after, known=None)
     return state.changed(goal=after)

@@ -7,11 +7,11 @@ from typing import Any
 from visual_servo_epipolar.core.geometry.wall import aside
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.arrival import is_in_doubt
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.decisions import is_close, is_settled
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 
 SEEN_S = 0.4  # after which a motion has acted and was seen, of a base that obeys in time

@@ -10,6 +10,7 @@ it (``laws.decisions``), which is then limited to what the base can follow.
 
 from dataclasses import replace
 import math
+from typing import cast
 
 from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate
@@ -17,7 +18,7 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.phases.conditions import has_turned, is_untrusted
-from visual_servo_epipolar.core.laws.state import Identification, ServoState, ViewState
+from visual_servo_epipolar.core.laws.state import ViewState
 from visual_servo_epipolar.core.laws.timing import (
     after_clock_jump,
     clock_jump,
@@ -51,6 +52,7 @@ from visual_servo_epipolar.core.servo.identify import identify
 from visual_servo_epipolar.core.servo.pulsed_move import pulsed_move
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import settle
+from visual_servo_epipolar.core.servo.state import Identification, ServoState
 
 LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
 
@@ -65,12 +67,13 @@ def update(
     measurement = fusion.measurement
     after = state.changed(
         view=_see(state, fusion, identified, perception.observation, dt, settings),
+        goal=replace(state.goal, map=fusion.map),
         identified=identified,
         motion=reckon(state, measurement, identified, drive, settings),
         desired_rate=desired_rate(state, measurement, dt),
     )
     latched = row_of(after, settings).observe(after, measurement, settings)
-    return settle(latched, perception, state.measurement, dt, settings)
+    return settle(cast(ServoState, latched), perception, state.measurement, dt, settings)
 
 
 def _see(
@@ -85,9 +88,10 @@ def _see(
     mounted = identified.extrinsics or settings.extrinsics
     return ViewState(
         measurement=fusion.measurement,
-        estimate=goal_estimate(fusion.measurement, fusion.reading, mounted, identified.base),
+        estimate=goal_estimate(
+            fusion.measurement, fusion.reading, mounted, identified.base, fusion.map.place
+        ),
         memory=fusion.memory,
-        goal=replace(state.view.goal, map=fusion.map),
         period=usual_period(state.view.period, dt),
         jitter=jitter(state.view, dt),
         rotation_bias=fusion.rotation_bias,
@@ -140,14 +144,14 @@ def decide(
 
 def update_map(state: ServoState) -> ServoState:
     """Return the state after what no command waits for."""
-    views, memory = state.view.map.update_map(), state.view.memory
+    views, memory = state.map.update_map(), state.view.memory
     if memory is not None:
         memory = noise_learnt(memory)
-    if views is not state.view.map:
+    if views is not state.map:
         memory = with_wrong_matches(memory, views)
     elif memory is state.view.memory:
         return state
-    return state.changed(goal=replace(state.view.goal, map=views), memory=memory)
+    return state.changed(goal=replace(state.goal, map=views), memory=memory)
 
 
 def advance(

@@ -14,9 +14,9 @@ import numpy as np
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.evaluation.tables import cells, Columns, markdown, numbers

@@ -42,13 +42,13 @@ from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.smooth.on_arcs import GoalOffset, moved
 from visual_servo_epipolar.core.laws.smooth.steering import aim, curvature, Gains, polar_pose
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.measures import turned
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.simulation.closed_loop import Control, Loop

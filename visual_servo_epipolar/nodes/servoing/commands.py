@@ -8,8 +8,8 @@ from rclpy.node import Node
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos

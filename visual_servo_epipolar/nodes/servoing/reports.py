@@ -7,7 +7,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.telemetry import progress, telemetry
 from visual_servo_epipolar.messages import diagnostics, write
 from visual_servo_epipolar.messages.diagnostics import Words

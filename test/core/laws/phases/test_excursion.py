@@ -5,18 +5,28 @@ import math
 from typing import Any
 
 import pytest
-from servo_states import BEARINGS, DRIVING, in_phase, ranged, SETTINGS, sight, STEPS, then
+from servo_states import (
+    BEARINGS,
+    DRIVING,
+    estimated,
+    in_phase,
+    ranged,
+    SETTINGS,
+    sight,
+    STEPS,
+    then,
+)
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.conditions import excursion_limit
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.servo.decisions import classify
 from visual_servo_epipolar.core.servo.session import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 
 # Driving backward
 
@@ -174,7 +184,8 @@ def test_no_bound_of_the_excursion_is_zero() -> None:
 )
 def test_a_distance_that_is_not_known_leads_nobody_astray(changes: dict[str, Any]) -> None:
     assert excursion_limit(off(2.0), sight(), SETTINGS) != ''
-    assert excursion_limit(off(2.0).changed(**changes), sight(), SETTINGS) == ''
+    known = estimated(off(2.0).changed(**changes))
+    assert excursion_limit(known, sight(), SETTINGS) == ''
 
 
 def test_without_bearings_nobody_is_astray() -> None:

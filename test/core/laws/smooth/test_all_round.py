@@ -12,10 +12,10 @@ from visual_servo_epipolar.core.geometry.motion import wrap_angle
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.smooth.smooth import approach, APPROACHING
 from visual_servo_epipolar.core.laws.smooth.steering import goes_around
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.decisions import classify
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 
 SETTINGS = ServoSettings(law='smooth')
 ENDLESS = (math.inf, math.inf)

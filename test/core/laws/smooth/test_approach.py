@@ -5,16 +5,17 @@ import math
 
 import numpy as np
 import pytest
-from servo_states import behind, sight
+from servo_states import behind, estimated, sight
 
 from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.estimate.pose_filter import first_pose
 from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.laws.smooth.smooth import approach, back_off
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.odometry.increments import Motion
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 
 SETTINGS = ServoSettings(law='smooth')
 STATE = ServoState()
@@ -70,7 +71,7 @@ def test_at_the_goal_it_turns_to_its_heading_alone() -> None:
 def test_a_camera_that_looks_aside_leads_along_the_axis_of_the_base() -> None:
     yaw, way = 0.0175, 0.2
     place = replace(first_pose(np.zeros(3), np.eye(3), Motion()), mean=np.array([0, 0, 0, yaw]))
-    state = STATE.changed(goal=replace(STATE.view.goal, map=MapState(place=place)))
+    state = estimated(STATE.changed(goal=Goal(map=MapState(place=place))))
     on_axis = known(-yaw * way, -way)
     assert approach(state, on_axis, SETTINGS).angular == pytest.approx(0.0, abs=1e-4)
     assert abs(approach(STATE, on_axis, SETTINGS).angular) > 0.01
@@ -79,7 +80,7 @@ def test_a_camera_that_looks_aside_leads_along_the_axis_of_the_base() -> None:
 def unsure_of(deviation: float) -> ServoState:
     """Return the state of a robot whose averaged place is unknown by a ``deviation`` [m]."""
     place = first_pose(np.zeros(3), deviation**2 * np.eye(3), Motion())
-    return STATE.changed(goal=replace(STATE.view.goal, map=MapState(place=place)))
+    return estimated(STATE.changed(goal=Goal(map=MapState(place=place))))
 
 
 def test_what_may_be_no_offset_is_no_reason_to_turn() -> None:

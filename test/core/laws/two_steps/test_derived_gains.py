@@ -13,7 +13,6 @@ from strategies import bearings, floats
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.braking import BRAKING
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.laws.timing import BORNE
 from visual_servo_epipolar.core.laws.two_steps.derived_gains import circumstances
 from visual_servo_epipolar.core.laws.two_steps.gains import derive, longest_convergence
@@ -23,6 +22,7 @@ from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import step
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 
 DERIVED = ServoSettings(law='corrected', gains='derived')
 MEMORY = fresh_memory(DERIVED)

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.laws.phases.bounds import (
     NOISE_DEVIATIONS,
     trial_of,
 )
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: see ``fit_rotation``
@@ -27,7 +27,7 @@ CLEARLY_ASIDE = 4.0  # of a mean over a few
 CONTRADICTED = 4.0  # bounds of a parallax, beyond which no memory says that it is the goal
 
 
-def has_parallax(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def has_parallax(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     """
     Return whether the parallax exceeds what noise explains: the robot is not at the goal.
 
@@ -41,7 +41,7 @@ def has_parallax(state: ServoState, measurement: Measurement, settings: DriveSet
     return not math.hypot(*measurement.offset) <= _offset_bound(state, measurement, settings)
 
 
-def _looks_elsewhere(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _looks_elsewhere(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether the image shows more parallax than noise and the way that is left explain."""
     parallax = (
         measurement.parallax if state.settling.settled < 2 else state.settling.settled_parallax
@@ -66,7 +66,7 @@ def _of_the_rest(measurement: Measurement) -> float:
     return measurement.difference_slope * math.hypot(*measurement.offset)
 
 
-def _offset_bound(state: ServoState, measurement: Measurement, settings: DriveSettings) -> float:
+def _offset_bound(state: DriveState, measurement: Measurement, settings: DriveSettings) -> float:
     """Return the largest offset of a robot that has arrived, as its memory measures it [m]."""
     noise = NOISE_DEVIATIONS * measurement.offset_deviation
     tolerance = settings.arrival_position
@@ -79,7 +79,7 @@ def _offset_bound(state: ServoState, measurement: Measurement, settings: DriveSe
 
 
 def is_near_enough(
-    state: ServoState,
+    state: DriveState,
     measurement: Measurement,
     settings: DriveSettings,
     *,
@@ -105,7 +105,7 @@ def is_near_enough(
     return max(abs(difference), abs(difference + slope * ahead)) <= reach
 
 
-def faces_goal(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def faces_goal(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether the heading is the goal's, where asked also once the robot has stopped."""
     bound = facing_bound(measurement, settings, trial_of(state))
     heading, turn = measurement.heading_error, 0.0
@@ -124,13 +124,13 @@ def is_in_doubt(measurement: Measurement, settings: DriveSettings) -> bool:
     return settings.remembers and measurement.offset is None
 
 
-def stands_aside(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def stands_aside(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether a few looks suffice in doubt: the robot stands clearly aside."""
     first = is_in_doubt(measurement, settings) and state.run.attempts == 1
     return first and abs(state.settling.settled_aside) > CLEARLY_ASIDE
 
 
-def is_at_goal(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def is_at_goal(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     """
     Return whether heading, parallax and D are those of the photograph, within their noise.
 

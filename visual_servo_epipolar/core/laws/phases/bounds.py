@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.laws.timing import usual_step, USUAL_STEP_S
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
@@ -40,7 +40,7 @@ class Trial(NamedTuple):
 FIRST = Trial()
 
 
-def trial_of(state: ServoState, *, spent: bool = False) -> Trial:
+def trial_of(state: DriveState, *, spent: bool = False) -> Trial:
     """Return how long the robot has tried by now; for ever if its patience is ``spent``."""
     tried = math.inf if spent else state.settling.time_in_tolerance
     return Trial(tried, usual_step(state), jitter_s=state.view.jitter)
@@ -56,7 +56,7 @@ def release_bound(measurement: Measurement, settings: DriveSettings) -> float:
     return max(settings.latch_release, RELEASE_DEVIATIONS * _deviation(measurement))
 
 
-def hysteresis(state: ServoState, settings: DriveSettings) -> float:
+def hysteresis(state: DriveState, settings: DriveSettings) -> float:
     """
     Return the factor by which step 1 is held on to: one for both steps.
 

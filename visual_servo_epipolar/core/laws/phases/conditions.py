@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_LOOK_AHEAD,
@@ -137,7 +137,7 @@ def is_untrusted(measurement: Measurement, settings: DriveSettings) -> bool:
     return is_far or not math.isfinite(measurement.difference)
 
 
-def has_turned(state: ServoState, measurement: Measurement) -> bool:
+def has_turned(state: DriveState, measurement: Measurement) -> bool:
     """Return whether the heading is not that of the last trusted image, by far."""
     turn = math.remainder(measurement.heading_error - state.view.trusted_heading, 2.0 * math.pi)
     return abs(turn) > TURNED
@@ -149,7 +149,7 @@ def begun_step_1(measurement: Measurement, settings: DriveSettings, event: Event
     return event if room or not settings.options.retreat else Event.SIDEWAYS
 
 
-def with_new_leg(state: ServoState, measurement: Measurement) -> ServoState:
+def with_new_leg(state: DriveState, measurement: Measurement) -> DriveState:
     """Return ``state`` where step 1 begins: the side of e_du, not at zero yet, and a new leg."""
     if measurement.bearings is None:
         return state
@@ -157,7 +157,7 @@ def with_new_leg(state: ServoState, measurement: Measurement) -> ServoState:
     return state.changed(side=side, latched=False, leg=Leg(measurement.bearings.psi))
 
 
-def line_look_ahead(state: ServoState, measurement: Measurement, settings: DriveSettings) -> float:
+def line_look_ahead(state: DriveState, measurement: Measurement, settings: DriveSettings) -> float:
     """
     Return the look-ahead of line following [m]: shorter where the offset is known.
 
@@ -206,7 +206,7 @@ def leads_home(measurement: Measurement, settings: DriveSettings) -> bool:
     return aside * math.exp(equations.LINE_DAMPING * y / length) <= RESIDUAL_OFFSET
 
 
-def lateral_offset(state: ServoState, measurement: Measurement) -> float:
+def lateral_offset(state: DriveState, measurement: Measurement) -> float:
     """Return the lateral offset x = d cos(psi) [m], right positive; 0 without bearings."""
     if measurement.offset is not None:
         return measurement.offset[0]
@@ -220,7 +220,7 @@ def lateral_offset(state: ServoState, measurement: Measurement) -> float:
     return distance * math.cos(measurement.bearings.psi)
 
 
-def excursion_limit(state: ServoState, measurement: Measurement, settings: DriveSettings) -> str:
+def excursion_limit(state: DriveState, measurement: Measurement, settings: DriveSettings) -> str:
     """
     Return in words that the robot is farther from the goal than its run may lead it.
 
@@ -249,23 +249,23 @@ def excursion_limit(state: ServoState, measurement: Measurement, settings: Drive
     return Reason.EXCURSION.of(name, ratio)
 
 
-def _is_nearing(state: ServoState, measurement: Measurement) -> bool:
+def _is_nearing(state: DriveState, measurement: Measurement) -> bool:
     """Return whether less is left, by the memory of views, than a part of what was driven."""
     if measurement.offset is None:
         return False
     return math.hypot(*measurement.offset) < NEARER * abs(state.motion.travel)
 
 
-def _excursion(state: ServoState, measurement: Measurement) -> float:
+def _excursion(state: DriveState, measurement: Measurement) -> float:
     """
     Return the distance over that at which the leg began; 1 where it is not known.
 
     What the leg has led backward is left out, up to a metre: near the goal step 1 may need it.
     """
-    extrinsics, leg, bearings = state.identified.extrinsics, state.motion.leg, measurement.bearings
-    if extrinsics is None or leg is None or bearings is None or not extrinsics.is_ranged:
+    estimate, leg, bearings = state.view.estimate, state.motion.leg, measurement.bearings
+    if estimate is None or leg is None or bearings is None or math.isnan(estimate.range):
         return 1.0
-    distance = extrinsics.distance
+    distance = estimate.range
     x = distance * math.cos(bearings.psi) - leg.x
     y = distance * math.sin(bearings.psi) - leg.y
     backward = min(max(-leg.travel, 0.0), MOST_BACKWARD)

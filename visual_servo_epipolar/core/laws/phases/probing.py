@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.braking import settled_turn
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.phases.conditions import is_far_enough
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.rivals import Rivals
 
@@ -22,7 +22,7 @@ SWING, SWUNG = 0.3, 0.03  # of the second leg to one side, the third to the othe
 MOST_PROBES = 3  # in an attempt
 
 
-def begun_probe(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+def begun_probe(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     """Return the event that begins a probe where ``measurement`` has rivals: LOST if none may."""
     if not settings.remembers or state.run.restarts >= MOST_PROBES:
         return Event.LOST
@@ -31,12 +31,12 @@ def begun_probe(state: ServoState, measurement: Measurement, settings: DriveSett
     return Event.AMBIGUOUS_NEAR if settings.max_retreat > 0.0 else Event.LOST
 
 
-def is_probing(state: ServoState) -> bool:
+def is_probing(state: DriveState) -> bool:
     """Return whether the phase is a probe."""
     return state.phase.drives and state.run.event in (Event.AMBIGUOUS, Event.AMBIGUOUS_NEAR)
 
 
-def classify_probe(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+def classify_probe(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     """Return the event of a probe: whether one geometry is left, or it ends without."""
     if not measurement.rivals:
         return Event.LOST if measurement.bearings is None else Event.RESOLVED
@@ -47,7 +47,7 @@ def classify_probe(state: ServoState, measurement: Measurement, settings: DriveS
     return Event.LOST if spent else Event.NOTHING
 
 
-def probe(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def probe(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return the velocity of a probe: straight on, or the turn to the next leg."""
     angle = _turn_left(state, measurement)
     if turns_in_place(settings.drive) and abs(angle) > SWUNG:
@@ -55,16 +55,16 @@ def probe(state: ServoState, measurement: Measurement, settings: DriveSettings) 
     return Twist(-settings.retreat_speed if state.phase.backs_off else settings.retreat_speed, 0.0)
 
 
-def _rivals(state: ServoState) -> Rivals | None:
+def _rivals(state: DriveState) -> Rivals | None:
     return None if state.view.memory is None else state.view.memory.rivals
 
 
-def _way(state: ServoState) -> float:
+def _way(state: DriveState) -> float:
     rivals = _rivals(state)
     return 0.0 if rivals is None else rivals.way
 
 
-def _turn_left(state: ServoState, measurement: Measurement) -> float:
+def _turn_left(state: DriveState, measurement: Measurement) -> float:
     """Return the turn to the heading of the leg, as far as the view allows [rad]."""
     rivals = _rivals(state)
     if rivals is None:

@@ -28,7 +28,7 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     leads_home,
 )
 from visual_servo_epipolar.core.laws.phases.probing import begun_probe
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 # In a row that must be trusted before the robot moves again; where it appears to have turned
@@ -36,7 +36,7 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 RESUMING_FRAMES, TURNED_FRAMES = 3, 15
 
 
-def survey(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+def survey(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     """Return the event that begins a run, or resumes it after the tracks came back."""
     if measurement.bearings is None and not math.isfinite(measurement.difference):
         return Event.LOST
@@ -54,7 +54,7 @@ def survey(state: ServoState, measurement: Measurement, settings: DriveSettings)
     return Event.APART
 
 
-def _resume(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+def _resume(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     """Return the event of a survey, after enough images in a row that can be trusted."""
     # Where images are false, a single one may look right.
     if state.settling.settled < (
@@ -79,7 +79,7 @@ FAILED = PhaseRow(phase=Phase.FAILED, words='stands, the run is over', colour='#
 STANDING = (WAITING, HOLDING, ARRIVED, FAILED)
 
 
-def _oriented(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+def _oriented(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     if state.settling.settled < settings.align_frames:
         return Event.NOTHING
     if is_at_goal(state, measurement, settings):
@@ -92,12 +92,12 @@ def _oriented(state: ServoState, measurement: Measurement, settings: DriveSettin
     return Event.ALIGNED
 
 
-def _orient(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def _orient(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return the turn in place to the goal's heading."""
     return Twist(0.0, settled_turn(-measurement.heading_error, state, settings))
 
 
-def _nearly_oriented(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _nearly_oriented(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     bound = pulse_turn_bound(measurement, settings, trial_of(state))
     return abs(measurement.heading_error) <= bound
 
@@ -113,7 +113,7 @@ ORIENTING = PhaseRow(
 )
 
 
-def _retreated(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+def _retreated(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     if is_untrusted(measurement, settings):
         return Event.LOST
     if not has_run_up(state, measurement, settings):
@@ -126,7 +126,7 @@ def _retreated(state: ServoState, measurement: Measurement, settings: DriveSetti
     return Event.APART if within and not is_sideways(measurement, settings) else Event.NOTHING
 
 
-def has_run_up(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def has_run_up(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     """
     Return whether a retreat after a miss has led as far as that asks for.
 
@@ -137,7 +137,7 @@ def has_run_up(state: ServoState, measurement: Measurement, settings: DriveSetti
     return misses < 2 or measurement.difference <= -misses * settings.retreat_difference
 
 
-def _retreat(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def _retreat(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return the turn to the goal's heading as far as the view allows, then with backing off."""
     if settings.max_retreat == 0.0:
         return STANDSTILL

@@ -37,7 +37,7 @@ from visual_servo_epipolar.core.laws.smooth.smooth import (
     Sight,
 )
 from visual_servo_epipolar.core.laws.smooth.steering import GAINS, RESERVE
-from visual_servo_epipolar.core.laws.state import Backing, ServoState
+from visual_servo_epipolar.core.laws.state import Backing, DriveState
 from visual_servo_epipolar.core.laws.timing import usual_step
 from visual_servo_epipolar.core.laws.two_steps.two_steps import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -156,7 +156,7 @@ def turned_back(kappa: float, way: float, most: float) -> float:
     return most * way - (most + kappa) * lag_way(way)
 
 
-def _approaching(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+def _approaching(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     event = APPROACHING.classify(state, measurement, settings)
     if event in (Event.MATCHED, Event.TURNED):
         faces = abs(measurement.heading_error) <= FACES
@@ -173,7 +173,7 @@ def _approaching(state: ServoState, measurement: Measurement, settings: DriveSet
     return missed(state, settings) if gone else Event.NOTHING
 
 
-def _approach(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def _approach(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """
     Return the velocity of one motion, which ends on an arc to the goal's heading.
 
@@ -193,7 +193,7 @@ def _approach(state: ServoState, measurement: Measurement, settings: DriveSettin
     return replace(twist, angular=min(max(last, -most), most) * twist.linear)
 
 
-def _retreating(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+def _retreating(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     backing = state.law.backing
     if measurement.offset is None or backing is None:
         return retreating(state, measurement, settings)
@@ -202,7 +202,7 @@ def _retreating(state: ServoState, measurement: Measurement, settings: DriveSett
     return Event.APART if backing.way == 0.0 else Event.NOTHING
 
 
-def _retreat(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def _retreat(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return the velocity on the arc backward; by two views alone, as on any base."""
     backing = state.law.backing
     if backing is None or math.isinf(backing.way) or settings.max_retreat == 0.0:
@@ -215,8 +215,8 @@ def _retreat(state: ServoState, measurement: Measurement, settings: DriveSetting
 
 
 def _with_way_back(
-    state: ServoState, measurement: Measurement, settings: DriveSettings
-) -> ServoState:
+    state: DriveState, measurement: Measurement, settings: DriveSettings
+) -> DriveState:
     """Return ``state`` with the arc to back off on from where the robot is."""
     sight = _sight(state, measurement, settings)
     backing = None
@@ -226,7 +226,7 @@ def _with_way_back(
     return state.changed(backing=backing)
 
 
-def _sight(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Sight | None:
+def _sight(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Sight | None:
     """Return where the robot will be when it obeys, by a memory of views; None without one."""
     if measurement.offset is None:
         return None
@@ -245,11 +245,11 @@ def _bounds(measurement: Measurement, settings: DriveSettings, part: float) -> B
     return Bounds(part * settings.drive.max_curvature, left, right)
 
 
-def _present_curvature(state: ServoState) -> float:
+def _present_curvature(state: DriveState) -> float:
     return state.twist.angular / state.twist.linear if state.twist.linear else 0.0
 
 
-def _ends(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _ends(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether the motion leads no farther: the heading cannot be turned there."""
     if measurement.offset is None:
         return False

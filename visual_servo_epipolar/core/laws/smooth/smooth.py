@@ -76,7 +76,7 @@ from visual_servo_epipolar.core.laws.smooth.steering import (
     sees_all_round,
     visible_aim,
 )
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.laws.two_steps.two_steps import MATCHING_FEATURES, transitions_by
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -105,7 +105,7 @@ class Sight(NamedTuple):
     heading: float
 
 
-def approach(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def approach(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return the velocity of one motion to the goal."""
     sight = seen_from(state, measurement, settings)
     if sight is None:
@@ -191,7 +191,7 @@ def _visible_curvature(pose: PolarPose, measurement: Measurement) -> float:
     return curvature(pose, delta_held=held)
 
 
-def way_left(measurement: Measurement, state: ServoState) -> float:
+def way_left(measurement: Measurement, state: DriveState) -> float:
     """Return the way that is left along the heading [m]; negative past the goal."""
     if measurement.offset is not None:
         x, y = measurement.offset
@@ -202,7 +202,7 @@ def way_left(measurement: Measurement, state: ServoState) -> float:
 
 
 def seen_from(
-    state: ServoState, measurement: Measurement, settings: DriveSettings
+    state: DriveState, measurement: Measurement, settings: DriveSettings
 ) -> Sight | None:
     """Return where the robot will be when it obeys, by memory or by bearings; None of neither."""
     if measurement.offset is not None:
@@ -221,23 +221,24 @@ def seen_from(
     return Sight(x - way * math.sin(middle), y + way * math.cos(middle), heading + turn)
 
 
-def unmodelled_yaw(state: ServoState) -> float:
+def unmodelled_yaw(state: DriveState) -> float:
     """Return the yaw of the camera [rad], to the left, that its places show and no mount has."""
-    place, extrinsics = state.view.map.place, state.identified.extrinsics
-    is_modelled = extrinsics is not None and bool(extrinsics.mount[0])
-    return 0.0 if place is None or is_modelled else place.slip
+    estimate = state.view.estimate
+    if estimate is None or estimate.place is None or estimate.mount[0]:
+        return 0.0
+    return estimate.place.slip
 
 
-def believed_distance(state: ServoState) -> float:
+def believed_distance(state: DriveState) -> float:
     """Return d_hat [m] by two views: too small does no harm, too large leaves heading errors."""
-    if state.identified.extrinsics is not None and state.identified.extrinsics.is_ranged:
-        return state.identified.extrinsics.distance
+    if state.view.estimate is not None and state.view.estimate.range > 0.0:
+        return state.view.estimate.range
     if state.motion.range > 0.0:
         return state.motion.range
     return min(state.motion.distance, UNKNOWN_RANGE)
 
 
-def back_off(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def back_off(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """
     Return the velocity backward, on an arc: onto the axis behind the goal, or to a turn ahead.
 
@@ -335,7 +336,7 @@ def _within_present(turn: float, measurement: Measurement, settings: DriveSettin
     return min(max(turn, -max(right, 0.0)), max(left, 0.0))
 
 
-def approaching(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+def approaching(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     """Return the event of one motion: lost, beside, missed, or at its end."""
     if is_untrusted(measurement, settings):
         return Event.LOST
@@ -389,14 +390,14 @@ def _lies_beside(
     return not is_behind(bearings) or abs(bearings.chi) > settings.sideways_bearing + beyond
 
 
-def missed(state: ServoState, settings: DriveSettings) -> Event:
+def missed(state: DriveState, settings: DriveSettings) -> Event:
     """Return the event of a miss: a new attempt backs off first, as far as that is allowed."""
     repeats = settings.options.new_attempts and settings.options.retreat
     again = repeats and state.run.attempts < settings.max_attempts
     return Event.MISSED if again else Event.EXHAUSTED
 
 
-def _ends(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _ends(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     """
     Return whether the motion ends here, along the axis and in heading, both by a memory.
 
@@ -414,7 +415,7 @@ def _ends(state: ServoState, measurement: Measurement, settings: DriveSettings) 
     return through or is_near_enough(state, measurement, settings)
 
 
-def _decay(state: ServoState, settings: DriveSettings, trial: Trial) -> float:
+def _decay(state: DriveState, settings: DriveSettings, trial: Trial) -> float:
     """
     Return the share of what is left now that is left when the last frame has settled.
 
@@ -435,7 +436,7 @@ def _heading_bound(measurement: Measurement, settings: DriveSettings, trial: Tri
 
 
 def is_through(
-    state: ServoState,
+    state: DriveState,
     measurement: Measurement,
     settings: DriveSettings,
     trial: Trial,
@@ -452,18 +453,18 @@ def is_through(
     return min(abs(measurement.difference), left) <= bound
 
 
-def motion_trial(state: ServoState) -> Trial:
+def motion_trial(state: DriveState) -> Trial:
     """Return how long the robot has tried: what is closer than usual it tries for less long."""
     return trial_of(state)._replace(is_brief=True)
 
 
-def is_close(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def is_close(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether the motion leads no farther, within the usual bounds."""
     known = measurement.offset is not None
     return known and is_through(state, measurement, settings, trial_of(state, spent=True))
 
 
-def retreating(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+def retreating(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     """Return the event of backing off: whether the goal lies ahead by now."""
     if is_untrusted(measurement, settings):
         return Event.LOST
@@ -477,14 +478,14 @@ def retreating(state: ServoState, measurement: Measurement, settings: DriveSetti
     )
 
 
-def _back_off(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def _back_off(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
     return STANDSTILL if settings.max_retreat == 0.0 else back_off(state, measurement, settings)
 
 
 def surveyed(row: PhaseRow) -> PhaseRow:
     """Return the row of a robot that stands: one motion begins wherever the goal is known."""
 
-    def classify(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+    def classify(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
         event = row.classify(state, measurement, settings)
         if event is Event.SIDEWAYS and not _lies_beside(
             measurement, settings, beyond=BESIDE, least=LEAST_SHARE

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, displacement
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.laws.timing import felt_latency
 from visual_servo_epipolar.core.laws.two_steps.gains import (
     Circumstances,
@@ -27,14 +27,14 @@ NEARLY_ZERO = 2.0  # bearing of an e_du that counts as zero, in landings
 USUAL_RATE = 11.0  # before two images have come [Hz]
 
 
-def gains_in_use(state: ServoState, settings: DriveSettings) -> Gains | None:
+def gains_in_use(state: DriveState, settings: DriveSettings) -> Gains | None:
     """Return the gains derived for this step, unless those given are to hold by now."""
     return state.law.gains if settings.derives else None
 
 
 def with_gains_of_now(
-    state: ServoState, measurement: Measurement, settings: DriveSettings
-) -> ServoState:
+    state: DriveState, measurement: Measurement, settings: DriveSettings
+) -> DriveState:
     """
     Return ``state`` with gains for its step, 1 or 2, derived from the estimates of this moment.
 
@@ -72,7 +72,7 @@ def enough(duration: float) -> float:
 
 
 def circumstances(
-    state: ServoState, measurement: Measurement, settings: DriveSettings, *, alpha: float
+    state: DriveState, measurement: Measurement, settings: DriveSettings, *, alpha: float
 ) -> Circumstances:
     """
     Return the circumstances of a step that begins with e_au at the bearing ``alpha`` [rad].
@@ -103,14 +103,14 @@ def circumstances(
     )
 
 
-def _has_converged(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _has_converged(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether e_du counts as zero when the step begins."""
     if state.phase is Phase.MATCHING_FEATURES or measurement.bearings is None:
         return True
     return abs(measurement.bearings.chi) <= engage_bound(measurement, settings)
 
 
-def legal_target(state: ServoState, measurement: Measurement, settings: DriveSettings) -> float:
+def legal_target(state: DriveState, measurement: Measurement, settings: DriveSettings) -> float:
     """
     Return the abscissa of e_au, at unit focal length, for DISPLACING: one that has legal gains.
 
@@ -143,7 +143,7 @@ def _displacements(alpha: float, measurement: Measurement, settings: DriveSettin
 
 
 def _worst_circumstances(
-    alpha: float, state: ServoState, measurement: Measurement, settings: DriveSettings
+    alpha: float, state: DriveState, measurement: Measurement, settings: DriveSettings
 ) -> Circumstances:
     """Return the circumstances at the worst bearing that is within tolerance of ``alpha``."""
     tolerance = settings.displacement_tolerance

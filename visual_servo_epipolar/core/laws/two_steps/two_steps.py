@@ -55,7 +55,7 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     with_new_leg,
 )
 from visual_servo_epipolar.core.laws.phases.standing import ORIENTING, RETREATING, STANDING
-from visual_servo_epipolar.core.laws.state import ServoState
+from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.laws.timing import felt_latency
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.laws.two_steps.derived_gains import (
@@ -78,7 +78,7 @@ YAW_FOR_NEW_ATTEMPT = math.radians(0.5)  # that the camera is learnt to differ b
 LEAST_DELAY = 1e-3  # of a loop [s]
 
 
-def _displaced(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+def _displaced(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     if measurement.bearings is None:
         return Event.LOST
     alpha = measurement.bearings.alpha
@@ -93,7 +93,7 @@ def _displaced(state: ServoState, measurement: Measurement, settings: DriveSetti
     return Event.DISPLACED if abs(off) <= settings.displacement_tolerance else Event.NOTHING
 
 
-def _displace(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def _displace(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return the turn in place of e_au to its target (section IV-B, remarks)."""
     if measurement.bearings is None:
         return STANDSTILL
@@ -107,8 +107,8 @@ def _displace(state: ServoState, measurement: Measurement, settings: DriveSettin
 
 
 def _begin_displacing(
-    state: ServoState, measurement: Measurement, settings: DriveSettings
-) -> ServoState:
+    state: DriveState, measurement: Measurement, settings: DriveSettings
+) -> DriveState:
     """
     Return ``state`` with a new leg, and the target of e_au.
 
@@ -142,7 +142,7 @@ DISPLACING = PhaseRow(
 )
 
 
-def _zeroed(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+def _zeroed(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     if measurement.bearings is None:
         return Event.NO_BASELINE if measurement.parallax <= settings.near_parallax else Event.LOST
     chi = measurement.bearings.chi
@@ -162,7 +162,7 @@ def _zeroed(state: ServoState, measurement: Measurement, settings: DriveSettings
     return Event.ALIGNED if state.settling.settled >= settings.align_frames else Event.NOTHING
 
 
-def _goes_on(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _goes_on(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether step 1 leads home as it is, though the yaw of the camera is another."""
     if not settings.options.line_following or measurement.bearings is None:
         return False
@@ -173,7 +173,7 @@ def _goes_on(state: ServoState, measurement: Measurement, settings: DriveSetting
     return abs(state.law.target) >= least_tangent and not is_off_course(measurement, settings)
 
 
-def escape_bound(state: ServoState, measurement: Measurement, settings: DriveSettings) -> float:
+def escape_bound(state: DriveState, measurement: Measurement, settings: DriveSettings) -> float:
     """
     Return the bearing of e_du [rad] beyond which step 1 has to begin anew.
 
@@ -207,7 +207,7 @@ def leads_away(measurement: Measurement, settings: DriveSettings, *, factor: flo
     return known and bearings.alpha * bearings.chi > 0.0
 
 
-def _zero_epipoles(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def _zero_epipoles(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return eqs. (16)-(17), braked before contact if the law says so."""
     bearings, law = measurement.bearings, settings.options
     if bearings is None:
@@ -229,14 +229,14 @@ def _zero_epipoles(state: ServoState, measurement: Measurement, settings: DriveS
     return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
 
 
-def _turns_back(state: ServoState, settings: DriveSettings) -> bool:
+def _turns_back(state: DriveState, settings: DriveSettings) -> bool:
     """Return whether a turn in place that brakes zeroes e_au, not the controls of the law."""
     own = settings.options.epipole_controls is None and gains_in_use(state, settings) is None
     return own and settings.options.speed_ramps
 
 
 def _auxiliary_controls(
-    bearings: Bearings, state: ServoState, measurement: Measurement, settings: DriveSettings
+    bearings: Bearings, state: DriveState, measurement: Measurement, settings: DriveSettings
 ) -> tuple[float, float]:
     """Return (nu_1, nu_2) of the law; a discordant turn holds e_au until e_du is latched."""
     law = settings.options
@@ -247,7 +247,7 @@ def _auxiliary_controls(
     return controls(bearings.epipole_current, bearings.epipole_desired, **gains)
 
 
-def _first_gains(state: ServoState, settings: DriveSettings) -> dict[str, float]:
+def _first_gains(state: DriveState, settings: DriveSettings) -> dict[str, float]:
     """Return k1, k2 and the exponent of (12), given or derived; a held e_au has the turn gain."""
     derived, holds = gains_in_use(state, settings), settings.options.discordant_turn
     k1 = settings.turn_gain if holds else settings.k1
@@ -260,7 +260,7 @@ def _first_gains(state: ServoState, settings: DriveSettings) -> dict[str, float]
     return {'k1': k1, 'k2': derived.k2, 'exponent': derived.exponent}
 
 
-def _held_epipole(state: ServoState, measurement: Measurement) -> float:
+def _held_epipole(state: DriveState, measurement: Measurement) -> float:
     """Return the abscissa to hold e_au at: the target, as far as features stay in view."""
     if measurement.bearings is None:
         return state.law.target
@@ -275,7 +275,7 @@ def _sigma(bearings: Bearings, settings: DriveSettings) -> float:
     return equations.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
 
 
-def _are_zero(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _are_zero(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether both epipoles are zero, or so small that step 2 leads home from here."""
     if not state.law.latched or measurement.bearings is None:
         return False
@@ -285,14 +285,14 @@ def _are_zero(state: ServoState, measurement: Measurement, settings: DriveSettin
 
 
 def _begin_zeroing(
-    state: ServoState, measurement: Measurement, settings: DriveSettings
-) -> ServoState:
+    state: DriveState, measurement: Measurement, settings: DriveSettings
+) -> DriveState:
     """Return ``state`` with a new leg, and its derived gains; ValueError if none is legal."""
     state = with_new_leg(state, measurement)
     return with_gains_of_now(state, measurement, settings) if settings.derives else state
 
 
-def _observe(state: ServoState, measurement: Measurement, settings: DriveSettings) -> ServoState:
+def _observe(state: DriveState, measurement: Measurement, settings: DriveSettings) -> DriveState:
     """Latch e_du at zero, once it is small or of the other sign, until a new phase."""
     if state.law.latched or measurement.bearings is None:
         return state
@@ -313,7 +313,7 @@ ZEROING_EPIPOLES = PhaseRow(
 )
 
 
-def _matched(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Event:
+def _matched(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     if is_untrusted(measurement, settings):
         return Event.LOST
     if state.settling.settled < _looks(state, measurement, settings) * settings.arrival_frames:
@@ -333,14 +333,14 @@ def _matched(state: ServoState, measurement: Measurement, settings: DriveSetting
     return missed if settings.arrival_heading > FACING else Event.MATCHED
 
 
-def _looks(state: ServoState, measurement: Measurement, settings: DriveSettings) -> int:
+def _looks(state: DriveState, measurement: Measurement, settings: DriveSettings) -> int:
     """Return how many times the usual frames decide whether this is the goal."""
     if not is_in_doubt(measurement, settings) or stands_aside(state, measurement, settings):
         return 1
     return DOUBTFUL_LOOKS
 
 
-def _match(state: ServoState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def _match(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return eqs. (21)-(22), or their u_1 with line following instead of u_2 = 0."""
     control, difference = matching_control(settings.options), measurement.difference
     if _brakes(state, settings):
@@ -368,7 +368,7 @@ def _match(state: ServoState, measurement: Measurement, settings: DriveSettings)
 
 
 def _converging_speed(
-    state: ServoState, measurement: Measurement, settings: DriveSettings
+    state: DriveState, measurement: Measurement, settings: DriveSettings
 ) -> float:
     """Return the speed at which line following ends on the axis, by a memory of views [m/s]."""
     if measurement.offset is None or not _brakes(state, settings):
@@ -383,14 +383,14 @@ def _converging_speed(
 
 
 def _look_ahead(
-    speed: float, state: ServoState, measurement: Measurement, settings: DriveSettings
+    speed: float, state: DriveState, measurement: Measurement, settings: DriveSettings
 ) -> float:
     """Return the look-ahead of line following [m], in time no less than a loop can follow."""
     length = line_look_ahead(state, measurement, settings)
     return max(length, STEERING_S * speed) if _brakes(state, settings) else length
 
 
-def _matching_gain(difference: float, state: ServoState, settings: DriveSettings) -> float:
+def _matching_gain(difference: float, state: DriveState, settings: DriveSettings) -> float:
     """Return k_t of (21) [m/s]: given, derived, or a rate over the slope of D once it is known."""
     derived = gains_in_use(state, settings)
     k_t = settings.k_t if derived is None else derived.k_t
@@ -409,14 +409,14 @@ def _matching_gain(difference: float, state: ServoState, settings: DriveSettings
     return rate / state.motion.slope.value
 
 
-def _brakes(state: ServoState, settings: DriveSettings) -> bool:
+def _brakes(state: DriveState, settings: DriveSettings) -> bool:
     """Return whether step 2 ends at a constant deceleration: its way is known, gains are given."""
     law = settings.options
     known = law.slope_gain and state.motion.slope.value > 0.0
     return known and law.speed_ramps and not settings.derives
 
 
-def _braked_rate(rate: float, way: float, state: ServoState, settings: DriveSettings) -> float:
+def _braked_rate(rate: float, way: float, state: DriveState, settings: DriveSettings) -> float:
     """Return the speed over the ``way`` left [1/s] that brakes in time, near its end that rate."""
     if way == 0.0:
         return rate
@@ -424,24 +424,24 @@ def _braked_rate(rate: float, way: float, state: ServoState, settings: DriveSett
     return braked(way, state, gain=rate, deceleration=deceleration, dead_band=band) / way
 
 
-def _damped_rate(state: ServoState, settings: DriveSettings) -> float:
+def _damped_rate(state: DriveState, settings: DriveSettings) -> float:
     """Return the rate [1/s] that is critically damped under the delay of the loop."""
     delay = felt_latency(settings) + (state.view.period if state.view.period > 0.0 else 0.0)
     return CRITICAL_GAIN_DELAY / max(delay, LEAST_DELAY)
 
 
-def _is_matched(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _is_matched(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     matched = is_matched(measurement, settings, trial_of(state))
     return matched or is_near_enough(state, measurement, settings)
 
 
-def _nearly_matched(state: ServoState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _nearly_matched(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
     return is_matched(measurement, settings, trial_of(state, spent=True))
 
 
 def _begin_matching(
-    state: ServoState, measurement: Measurement, settings: DriveSettings
-) -> ServoState:
+    state: DriveState, measurement: Measurement, settings: DriveSettings
+) -> DriveState:
     """Return ``state`` with its derived gains, if any; ValueError if none is legal."""
     return with_gains_of_now(state, measurement, settings) if settings.derives else state
 
