@@ -234,6 +234,16 @@ def test_an_uncertain_bearing_says_nothing_of_the_mount() -> None:
     np.testing.assert_array_equal(belief.mean[YAW:], ON_AXLE)
 
 
+def test_before_one_of_two_geometries_is_left_no_mount_is_learnt() -> None:
+    belief = unknown()
+    for measurement, travel, _ in frames(MOUNTS[0]):
+        assert measurement.bearings is not None
+        both = measurement.bearings, measurement.bearings.reversed()
+        seen = replace(measurement, rivals=both)
+        belief = update_extrinsics(belief, seen, travel, missed=True)
+    np.testing.assert_array_equal(belief.mean[YAW:], ON_AXLE)
+
+
 def test_what_is_not_seen_leaves_the_path_to_go_on() -> None:
     belief = unknown()
     for number, (measurement, travel, distance) in enumerate(frames(MOUNTS[0])):

@@ -44,12 +44,12 @@ def update_extrinsics(
 ) -> Extrinsics:
     """Return the belief after ``travel`` [m] and a ``measurement``; sooner if ``missed``."""
     # Without a deviation, as the paper's estimator has none, bearings tell nothing of the path.
-    known = math.isfinite(measurement.deviation)
+    known = math.isfinite(measurement.deviation) and not measurement.rivals
     bearings = measurement.bearings if known else None
     deviation = max(measurement.deviation, LEAST_DEVIATION) if bearings else math.nan
     remembers = measurement.remembered
-    if not before.placed:
-        before = replace(before, remembers=remembers)
+    if not before.placed or measurement.rivals:  # which of two it is, its way is to tell first
+        before = replace(before, remembers=remembers, placed=False)
         return placed(before, bearings, deviation) if bearings else before
     before = replace(before, travel=before.travel + travel)
     heading = measurement.heading_error

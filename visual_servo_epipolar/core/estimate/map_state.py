@@ -126,12 +126,13 @@ def _localized(
     *,
     learns: bool,
 ) -> tuple[KeyframeMap, MapLocalization]:
-    bearings, motion, other = perception.measurement.bearings, increment.motion, increment.other
+    measurement, motion, other = perception.measurement, increment.motion, increment.other
+    bearings = () if measurement.bearings is None else (measurement.bearings,)
     return views.after(
         observations,
         np.array([0.0, motion.way]),
         alternative_motion=None if other is motion else np.array([0.0, other.way]),
-        bearings=() if bearings is None else (bearings,),
+        bearings=measurement.rivals or bearings,
         attitude=perception.memory.attitude,
         learns=learns,
     )

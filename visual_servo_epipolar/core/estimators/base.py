@@ -58,7 +58,7 @@ class Prior:
 
     Of ``lens`` the deviations count: rays come as right as is known. ``mount`` is what was known
     of the attitude before anything was seen, to which an estimator returns when what has been
-    learnt since fits no more.
+    learnt since fits no more; ``decided`` whether the bearings are the true ones before a plane.
     """
 
     attitude: Attitude = Attitude()
@@ -66,6 +66,7 @@ class Prior:
     deviation: float = math.radians(3.0)  # how far the bearings may have moved since [rad]
     lens: Lens = CALIBRATED
     mount: Attitude | None = None
+    decided: bool = False
 
     @property
     def angles(self) -> FloatArray:

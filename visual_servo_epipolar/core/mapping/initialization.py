@@ -35,7 +35,7 @@ from visual_servo_epipolar.core.mapping.fitting import (
     USUAL_MEDIAN,
 )
 
-STEPS, MORE_STEPS, ROUNDS = 2, 6, 6
+STEPS, MORE_STEPS, LAST_STEPS, ROUNDS = 2, 6, 30, 6
 ALMOST = 1.5  # times the usual squares: converged but for rounding
 COLD_DAMPING = 1e-3
 VOTE = 3.0  # most deviations of an inverse depth that count for its sign
@@ -64,9 +64,9 @@ def initial_geometry(
     window: KeyframeWindow, starts: Sequence[Start], mount: Attitude, scale_deviation: float
 ) -> Geometry | None:
     """Return the geometry of a ``window`` that fits best; None if none does, or if two do."""
-    factors = factors_of(mount, window, scale_deviation)
 
-    def begun(start: Start) -> Geometry | None:
+    def begun(window: KeyframeWindow, start: Start, starts: Sequence[Start]) -> Geometry | None:
+        factors = factors_of(mount, window, scale_deviation)
         everything = np.ones(len(window.ids), bool)
         unknowns = _resected_views(window, start, starts)
         geometry = _narrowed(orient_ahead(Evaluation(window, unknowns, everything, factors)))
@@ -75,30 +75,40 @@ def initial_geometry(
         return geometry if sound else None
 
     last = starts[-1]
-    tried = [begun(start) for start in starts if start.view == last.view]
+    tried = [begun(window, start, starts) for start in starts if start.view == last.view]
     found = [geometry for geometry in tried if geometry is not None and is_sure(geometry)]
     if not found:
         return None
-    best = min(found, key=lambda geometry: geometry.evaluation.cost)
-    others = [geometry for geometry in found if geometry is not best]
-    bearings = ambiguous_bearings(best) if len(best.window) == len(window) else None
-    twin = None if bearings is None else begun(last._replace(bearings=bearings))
-    if twin is not None:
-        others.append(twin)
+    best = min(found, key=_cost)
+    exchanged = exchanged_starts(best, last.attitude)
+    twin = begun(best.window, exchanged[-1], exchanged) if exchanged else None
     # A geometry that needs views left out does not fit as well.
-    others = [other for other in others if len(other.window) >= len(best.window)]
-    return None if any(is_rival(best, other) for other in others) else best
+    fitting = [each for each in (*found, twin) if each and len(each.window) >= len(best.window)]
+    best, *others = sorted(map(_settled, fitting), key=_cost)
+    decided = best.converged and not any(is_rival(best, other) for other in others)
+    return best if decided else None
 
 
-def ambiguous_bearings(geometry: Geometry) -> Bearings | None:
+def _cost(geometry: Geometry) -> float:
+    return geometry.evaluation.cost
+
+
+def _settled(at: Geometry) -> Geometry:
+    """Return a geometry at its least cost, by which two are compared."""
+    return at if at.converged else refine(at.evaluation, LAST_STEPS, at.damping)
+
+
+def exchanged_starts(geometry: Geometry, attitude: Attitude) -> list[Start]:
     """
-    Return the bearings of the last view in the twin of a ``geometry``; None without a plane.
+    Return the bearings of all views in the twin of a ``geometry``; none without a plane.
 
     Which of both it is, relief has to tell, or a third view far enough from both.
     """
     if int(geometry.trusted.sum()) <= LEAST_ON_PLANE:
-        return None
-    return exchanged_bearings(geometry.unknowns.views[-1, :3], _plane(geometry)[[0, 2]])
+        return []
+    across, views = _plane(geometry)[[0, 2]], geometry.unknowns.views[:, :3]
+    exchanged = [exchanged_bearings(view, across) for view in views]
+    return [Start(k, each, attitude) for k, each in enumerate(exchanged) if each is not None]
 
 
 def _plane(geometry: Geometry) -> FloatArray:
@@ -114,7 +124,7 @@ def _plane(geometry: Geometry) -> FloatArray:
 
 def is_rival(best: Geometry, other: Geometry) -> bool:
     """Whether ``other`` fits nearly as well from other places: more views must tell."""
-    if other.evaluation.cost > best.evaluation.cost + DECISIVE:
+    if _cost(other) > _cost(best) + DECISIVE:
         return False
     first, second = (it.unknowns.views[-1, :2] for it in (best, other))
     angle = np.arctan2(first[0] * second[1] - first[1] * second[0], first @ second)
@@ -189,7 +199,6 @@ def _of_held_views(geometry: Geometry, scale_deviation: float) -> Geometry:
 
 def _resected_views(window: KeyframeWindow, start: Start, starts: Sequence[Start]) -> Unknowns:
     """Return all views by features whose depths are those that one of them shows."""
-    bearings = {it.view: it.bearings for it in starts}
     attitude = np.array([start.attitude.tilt, start.attitude.roll])
     psi, heading = start.bearings.psi, start.bearings.heading_error
     views = np.zeros((len(window), VIEW))
@@ -207,13 +216,16 @@ def _resected_views(window: KeyframeWindow, start: Start, starts: Sequence[Start
     order = [*range(start.view + 1, len(window)), *range(start.view - 1, -1, -1)]
     for k in order:
         neighbour = k - 1 if k > start.view else k + 1
-        views[k] = guess_pose(views[neighbour], bearings.get(k))
+        guesses = [guess_pose(views[neighbour], it.bearings) for it in starts if it.view == k]
+        guesses = guesses or [views[neighbour]]
+        views[k] = guesses[0]
         rows = np.flatnonzero(window.seen[k] & window.seen[start.view])
         if len(rows) >= MIN_POINTS:
             seen = MatchedFeatures(
                 rows, window.rays[k][:, rows], window.tangent_basis[k][..., rows]
             )
-            pose = fit_pose(anchors.of(rows), seen, views[k]).pose
+            fits = [fit_pose(anchors.of(rows), seen, guess) for guess in guesses]
+            pose = min(fits, key=lambda fit: float(np.minimum(fit.squares, OUTLIER).sum())).pose
             if np.hypot(*pose[:2]) < FARTHEST:  # else others would start from nowhere
                 views[k] = pose
     every = triangulate(window, unknowns, np.ones(len(window), bool))
@@ -227,13 +239,11 @@ def shared_at(attitude: FloatArray) -> FloatArray:
     return shared
 
 
-def guess_pose(near: FloatArray, bearings: Bearings | None) -> FloatArray:
+def guess_pose(near: FloatArray, bearings: Bearings) -> FloatArray:
     """Return where a view may be that is as far off as one ``near``, by its ``bearings``."""
-    view = near.copy()
-    if bearings is not None:
-        distance = np.hypot(near[0], near[1])
-        view[:2] = distance * np.cos(bearings.psi), distance * np.sin(bearings.psi)
-        view[2] = bearings.heading_error
+    view, distance = near.copy(), np.hypot(near[0], near[1])
+    view[:2] = distance * np.cos(bearings.psi), distance * np.sin(bearings.psi)
+    view[2] = bearings.heading_error
     return np.asarray(view)
 
 

@@ -31,9 +31,10 @@ class Measurement:
     where a memory of views has the camera, right and ahead of the goal's [m], None without one,
     with its deviation and that of the heading; ``noise_px`` the deviation of a tracked coordinate
     [px] as the residuals show it. ``rivals`` are the bearings, of either sign, of both geometries
-    that fit before a plane, () where one is left: only motion tells them apart. ``remembered``
-    says that the bearings are those of a memory of views; ``carried`` that it is a measurement by
-    it alone, where too few features are seen for two.
+    that fit before a plane, () where one is left: only motion tells them apart; ``bearings`` are
+    then those that follow the last ones. ``remembered`` says that the bearings are those of a
+    memory of views; ``carried`` that it is a measurement by it alone, where too few features are
+    seen for two.
     """
 
     stamp_ns: int

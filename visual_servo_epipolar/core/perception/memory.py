@@ -15,6 +15,7 @@ from visual_servo_epipolar.core.perception.rolling_shutter import RollingShutter
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
 KNOWN_DEVIATION = 1.7e-3  # of tilt and roll: the floor moved the desired camera, too [rad]
+MAX_REJECTIONS = 3  # estimates in a row that contradict the past before the past is given up
 ROUNDING = 0.05  # of information, in units of what was known
 INFORMATIVE_PARALLAX = 12.0  # in deviations of the noise: bearings to about three degrees
 IDENTITY = np.eye(2)
@@ -39,9 +40,9 @@ class PerceptionMemory:
     ``consecutive_rejections`` counts estimates in a row that contradict ``bearings``; ``lens``
     is what was learnt of the camera matrix. ``two_view_skip`` is how many views to come need no
     estimate, since the map has their geometry, and which ``wrong`` matches it found, by id; None
-    where it does not. ``rivals`` are both geometries before a plane, while the robot probes which
-    is right; ``unlearnt`` is the last view, if its noise is yet to be learnt; ``shutter`` is what
-    images show of its readout.
+    where it does not. ``rivals`` are both geometries before a plane, until the way has ``decided``
+    which is right; ``unlearnt`` is the last view, if its noise is yet to be learnt; ``shutter`` is
+    what images show of its readout.
     """
 
     attitude: Attitude
@@ -52,6 +53,7 @@ class PerceptionMemory:
     two_view_skip: int = 0
     wrong: tuple[int, ...] | None = None
     rivals: Rivals | None = None
+    decided: bool = False
     unlearnt: Still | None = field(default=None, compare=False)
     shutter: RollingShutter = field(default=RollingShutter(), compare=False)
 
@@ -77,13 +79,23 @@ def updated_memory(
     ``parallax`` [px] says nothing of the camera.
     """
     if reason:
-        return replace(memory, consecutive_rejections=memory.consecutive_rejections + 1)
+        count = memory.consecutive_rejections + 1
+        is_decided = memory.decided and count < MAX_REJECTIONS
+        return replace(memory, consecutive_rejections=count, decided=is_decided)
     attitude, lens = memory.attitude, memory.lens
     if parallax > INFORMATIVE_PARALLAX * noise:
         lens = learnt(lens, estimate.lens)
         if estimate.attitude is not None:
             attitude = learnt_attitude(attitude, estimate.attitude)
-    return PerceptionMemory(attitude, noise, estimate.bearings, lens=lens, shutter=memory.shutter)
+    return PerceptionMemory(
+        attitude,
+        noise,
+        estimate.bearings,
+        lens=lens,
+        rivals=memory.rivals,
+        decided=memory.decided,
+        shutter=memory.shutter,
+    )
 
 
 def learnt_attitude(before: Attitude, after: Attitude) -> Attitude:

@@ -1,9 +1,9 @@
 """
-Rivals: both geometries of two views of a plane, until a straight way shows which of them is false.
+Rivals: both geometries of two views of a plane, until the way driven shows which of them is false.
 
 What a view of a plane shows fits two geometries (Faugeras and Lustman 1988). In each the camera is
-at a place and has a heading; a robot that drives straight goes where it heads in the true one
-alone. Places are in units of the depth of the scene: nothing needs to know the way in metres.
+at a place and has a heading; a robot goes where it heads in the true one alone. Places are in
+units of the depth of the scene: their scale is free.
 """
 
 from dataclasses import dataclass, field, replace
@@ -11,54 +11,48 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, median
+from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray, median
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.perception.observation import Observation
 
 DECISIVE = 9.0  # squared deviations by which a geometry must be the likelier one
 USUAL_YAW = math.radians(1.0)  # deviation of the direction in which a camera is driven
-NO_VIEWS = np.zeros((2, 5, 5))
+CORRELATION = 4.0  # places share the photograph: so many tell as much as one
 FEWEST = 8  # views of the way
-MOST_DEVIATION = math.radians(2.0)  # of the direction of the way, beyond which it tells nothing
 
 
 @dataclass(frozen=True, eq=False)
 class Rivals:
     """
-    Both geometries along a ``way`` [m] of straight legs, the last of which is not over.
+    Both geometries along a ``way`` [m].
 
-    ``headings``, (2,), are those of the last view, by which the next ones are distinguished [rad].
-    ``moments``, (2, 5, 5), are sums over views of the leg of products of 1, right, ahead, heading
-    and way; ``before``, (2,), is by how much legs before contradict each geometry. ``turn`` is the
-    heading of the features as a whole at the beginning [rad].
+    ``headings``, (2,), are those of the last view, by which the next ones are distinguished [rad];
+    ``driven``, (2,), is where the camera has been driven to in each, ahead + i left of the goal's
+    axes [m]. ``moments``, (2, 3, 3), are sums over views of products of 1, place and ``driven``.
+    ``turn`` is the heading of the features as a whole at the beginning [rad].
     """
 
     headings: FloatArray
-    moments: FloatArray
     turn: float
     way: float = 0.0
-    before: FloatArray = field(default_factory=lambda: np.zeros(2))
+    driven: ComplexArray = field(default_factory=lambda: np.zeros(2, complex))
+    moments: ComplexArray = field(default_factory=lambda: np.zeros((2, 3, 3), complex))
 
-    def misfits(self, yaw: float) -> FloatArray:
-        """
-        Return by how much each geometry contradicts a straight way, (2,), in squared deviations.
+    @property
+    def misfits(self) -> FloatArray:
+        """By how much the way contradicts each geometry, (2,), in squared deviations."""
+        return np.array([_misfit(moments) for moments in self.moments])
 
-        The camera looks to the left of where it is driven by ``yaw`` [rad]. Zero while the way is
-        too short to tell.
-        """
-        return self.before + [_misfit(moments, yaw) for moments in self.moments]
-
-    def decided(self, yaw: float) -> int | None:
-        """Return which geometry is left, 0 or 1; None while both may be right."""
-        misfits = self.misfits(yaw)
-        best = int(misfits.argmin())
-        return best if misfits.all() and misfits[1 - best] - misfits[best] > DECISIVE else None
+    @property
+    def decided(self) -> int | None:
+        """Which geometry is left, 0 or 1; None while both may be right."""
+        first, second = self.misfits.tolist()
+        return int(first > second) if abs(first - second) > DECISIVE else None
 
 
 def begun(rivals: tuple[Bearings, ...], turn: float) -> Rivals:
     """Return what is known of ``rivals`` before the robot moves."""
-    headings = np.array([each.heading_error for each in rivals])
-    return Rivals(headings, NO_VIEWS, turn)
+    return Rivals(np.array([each.heading_error for each in rivals]), turn)
 
 
 def in_order(rivals: tuple[Bearings, ...], before: Rivals) -> tuple[Bearings, ...]:
@@ -72,21 +66,29 @@ def in_order(rivals: tuple[Bearings, ...], before: Rivals) -> tuple[Bearings, ..
 
 
 def followed(
-    before: Rivals, rivals: tuple[Bearings, ...], observation: Observation, way: float
+    before: Rivals,
+    rivals: tuple[Bearings, ...],
+    observation: Observation,
+    way: float,
+    mount: FloatArray,
 ) -> Rivals:
-    """Return what a ``way`` [m] straight on to one more view shows; ``rivals`` are in order."""
-    way = before.way + abs(way)
-    rows = np.array([[*_row(each, observation), way] for each in rivals])
-    moments = before.moments + rows[:, :, None] * rows[:, None, :]
-    headings = np.array([each.heading_error for each in rivals])
-    return replace(before, headings=headings, moments=moments, way=way)
+    """
+    Return what a ``way`` [m] to one more view shows; ``rivals`` are in order.
 
-
-def turned(before: Rivals, rivals: tuple[Bearings, ...], yaw: float) -> Rivals:
-    """Return what is known where the robot turns: the leg is over."""
+    The camera looks to the left of where it is driven by a yaw [rad], and is ahead and left of the
+    axle in its own axes [m]: ``mount``, (3,).
+    """
     headings = np.array([each.heading_error for each in rivals])
-    misfits = before.misfits(yaw)
-    return replace(before, headings=headings, moments=NO_VIEWS, before=misfits)
+    first, last = np.exp(1j * before.headings), np.exp(1j * headings)
+    middle, (yaw, *lever) = (first + last) / abs(first + last), mount.tolist()
+    driven = before.driven + way * middle * np.exp(-1j * yaw) + (last - first) * complex(*lever)
+    rows = np.array(
+        [(1.0, _place(each, observation), at) for each, at in zip(rivals, driven, strict=True)]
+    )
+    moments = before.moments + rows[:, :, None] * rows[:, None, :].conj()
+    return replace(
+        before, headings=headings, way=before.way + abs(way), driven=driven, moments=moments
+    )
 
 
 def ahead_of_both(bearings: Bearings, observation: Observation) -> Bearings:
@@ -94,11 +96,10 @@ def ahead_of_both(bearings: Bearings, observation: Observation) -> Bearings:
     return bearings if _depth(bearings, observation) > 0.0 else bearings.reversed()
 
 
-def _row(bearings: Bearings, observation: Observation) -> tuple[float, ...]:
-    """Return 1, and where the camera is, right and ahead of the goal's, and its heading."""
+def _place(bearings: Bearings, observation: Observation) -> complex:
+    """Return where the camera is, ahead + i left of the goal's, in units of the depth."""
     depth = _depth(bearings, observation)
-    right, ahead = math.cos(bearings.psi) / depth, math.sin(bearings.psi) / depth
-    return 1.0, right, ahead, bearings.heading_error
+    return complex(math.sin(bearings.psi), -math.cos(bearings.psi)) / depth
 
 
 def _depth(bearings: Bearings, observation: Observation) -> float:
@@ -110,21 +111,14 @@ def _depth(bearings: Bearings, observation: Observation) -> float:
     return median((np.cross(place, turned) * across).sum(1) / (across * across).sum(1))
 
 
-def _misfit(moments: FloatArray, yaw: float) -> float:
-    count = float(moments[0, 0])
-    if count < FEWEST:
+def _misfit(moments: ComplexArray) -> float:
+    """Return by how much places are turned against where the camera was driven to, squared."""
+    count = moments[0, 0].real
+    covariance = moments[1:, 1:] - np.outer(moments[1:, 0], moments[0, 1:]) / max(count, 1.0)
+    spread, way = covariance[0, 0].real, covariance[1, 1].real
+    if count < FEWEST or not way > 0.0:
         return 0.0
-    mean = moments[0, 1:] / count
-    covariance = moments[1:, 1:] / count - np.outer(mean, mean)
-    heading, way = float(mean[2]), float(covariance[3, 3])
-    if way == 0.0:
-        return 0.0
-    # Along and to the left of where the robot heads in this geometry, over the way.
-    along = np.array([-math.sin(heading - yaw), math.cos(heading - yaw)])
-    left = np.array([-along[1], along[0]])
-    aside, ahead = float(left @ covariance[:2, 3]) / way, float(along @ covariance[:2, 3]) / way
-    spread = max(float(left @ covariance[:2, :2] @ left) - aside * aside * way, 0.0)
-    variance = spread / ((count - 2.0) * way * ahead * ahead)
-    if not variance < MOST_DEVIATION**2:
-        return 0.0
-    return math.atan(aside / ahead) ** 2 / (variance + USUAL_YAW**2)
+    scale = covariance[0, 1] / way  # place = scale driven + a constant, turned where it is false
+    square = abs(scale) ** 2
+    left = max(spread - square * way, 0.0) * CORRELATION / (2.0 * count - 4.0)
+    return float(np.angle(scale) ** 2 / (left / (square * way) + USUAL_YAW**2))

@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validation import (
     fit_quality,
     FitQuality,
+    is_one,
     median_residual,
     noise_of_residual,
     rejection_reason,
@@ -49,10 +50,12 @@ class ValidatedEstimate:
 
     @property
     def rivals(self) -> tuple[Bearings, ...]:
-        """Both geometries, of either sign, where the estimate failed by that alone; or ()."""
-        if reason_of(self.reason) is not Reason.TWO_GEOMETRIES or self.estimate is None:
+        """Both geometries, of either sign, where that alone is wrong with an estimate; or ()."""
+        if self.estimate is None or self.estimate.alternative is None:
             return ()
-        return self.estimate.bearings, self.estimate.alternative or self.estimate.bearings
+        reason = reason_of(self.reason)
+        are_two = reason is Reason.TWO_GEOMETRIES or not (self.reason or is_one(self.estimate))
+        return (self.estimate.bearings, self.estimate.alternative) if are_two else ()
 
 
 def validated_estimate(
@@ -152,7 +155,7 @@ def prior_of(
     """Return what an estimator may know beforehand of an ``observation``."""
     attitude = with_jitter(memory.attitude, observation)
     mount = memory.mount_by(settings)
-    return Prior(attitude, memory.bearings, settings.max_leap, memory.lens, mount)
+    return Prior(attitude, memory.bearings, settings.max_leap, memory.lens, mount, memory.decided)
 
 
 def _noise(now: float, before: float, first: float) -> float:

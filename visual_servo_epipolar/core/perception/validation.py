@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians, NO
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
 from visual_servo_epipolar.core.geometry.rays import handedness, rotation_level_camera
-from visual_servo_epipolar.core.perception.memory import PerceptionMemory
+from visual_servo_epipolar.core.perception.memory import MAX_REJECTIONS, PerceptionMemory
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.reasons import Reason
 
@@ -36,7 +36,6 @@ LEAST_TURN = math.radians(3.0)  # of which an axis means anything
 IN_PLANE = math.radians(0.8)  # of the baseline and the plane of motion
 TURNED_ROLL = math.radians(20.0)  # that a hand seldom holds a camera at
 NEARLY_ONE = 0.09  # two geometries so near are one that is uncertain [rad]
-MAX_REJECTIONS = 3  # estimates in a row that contradict the past before the past is given up
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +77,11 @@ def fit_quality(
     extent = angular_extent(desired, estimate.inliers)
     deviation = math.hypot(growth * math.sqrt(variance), _apart(estimate))
     return FitQuality(inliers, extent, shown, growth, deviation, shared)
+
+
+def is_one(estimate: Estimate) -> bool:
+    """Return whether an alternative, where there is one, differs by no more than noise may."""
+    return estimate.alternative is None or _apart(estimate) > 0.0
 
 
 def _apart(estimate: Estimate) -> float:
@@ -318,7 +322,5 @@ def _contradiction(
             return ''
         if memory.consecutive_rejections + 1 < MAX_REJECTIONS:
             return Reason.LEAPT.of(math.degrees(change))
-    nearly_one = settings.calibrated and _apart(estimate) > 0.0  # an unknown lens tells no twins
-    if estimate.alternative is not None and not nearly_one:
-        return Reason.TWO_GEOMETRIES.of()
-    return ''
+    one = is_one(estimate) if settings.calibrated else estimate.alternative is None
+    return '' if one else Reason.TWO_GEOMETRIES.of()  # an unknown lens tells no twins

@@ -4,7 +4,6 @@ from dataclasses import replace
 import math
 from typing import NamedTuple
 
-from visual_servo_epipolar.core.estimate.base_model import MOST_CURVATURE
 from visual_servo_epipolar.core.estimate.map_state import localize, MapState, measurement_of
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
@@ -18,7 +17,6 @@ from visual_servo_epipolar.core.perception.rivals import (
     begun,
     followed,
     in_order,
-    turned,
 )
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -67,7 +65,7 @@ def fuse(
         perception = perceive(seen, settings, state.view.frame, memory)
         measurement = measurement_of(perception, reading, after, settings)
     memory = two_view_skip(perception.memory, measurement, reading, after)
-    memory = _with_rivals(memory, measurement, seen, state, increment.motion.way)
+    memory = _with_rivals(memory, measurement, seen, state, increment.motion.way, settings)
     return Fusion(measurement, memory, after, reading)
 
 
@@ -77,23 +75,21 @@ def _with_rivals(
     seen: Observation | None,
     state: ServoState,
     way: float,
+    settings: ServoSettings,
 ) -> PerceptionMemory:
     """Return what perception carries on of two geometries that fit: one, once the way tells."""
-    before, extrinsics, twist = memory.rivals, state.identified.extrinsics, state.twist
+    before = memory.rivals
     if not measurement.rivals or seen is None or not state.phase.drives:
         return memory if before is None else replace(memory, rivals=None)
     if before is None:
         before = begun(measurement.rivals, measurement.rotation_heading)
     ordered = in_order(measurement.rivals, before)
-    yaw = 0.0 if extrinsics is None else float(extrinsics.mount[0])
-    # A turn that undoes the curvature of the wheels leads straight on.
-    if twist.linear == 0.0 or abs(twist.angular) > MOST_CURVATURE * abs(twist.linear):
-        return replace(memory, rivals=turned(before, ordered, yaw))
-    rivals = followed(before, ordered, seen, way)
-    decided = rivals.decided(yaw)
-    if decided is None:
+    extrinsics = state.identified.extrinsics or settings.extrinsics
+    rivals = followed(before, ordered, seen, way, extrinsics.mount)
+    if rivals.decided is None:
         return replace(memory, rivals=rivals)
-    return replace(memory, rivals=None, bearings=ahead_of_both(ordered[decided], seen))
+    bearings = ahead_of_both(ordered[rivals.decided], seen)
+    return replace(memory, rivals=None, decided=True, bearings=bearings, consecutive_rejections=0)
 
 
 def disproved(perception: Perception, settings: ServoSettings) -> Fusion:

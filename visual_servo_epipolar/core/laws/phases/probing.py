@@ -38,7 +38,7 @@ def is_probing(state: DriveState) -> bool:
 
 def classify_probe(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     """Return the event of a probe: whether one geometry is left, or it ends without."""
-    if not measurement.rivals:
+    if measurement.bearings is not None or not measurement.rivals:
         return Event.LOST if measurement.bearings is None else Event.RESOLVED
     if state.phase.backs_off:
         spent = _way(state) > min(LEGS * LEG, 0.9 * settings.max_retreat)

@@ -123,7 +123,7 @@ def _found(
     remaining = remaining_rays(rays, matches, model.min_matches)
     fits = refine(model, remaining, prior)
     mode, alternative = choose_mode(fits.parameters[:, : PHI + 1], fits.costs, prior)
-    if alternative is None and prior.bearings is None and prior.lens.calibrated:
+    if alternative is None and not prior.decided and prior.lens.calibrated:
         alternative = _twin(model, remaining, fits.take(mode), prior)
     cost = float(fits.costs[mode]) + WORST * (rays.matches - remaining.matches)
     return _Found(fits.take(mode).of_all(matches), matches, prior, cost, alternative)
