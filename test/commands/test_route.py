@@ -16,9 +16,9 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.route_folder import read_route, write_route
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.choices import WAYS, WORLDS
-from visual_servo_epipolar.simulation.routes.drives import route_scenario
-from visual_servo_epipolar.simulation.routes.drives import WORLDS as CHANGED_WORLDS
-from visual_servo_epipolar.simulation.routes.ways import WAYS as CORNERS
+from visual_servo_epipolar.simulation.routes import route_scenario
+from visual_servo_epipolar.simulation.routes import WAYS as CORNERS
+from visual_servo_epipolar.simulation.routes import WORLDS as CHANGED_WORLDS
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 STEP, PERIOD_NS = 0.045, 90_000_000

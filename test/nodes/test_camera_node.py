@@ -12,7 +12,7 @@ from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.simulation.closed_loop import published
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.nod import LEVEL, Nod
+from visual_servo_epipolar.simulation.view import LEVEL, Nod
 
 TINY = {
     'width': 64,

@@ -26,12 +26,11 @@ from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.sensor import Shutter
 from visual_servo_epipolar.simulation.mounts.simulated_rig import pitched
-from visual_servo_epipolar.simulation.nod import Nod
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
-from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene, Surface
-from visual_servo_epipolar.simulation.rendering.textures import Texture
+from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene, Surface, Texture
 from visual_servo_epipolar.simulation.scenario import from_document
+from visual_servo_epipolar.simulation.view import Nod
 from visual_servo_epipolar.simulation.views import points_of
 
 EXACT = PointSettings(noise=0.0)

@@ -92,17 +92,16 @@ def fault(name: str, seed: int) -> list[Step]:
 def route() -> list[Step]:
     """Return the steps of a repetition of a short way, then what became of it."""
     from visual_servo_epipolar.core.routes.settings import FollowSettings
-    from visual_servo_epipolar.simulation.routes import drives
-    from visual_servo_epipolar.simulation.routes.ways import rounded
+    from visual_servo_epipolar.simulation import routes
     from visual_servo_epipolar.simulation.scenario import Scenario
 
-    scenario, rows = drives.route_scenario(Scenario(), 1), []
+    scenario, rows = routes.route_scenario(Scenario(), 1), []
 
     def watch(image: Any, pose: Any, step: Any) -> None:
         rows.append(row(len(rows), pose, step.twist, step.phase, step.reason))
 
-    taught = drives.teach(scenario, rounded(ROUTE))
-    log = drives.repeat(scenario.seeded(2), taught, FollowSettings(), watch=watch)
+    taught = routes.teach(scenario, routes.rounded(ROUTE))
+    log = routes.repeat(scenario.seeded(2), taught, FollowSettings(), watch=watch)
     return [*rows, {'outcome': log.outcome, 'reason': log.reason, 'station': list(log.station)}]
 
 

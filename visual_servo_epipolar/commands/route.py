@@ -28,7 +28,7 @@ from visual_servo_epipolar.messages.route_folder import (
 from visual_servo_epipolar.messages.settings_text import installed_versions
 
 if TYPE_CHECKING:
-    from visual_servo_epipolar.simulation.routes.drives import RepeatLog, Taught
+    from visual_servo_epipolar.simulation.routes import RepeatLog, Taught
 
 FOLDER = 'route'  # within that of a demo
 # Of a base without limits of its own: the lower limit holds.
@@ -138,34 +138,32 @@ def _sentence(result: dict[str, Any]) -> str:
 
 def demo(options: argparse.Namespace) -> int:
     """Teach a way in the simulated storey, repeat it from its folder, and judge by the truth."""
-    from visual_servo_epipolar.simulation.routes import drives
-    from visual_servo_epipolar.simulation.routes.drives import kidnap, kidnap_elsewhere, world_of
-    from visual_servo_epipolar.simulation.routes.ways import way_named
+    from visual_servo_epipolar.simulation import routes
 
     settings = _follow_settings(options)
     scene = 1 if options.scene is None else options.scene
-    scenario = drives.route_scenario(scenario_of(options, **AS_FAST), scene)
+    scenario = routes.route_scenario(scenario_of(options, **AS_FAST), scene)
     folder = Path(options.out) / FOLDER
     check_folder(folder)
     progress = Progress()
     progress.say('building the storey, teaching ...')
-    taught = drives.teach(scenario, way_named(options.way))
+    taught = routes.teach(scenario, routes.way_named(options.way))
     write_route(taught.route, folder)
     taught = replace(taught, route=read_route(folder))
     progress.say('repeating ...')
     logs = []
     for seed in range(options.seed + 1, options.seed + 1 + options.runs):
-        world = world_of(scenario.seeded(seed), options.world, seed)
-        logs.append(log := drives.repeat(world, taught, settings))
+        world = routes.world_of(scenario.seeded(seed), options.world, seed)
+        logs.append(log := routes.repeat(world, taught, settings))
         if log.route is not None:
             write_route(log.route, folder)
             taught = replace(taught, route=read_route(folder))
         progress.say(f'repetition {len(logs)} of {options.runs}: {logs[-1].outcome}')
     progress.say('kidnapping ...')
-    world = world_of(scenario, options.world, options.seed)
-    kidnaps = kidnap(world, taught, options.kidnaps, options.seed)
-    other = drives.route_scenario(scenario, scene + 1)
-    elsewhere = kidnap_elsewhere(other, taught, options.elsewhere, options.seed)
+    world = routes.world_of(scenario, options.world, options.seed)
+    kidnaps = routes.kidnap(world, taught, options.kidnaps, options.seed)
+    other = routes.route_scenario(scenario, scene + 1)
+    elsewhere = routes.kidnap_elsewhere(other, taught, options.elsewhere, options.seed)
     progress.close()
     result = {
         **_judged(taught, logs, folder, settings.max_turn_rate),

@@ -29,7 +29,7 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 from visual_servo_epipolar.simulation.mounts.pan_tilt import HeadSettings, SimulatedHead
 from visual_servo_epipolar.simulation.mounts.registry import head_settings, rig_settings
 from visual_servo_epipolar.simulation.mounts.sensor import BodyState, PoseHistory
-from visual_servo_epipolar.simulation.nod import Nod
+from visual_servo_epipolar.simulation.view import Nod
 
 WARN_PERIOD_S = 2.0
 

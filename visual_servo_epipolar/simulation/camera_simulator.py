@@ -23,11 +23,10 @@ from visual_servo_epipolar.simulation.mounts.sensor import (
     Sensor,
     SensorSettings,
 )
-from visual_servo_epipolar.simulation.nod import LEVEL, Nod
 from visual_servo_epipolar.simulation.rendering.renderer import Exposures, Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms.scene import painted_room
-from visual_servo_epipolar.simulation.view import View
+from visual_servo_epipolar.simulation.view import LEVEL, Nod, View
 
 
 class CameraSimulator:

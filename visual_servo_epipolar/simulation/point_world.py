@@ -33,8 +33,7 @@ from visual_servo_epipolar.simulation.mounts.simulated_rig import (
     pitched,
     SimulatedRig,
 )
-from visual_servo_epipolar.simulation.nod import LEVEL, Nod
-from visual_servo_epipolar.simulation.view import View
+from visual_servo_epipolar.simulation.view import LEVEL, Nod, View
 
 MIN_DEPTH_M = 0.3
 BLOCK = 32  # frames drawn at once: starting a random generator costs more than drawing

@@ -29,8 +29,7 @@ from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.routes.drives import repeat, route_scenario, Taught, teach
-from visual_servo_epipolar.simulation.routes.ways import rounded
+from visual_servo_epipolar.simulation.routes import repeat, rounded, route_scenario, Taught, teach
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 SCENARIO = route_scenario(Scenario(base=PioneerSettings(wheel_ratio=1.01)), 1).with_servo(

@@ -11,7 +11,7 @@ from strategies import floats, twists
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
-from visual_servo_epipolar.simulation.nod import Nod, OVERSHOOT
+from visual_servo_epipolar.simulation.view import Nod, OVERSHOOT
 
 START = Pose(0.0, 0.0, 0.0)
 SUBSTEP = 0.01  # [s] velocities are held this long

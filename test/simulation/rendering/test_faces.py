@@ -10,8 +10,7 @@ from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
-from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface
-from visual_servo_epipolar.simulation.rendering.textures import Texture
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface, Texture
 from visual_servo_epipolar.simulation.rooms.scene import room
 
 LENS = Equidistant(960, 768, 260.0, 260.0, 480.0, 383.0, (-0.01, 0.002, 0.0, 0.0))

@@ -14,8 +14,7 @@ from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edge
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.sampling import draw_textures
-from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface
-from visual_servo_epipolar.simulation.rendering.textures import Texture
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface, Texture
 from visual_servo_epipolar.simulation.rooms.scene import room
 
 CAMERA = Camera(640, 480, 385.0, 385.0, 317.5, 240.0)

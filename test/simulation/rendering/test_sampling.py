@@ -21,7 +21,7 @@ from visual_servo_epipolar.simulation.rendering.sampling import (
     _sources,
     _texel_boxes,
 )
-from visual_servo_epipolar.simulation.rendering.textures import SHARPEST
+from visual_servo_epipolar.simulation.rendering.surfaces import SHARPEST
 from visual_servo_epipolar.simulation.rooms.scene import room
 
 CAMERA = Camera(320, 240, 192.0, 192.0, 159.5, 119.5)

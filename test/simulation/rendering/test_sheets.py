@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.simulation.rendering.textures import Box, Sheet, Texture, TILE
+from visual_servo_epipolar.simulation.rendering.surfaces import Box, Sheet, Texture, TILE
 
 COPIES = [(0, 0), (1, 4), (2, 2), (3, 3), (4, 1), (5, 8), (7, 6)]
 BOXES = [(300, 10, 310, 600), (0, 0, 1, 1), (700, 900, 701, 901), (500, 250, 530, 262)]

@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.renderer import draw
-from visual_servo_epipolar.simulation.rendering.textures import LENS_SIGMA
+from visual_servo_epipolar.simulation.rendering.surfaces import LENS_SIGMA
 from visual_servo_epipolar.simulation.rooms.scene import room
 
 CAMERA = Camera(320, 240, 192.3, 192.3, 158.6, 119.9)

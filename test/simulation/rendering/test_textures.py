@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.simulation.rendering.textures import _blur, Sheet
+from visual_servo_epipolar.simulation.rendering.surfaces import _blur, Sheet
 
 
 def variances(image: np.ndarray) -> tuple[float, float]:

@@ -8,8 +8,7 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
-from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface
-from visual_servo_epipolar.simulation.rendering.textures import Texture
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface, Texture
 from visual_servo_epipolar.simulation.rooms.scene import room
 
 CAMERA = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)

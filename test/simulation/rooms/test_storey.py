@@ -25,7 +25,7 @@ from visual_servo_epipolar.simulation.rooms.storey import (
     Storey,
     StoreyScene,
 )
-from visual_servo_epipolar.simulation.routes.ways import way_named, WAYS
+from visual_servo_epipolar.simulation.routes import way_named, WAYS
 
 POSES = (
     Pose(3.0, -7.4, math.pi / 2.0),

@@ -24,16 +24,18 @@ from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.routes.drives import (
+from visual_servo_epipolar.simulation.routes import (
+    DrivenWay,
     repeat,
     RepeatLog,
+    rounded,
     route_scenario,
     RouteSample,
     Taught,
     teach,
+    way_named,
     world_of,
 )
-from visual_servo_epipolar.simulation.routes.ways import DrivenWay, rounded, way_named
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 SCENARIO = route_scenario(Scenario(base=PioneerSettings(wheel_ratio=1.01)), 1).with_servo(

@@ -13,14 +13,14 @@ from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.routes.drives import (
+from visual_servo_epipolar.simulation.routes import (
     kidnap,
     repeat,
+    rounded,
     route_scenario,
     Taught,
     teach,
 )
-from visual_servo_epipolar.simulation.routes.ways import rounded
 from visual_servo_epipolar.simulation.scenario import load, Scenario
 
 PANORAMA = CameraSettings(width=640, height=320, distortion_model='equirectangular')

@@ -9,7 +9,8 @@ driven before.
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from itertools import cycle, islice
+from functools import partial
+from itertools import count
 import math
 import os
 from pathlib import Path
@@ -55,8 +56,6 @@ TRACKER_AND_SERVO = {
 ECHO = {echo.__name__: ()}
 FRAME_ID = 'camera_optical_frame'
 START = (1.0, -3.5, 8.0)  # x, y [m], heading error [deg]; it takes half a minute from there
-WARM_UP_S, SETTLE_S = 1.0, 0.5
-COUNTER_BYTES = 4
 
 
 @dataclass(slots=True)
@@ -90,15 +89,13 @@ class PlayedCamera(Listener):
     """
     Nodes in processes of their own; this process is their camera, and hears their twists.
 
-    The camera shows the ``images`` over and over. ``nodes`` are names with their arguments; they
-    run in ``folder``, where bags go.
+    ``nodes`` are names with their arguments; they run in ``folder``.
     """
 
     def __init__(
         self,
         stack: ExitStack,
         camera: CameraModel,
-        images: Sequence[Pixels],
         folder: Path,
         nodes: Mapping[str, Sequence[str]],
     ) -> None:
@@ -106,7 +103,7 @@ class PlayedCamera(Listener):
         self.drive = Answers()
         for topic in ('cmd_vel', echo.ANSWERS):
             self.node.create_subscription(TwistStamped, topic, self._on_answer, qos.COMMAND)
-        self._camera, self._images, self._count = camera, cycle(images), 0
+        self._camera, self._numbers = camera, count()
         self._image_pub = self.node.create_publisher(Image, 'image_raw', qos.STREAM)
         self._echo_pub = self.node.create_publisher(Image, echo.IMAGES, qos.STREAM)
         self._info_pub = self.node.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
@@ -128,22 +125,17 @@ class PlayedCamera(Listener):
             raise VisualServoError(f'{service} failed: {answer and answer.message}')
         return str(answer.message)
 
-    def show_goal(self, photograph: Pixels) -> None:
-        """Publish the photograph, and wait until the servo answers to images."""
+    def show_goal(self, photograph: Pixels, images: Sequence[Pixels]) -> None:
+        """Publish the photograph, and ``images`` until the servo and the echo answer to them."""
         self._desired_pub.publish(write.image(photograph, 'mono8', 0, FRAME_ID))
-        self.wait(
-            lambda: bool(self.show(1.0, 10.0).latencies), 'the servo has answered to no image'
-        )
-        self.show(WARM_UP_S, 10.0)
+        for to_echo in (True, False):
+            answered = partial(self._are_answered, images, to_echo)
+            self.wait(answered, 'no image was answered')
 
-    def show(self, seconds: float, rate: float, *, to_echo: bool = False) -> Answers:
-        """Publish images for ``seconds`` [s] at ``rate`` [Hz], and return the answers."""
-        images = list(islice(self._images, round(seconds * rate)))
-        return self.show_each(images, rate, to_echo=to_echo)
+    def _are_answered(self, images: Sequence[Pixels], to_echo: bool) -> bool:
+        return bool(self.show(images, LEAD_RATE, to_echo=to_echo).latencies)
 
-    def show_each(
-        self, images: Sequence[Pixels], rate: float, *, to_echo: bool = False
-    ) -> Answers:
+    def show(self, images: Sequence[Pixels], rate: float, *, to_echo: bool = False) -> Answers:
         """Publish these images at ``rate`` [Hz], stamped as they are due; return the answers."""
         publisher = self._echo_pub if to_echo else self._image_pub
         self.drive = drive = Answers()
@@ -151,18 +143,13 @@ class PlayedCamera(Listener):
         for number, image in enumerate(images):
             self._spin_until(begin + number / rate)
             self._publish(publisher, image, begin_ns + number * period_ns(rate))
-        self.spin_for(SETTLE_S)
+        self.spin_for(0.5)
         return drive
-
-    def wait_for_echo(self) -> None:
-        """Wait until the echo subscribes to images."""
-        self.wait(lambda: self._echo_pub.get_subscription_count() > 0, 'no echo has come')
 
     def _publish(self, publisher: Any, image: Pixels, stamp_ns: int) -> None:
         image = image.copy()
-        self._count += 1
         # No camera takes the very same image twice, and the servo does not drive by one.
-        image[0, :COUNTER_BYTES] = list(self._count.to_bytes(COUNTER_BYTES, 'big'))
+        image[0, :4] = list(next(self._numbers).to_bytes(4, 'big'))
         message = write.image(image, 'mono8', stamp_ns, FRAME_ID)
         if publisher is self._image_pub:
             self._info_pub.publish(write.camera_info(self._camera, stamp_ns, FRAME_ID))
@@ -173,7 +160,10 @@ class PlayedCamera(Listener):
         self.drive.took(message)
 
 
-LEAD = 10  # images at rest before the run, in which the tracker finds the photograph
+LEAD, LEAD_RATE = (
+    10,
+    10.0,
+)  # images at rest before the run, in which the tracker finds the photograph
 
 
 class DrivenRun(NamedTuple):
@@ -197,18 +187,18 @@ def driven(settings: CameraSettings, seconds: float, folder: Path) -> DrivenRun:
         view.tracker.track(image)
     shape = round(seconds * rate), settings.height, settings.width
     images = np.memmap(folder / 'images', np.uint8, 'w+', shape=shape)
-    count = 0
+    kept = 0
 
     def keep(sample: Sample) -> None:
-        nonlocal count
-        if not sample.phase.ended and count < len(images):
-            images[count] = view.image
-            count += 1
+        nonlocal kept
+        if not sample.phase.ended and kept < len(images):
+            images[kept] = view.image
+            kept += 1
 
     loop = LoopSettings(start=START, seed=settings.seed, frame_rate=rate, max_duration=seconds)
     drive(loop, view, simulator.camera, watch=keep)
     images.flush()  # nothing is to be written while latencies are measured
-    return DrivenRun(simulator.camera, rate, view.desired, tuple(np.asarray(images)[:count]))
+    return DrivenRun(simulator.camera, rate, view.desired, tuple(np.asarray(images)[:kept]))
 
 
 OPTIONS = ('seconds',)  # of the command line that this benchmark takes
@@ -227,12 +217,10 @@ CELLS = (
 )
 SECONDS, QUICK_SECONDS = 60.0, 4.0
 TURN_S = 20.0  # at most, nodes and echo alternating: load from elsewhere hits both
-LEAD_RATE = 10.0  # of images before a run [Hz]
-ECHO_SHARE = 0.25  # of the time of the nodes
 LATENCIES = (
     'size and rate | p50 | p99 | p99.9 | images | drops | echo p50 | echo p99 | p50 over echo'
 )
-COSTS = 'size and rate | process | processor ms a frame | memory MB | peak'
+COSTS = 'size and rate | process | processor ms a frame | memory MB'
 QUANTILES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
 
@@ -248,54 +236,27 @@ def run(
     return {'seconds': seconds, 'rows': rows}
 
 
-@dataclass(frozen=True, slots=True)
-class Cost:
-    """What a process has cost up to now: processor time [s], resident memory and its peak [MB]."""
+class Cost(NamedTuple):
+    """What a process has cost up to now: processor time [s], resident memory [MB]."""
 
     processor_s: float
     memory_mb: float
-    peak_mb: float
 
     @classmethod
     def of(cls, process: Process) -> 'Cost':
         """Read the kernel's figures of a process."""
         # User and system time are fields 14 and 15; the name before them may hold blanks.
         fields = Path(f'/proc/{process.pid}/stat').read_text().rpartition(')')[2].split()
-        ticks = int(fields[11]) + int(fields[12])
-        status = dict(
-            line.split(':', 1)
-            for line in Path(f'/proc/{process.pid}/status').read_text().splitlines()
-        )
-        resident, peak = (int(status[key].split()[0]) * 1024 / 1e6 for key in ('VmRSS', 'VmHWM'))
-        return cls(ticks / os.sysconf('SC_CLK_TCK'), resident, peak)
+        ticks, pages = int(fields[11]) + int(fields[12]), int(fields[21])
+        return cls(ticks / os.sysconf('SC_CLK_TCK'), pages * os.sysconf('SC_PAGE_SIZE') / 1e6)
 
 
-Stretch = tuple[Mapping[str, Cost], Mapping[str, Cost]]  # costs before and after it
-
-
-def costs(processes: Mapping[str, Process]) -> dict[str, Cost]:
-    """Return what each process has cost up to now."""
-    return {name: Cost.of(process) for name, process in processes.items()}
-
-
-def spent(stretches: Sequence[Stretch], frames: int) -> dict[str, dict[str, Any]]:
-    """
-    Return what ``frames`` cost each process: processor [ms a frame], memory [MB].
-
-    ``stretches`` are the costs before and after each stretch of time that counts.
-    """
-    first, last = stretches[0][0], stretches[-1][1]
-
-    def processor_s(name: str) -> float:
-        return sum(after[name].processor_s - it[name].processor_s for it, after in stretches)
-
+def spent(costs: Sequence[tuple[Cost, Cost]], frames: int) -> dict[str, Any]:
+    """Return what ``frames`` cost, from the costs before and after each stretch that counts."""
+    processor_s = sum(after.processor_s - before.processor_s for before, after in costs)
     return {
-        name: {
-            'processor_ms': 1e3 * processor_s(name) / max(frames, 1),
-            'memory_mb': [it.memory_mb, last[name].memory_mb],
-            'peak_mb': last[name].peak_mb,
-        }
-        for name, it in first.items()
+        'processor_ms': 1e3 * processor_s / max(frames, 1),
+        'memory_mb': [costs[0][0].memory_mb, costs[-1][1].memory_mb],
     }
 
 
@@ -309,11 +270,8 @@ def _measure_size(
         say(f'{title}: driving for {run_s:g} s ...')
         run = driven(settings, run_s, Path(scratch))
         say(f'{title}: starting nodes ...')
-        loop = PlayedCamera(
-            stack, run.camera, run.images, Path(scratch), {**ECHO, **TRACKER_AND_SERVO}
-        )
-        loop.show_goal(run.photograph)
-        loop.wait_for_echo()
+        loop = PlayedCamera(stack, run.camera, Path(scratch), {**ECHO, **TRACKER_AND_SERVO})
+        loop.show_goal(run.photograph, run.images[:LEAD])
         row = _by_turns(loop, run, seconds, lambda text: say(f'{title}: {text}'))
     return {'size': size, 'rate': rate, **row}
 
@@ -327,20 +285,21 @@ def _by_turns(
 ) -> dict[str, Any]:
     """Show the run to nodes and echo alternately, and return what both took."""
     turns = _turns(seconds)
+    each = round(seconds / turns * run.rate)
     nodes, echoes = Answers(), Answers()
-    stretches: list[Stretch] = []
-    processes = {name: loop.processes[name] for name in TRACKER_AND_SERVO}
+    costs: dict[str, list[tuple[Cost, Cost]]] = {name: [] for name in TRACKER_AND_SERVO}
     for turn in range(turns):
         say(f'turn {turn + 1} of {turns}, {seconds / turns:g} s and its echo ...')
         _begin(loop, run)
-        before = costs(processes)
-        nodes += loop.show_each(run.images[: round(seconds / turns * run.rate)], run.rate)
-        stretches.append((before, costs(processes)))
-        echoes += loop.show(ECHO_SHARE * seconds / turns, run.rate, to_echo=True)
+        before = {name: Cost.of(loop.processes[name]) for name in costs}
+        nodes += loop.show(run.images[:each], run.rate)
+        for name, stretches in costs.items():
+            stretches.append((before[name], Cost.of(loop.processes[name])))
+        echoes += loop.show(run.images[: each // 4], run.rate, to_echo=True)
     return {
         'nodes': _answers(nodes),
         'echo': _answers(echoes),
-        'processes': spent(stretches, len(nodes.sent)),
+        'processes': {name: spent(it, len(nodes.sent)) for name, it in costs.items()},
     }
 
 
@@ -348,8 +307,8 @@ def _begin(loop: PlayedCamera, run: DrivenRun) -> None:
     """Show the start of a run while the servo is stopped, and start it anew."""
     loop.call('servo_node/stop')
     loop.call('tracker_node/redetect')
-    loop.show_each(run.images[:1], LEAD_RATE)  # to find the photograph takes a while
-    loop.show_each([run.images[0]] * (LEAD - 1), LEAD_RATE)
+    for images in (run.images[:1], [run.images[0]] * (LEAD - 1)):  # the first takes a while
+        loop.show(images, LEAD_RATE)
     for service in ('reset', 'start'):
         loop.call(f'servo_node/{service}')
 
@@ -372,7 +331,7 @@ def _answers(drive: Answers) -> dict[str, Any]:
 def table(document: Mapping[str, Any]) -> str:
     """Return the document as text: latencies, then what each process costs."""
     rows = document['rows']
-    costs_of = [(_title(row), name, it) for row in rows for name, it in row['processes'].items()]
+    costs = (_cost(_title(row), *it) for row in rows for it in row['processes'].items())
     return '\n'.join(
         [
             'Latency, image on the wire to twist on the wire; tracker and servo, '
@@ -380,7 +339,7 @@ def table(document: Mapping[str, Any]) -> str:
             '',
             *aligned(LATENCIES, map(_latencies, rows)),
             '',
-            *aligned(COSTS, (_cost(*each) for each in costs_of), left=2),
+            *aligned(COSTS, costs, left=2),
         ]
     )
 
@@ -398,7 +357,7 @@ def _latencies(row: Mapping[str, Any]) -> list[str]:
 
 def _cost(title: str, name: str, it: Mapping[str, Any]) -> list[str]:
     memory = ' -> '.join(f'{each:.0f}' for each in it['memory_mb'])
-    return [title, name, f'{it["processor_ms"]:.1f}', memory, f'{it["peak_mb"]:.0f}']
+    return [title, name, f'{it["processor_ms"]:.1f}', memory]
 
 
 def _title(row: Mapping[str, Any]) -> str:

@@ -46,8 +46,7 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.route_folder import write_route
 from visual_servo_epipolar.nodes.route_node import RouteNode
 from visual_servo_epipolar.simulation.mounts.pan_tilt import PanTiltSettings
-from visual_servo_epipolar.simulation.routes.drives import route_scenario, Taught, teach
-from visual_servo_epipolar.simulation.routes.ways import rounded
+from visual_servo_epipolar.simulation.routes import rounded, route_scenario, Taught, teach
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 COMMANDS = '/cmd_vel'

@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.geometry.motion import (
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.settings import internal, setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.simulation.nod import LEVEL
+from visual_servo_epipolar.simulation.view import LEVEL
 
 SUBSTEP_S = 0.01  # accelerations are held constant this long
 SWIVEL_M = 0.08  # way on which casters swivel after the direction of travel has reversed

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.simulation.bases.ackermann import Ackermann, AckermannSettings
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
-from visual_servo_epipolar.simulation.nod import LEVEL, Nod
+from visual_servo_epipolar.simulation.view import LEVEL, Nod
 
 
 class SimulatedBase(Protocol):

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import integrate, motion_between, Pose, Twist
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
-from visual_servo_epipolar.simulation.nod import LEVEL, Nod
+from visual_servo_epipolar.simulation.view import LEVEL, Nod
 
 DESIRED_FRAME = -1  # frame index of the desired photograph
 DRIFT_PERIOD = 97.0  # frames in one slow wave of the gain

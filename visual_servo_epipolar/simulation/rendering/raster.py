@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.simulation.rendering.surfaces import Scene
-from visual_servo_epipolar.simulation.rendering.textures import SHARPEST
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene, SHARPEST
 
 MAX_SKEW = 1.5  # area blurred by texture copies over area of a pixel, before it is subdivided
 MAX_SUBDIVISION = 8

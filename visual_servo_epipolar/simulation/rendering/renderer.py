@@ -21,11 +21,11 @@ from visual_servo_epipolar.simulation.mounts.simulated_rig import (
     pitched,
     SimulatedRig,
 )
-from visual_servo_epipolar.simulation.nod import LEVEL, Nod
 from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import NEAR, PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.sampling import draw_textures
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
+from visual_servo_epipolar.simulation.view import LEVEL, Nod
 
 MAX_RAY = 4.0  # what a distorting lens shows farther from the axis stays black (76 deg)
 SAME_PLACE = 0.01  # deviation of a traced point still on its surface, relative to depth

@@ -8,8 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.simulation.rendering.raster import Box, MAX_SUBDIVISION, Raster
-from visual_servo_epipolar.simulation.rendering.surfaces import Scene
-from visual_servo_epipolar.simulation.rendering.textures import Sheet
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Sheet
 
 FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 WASTE = 12000  # samples beside a strip that cost no more than to look closer

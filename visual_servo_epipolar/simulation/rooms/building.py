@@ -10,8 +10,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.simulation.light import Box, Light, WHITE
-from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface
-from visual_servo_epipolar.simulation.rendering.textures import Texture
+from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface, Texture
 
 GRAIN_SIZE = 1024  # the grain repeats after so many texels
 GRAIN_DEVIATION = 32.0  # of the grain, grey levels around 128

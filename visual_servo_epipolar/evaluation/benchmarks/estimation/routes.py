@@ -43,7 +43,7 @@ from visual_servo_epipolar.evaluation.benchmarks.estimation.real import (
 )
 from visual_servo_epipolar.evaluation.tables import aligned, number, numbers, percentiles
 from visual_servo_epipolar.messages.route_folder import write_route
-from visual_servo_epipolar.simulation.routes.drives import RIGHT_OFFSET, RIGHT_WAY
+from visual_servo_epipolar.simulation.routes import RIGHT_OFFSET, RIGHT_WAY
 
 OPTIONS = ('clips',)
 SPEED = 0.5  # largest at which a way is taught [m/s]

@@ -19,10 +19,9 @@ from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.nod import LEVEL, Nod
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings, Scenario
-from visual_servo_epipolar.simulation.view import View
+from visual_servo_epipolar.simulation.view import LEVEL, Nod, View
 
 FEATURES = 26
 PERIOD_S = 0.09

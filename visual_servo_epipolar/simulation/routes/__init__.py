@@ -1,1 +1,0 @@
-"""Routes in simulation: ways through the storey, their driver, and the closed loop."""
