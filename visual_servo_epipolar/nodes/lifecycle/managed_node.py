@@ -47,7 +47,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         super().__init__(name, **options)
         self.__created: dict[Any, Callable[[Any], object]] = {}  # and how each is destroyed
         self.__mailboxes: dict[Any, Mailbox] = {}
-        self.__is_configured = self.__is_starting = self.__is_destroyed = False
+        self.__state, self.__is_configured, self.__is_starting = 'unconfigured', False, False
         self.__refusal: Exception | None = None  # of the last transition
         self.__is_made = True
         answer_the_impossible(self)
@@ -84,18 +84,16 @@ class ManagedNode(GuardedNode, LifecycleNode):
         self.__is_starting = False
 
     def destroy_node(self) -> None:
-        """Destroy the node; rclpy alone would leave it on the graph until it is collected."""
-        if not self.__is_destroyed:
-            self.__is_destroyed = True
-            super().destroy_node()
-            self._state_machine.destroy_when_not_in_use()
+        """Destroy the node; rclpy alone would leave its life cycle on the graph, and its name."""
+        self.__state = 'finalized'
+        super().destroy_node()
+        for part in list(vars(self).values()):
+            getattr(part, 'destroy_when_not_in_use', lambda: None)()
 
     @property
     def state(self) -> str:
         """The state by its label, or that of the transition under way: activating, ..."""
-        if self.__is_destroyed:  # to ask rclpy would be a segmentation fault
-            return 'finalized'
-        return str(self._state_machine.current_state[1])
+        return self.__state
 
     @property
     def is_active(self) -> bool:
@@ -109,45 +107,48 @@ class ManagedNode(GuardedNode, LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; on failure nothing is left of it."""
-        self.__is_configured = True
+        self.__state, self.__is_configured = 'configuring', True
         outcome = self.__outcome_of(self.configure)
         if outcome != SUCCESS:
             self.__release()
-        return outcome
+        return self.__end_in('inactive', outcome, state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate, publishers last: a node that failed to has published nothing."""
+        self.__state = 'activating'
         outcome = self.__outcome_of(self.__deliver)
         if outcome == SUCCESS:
             outcome = self.__outcome_of(self.activate)
         if outcome == SUCCESS:
             super().on_activate(state)
-        return outcome
+        return self.__end_in('active', outcome, state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate, publishers last; a node that failed to must not stay active."""
+        self.__state = 'deactivating'
         outcome = self.__outcome_of(self.deactivate)
         super().on_deactivate(state)
-        return SUCCESS if outcome == SUCCESS else ERROR
+        return self.__end_in('inactive', SUCCESS if outcome == SUCCESS else ERROR, state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Clean up, and destroy what was created since; half of that is an error."""
+        self.__state = 'cleaningup'
         outcome = self.__outcome_of(self.cleanup)
         self.__release()
-        return SUCCESS if outcome == SUCCESS else ERROR
+        return self.__end_in('unconfigured', SUCCESS if outcome == SUCCESS else ERROR, state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Go through what is left of the life; nothing may keep a node from its end."""
         if state.label == 'active':
             self.on_deactivate(state)
         self.on_cleanup(state)
-        return SUCCESS
+        return self.__end_in('finalized', SUCCESS, state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Fall back to unconfigured, from where the node can be had again."""
         super().on_deactivate(state)
         self.on_cleanup(state)
-        return SUCCESS
+        return self.__end_in('unconfigured', SUCCESS, state)
 
     def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any, **more: Any) -> Any:
         """Create a publisher; a managed one, once the node is made."""
@@ -218,6 +219,13 @@ class ManagedNode(GuardedNode, LifecycleNode):
         group = self.default_callback_group
         group.entities = {each for each in group.entities if each() is not None}
         self.__is_configured = False
+
+    def __end_in(
+        self, label: str, outcome: TransitionCallbackReturn, before: LifecycleState
+    ) -> TransitionCallbackReturn:
+        """Take the state that rclpy takes after this ``outcome``, and return it."""
+        self.__state = {SUCCESS: label, FAILURE: before.label}.get(outcome, 'errorprocessing')
+        return outcome
 
     def __deliver(self) -> None:
         for mailbox in list(self.__mailboxes.values()):  # a callback may subscribe

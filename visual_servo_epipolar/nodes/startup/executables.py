@@ -7,13 +7,11 @@ import signal
 import sys
 
 from visual_servo_epipolar.nodes.startup.command_line import answer, USAGE_ERROR
-from visual_servo_epipolar.nodes.startup.missing import NO_ROS, remedy
+from visual_servo_epipolar.nodes.startup.missing import remedy
 from visual_servo_epipolar.nodes.startup.process import on_ending
 from visual_servo_epipolar.nodes.startup.table import PACKAGE
 from visual_servo_epipolar.threads import one_thread
 
-# What nodes import beside ROS 2.
-PIP_PACKAGES = ('cv2', 'matplotlib', 'mcap', 'numpy', 'rosbags', 'yaml')
 INTERRUPTED = 130
 
 
@@ -28,9 +26,7 @@ def run(node: str) -> int:
         module = import_module(f'{PACKAGE}.nodes.{node}')
         spin = import_module(f'{PACKAGE}.nodes.startup.run').spin
     except ImportError as error:
-        if (error.name or '').startswith(PACKAGE):
-            raise  # a mistake of our own
-        print(f'{node}: {_missing(error)}', file=sys.stderr)
+        print(f'{node}: {" ".join(remedy(error).split())}', file=sys.stderr)
         return USAGE_ERROR
     return int(spin(getattr(module, ''.join(map(str.capitalize, node.split('_'))))))
 
@@ -44,16 +40,6 @@ def _leave(node: str, number: signal.Signals) -> None:
     if number is not signal.SIGINT:
         os.write(2, f'{node}: ended by {number.name} before it had begun\n'.encode())
     os._exit(INTERRUPTED if number is signal.SIGINT else 0)
-
-
-def _missing(error: ImportError) -> str:
-    package = (error.name or '').partition('.')[0]
-    text = ' '.join(str(error).split())
-    if package in ('mcap', 'rosbags'):  # without a rosdep key
-        return remedy(error)
-    if package in PIP_PACKAGES:
-        return f'{package} cannot be imported ({text}); install it by rosdep or pip'
-    return NO_ROS.format(text)
 
 
 def _main(node: str) -> None:

@@ -18,6 +18,7 @@ REMEDIES: Mapping[str, str] = MappingProxyType(
     {
         'rosbags': BAGS,
         'mcap': BAGS,
+        'cv2': 'apt install python3-opencv, or pip install opencv-python-headless',
         'dask': DASK,
         'distributed': DASK,
         'matplotlib': 'apt install python3-matplotlib, or pip install matplotlib',
