@@ -32,8 +32,9 @@ setup(
     name=NAME,
     version=version(),
     description='Drive a unicycle robot to the pose of a photograph, by epipolar geometry.',
-    long_description=Path('README.md').read_text(encoding='utf-8'),
-    long_description_content_type='text/markdown',
+    # No file: colcon build --symlink-install runs this in a folder of its own, without README.md.
+    long_description='Epipolar visual servoing of mobile robots: ROS 2 nodes, simulator, tools.',
+    long_description_content_type='text/plain',
     author='visual_servo_epipolar developers',
     author_email='ros-maintainers@visual-servo-epipolar.org',
     maintainer='visual_servo_epipolar developers',
