@@ -78,12 +78,12 @@ def loop(source: str, law: str, scenario: str, rig: str, start: Any) -> list[Ste
 
 def fault(name: str, seed: int) -> list[Step]:
     """Return ground truth of a run of the campaign, then what became of it."""
-    from visual_servo_epipolar.evaluation.faults import campaign, run
+    from visual_servo_epipolar.evaluation.faults import campaign
 
     records: list[Any] = []
-    judge = run.judge_run
-    run.judge_run = lambda record, bounds: judge(records.append(record) or record, bounds)
-    result = run.run(name, campaign.FAULTS[name], seed)
+    judge = campaign.judge_run
+    campaign.judge_run = lambda record, bounds: judge(records.append(record) or record, bounds)
+    result = campaign.drive_one(name, campaign.FAULTS[name], seed)
     rows = [row(round(1e9 * it.time_s), it.pose, it.twist) for it in records[0].truths]
     rows += [row(round(1e9 * it.time_s), None, it.twist) for it in records[0].orders]
     return [*rows, {**result, 'charges': list(result['charges'])}]

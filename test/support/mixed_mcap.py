@@ -1,13 +1,10 @@
 """Files of mcap as people hand them over: ROS beside JSON, attachments, any compression."""
 
-from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from mcap.reader import make_reader
-from mcap.records import Message
-from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.typesys import get_typestore, Stores
 
@@ -106,14 +103,3 @@ def chunk_offsets(path: Path) -> list[int]:
         summary = make_reader(file).get_summary()
     assert summary is not None
     return [item.chunk_start_offset for item in summary.chunk_indexes]
-
-
-def counts_by_topic(path: Path) -> Counter[str]:
-    """Return how many messages of each topic a whole file holds."""
-    return Counter(item[0] for item in content(path)['messages'])
-
-
-def readable_messages(path: Path) -> int:
-    """Return how many messages the library of mcap reads from the beginning to the end."""
-    with path.open('rb') as file:
-        return sum(isinstance(item, Message) for item in StreamReader(file).records)

@@ -11,7 +11,6 @@ from std_msgs.msg import String
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.evaluation.faults import campaign, robot
-from visual_servo_epipolar.evaluation.faults import run as runs
 from visual_servo_epipolar.evaluation.faults.campaign import FAULTS
 from visual_servo_epipolar.evaluation.faults.fault import EVERYWHERE, Fault, StruckRun
 from visual_servo_epipolar.evaluation.faults.judge import Record
@@ -31,7 +30,7 @@ from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSetti
 
 SEED = 3  # starts in front, without a retreat
 MOVING = (EVERYWHERE[len(EVERYWHERE) // 2],)
-DRAWN_WORLD = runs._world
+DRAWN_WORLD = campaign._world
 
 
 @pytest.fixture(autouse=True)
@@ -41,7 +40,7 @@ def near_start(monkeypatch: pytest.MonkeyPatch) -> None:
     def world(seed: int, rng: np.random.Generator, *, beside: bool) -> WorldSettings:
         return WorldSettings(start=(0.1, -0.7, 2.0), seed=seed, camera=small_camera(seed))
 
-    monkeypatch.setattr(runs, '_world', world)
+    monkeypatch.setattr(campaign, '_world', world)
 
 
 def images_end(scene: StruckRun) -> None:
@@ -67,20 +66,20 @@ def without_a_base_that_stops_by_itself(settings: object, rng: object) -> object
 
 @pytest.fixture(autouse=True)
 def strikes_far_from_the_goal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, 'WHOLE_WAY_S', 2.0)
+    monkeypatch.setattr(campaign, 'WHOLE_WAY_S', 2.0)
 
 
 def driven(name: str, fault: Fault) -> dict[str, object]:
-    return runs.run(name, replace(fault, phases=MOVING), SEED)
+    return campaign.drive_one(name, replace(fault, phases=MOVING), SEED)
 
 
 def test_a_run_in_which_nothing_is_wrong_arrives() -> None:
-    result = runs.run('none', FAULTS['none'], SEED)
+    result = campaign.drive_one('none', FAULTS['none'], SEED)
     assert result['verdict'] == 'arrived', result['charges']
 
 
 def test_a_run_is_repeatable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, 'LONGEST_S', 2.5)
+    monkeypatch.setattr(campaign, 'LONGEST_S', 2.5)
     first, second = (driven('none', FAULTS['none']) for _ in range(2))
     assert first == second
 
@@ -94,7 +93,7 @@ def test_a_camera_that_dies_leaves_a_robot_at_rest_with_a_reason() -> None:
 @pytest.mark.long
 def test_eight_features_for_four_seconds_are_no_harm() -> None:
     fault = Fault(what='', strike=few_tracks)
-    result = runs.run('few', replace(fault, phases=MOVING), SEED)
+    result = campaign.drive_one('few', replace(fault, phases=MOVING), SEED)
     assert (result['verdict'], result['safe']) == ('arrived', True)
     assert result['blind_s'] == 0.0
 
@@ -103,7 +102,7 @@ def test_a_servo_whose_stop_was_removed_moves_without_sight(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(ServoNode, '_on_watch', lambda self: None)
-    monkeypatch.setattr(runs, 'LONGEST_S', 5.0)
+    monkeypatch.setattr(campaign, 'LONGEST_S', 5.0)
     fault = Fault(what='', strike=images_end, prepare=without_a_base_that_stops_by_itself)
     result = driven('end', fault)
     assert (result['verdict'], result['safe']) == ('moved without sight', False)
@@ -112,7 +111,7 @@ def test_a_servo_whose_stop_was_removed_moves_without_sight(
 
 
 def test_a_base_that_obeys_nobody_is_condemned(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, 'LONGEST_S', 5.0)
+    monkeypatch.setattr(campaign, 'LONGEST_S', 5.0)
 
     def strike(scene: StruckRun) -> None:
         monkeypatch.setattr(Pioneer, 'command', lambda self, command: None)
@@ -173,7 +172,7 @@ def test_messages_reach_nodes_through_cdr_and_hooks_do_not_stay() -> None:
 def test_a_base_that_stands_is_watched_until_the_run_fails_for_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(runs, '_world', DRAWN_WORLD)
+    monkeypatch.setattr(campaign, '_world', DRAWN_WORLD)
 
     def strike(scene: StruckRun) -> None:
         FAULTS['wheel_stuck'].strike(scene)
@@ -189,7 +188,7 @@ def test_a_base_that_stands_is_watched_until_the_run_fails_for_it(
 def test_runs_are_watched_for_longer_than_any_timeout_of_theirs() -> None:
     settings = WorldSettings(start=(0.0, -1.0, 0.0), seed=0, camera=small_camera(0)).servo
     longest_s = max(settings.run_timeout, settings.phase_timeout) + settings.holding_timeout
-    assert runs.LONGEST_S > longest_s + runs.REST_S
+    assert campaign.LONGEST_S > longest_s + campaign.REST_S
 
 
 def test_a_servo_that_hangs_is_not_waited_for() -> None:
@@ -227,7 +226,7 @@ def test_a_button_that_was_pressed_leaves_the_robot_at_rest() -> None:
 def test_a_base_whose_process_is_gone_stands() -> None:
     result = driven('unicycle_killed', FAULTS['unicycle_killed'])
     assert result['verdict'] == 'at rest', result['charges']
-    assert result['duration_s'] < runs.LONGEST_S
+    assert result['duration_s'] < campaign.LONGEST_S
 
 
 def test_transitions_are_asked_for_by_the_service_and_refused_where_there_is_none() -> None:
@@ -251,7 +250,7 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize('name', few_of([name for name in FAULTS if name.startswith('arming_')]))
 def test_what_comes_after_an_order_to_start_sets_nothing_moving(name: str, soon: None) -> None:
-    result = runs.run(name, FAULTS[name], SEED)
+    result = campaign.drive_one(name, FAULTS[name], SEED)
     assert (result['verdict'], result['phase']) == ('at rest', 'waiting'), result['charges']
 
 
@@ -259,7 +258,7 @@ def test_a_servo_that_obeys_an_old_order_is_condemned(
     monkeypatch: pytest.MonkeyPatch, soon: None
 ) -> None:
     monkeypatch.setattr(Arming, 'has_expired', False)
-    result = runs.run('arming_clock', FAULTS['arming_clock'], SEED)
+    result = campaign.drive_one('arming_clock', FAULTS['arming_clock'], SEED)
     assert any('moved after stop' in charge for charge in result['charges'])
 
 
@@ -271,6 +270,6 @@ def test_a_second_button_that_is_not_pressed_releases_nothing() -> None:
 
 
 def test_a_clock_that_freezes_is_the_reason(soon: None) -> None:
-    result = runs.run('clock_freezes', FAULTS['clock_freezes'], SEED)
+    result = campaign.drive_one('clock_freezes', FAULTS['clock_freezes'], SEED)
     assert (result['verdict'], result['phase']) == ('at rest', 'failed'), result['charges']
     assert '/clock has stood still at' in str(result['reason'])

@@ -1,20 +1,43 @@
-"""The campaign: all faults, its runs side by side on this machine, its document and table."""
+"""The campaign: runs with one fault each, side by side on this machine; document and table."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
+from dataclasses import dataclass, replace
 from itertools import groupby
 import math
 from typing import Any, NamedTuple
+import zlib
+
+import cv2
+import numpy as np
 
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.laws.machine import PhaseRow
+from visual_servo_epipolar.core.laws.phase import ARMED, Phase
+from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint
 from visual_servo_epipolar.evaluation.faults import processes, robot, sensing
-from visual_servo_epipolar.evaluation.faults import run as simulated
-from visual_servo_epipolar.evaluation.faults.fault import Fault, Faults
-from visual_servo_epipolar.evaluation.faults.judge import RunVerdict, SAFE
+from visual_servo_epipolar.evaluation.faults.fault import (
+    ALWAYS,
+    BASE,
+    EVERYWHERE,
+    Fault,
+    Faults,
+    SERVO,
+    StruckRun,
+    Witness,
+)
+from visual_servo_epipolar.evaluation.faults.judge import (
+    judge_run,
+    moving,
+    RunVerdict,
+    SAFE,
+    SafetyBounds,
+)
 from visual_servo_epipolar.evaluation.faults.processes import PROCESSES
+from visual_servo_epipolar.evaluation.live.world import small_camera, World, WorldSettings
 from visual_servo_epipolar.evaluation.tables import markdown
 from visual_servo_epipolar.sweeping.provenance import commit
 from visual_servo_epipolar.sweeping.workers import worker_pool
@@ -28,7 +51,7 @@ FAULTS: Faults = {
     **sensing.CALIBRATION,
     **robot.CLOCKS,
     **robot.ORDERS,
-    **robot.BASE,
+    **robot.WHEELS,
     **robot.NODE_ENDS,
     **robot.ENCODERS,
     **robot.ROUTES,
@@ -37,6 +60,167 @@ WORDS = {name: fault.what for name, fault in FAULTS.items()}
 WORDS |= {name: fault.what for name, fault in PROCESSES.items()}
 NAMES = tuple(WORDS)
 Result = dict[str, Any]
+
+
+REST_S = 8.0  # that a robot must stand until a run is over: longer than the servo holds
+LONGEST_S = 180.0  # since the fault struck: past the longest phase
+
+
+@dataclass(frozen=True, slots=True)
+class StrikeTime:
+    """When a fault strikes: ``delay_s`` into ``phase``."""
+
+    phase: Phase
+    delay_s: float
+
+
+class FaultDrive:
+    """A run of a ``scene``; ``struck_s`` and ``struck_in`` say when the fault struck."""
+
+    def __init__(self, scene: StruckRun, fault: Fault, moment: StrikeTime) -> None:
+        self.scene, self._fault, self._moment = scene, fault, moment
+        self.struck_s: float | None = None
+        self.struck_in = ''
+        self._begin_s = scene.witness.now_s
+        self._reached_s: float | None = None  # when the phase of the moment was seen
+        self._moved_s = self._begin_s  # when the robot moved last, or something was to happen
+
+    @property
+    def time_s(self) -> float:
+        """Time since the nodes were started."""
+        return self.scene.witness.now_s - self._begin_s
+
+    def drive(self) -> None:
+        """Run until the robot has stood for long enough, or for as long as a run may take."""
+        for name in tuple(self.scene.world.settings.kinds)[::-1]:
+            self.scene.world.start(name)
+        if self._moment.phase is Phase.WAITING:
+            self._strike()
+        while not self._done():
+            self.scene.world.run_for(0.1)
+            self._look()
+
+    def _look(self) -> None:
+        now_s, record = self.scene.witness.now_s, self.scene.witness.record
+        moves = bool(record.truths) and moving(record.truths[-1].twist)
+        if self._may_drive_on or (moves and self.scene.world.works(BASE)):
+            self._moved_s = now_s
+        if self._reached_s is None and record.phase == self._moment.phase.value:
+            self._reached_s = now_s
+        reached = self._reached_s is not None and now_s >= self._reached_s + self._moment.delay_s
+        never = self._phase.ended or self.time_s > 20.0
+        if self.struck_s is None and (reached or (never and self._reached_s is None)):
+            self._strike()
+
+    def _strike(self) -> None:
+        self.struck_s, self.struck_in = self.time_s, self.scene.witness.record.phase
+        self.scene.witness.struck_ns = self.scene.world.wire.now_ns
+        self._fault.strike(self.scene)
+        self._moved_s = self.scene.witness.now_s
+
+    @property
+    def _phase(self) -> Phase:
+        """Phase that the servo published last."""
+        word = self.scene.witness.record.phase
+        return Phase.WAITING if word == ARMED else phase_named(word)
+
+    @property
+    def _may_drive_on(self) -> bool:
+        """Whether a servo works that drives: it may stand for as long as a phase lasts."""
+        return self._phase.drives and self.scene.world.works(SERVO)
+
+    def _done(self) -> bool:
+        if self.time_s >= (self.struck_s or 0.0) + LONGEST_S:
+            return True
+        if self.struck_s is None or self._may_drive_on:
+            return False
+        quiet_s = self.scene.witness.now_s - max(self._moved_s, self.scene.busy_s)
+        calm = self._phase.ended and self.time_s > self.struck_s + REST_S
+        return quiet_s >= (2.0 if calm else REST_S)
+
+
+WHOLE_WAY_S = 5.5  # into a phase of another law: one motion lasts 6 to 8 s from these starts
+ASIDE = (Phase.ORIENTING, Phase.RETREATING)
+
+
+def drive_one(name: str, fault: Fault, seed: int, law: str = ServoSettings.law) -> dict[str, Any]:
+    """Drive by a law with a fault, and return what became of it as a JSON object."""
+    cv2.setNumThreads(1)
+    rng = np.random.default_rng((seed, zlib.crc32(name.encode())))
+    beside = bool(rng.random() < 0.25)  # from there it turns and backs off first
+    drawn = _world(seed, rng, beside=beside)
+    settings = fault.prepare(replace(drawn, servo=replace(drawn.servo, law=law)), rng)
+    moment = strike_time(fault, settings.servo, rng, beside=beside)
+    if not fault.base_alone and bool(rng.random() < 0.5):
+        settings = replace(settings, base=replace(settings.base, command_timeout=0.0))
+    with World(settings) as world:
+        drive = FaultDrive(StruckRun(world, Witness(world), rng), fault, moment)
+        drive.drive()
+        judgement = judge_run(drive.scene.witness.finish(), _bounds(world))
+    return judgement.document(
+        drive.scene.witness.record,
+        fault=name,
+        seed=seed,
+        law=settings.servo.law,
+        start=list(settings.start),
+        base_stops_by_itself=settings.base.command_timeout > 0.0,
+        moment={'phase': moment.phase.value, 'delay_s': moment.delay_s},
+        struck_s=drive.struck_s,
+        struck_in=drive.struck_in,
+        notes=drive.scene.notes,
+        duration_s=drive.time_s,
+    )
+
+
+def _world(seed: int, rng: np.random.Generator, *, beside: bool) -> WorldSettings:
+    x, y, heading = rng.uniform(-1.0, 1.0, 3)
+    spot = (0.5 * x, -0.2 + 0.3 * y) if beside else (0.3 * x, -1.3 + 0.3 * y)
+    start = float(spot[0]), float(spot[1]), float(6.0 * heading)
+    return WorldSettings(start=start, seed=seed, camera=small_camera(seed))
+
+
+def strike_time(
+    fault: Fault, servo: ServoSettings, rng: np.random.Generator, *, beside: bool
+) -> StrikeTime:
+    """Return when a fault strikes a run of ``servo``: in a phase that its law has."""
+    phases, rows = fault.phases, servo.machine.rows
+    if beside and set(EVERYWHERE) <= set(phases):
+        phases = (*phases, *ASIDE)
+    if not rows.keys() >= set(EVERYWHERE):  # then it drives in phases of its own
+        own = [phase for phase in rows if phase.drives and phase not in (*ALWAYS, *ASIDE)]
+        phases = tuple(dict.fromkeys(p for each in phases for p in _instead(each, rows, own)))
+    phase = phases[int(rng.integers(len(phases)))]
+    longest_s = 3.0 if phase in (*ALWAYS, *ASIDE) else WHOLE_WAY_S
+    return StrikeTime(phase, float(rng.uniform(0.0, longest_s)))
+
+
+def _instead(phase: Phase, rows: Mapping[Phase, PhaseRow], own: list[Phase]) -> list[Phase]:
+    """Return the phases of a law with its ``own`` that stand for one of the paper's steps."""
+    if phase in EVERYWHERE:
+        return own
+    return [phase] if phase in rows else []
+
+
+def _bounds(world: World) -> SafetyBounds:
+    settings, base = world.settings, world.settings.base
+    period_s = 1.0 / settings.camera.frame_rate
+    given: Mapping[str, float] = world.given.get(SERVO, {})
+    return SafetyBounds(
+        sight_s=given['stale_timeout']
+        + given.get('max_latency', 0.0)
+        + period_s
+        + 0.15,  # watchdog, messages, ticks
+        period_s=period_s,
+        base_linear=base.max_linear,
+        base_angular=base.max_angular,
+        base_acceleration=base.acceleration,
+        base_deceleration=base.deceleration,
+        base_angular_acceleration=base.angular_acceleration,
+        delay_s=world.delay_s,
+        # What is so much deeper looks alike from so much farther: epipoles take a longer way.
+        position_m=SafetyBounds.position_m * settings.depth,
+        excursion_m=settings.servo.max_retreat,
+    )
 
 
 class FaultRun(NamedTuple):
@@ -100,7 +284,7 @@ def one(run: FaultRun) -> Result:
 def _driven(run: FaultRun) -> Result:
     if run.fault in PROCESSES:
         return processes.run(run.fault, PROCESSES[run.fault], run.seed)
-    return simulated.run(run.fault, FAULTS[run.fault], run.seed, run.law)
+    return drive_one(run.fault, FAULTS[run.fault], run.seed, run.law)
 
 
 def document(results: Sequence[Result], seed: int) -> dict[str, Any]:
@@ -115,7 +299,6 @@ def document(results: Sequence[Result], seed: int) -> dict[str, Any]:
     }
 
 
-LONGEST_NOTE = 120  # [characters]
 HEAD = (
     'fault | what | arrived | at rest | unsafe | excursion [m] | without sight [s] '
     '| wrong geometry [s]'
@@ -152,7 +335,7 @@ def _row(name: str, runs: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def offence(run: Mapping[str, Any]) -> str:
     """Return what an unsafe run did, and how to repeat it."""
-    notes = f', {"; ".join(run["notes"])[:LONGEST_NOTE]}' if run['notes'] else ''
+    notes = f', {"; ".join(run["notes"])[:120]}' if run['notes'] else ''
     return (
         f'`--only {run["fault"]} --seed {run["seed"]}`: {run["verdict"]}: {run["detail"]} '
         f'({run["struck_in"] or "at the start"}{notes})'

@@ -1,5 +1,6 @@
-"""Faults: what each is called, when it strikes, and the scene that it strikes."""
+"""Faults: what each is called, when it strikes, the run that it strikes, and its witness."""
 
+from bisect import bisect_right
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -7,11 +8,218 @@ import math
 from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
+from rclpy.node import Node
 
-from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.phase import ARMED, Phase
+from visual_servo_epipolar.core.routes.run import FOLLOWING, LOCALIZING
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.evaluation.faults.witness import Witness
-from visual_servo_epipolar.evaluation.live.world import Envelope, Filter, World, WorldSettings
+from visual_servo_epipolar.evaluation.faults.judge import (
+    Limits,
+    Record,
+    SeenTracks,
+    ServoCommand,
+    TrueMotion,
+)
+from visual_servo_epipolar.evaluation.live.world import (
+    Envelope,
+    Filter,
+    ImageOrigin,
+    WARNING,
+    World,
+    WorldSettings,
+)
+from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
+from visual_servo_epipolar.simulation.mounts.simulated_rig import true_geometry
+from visual_servo_epipolar.simulation.run_monitor import LEAST_BASELINE_M, WRONG_BEARING
+
+SERVO, BASE = 'servo_node', 'unicycle_node'
+LONGEST_STEP_S = 0.5  # between two measurements that count as one drive
+STRETCHED = 2.0  # pulses of a move over the dead band, so that a whole number leads to the aim
+LIMITS = (
+    'max_linear',
+    'max_angular',
+    'max_acceleration',
+    'max_angular_acceleration',
+    'dead_band_linear',
+    'dead_band_angular',
+)
+# Phases of a route, as the servo would call them.
+OF_ROUTES = {FOLLOWING: 'approaching', LOCALIZING: Phase.WAITING.value}
+# Have a reason, or should.
+MUTE = (Phase.HOLDING.value, Phase.FAILED.value, Phase.WAITING.value, ARMED)
+
+
+class Witness:
+    """Witness of a ``world``; ``record`` is what it saw up to now."""
+
+    def __init__(self, world: World) -> None:
+        self.record, self._world, self._wire = Record(), world, world.wire
+        self.struck_ns = 0  # earlier reports explain nothing
+        self._rig = new_rig(world.settings.camera)
+        self._image: ImageOrigin | None = None  # the last one that reached the tracker
+        self._sight: ImageOrigin | None = None  # what the servo saw last
+        self._measured_s: float | None = None
+        self._learnt_dead_band = STANDSTILL
+        for topic, hear in (
+            ('/ground_truth', self._on_truth),
+            ('/image_raw', self._on_image),
+            ('/tracks', self._on_tracks),
+            ('/cmd_vel', self._on_command),
+            ('/phase', self._on_phase),
+            ('/diagnostics', self._on_diagnostics),
+            ('/epipoles', self._on_epipoles),
+        ):
+            self._wire.publish_listeners[topic].append(hear)
+        for topic in ('/image_raw', '/image_raw/compressed'):
+            self._wire.delivery_listeners[topic].append(self._on_arrival)
+        self._wire.delivery_listeners['/tracks'].append(self._on_sight)
+
+    @property
+    def now_s(self) -> float:
+        """The time [s]."""
+        return self._wire.now_ns / NANOSECONDS
+
+    @property
+    def pose(self) -> Pose:
+        """Where the robot is: at its start, before the first word of ground truth."""
+        truths = self.record.truths
+        return truths[-1].pose if truths else Pose.from_start(*self._world.settings.start)
+
+    def pose_at(self, taken_ns: int) -> Pose:
+        """Return where the robot was."""
+        times = [truth.time_s for truth in self.record.truths]
+        return self.record.truths[max(bisect_right(times, taken_ns / NANOSECONDS) - 1, 0)].pose
+
+    @property
+    def seen_pose(self) -> Pose:
+        """Where the image was taken that the tracker had last."""
+        return self.pose if self._image is None else self.pose_at(self._image.taken_ns)
+
+    def finish(self) -> Record:
+        """Return the record, with the reports of why the robot stands."""
+        record = self.record
+        record.crashes = list(self._wire.crashes)
+        if record.truths and not self._world.works(BASE):  # without its process it stands
+            record.truths.append(TrueMotion(self.now_s, self.pose, STANDSTILL))
+        record.why += [
+            text
+            for time_ns, _, severity, text in self._wire.logs
+            if severity >= WARNING and time_ns >= self.struck_ns
+        ]
+        if not self._world.works(SERVO):  # as one that hangs for good, from before it drove
+            record.why.append(f'{SERVO} is gone, or hangs')
+        if record.interventions.stopped_s < math.inf:
+            record.why.append('it was commanded to')
+        if record.phase in MUTE and record.reason:
+            record.why.append(record.reason)
+        return record
+
+    def _on_truth(self, envelope: Envelope) -> None:
+        pose, twist = read.pose(envelope.message), read.twist(envelope.message.twist)
+        self.record.truths.append(TrueMotion(self.now_s, pose, twist))
+
+    def _on_image(self, envelope: Envelope) -> None:
+        envelope.sight = ImageOrigin(self._wire.now_ns)
+
+    def _on_arrival(self, node: Node, envelope: Envelope) -> None:
+        self._image = envelope.sight
+        if node.get_name() == SERVO and envelope.sight is not None:  # a route: images, no tracks
+            taken_s = envelope.sight.taken_ns / NANOSECONDS
+            self.record.sight.seen.append(SeenTracks(self.now_s, taken_s))
+
+    def _on_tracks(self, envelope: Envelope) -> None:
+        # An image that waited for its camera_info was not what the tracker was called for.
+        envelope.sight = envelope.sight or self._image
+
+    def _on_sight(self, node: Node, envelope: Envelope) -> None:
+        if node.get_name() != SERVO or envelope.sight is None:
+            return
+        self._sight = envelope.sight
+        if not envelope.sight.true:
+            return
+        carried_s = 0.0
+        if node.get_parameter('memory').value:
+            carried_s = ServoSettings.few_features_timeout
+        enough = ServoSettings.min_features
+        taken_s = envelope.sight.taken_ns / NANOSECONDS
+        self.record.sight.note(_shown(envelope.message), self.now_s, taken_s, enough, carried_s)
+
+    def _on_command(self, envelope: Envelope) -> None:
+        servo = self._world.nodes.get(envelope.sender)
+        if servo is None or envelope.sender != SERVO:
+            return
+        try:
+            twist = read.twist(envelope.message)
+        except ValueError as error:
+            self.record.senseless = str(error)
+            return
+        limits = _limits(servo, twist, self._learnt_dead_band)
+        self.record.orders.append(ServoCommand(self.now_s, twist, limits))
+
+    def _on_phase(self, envelope: Envelope) -> None:
+        if envelope.sender not in (SERVO, ''):
+            return
+        word = str(envelope.message.data)
+        before, self.record.phase = self.record.phase, OF_ROUTES.get(word, word)
+        if self.record.phase == Phase.ARRIVED.value != before:
+            self.record.arrived_s = self.now_s
+
+    def _on_diagnostics(self, envelope: Envelope) -> None:
+        said = read.diagnosis(envelope.message)
+        if envelope.sender == SERVO and 'reason' in said:
+            self.record.reason = said['reason']
+
+    def _on_epipoles(self, envelope: Envelope) -> None:
+        """Add up the time driven on a wrong geometry; note whether a dead band was learnt."""
+        if envelope.sender != SERVO:
+            return
+        said: dict[str, Any] = read.telemetry(envelope.message)
+        self._learnt_dead_band = Twist(
+            said['dead_band_linear_m_s'], said['dead_band_angular_rad_s']
+        )
+        if self._sight is None or len(self.record.interventions.goals) > 1:
+            return
+        truth = true_geometry(self._rig, self.pose_at(self._sight.taken_ns))
+        error = truth.error(said['bearing_current_rad'], said['bearing_desired_rad'])
+        before_s, self._measured_s = self._measured_s, self.now_s
+        driven = bool(self.record.orders) and self.record.orders[-1].twist != STANDSTILL
+        wrong = truth.baseline > LEAST_BASELINE_M and error > WRONG_BEARING
+        if driven and wrong and before_s is not None:
+            self.record.wrong_geometry_s += min(self.now_s - before_s, LONGEST_STEP_S)
+
+
+def _limits(servo: Node, twist: Twist, learnt: Twist) -> Limits:
+    """
+    Return the limits that a servo obeys.
+
+    Slow commands may jump to a dead band that is configured, or that it says it has ``learnt``;
+    pulses of a measured move are up to twice as fast.
+    """
+    said = {name: servo.get_parameter(name).value for name in LIMITS}
+    for name, lower in (('max_linear', 'max_speed'), ('max_angular', 'max_turn_rate')):
+        if servo.has_parameter(lower):  # of a route
+            said[name] = min(said[name], servo.get_parameter(lower).value)
+    ramps = not (said['dead_band_linear'] or said['dead_band_angular'])
+    linear, angular = STRETCHED * learnt.linear, STRETCHED * learnt.angular
+    hops = abs(twist.linear) <= linear, abs(twist.angular) <= angular
+    return Limits(
+        float(said['max_linear']),
+        float(said['max_angular']),
+        float(said['max_acceleration']) if ramps and not hops[0] else math.inf,
+        float(said['max_angular_acceleration']) if ramps and not hops[1] else math.inf,
+    )
+
+
+def _shown(tracks: Any) -> int:
+    """Return how many features of the photograph a message of ``tracks`` has."""
+    try:
+        return len(read.features(tracks))
+    except ValueError:
+        return int(tracks.width)
+
 
 # Phases that nearly every run goes through, where the robot moves; a law without them has its own.
 EVERYWHERE = (Phase.DISPLACING, Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)
@@ -55,12 +263,19 @@ class StruckRun:
             self.later(seconds, lambda: filters.remove(change))
 
     def alter(
-        self, topic: str, change: Callable[[Any], object], seconds: float = math.inf
+        self,
+        topic: str,
+        change: Callable[[Any], object],
+        seconds: float = math.inf,
+        *,
+        true: bool = True,
     ) -> None:
-        """Let ``change`` alter each message of ``topic`` in place, for ``seconds``."""
+        """Let ``change`` alter each message of ``topic`` in place; ``true``: of the scene."""
 
         def altered(envelope: Envelope) -> list[Envelope]:
             change(envelope.message)
+            if envelope.sight is not None and not true:
+                envelope.sight = replace(envelope.sight, true=False)
             return [envelope]
 
         self.filter(topic, altered, seconds)
@@ -92,6 +307,23 @@ def striking(act: Callable[Concatenate[StruckRun, What], object]) -> Callable[Wh
         return lambda scene: act(scene, *what, **more)
 
     return strike_with
+
+
+Change = Callable[[Any, StruckRun], object]
+
+
+@striking
+def changing(
+    scene: StruckRun,
+    topic: str,
+    change: Change,
+    spell: tuple[float, float] | None = None,
+    *,
+    true: bool = True,
+) -> None:
+    """Let ``change`` alter each message of ``topic``, for a drawn ``spell`` [s] or for good."""
+    seconds = math.inf if spell is None else scene.spell(*spell)
+    scene.alter(topic, lambda message: change(message, scene), seconds, true=true)
 
 
 def world_change(**changes: Any) -> Prepare:

@@ -23,6 +23,7 @@ from std_msgs.msg import String
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.evaluation.faults.fault import BASE, MUTE, SERVO
 from visual_servo_epipolar.evaluation.faults.judge import (
     judge_run,
     Limits,
@@ -32,7 +33,6 @@ from visual_servo_epipolar.evaluation.faults.judge import (
     ServoCommand,
     TrueMotion,
 )
-from visual_servo_epipolar.evaluation.faults.witness import BASE, MUTE, SERVO
 from visual_servo_epipolar.evaluation.live.processes import (
     arguments,
     camera_arguments,

@@ -24,17 +24,18 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.evaluation.faults.fault import (
     always,
     at_first,
+    BASE,
     EVERYWHERE,
     Fault,
     Faults,
     Prepare,
+    SERVO,
     Strike,
     striking,
     StruckRun,
     world_change,
 )
-from visual_servo_epipolar.evaluation.faults.sensing import drop_some, late, lost, restamp
-from visual_servo_epipolar.evaluation.faults.witness import SERVO
+from visual_servo_epipolar.evaluation.faults.sensing import DESIRED, drop_some, late, lost, restamp
 from visual_servo_epipolar.evaluation.live.world import (
     BreakableUnicycleNode,
     Envelope,
@@ -50,14 +51,11 @@ from visual_servo_epipolar.simulation.routes import rounded, route_scenario, Tau
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 COMMANDS = '/cmd_vel'
-OTHERS = ((math.nan, 0.0), (math.inf, 0.0), (0.0, -math.inf), (math.nan, math.nan))
-RATE, GARBAGE_S, JOYSTICK_S = 20, 3.0, 4.0  # of others on cmd_vel [Hz], and for how long [s]
-JOYSTICK = (-0.3, 0.3), (0.2, 0.5)  # speeds that it asks for, ahead [m/s] and to a side [rad/s]
 
 
 @striking
 def _wheels(scene: StruckRun, *grips: tuple[float, float]) -> None:
-    base = scene.world.nodes['unicycle_node']
+    base = scene.world.nodes[BASE]
     grip = grips[int(scene.rng.integers(len(grips)))]
     scene.notes.append(f'left {grip[0]:g}, right {grip[1]:g} of the motion')
     scene.witness.record.interventions.broken_s.append(scene.witness.now_s)
@@ -80,38 +78,35 @@ def command(scene: StruckRun, linear: float, angular: float) -> None:
 
 
 def _garbage(scene: StruckRun) -> None:
-    """Let somebody send twists that are no numbers."""
-    for number in range(round(GARBAGE_S * RATE)):
-        scene.later(
-            number / RATE,
-            lambda: command(scene, *OTHERS[int(scene.rng.integers(len(OTHERS)))]),
-        )
+    """Let somebody send twists that are no numbers, at 20 Hz for 3 s."""
+    twists = ((math.nan, 0.0), (math.inf, 0.0), (0.0, -math.inf), (math.nan, math.nan))
+    for number in range(60):
+        scene.later(number / 20, lambda: command(scene, *twists[int(scene.rng.integers(4))]))
 
 
 def _joystick(scene: StruckRun) -> None:
-    """Let somebody drive the robot beside the servo."""
-    linear = scene.draw(*JOYSTICK[0])
-    angular = scene.draw(*JOYSTICK[1]) * scene.side()
+    """Let somebody drive the robot beside the servo, at 20 Hz for 4 s."""
+    linear, angular = scene.draw(-0.3, 0.3), scene.draw(0.2, 0.5) * scene.side()
     scene.notes.append(f'{linear:.2f} m/s, {angular:.2f} rad/s')
-    for number in range(round(JOYSTICK_S * RATE)):
-        scene.later(number / RATE, lambda: command(scene, linear, angular))
+    for number in range(80):
+        scene.later(number / 20, partial(command, scene, linear, angular))
 
 
-BASE: Faults = {
+WHEELS: Faults = {
     'wheel_stuck': Fault(
         'a wheel, or both, stand still', _wheels((0.0, 1.0), (1.0, 0.0), (0.0, 0.0))
     ),
     'wheel_slips': Fault('a wheel loses a third of its motion', _wheels((0.66, 1.0), (1.0, 0.66))),
     'command_delay': Fault(
-        'commands take 0.3 s to the motors', _becomes('unicycle_node', command_delay=(0.3, 0.3))
+        'commands take 0.3 s to the motors', _becomes(BASE, command_delay=(0.3, 0.3))
     ),
     'dead_band_grows': Fault(
         'motors stand below 0.01 to 0.05 m/s and 0.02 to 0.08 rad/s',
-        _becomes('unicycle_node', dead_zone_linear=(0.01, 0.05), dead_zone_angular=(0.02, 0.08)),
+        _becomes(BASE, dead_zone_linear=(0.01, 0.05), dead_zone_angular=(0.02, 0.08)),
     ),
     'base_nods': Fault(
         'the body nods by 0.5 to 2 deg',
-        _becomes('unicycle_node', nod=(0.009, 0.035), acceleration=(0.5, 1.0)),
+        _becomes(BASE, nod=(0.009, 0.035), acceleration=(0.5, 1.0)),
     ),
     'shutter_rolls': Fault(
         'rows are read out within 10 to 33 ms', _becomes('camera_node', readout=(0.01, 0.033))
@@ -127,9 +122,6 @@ BASE: Faults = {
         lambda scene: scene.world.start('servo_node', alias='servo_two'),
     ),
 }
-
-TRANSITIONS = ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown')
-TRANSITIONS_IN_A_RUN = 12
 
 
 @striking
@@ -148,7 +140,7 @@ def _restart(scene: StruckRun, name: str) -> None:
     scene.world.kill(name)
 
     def again() -> None:
-        if name == 'unicycle_node':
+        if name == BASE:
             scene.witness.record.interventions.moved_s.append(scene.witness.now_s)
         scene.world.restart(name)
 
@@ -160,8 +152,9 @@ def _transitions(scene: StruckRun, name: str) -> None:
     def turn(label: str) -> None:
         scene.notes.append(f'{label}: {scene.world.change_state(name, label)}')
 
-    for _ in range(TRANSITIONS_IN_A_RUN):
-        label = TRANSITIONS[int(scene.rng.integers(len(TRANSITIONS)))]
+    labels = ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown')
+    for _ in range(12):
+        label = labels[int(scene.rng.integers(len(labels)))]
         scene.later(scene.draw(0.0, 5.0), partial(turn, label))
 
 
@@ -173,7 +166,7 @@ KINDS: Mapping[str, tuple[str, Callable[[str], Strike]]] = {
 }
 NODE_ENDS: Faults = {
     f'{name.removesuffix("_node")}_{kind}': always(
-        f'{name} {words}', strike(name), base_alone=name == 'servo_node' and kind != 'ended'
+        f'{name} {words}', strike(name), base_alone=name == SERVO and kind != 'ended'
     )
     for name in NODES
     for kind, (words, strike) in KINDS.items()
@@ -244,9 +237,7 @@ def _apart(scene: StruckRun) -> None:
     seconds = scene.draw(0.2, 3.0) * scene.side()
     scene.notes.append(f'by {seconds:+.2f} s')
     away_ns = round(seconds * NANOSECONDS)
-    scene.alter(
-        ANGLES, lambda message: restamp(message, lambda stamp_ns: max(stamp_ns + away_ns, 0))
-    )
+    scene.alter(ANGLES, lambda angles: restamp(angles, lambda it: max(it + away_ns, 0)))
 
 
 def _one_by_one(scene: StruckRun) -> None:
@@ -270,7 +261,7 @@ def _turned(scene: StruckRun, low: float, high: float) -> None:
     scene.notes.append(f'by {angle:+.2f} rad')
 
     def change(message: Any) -> None:
-        message.position = [message.position[0] + angle, *list(message.position)[1:]]
+        message.position[0] += angle
 
     scene.alter(ANGLES, change)
 
@@ -300,7 +291,7 @@ ENCODERS: Faults = {
 }
 
 
-CLOCK, CLOCK_RATE = '/clock', 50
+CLOCK = '/clock'
 
 
 @striking
@@ -316,7 +307,7 @@ def _tick(scene: StruckRun, goes_on: Callable[[], bool] = lambda: True) -> None:
     wire = scene.world.wire
     wire.post(Envelope(CLOCK, write.clock(wire.wall_ns), 0))
     if goes_on():
-        wire.at(wire.now_ns + NANOSECONDS // CLOCK_RATE, lambda: _tick(scene, goes_on))
+        wire.at(wire.now_ns + NANOSECONDS // 50, lambda: _tick(scene, goes_on))
 
 
 def _restart_clock(scene: StruckRun) -> None:
@@ -363,9 +354,7 @@ SERVICES = (
 )
 # A person who changes these says what counts as arrived, or as seen.
 MEANT = ('arrival_', 'near_parallax', 'max_attempts', 'stale_timeout', 'law', 'final_turn')
-ORDERS_IN_A_STORM = 30
-BUTTON, PHOTOGRAPH = '/stop_button', '/desired/image_raw'
-PRESSED_S = 8.0
+BUTTON = '/stop_button'
 LATER_S = 60.0  # when what was missing comes
 
 
@@ -389,10 +378,10 @@ def _stop_then_start(scene: StruckRun) -> None:
 
 def _storm(scene: StruckRun) -> None:
     """Call services at random, ending with a stop: nothing but the stop counts then."""
-    for number in range(ORDERS_IN_A_STORM):
+    for number in range(30):
         service = SERVICES[int(scene.rng.integers(len(SERVICES)))]
         scene.later(0.1 * number, partial(call, scene, service))
-    scene.later(0.1 * ORDERS_IN_A_STORM, lambda: call(scene, '/servo_node/stop'))
+    scene.later(3.0, lambda: call(scene, '/servo_node/stop'))
 
 
 def _press(scene: StruckRun) -> None:
@@ -410,10 +399,10 @@ def _two_buttons(scene: StruckRun) -> None:
     """Press one stop button while a second one says all the time that it is not pressed."""
     press, other = (scene.world.talker(name, Bool, BUTTON) for name in ('button', 'second_button'))
     scene.note_stop()
-    for number in range(round(2 * PRESSED_S)):
+    for number in range(16):
         scene.later(0.5 * number, partial(press, Bool(data=True)))
         scene.later(0.5 * number + 0.1, partial(other, Bool(data=False)))
-    scene.later(scene.draw(1.0, PRESSED_S), partial(_unheard_start, scene))
+    scene.later(scene.draw(1.0, 8.0), partial(_unheard_start, scene))
 
 
 def _unheard_start(scene: StruckRun) -> None:
@@ -433,10 +422,10 @@ def _started_too_early(scene: StruckRun, missing: str) -> None:
 def _started_without_photograph(scene: StruckRun) -> None:
     """Order to start before there is a photograph, which comes a minute later."""
     wire = scene.world.wire
-    scene.lose(PHOTOGRAPH, LATER_S)
+    scene.lose(DESIRED, LATER_S)
     for name in ('camera_node', 'tracker_node'):
         scene.world.kill(name)
-    wire.forget(PHOTOGRAPH)
+    wire.forget(DESIRED)
     for name in ('tracker_node', 'camera_node'):  # once what is under way has arrived nowhere
         scene.later(0.1, partial(scene.world.start, name))
     scene.later(2.0, partial(_unheard_start, scene))

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from typing import Any
 
 import cv2
@@ -16,9 +17,10 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.fault import (
     always,
     at_first,
+    Change,
+    changing,
     Fault,
     Faults,
-    Strike,
     striking,
     StruckRun,
     world_change,
@@ -29,19 +31,14 @@ from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
-IMAGES, TRACKS = '/image_raw', '/tracks'
-LONGEST_S = 10.0
-Rows = Any
+IMAGES, TRACKS, INFO, DESIRED = '/image_raw', '/tracks', '/camera_info', '/desired/image_raw'
+CAMERA = 'camera_node'
+SPELL = 0.3, 10.0  # for which nearly all of these last, if not for good [s]
 
 
 def delay(envelope: Envelope, seconds: float) -> Envelope:
     """Return ``envelope``, later by ``seconds``."""
     return replace(envelope, delay_ns=envelope.delay_ns + round(seconds * NANOSECONDS))
-
-
-def untrue(envelope: Envelope) -> Envelope:
-    """Return ``envelope`` as one that does not show what was there."""
-    return replace(envelope, sight=envelope.sight and replace(envelope.sight, true=False))
 
 
 def restamp(message: Any, stamp: Callable[[int], int]) -> None:
@@ -86,27 +83,25 @@ def _copies(scene: StruckRun, delays: Callable[[StruckRun], list[float]]) -> Non
 
 @striking
 def _restamped(scene: StruckRun, stamp: Callable[[int, StruckRun], int]) -> None:
-    def change(message: Any) -> None:
-        restamp(message, lambda stamp_ns: stamp(stamp_ns, scene))
-
-    scene.alter(IMAGES, change)
+    scene.alter(IMAGES, lambda message: restamp(message, lambda it: stamp(it, scene)))
 
 
 OF_1970 = _restamped(lambda now_ns, scene: now_ns % (1_000_000 * NANOSECONDS))
 OF_TOMORROW = _restamped(lambda now_ns, scene: now_ns + 86_400 * NANOSECONDS)
 OF_CHANCE = _restamped(lambda now_ns, scene: now_ns + round(scene.draw(-2.0, 2.0) * NANOSECONDS))
-UNEVEN = _copies(lambda scene: [scene.draw(0.0, 0.5)])
-OVERTAKING = _copies(lambda scene: [0.2 if scene.hits(0.3) else 0.0])
-THRICE = _copies(lambda scene: [0.0, 0.02, 0.04])
 IMAGE_STREAM: Faults = {
     'images_dropped': Fault('up to half of the images are lost', drop_some(IMAGES)),
     'images_gap': always('no images for 0.3 to 8 s', _gap),
     'images_end': always('no image any more', lambda scene: scene.lose(IMAGES)),
     'images_late': Fault('images 0.1 to 0.5 s late', late(IMAGES, 0.1, 0.5)),
     'images_very_late': Fault('images 1.5 to 4 s late', late(IMAGES, 1.5, 4.0)),
-    'images_uneven': Fault('each image 0 to 0.5 s late', UNEVEN),
-    'images_out_of_order': Fault('images overtake each other', OVERTAKING),
-    'images_repeated': Fault('each image comes three times', THRICE),
+    'images_uneven': Fault(
+        'each image 0 to 0.5 s late', _copies(lambda scene: [scene.draw(0.0, 0.5)])
+    ),
+    'images_out_of_order': Fault(
+        'images overtake each other', _copies(lambda scene: [0.2 if scene.hits(0.3) else 0.0])
+    ),
+    'images_repeated': Fault('each image comes three times', _copies(lambda _: [0.0, 0.02, 0.04])),
     'stamps_1970': Fault('stamps of 1970, in order', OF_1970),
     'stamps_zero': always('stamps of 0', _restamped(lambda stamp_ns, scene: 0)),
     'stamps_future': Fault('stamps of tomorrow', OF_TOMORROW),
@@ -114,110 +109,93 @@ IMAGE_STREAM: Faults = {
 }
 
 
-@striking
-def _change_rows(
-    scene: StruckRun, change: Callable[[Rows, StruckRun], Rows], *, true: bool = False
-) -> None:
-    """Let tracks have the rows that ``change`` makes; ``true`` where enough of them is left."""
+def _rows(change: Callable[[Any, StruckRun], Any]) -> Change:
+    """Return what gives tracks the rows that ``change`` makes of theirs."""
 
-    def alter(envelope: Envelope) -> list[Envelope]:
-        message = envelope.message
+    def alter(message: Any, scene: StruckRun) -> None:
         rows = change(np.frombuffer(message.data, TRACK_LAYOUT).copy(), scene)
         message.width, message.row_step = len(rows), len(rows) * message.point_step
         del message.data[:]
         message.data.frombytes(rows.tobytes())
-        return [envelope if true else untrue(envelope)]
 
-    scene.filter(TRACKS, alter, scene.spell(0.5, LONGEST_S))
+    return alter
 
 
-def _half_random(rows: Rows, scene: StruckRun) -> Rows:
+def _half_random(rows: Any, scene: StruckRun) -> Any:
     wrong = scene.rng.random(len(rows)) < 0.5
     for name, size in (('u', 320.0), ('v', 256.0)):
         rows[name][wrong] = scene.rng.uniform(0.0, size, np.count_nonzero(wrong))
     return rows
 
 
-def _half_shifted(rows: Rows, scene: StruckRun) -> Rows:
+def _half_shifted(rows: Any, scene: StruckRun) -> Any:
     """Let half of the features, always the same, be elsewhere, as those of what moves."""
     rows['u'][rows['id'] % 2 == 0] += 25.0
     return rows
 
 
-def _nan(rows: Rows, scene: StruckRun) -> Rows:
+def _nan(rows: Any, scene: StruckRun) -> Any:
     wrong = scene.rng.random(len(rows)) < scene.draw(0.0, 1.0)
     rows['u'][wrong] = np.nan
     rows['v'][scene.rng.random(len(rows)) < 0.1] = np.inf
     return rows
 
 
-def _one_point(rows: Rows, scene: StruckRun) -> Rows:
+def _one_point(rows: Any, scene: StruckRun) -> Any:
     rows['u'], rows['v'] = 160.0, 128.0
     return rows
 
 
-def _lying(scene: StruckRun) -> None:
-    def lie(envelope: Envelope) -> list[Envelope]:
-        message = envelope.message
-        message.width = int(scene.rng.integers(0, 2**31))
-        message.point_step = int(scene.rng.integers(0, 200))
-        return [untrue(envelope)]
-
-    scene.filter(TRACKS, lie, scene.spell(0.3, LONGEST_S))
+def _lie(message: Any, scene: StruckRun) -> None:
+    message.width = int(scene.rng.integers(0, 2**31))
+    message.point_step = int(scene.rng.integers(0, 200))
 
 
-FEW = _change_rows(lambda rows, scene: rows[: int(scene.rng.integers(1, 12))], true=True)
+def _few(rows: Any, scene: StruckRun) -> Any:
+    return rows[: int(scene.rng.integers(1, 12))]
+
+
+def _tracks(change: Callable[[Any, StruckRun], Any], *, true: bool = True) -> Any:
+    return changing(TRACKS, _rows(change), (0.5, 10.0), true=true)
+
+
 TRACK_STREAM: Faults = {
-    'tracks_half_random': Fault(
-        'half of the tracks anywhere', _change_rows(_half_random, true=True)
-    ),
-    'tracks_half_shifted': Fault(
-        'half of the tracks 25 px aside', _change_rows(_half_shifted, true=True)
-    ),
-    'tracks_nan': Fault('nan and inf in tracks', _change_rows(_nan, true=True)),
-    'tracks_empty': always('no features', _change_rows(lambda rows, scene: rows[:0])),
-    'tracks_few': Fault('a few features', FEW),
-    'tracks_one_point': Fault('all features at one point', _change_rows(_one_point)),
-    'tracks_lying': always('clouds whose size lies', _lying),
+    'tracks_half_random': Fault('half of the tracks anywhere', _tracks(_half_random)),
+    'tracks_half_shifted': Fault('half of the tracks 25 px aside', _tracks(_half_shifted)),
+    'tracks_nan': Fault('nan and inf in tracks', _tracks(_nan)),
+    'tracks_empty': always('no features', _tracks(lambda rows, _: rows[:0], true=False)),
+    'tracks_few': Fault('a few features', _tracks(_few)),
+    'tracks_one_point': Fault('all features at one point', _tracks(_one_point, true=False)),
+    'tracks_lying': always('clouds whose size lies', changing(TRACKS, _lie, SPELL, true=False)),
     'tracks_dropped': Fault('up to half of the tracks lost', drop_some(TRACKS)),
     'tracks_late': Fault('tracks 0.1 to 0.5 s late', late(TRACKS, 0.1, 0.5)),
 }
 
 
-INFO, DESIRED = '/camera_info', '/desired/image_raw'
-SCALES = (0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0)
-FOCAL_RATIOS = (0.8, 0.85, 1.2, 1.25)
-
-
 def _wrong_focal(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
-    ratio = float(rng.choice(FOCAL_RATIOS))
+    ratio = float(rng.choice((0.8, 0.85, 1.2, 1.25)))
     return replace(settings, camera=replace(settings.camera, believed_focal_ratio=ratio))
 
 
-@striking
-def _info(scene: StruckRun, change: Callable[[Any], object]) -> None:
-    """Change what camera_info says, from now on."""
-    scene.alter(INFO, change)
-
-
-def _lens(model: str, *coefficients: float) -> Strike:
-    def change(info: Any) -> None:
+def _lens(model: str, *coefficients: float) -> Change:
+    def change(info: Any, scene: StruckRun) -> None:
         info.distortion_model, info.d = model, list(coefficients)
 
-    return _info(change)
+    return change
 
 
-def _longer(info: Any) -> None:
+def _longer(info: Any, scene: StruckRun) -> None:
     info.k[0], info.k[4] = 1.3 * info.k[0], 1.3 * info.k[4]
 
 
-def _transpose(info: Any) -> None:
+def _transpose(info: Any, scene: StruckRun) -> None:
     info.k = np.asarray(info.k).reshape(3, 3).T.ravel()
 
 
 def _scale_matrix(scene: StruckRun) -> None:
     """Let K be that of images of another size, or of another lens."""
-    ratio, whole = float(scene.rng.choice(SCALES)), scene.hits(0.5)
+    ratio = float(scene.rng.choice((0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0)))
+    whole = scene.hits(0.5)
     scene.notes.append(f'{"K" if whole else "focal length"} times {ratio:g}')
 
     def scale(info: Any) -> None:
@@ -228,20 +206,21 @@ def _scale_matrix(scene: StruckRun) -> None:
     scene.alter(INFO, scale)
 
 
-def _focal(value: float) -> Strike:
-    def change(info: Any) -> None:
+def _focal(value: float) -> Change:
+    def change(info: Any, scene: StruckRun) -> None:
         info.k[0] = value
 
-    return _info(change)
+    return change
 
 
-def _larger(info: Any) -> None:
+def _larger(info: Any, scene: StruckRun) -> None:
     info.width, info.height = 2 * info.width, 2 * info.height
 
 
-def _flickering(scene: StruckRun) -> None:
+def _flicker(info: Any, scene: StruckRun) -> None:
     """Let two cameras speak in turns."""
-    scene.alter(INFO, lambda info: _longer(info) if scene.hits(0.5) else None)
+    if scene.hits(0.5):
+        _longer(info, scene)
 
 
 @striking
@@ -267,60 +246,68 @@ def _black(scene: StruckRun) -> Pixels:
     return np.zeros((camera.height, camera.width), np.uint8)
 
 
-def taken(camera: CameraSettings, pose: Pose) -> Pixels:
+def taken(camera: CameraSettings, pose: Pose = DESIRED_POSE) -> Pixels:
     """Return an image as the camera takes it."""
     return CameraSimulator(camera).capture(pose, 0)
 
 
+BARREL = _lens('plumb_bob', -0.35, 0.12, 0.0, 0.0, 0.0)
+FISHEYE = _lens('equidistant', 0.0, 0.0, 0.0, 0.0)
 CALIBRATION: Faults = {
     'focal_wrong': at_first('focal length configured 15 to 25 % wrong', prepare=_wrong_focal),
     'lens_wrong': at_first(
-        'configured with a distortion that is not there',
-        _lens('plumb_bob', -0.35, 0.12, 0.0, 0.0, 0.0),
+        'configured with a distortion that is not there', changing(INFO, BARREL)
     ),
-    'lens_fisheye': at_first('configured as a fisheye', _lens('equidistant', 0.0, 0.0, 0.0, 0.0)),
-    'matrix_transposed': at_first('K column by column', _info(_transpose)),
+    'lens_fisheye': at_first('configured as a fisheye', changing(INFO, FISHEYE)),
+    'matrix_transposed': at_first('K column by column', changing(INFO, _transpose)),
     'matrix_scaled': at_first(
         'K, or its focal length alone, of 1/4 to 4 times the size', _scale_matrix
     ),
     'info_missing': always('no camera_info', lambda scene: scene.lose(INFO)),
-    'info_uncalibrated': always('K[0] of camera_info is 0', _focal(0.0)),
-    'info_nan': always('K[0] is nan', _focal(np.nan)),
-    'info_changes': Fault('another focal length in mid-run', _info(_longer)),
-    'info_flickers': always('two cameras in turns', _flickering),
-    'info_larger': always('camera_info of larger images', _info(_larger)),
+    'info_uncalibrated': always('K[0] of camera_info is 0', changing(INFO, _focal(0.0))),
+    'info_nan': always('K[0] is nan', changing(INFO, _focal(np.nan))),
+    'info_changes': Fault('another focal length in mid-run', changing(INFO, _longer)),
+    'info_flickers': always('two cameras in turns', changing(INFO, _flicker)),
+    'info_larger': always('camera_info of larger images', changing(INFO, _larger)),
     'photograph_other_room': always('a photograph of another room', photograph(_other_room)),
     'photograph_other_pose': Fault('another photograph in mid-run', photograph(_other_pose)),
     'photograph_black': always('a black photograph', photograph(_black)),
 }
 
 
-KEPT = 40  # images that another may be swapped for
-BLOB = 0.45  # of the image's height and width, what covers part of it
-Change = Callable[[Pixels, StruckRun], Any]
+PixelChange = Callable[[Pixels, StruckRun], Any]
 
 
 def _pixels(message: Any) -> Pixels:
     return np.frombuffer(message.data, np.uint8).reshape(message.height, message.width)
 
 
-def _showing(message: Any, data: bytes) -> Any:
-    """Return an image message like ``message``, of other pixels."""
-    copy = type(message)(header=message.header, encoding=message.encoding)
-    copy.height, copy.width, copy.step = message.height, message.width, message.step
-    copy.data.frombytes(data)
-    return copy
+def _show(message: Any, data: bytes) -> None:
+    del message.data[:]
+    message.data.frombytes(data)
 
 
-def _changed(envelope: Envelope, change: Change, scene: StruckRun) -> Envelope:
-    """Return ``envelope`` with the pixels that ``change`` makes of those in it."""
-    pixels = np.ascontiguousarray(change(_pixels(envelope.message), scene), np.uint8)
-    return replace(envelope, message=_showing(envelope.message, pixels.tobytes()))
+def _shown(change: PixelChange) -> Change:
+    """Return what gives images the pixels that ``change`` makes of theirs."""
+
+    def alter(message: Any, scene: StruckRun) -> None:
+        pixels = np.ascontiguousarray(change(_pixels(message).copy(), scene), np.uint8)
+        _show(message, pixels.tobytes())
+
+    return alter
+
+
+def _seen(change: PixelChange) -> Any:
+    """Return the strike that lets other pixels stand for those that were taken."""
+    return changing(IMAGES, _shown(change), SPELL, true=False)
 
 
 def _again(envelope: Envelope, old: Envelope, *, stamps: bool = False) -> list[Envelope]:
     """Return an ``old`` image in place of this one, with a stamp of its own or of this one."""
-    message = _showing(old.message, old.message.data.tobytes())
+    message = type(old.message)(header=old.message.header, encoding=old.message.encoding)
+    message.height, message.width = old.message.height, old.message.width
+    message.step = old.message.step
+    _show(message, old.message.data.tobytes())
     if stamps:
         message.header = envelope.message.header
     return [replace(envelope, message=message, sight=old.sight)]
@@ -336,58 +323,45 @@ def _frozen(scene: StruckRun, *, stamps: bool) -> None:
             kept.append(envelope)
         return _again(envelope, kept[0], stamps=stamps)
 
-    scene.filter(IMAGES, freeze, scene.spell(0.5, LONGEST_S))
+    scene.filter(IMAGES, freeze, scene.spell(0.5, 10.0))
 
 
 def _swap(scene: StruckRun) -> None:
-    kept: deque[Envelope] = deque(maxlen=KEPT)
+    kept: deque[Envelope] = deque(maxlen=40)
 
     def swap(envelope: Envelope) -> list[Envelope]:
         kept.append(envelope)
         return _again(envelope, kept[int(scene.rng.integers(len(kept)))], stamps=True)
 
-    scene.filter(IMAGES, swap, scene.spell(0.5, LONGEST_S))
+    scene.filter(IMAGES, swap, scene.spell(0.5, 10.0))
 
 
 def _loop(scene: StruckRun) -> None:
     """Play the images of the next seconds again and again, as a bag in a loop: old stamps, too."""
     length = int(scene.rng.integers(10, 60))
     bag: list[Envelope] = []
+    numbers = count()
     scene.notes.append(f'{length} images long')
-    played = 0
 
     def play(envelope: Envelope) -> list[Envelope]:
-        nonlocal played
-        if len(bag) < length:
+        number = next(numbers)
+        if number < length:
             bag.append(envelope)
             return [envelope]
-        played += 1
-        return _again(envelope, bag[(played - 1) % length])
+        return _again(envelope, bag[number % length])
 
     scene.filter(IMAGES, play)
 
 
 @striking
-def _seen(scene: StruckRun, change: Change) -> None:
-    """Let other pixels stand for those that were taken."""
-    seconds = scene.spell(0.3, LONGEST_S)
-    scene.filter(IMAGES, lambda it: [untrue(_changed(it, change, scene))], seconds)
-
-
-def _shown(scene: StruckRun, change: Change, seconds: float = np.inf) -> None:
-    """Let images show what is there in another way."""
-    scene.filter(IMAGES, lambda envelope: [_changed(envelope, change, scene)], seconds)
-
-
-@striking
-def _remount(scene: StruckRun, change: Change) -> None:
+def _remount(scene: StruckRun, change: PixelChange) -> None:
     """Change all images of a camera, the photograph as well."""
 
     def taken_so(scene: StruckRun) -> Pixels:
-        image = taken(scene.world.settings.camera, DESIRED_POSE)
+        image = taken(scene.world.settings.camera)
         return np.ascontiguousarray(change(image, scene), np.uint8)
 
-    _shown(scene, change)
+    changing(IMAGES, _shown(change))(scene)
     photograph(taken_so)(scene)
 
 
@@ -400,31 +374,19 @@ def _upside_down(image: Pixels, scene: StruckRun) -> Any:
 
 
 def _cover(scene: StruckRun) -> None:
-    """Cover part of the images with what moves along: what is left is true."""
+    """Cover 0.45 of each side of the images with what moves along: what is left is true."""
     place, shade = scene.rng.random(2), scene.rng.integers(0, 256)
 
     def cover(image: Pixels, scene: StruckRun) -> Pixels:
-        covered = image.copy()
-        size = (BLOB * np.array(image.shape)).astype(int)
+        size = (0.45 * np.array(image.shape)).astype(int)
         top, left = (place * (np.array(image.shape) - size)).astype(int)
-        covered[top : top + size[0], left : left + size[1]] = shade
-        return covered
+        image[top : top + size[0], left : left + size[1]] = shade
+        return image
 
-    _shown(scene, cover, scene.spell(0.3, LONGEST_S))
-
-
-@striking
-def _damage(scene: StruckRun, change: Callable[[Any, StruckRun], None]) -> None:
-    """Let images contradict their own head."""
-
-    def damage(envelope: Envelope) -> list[Envelope]:
-        change(envelope.message, scene)
-        return [untrue(envelope)]
-
-    scene.filter(IMAGES, damage, scene.spell(0.3, LONGEST_S))
+    changing(IMAGES, _shown(cover), SPELL)(scene)
 
 
-def _lying_size(message: Any, scene: StruckRun) -> None:
+def _lie_of_size(message: Any, scene: StruckRun) -> None:
     message.height = int(scene.rng.integers(0, 4096))
 
 
@@ -436,40 +398,36 @@ def _unknown_encoding(message: Any, scene: StruckRun) -> None:
     message.encoding = 'mono7'
 
 
-BLACK = _seen(lambda image, scene: np.zeros_like(image))
-WHITE = _seen(lambda image, scene: np.full_like(image, 255))
-NOISE = _seen(lambda image, scene: scene.rng.integers(0, 256, image.shape))
 SHOWN: Faults = {
     'images_frozen': Fault('the same image again and again, stamps go on', _frozen(stamps=True)),
     'camera_hangs': Fault('the same image again and again, stamp and all', _frozen(stamps=False)),
     'images_swapped': Fault('images of other times of the run', _swap),
     'bag_loop': Fault('images of a bag in a loop, with its stamps', _loop),
-    'images_black': always('black images', BLACK),
-    'images_saturated': Fault('white images', WHITE),
-    'images_garbage': always('noise for images', NOISE),
+    'images_black': always('black images', _seen(lambda image, _: np.zeros_like(image))),
+    'images_saturated': Fault('white images', _seen(lambda image, _: np.full_like(image, 255))),
+    'images_garbage': always(
+        'noise for images', _seen(lambda image, scene: scene.rng.integers(0, 256, image.shape))
+    ),
     'images_mirrored': Fault('mirrored images', _seen(_mirror)),
     'images_upside_down': Fault('images upside down', _seen(_upside_down)),
     'camera_mirrored': at_first('a driver that mirrors all images', _remount(_mirror)),
     'camera_upside_down': at_first('a camera mounted upside down', _remount(_upside_down)),
     'images_covered': Fault('a fifth of the image is covered', _cover),
-    'images_lying_size': Fault('images of a height that lies', _damage(_lying_size)),
-    'images_truncated': Fault('images without their end', _damage(_truncate)),
-    'images_unknown_encoding': Fault('images in an unknown encoding', _damage(_unknown_encoding)),
+    'images_lying_size': Fault(
+        'images of a height that lies', changing(IMAGES, _lie_of_size, SPELL, true=False)
+    ),
+    'images_truncated': Fault(
+        'images without their end', changing(IMAGES, _truncate, SPELL, true=False)
+    ),
+    'images_unknown_encoding': Fault(
+        'images in an unknown encoding', changing(IMAGES, _unknown_encoding, SPELL, true=False)
+    ),
 }
-
-TRUTH = '/ground_truth'
-FARTHER = 4.0  # than else, where the scene is deep
-QUALITY = 80  # of JPEGs
-CAMERA = 'camera_node'
-OFF_S = 2.0  # how long it is dark
-LEAPS, LEAP = 8, (0.3, 2.0)  # of the exposure, and how long each lasts [s]
-PASSING = {'disturbed_from': 0, 'disturbed_for': 10**6}  # always
 
 
 def _deep(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
-    x, y, heading = settings.start
-    start = FARTHER * x, FARTHER * y, heading
-    return replace(settings, start=start, depth=float(rng.uniform(15.0, 25.0)))
+    x, y, heading = settings.start  # four times as far as else
+    return replace(settings, start=(4.0 * x, 4.0 * y, heading), depth=float(rng.uniform(15, 25)))
 
 
 def _look_far(scene: StruckRun) -> None:
@@ -481,7 +439,7 @@ def _look_far(scene: StruckRun) -> None:
         position = message.pose.pose.position
         position.x, position.y = position.x / depth, position.y / depth
 
-    scene.alter(TRUTH, look)
+    scene.alter('/ground_truth', look)
 
 
 def _jpeg_damaged(scene: StruckRun) -> None:
@@ -499,13 +457,13 @@ def _jpeg_damaged(scene: StruckRun) -> None:
         message = _compressed_image(envelope.message.header, jpeg)
         return [replace(envelope, topic=f'{IMAGES}/compressed', message=message)]
 
-    message = _compressed_image(Header(), _jpeg(taken(scene.world.settings.camera, DESIRED_POSE)))
+    message = _compressed_image(Header(), _jpeg(taken(scene.world.settings.camera)))
     scene.world.wire.send(Envelope(f'{DESIRED}/compressed', message, HOP_NS))
     scene.filter(IMAGES, compress)
 
 
 def _jpeg(pixels: Pixels) -> Pixels:
-    jpeg = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
+    jpeg = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, 80])[1]
     return np.array(jpeg, np.uint8).ravel()
 
 
@@ -521,9 +479,9 @@ def _set(scene: StruckRun, after_s: float = 0.0, **values: Any) -> None:
 
 
 def _off_and_on(scene: StruckRun) -> None:
-    """Switch the light off, and on again: one lamp far behind is left."""
+    """Switch the light off, and on again after 2 s: one lamp far behind is left."""
     _set(scene, light='dark')
-    _set(scene, OFF_S, light='ceiling')
+    _set(scene, 2.0, light='ceiling')
 
 
 def _open_window(scene: StruckRun) -> None:
@@ -535,10 +493,10 @@ def _open_window(scene: StruckRun) -> None:
 
 def _exposure_leaps(scene: StruckRun) -> None:
     """Let the exposure leap by a factor of two, again and again, up and down."""
-    after_s = 0.0
-    for factor in [*scene.rng.choice([0.5, 1.0, 2.0], LEAPS), 1.0]:
-        _set(scene, after_s, passing_exposure=float(factor), **PASSING)
-        after_s += scene.draw(*LEAP)
+    after_s, passing = 0.0, {'disturbed_from': 0, 'disturbed_for': 10**6}  # always
+    for factor in [*scene.rng.choice([0.5, 1.0, 2.0], 8), 1.0]:
+        _set(scene, after_s, passing_exposure=float(factor), **passing)
+        after_s += scene.draw(0.3, 2.0)
 
 
 FOLLOWING = world_change(more={CAMERA: {'exposure': 'auto'}})
@@ -548,9 +506,7 @@ SCENES: Faults = {
     'jpeg_damaged': at_first('JPEGs damaged in the middle', _jpeg_damaged, COMPRESSING),
     'light_off': Fault('light off for 2 s', _off_and_on),
     'light_off_auto': Fault(
-        'the light goes off, and on after 2 s; the exposure follows',
-        _off_and_on,
-        FOLLOWING,
+        'the light goes off, and on after 2 s; the exposure follows', _off_and_on, FOLLOWING
     ),
     'window_opened': Fault(
         'a window opens in view, and the exposure follows', _open_window, FOLLOWING

@@ -284,7 +284,6 @@ BASE_RATE = 50.0  # [Hz]
 CLOCK = '/clock'
 FRAME_RATE = CameraSettings.frame_rate
 WIDTH, HEIGHT = 320, 256  # [px], a quarter of the default camera each way
-RUN_TIMEOUT_S = 150.0
 MAX_RETREAT_M = 1.0  # as in docs/robot.md for first drives
 TIMES = ('stale_timeout', 'max_latency')  # what a servo was given of them at its start [s]
 
@@ -344,7 +343,7 @@ class WorldSettings:
     base: PioneerSettings = field(default_factory=PioneerSettings)
     servo: ServoSettings = field(
         default_factory=lambda: ServoSettings(
-            autostart=True, run_timeout=RUN_TIMEOUT_S, max_retreat=MAX_RETREAT_M
+            autostart=True, run_timeout=150.0, max_retreat=MAX_RETREAT_M
         )
     )
     kinds: Mapping[str, type[Any]] = field(default_factory=lambda: NODES)
