@@ -2,14 +2,36 @@
 
 import math
 
+from hypothesis import example, given
 import numpy as np
 import pytest
-from strategies import CAMERA, matches, panorama, random_rays, room, seen_from
+from strategies import (
+    angles,
+    CAMERA,
+    floats,
+    matched_points,
+    matches,
+    panorama,
+    poses,
+    poses_behind_the_goal,
+    random_rays,
+    room,
+    seen_from,
+)
 
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import Pose, wrap_angle
+from visual_servo_epipolar.core.estimators.machinery.eight_point import (
+    design_matrix,
+    fundamental_from_matches,
+    hartley_normalisation,
+)
+from visual_servo_epipolar.core.geometry.epipolar import (
+    Bearings,
+    fundamental_from_bearings,
+    image_sampson_distance,
+)
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 
 NOISE = 0.3 / 769.0
 POSE = Pose.from_start(1.0, -3.0, 5.0)
@@ -112,3 +134,100 @@ def test_features_that_are_not_in_front_have_no_image_points() -> None:
     found = lmeds_8pt(current, desired, noise=NOISE, rng=np.random.default_rng(0))
     assert worst_error(found.bearings, Bearings.from_pose(POSE)) < 1e-6
     assert not found.inliers[current[:, 2] < 0.0].any()
+
+
+K = CAMERA.matrix
+BEHIND, AHEAD = Pose(1.0, -3.0, HALF_PI), Pose(1.0, 2.0, HALF_PI)
+BESIDE = Pose(2.0, 0.0, HALF_PI)  # both epipoles at infinity
+
+
+def assert_same_matrix(one: np.ndarray, other: np.ndarray, tolerance: float) -> None:
+    """Compare matrices of no scale and no sign."""
+    one, other = one / np.linalg.norm(one), other / np.linalg.norm(other)
+    assert min(np.abs(one - other).max(), np.abs(one + other).max()) <= tolerance
+
+
+@given(poses(min_baseline=0.3))
+@example(AHEAD)
+@example(BESIDE)
+def test_the_8_point_algorithm_recovers_f_from_exact_matches(pose: Pose) -> None:
+    current, desired = (CAMERA.pixels_of(rays) for rays in matched_points(pose))
+    # 1e-16 times the condition of forty matches, up to 1e8 where few points share two views.
+    found = in_pixels_to_rays(fundamental_from_matches(current, desired))
+    assert_same_matrix(found, fundamental_from_bearings(Bearings.from_pose(pose)), 1e-8)
+
+
+def in_pixels_to_rays(fundamental: np.ndarray) -> np.ndarray:
+    return K.T @ fundamental @ K
+
+
+@given(poses_behind_the_goal(), floats(0.01, 100.0), floats(-1000.0, 1000.0))
+def test_the_8_point_algorithm_does_not_depend_on_the_unit_of_pixels(
+    pose: Pose, scale: float, shift: float
+) -> None:
+    noise = 1e-3 * np.random.default_rng(1).standard_normal((2, 40, 2))
+    current, desired = np.array(matched_points(pose)) + noise
+    unit = np.array([[scale, 0.0, shift], [0.0, scale, -shift], [0.0, 0.0, 1.0]])
+    moved = fundamental_from_matches(scale * current + [shift, -shift], scale * desired)
+    expected = fundamental_from_matches(current, desired)
+    back = np.diag([scale, scale, 1.0]) @ moved @ unit
+    # Rounding of coordinates 1e5 times their spread.
+    assert_same_matrix(back, expected, 1e-6)
+
+
+def test_seven_matches_are_too_few_in_eight_point() -> None:
+    current, desired = matched_points(BEHIND)
+    with pytest.raises(DegenerateGeometryError, match='at least 8 matches, got 7 current'):
+        fundamental_from_matches(current[:7], desired[:7])
+
+
+def test_unequal_numbers_of_points_are_refused() -> None:
+    current, desired = matched_points(BEHIND)
+    with pytest.raises(DegenerateGeometryError, match='got 40 current and 39 desired points'):
+        fundamental_from_matches(current, desired[1:])
+
+
+def test_points_that_coincide_are_refused() -> None:
+    current, desired = matched_points(BEHIND)
+    with pytest.raises(DegenerateGeometryError, match='40 points coincide at .*spread'):
+        fundamental_from_matches(np.full_like(current, 0.25), desired)
+
+
+def test_hartley_normalisation_centres_and_scales() -> None:
+    points = CAMERA.pixels_of(matched_points(BEHIND)[0])
+    matrix = hartley_normalisation(points)
+    normal = points @ matrix[:2, :2].T + matrix[:2, 2]
+    np.testing.assert_allclose(normal.mean(axis=0), 0.0, atol=1e-12)
+    assert np.hypot(*normal.T).mean() == pytest.approx(math.sqrt(2.0))
+
+
+def test_the_rows_of_the_design_matrix_are_the_constraint() -> None:
+    current, desired = matched_points(BEHIND)
+    fundamental = np.arange(9.0).reshape(3, 3)
+    products = [
+        [*p_d, 1.0] @ fundamental @ [*p_a, 1.0] for p_a, p_d in zip(current, desired, strict=True)
+    ]
+    rows = design_matrix(current, desired)
+    np.testing.assert_allclose(rows @ fundamental.ravel(), products, rtol=1e-12)
+
+
+@given(poses_behind_the_goal(), floats(1e-6, 1e-4), angles(), angles(), angles())
+def test_the_image_distance_is_the_offset_across_the_constraint(
+    pose: Pose, size: float, turn: float, first: float, second: float
+) -> None:
+    current, desired = (points[:8] for points in matched_points(pose))
+    fundamental = fundamental_from_bearings(Bearings.from_pose(pose))
+    p_current, p_desired = (np.column_stack([each, np.ones(8)]) for each in (current, desired))
+    normal = np.hstack([(p_desired @ fundamental)[:, :2], (p_current @ fundamental.T)[:, :2]])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    offset = size * np.array(
+        [
+            math.cos(turn) * math.cos(first),
+            math.cos(turn) * math.sin(first),
+            math.sin(turn) * math.cos(second),
+            math.sin(turn) * math.sin(second),
+        ]
+    )
+    distance = image_sampson_distance(fundamental, current + offset[:2], desired + offset[2:])
+    # First order: what is left is the offset squared over the distance to the epipole.
+    np.testing.assert_allclose(distance, normal @ offset, atol=50.0 * size**2)

@@ -2,11 +2,38 @@
 
 from dataclasses import replace
 
+from map_study import (
+    map_after_drive,
+    StudySettings,
+    StudyTrial,
+    trial,
+)
 import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
-from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
+from visual_servo_epipolar.core.mapping.feature_observations import (
+    differ_in_place,
+    FeatureObservations,
+    MapSettings,
+    tangent_basis_of,
+)
+from visual_servo_epipolar.core.mapping.fitting import (
+    anchors_of,
+    correspondences_of,
+    errors_of,
+    fit_pose,
+    MatchedFeatures,
+)
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.mapping.resection import (
+    CHANCE,
+    NOTHING,
+    resect,
+    Shrinkage,
+    shrinkage_of,
+)
 from visual_servo_epipolar.core.mapping.selection import (
     is_keyframe,
     kept_features,
@@ -96,3 +123,175 @@ def test_the_most_seen_features_are_kept_and_wrong_ones_go_first(exact) -> None:
     assert np.flatnonzero(~kept).tolist() == [5, 7]
     # Of those alike, the newest.
     assert not kept_features(replace(exact.window, seen=seen), trusted, count - 3)[-1]
+
+
+NEAR = [[0.002, -0.01 + 0.0004 * k, 0.001] for k in range(25)]  # right, ahead [m], heading [rad]
+SHIFT_PX, NOISE_PX = 0.2, 0.03  # of a feature, from afar in all views and in each view anew
+
+
+def drive_to(settings: StudySettings, seed: int) -> StudyTrial:
+    """Return a drive that ends with many views near the goal."""
+    usual = trial(settings, seed)
+    return trial(settings, seed, np.vstack([usual.views[:-1, :3], NEAR]))
+
+
+def seen_otherwise_from_afar(seed: int) -> StudyTrial:
+    """Return a drive with features beside their places in all views but those near the goal."""
+    settings = StudySettings(noise=NOISE_PX, wrong=0.0)
+    drive = drive_to(settings, seed)
+    shift = SHIFT_PX * np.random.default_rng(seed).normal(size=drive.pixels.shape[1:])
+    pixels = drive.pixels.copy()
+    pixels[1 : -len(NEAR)] += shift
+    told = replace(settings, noise=SHIFT_PX)
+    return replace(drive, settings=told, pixels=pixels)
+
+
+def at_the_goal(drive: StudyTrial) -> tuple[KeyframeMap, list[MapLocalization]]:
+    """Return the memory at the end, and what it said of the views near the goal."""
+    first = len(drive.views) - len(NEAR)
+    memory, said = map_after_drive(replace(drive, views=drive.views[: first + 1])), []
+    for k in range(first, len(drive.views)):
+        observations = drive.observations(k)
+        # Of all features the corrections look like no motion; of those in view by then they do.
+        observations = observations.take(observations.ids % 3 == 0)
+        memory, one = memory.after(observations, drive.motion(k))
+        said.append(one)
+    return memory, said
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3, 4])
+def test_noise_withdraws_nothing(seed) -> None:
+    memory, _ = at_the_goal(drive_to(StudySettings(), seed))
+    assert 0.0 <= memory.shrinkage.share < CHANCE
+    assert memory.shrinkage.withdrawn == 0.0
+
+
+def test_what_is_seen_otherwise_from_afar_is_withdrawn_near_the_photograph() -> None:
+    errors = []
+    for seed in range(1, 5):
+        drive = seen_otherwise_from_afar(seed)
+        memory, said = at_the_goal(drive)
+        assert memory.shrinkage.withdrawn > 0.9
+        errors.append(np.mean([one.pose[0] for one in said[-10:]]) - drive.views[-1, 0])
+    # Who believes the views from afar ends 1.1 mm aside.
+    assert np.sqrt(np.mean(np.square(errors))) < 0.5e-3
+
+
+def test_far_from_the_goal_nothing_is_known_of_it() -> None:
+    drive = seen_otherwise_from_afar(1)
+    memory, _ = at_the_goal(drive)
+    assert memory.shrinkage.share > CHANCE
+    afar, _ = memory.after(drive.observations(0), drive.motion(0))
+    assert afar.shrinkage.withdrawn == NOTHING.withdrawn == 0.0
+
+
+@pytest.mark.parametrize(
+    ('share', 'withdrawn'), [(0.0, 0.0), (CHANCE, 0.0), (0.5, 1.0), (1.0, 1.0)]
+)
+def test_small_shares_are_chance_and_large_ones_the_whole(share, withdrawn) -> None:
+    assert Shrinkage(share).withdrawn == pytest.approx(withdrawn)
+
+
+def test_it_stays_within_its_range_and_fades() -> None:
+    beyond = shrinkage_of(1.3, 0.0)
+    assert beyond.share == 1.0
+    assert beyond.variance > 0.0
+    assert beyond.before(0.1, 5.0).variance > beyond.variance
+
+
+def shuffled(view: FeatureObservations) -> FeatureObservations:
+    order = np.random.default_rng(1).permutation(len(view))
+    return FeatureObservations(
+        view.ids[order], view.current[order], view.desired[order], view.noise[order]
+    )
+
+
+@pytest.mark.parametrize(('first', 'other', 'expected'), [(2, 2, False), (2, 9, True)])
+def test_the_order_of_features_does_not_matter(drive, first, other, expected) -> None:
+    last, now = drive.observations(first), drive.observations(other)
+    assert differ_in_place(last, now) is expected
+    assert differ_in_place(last, shuffled(now)) is expected
+    assert differ_in_place(shuffled(last), now) is expected
+
+
+def test_views_that_share_too_little_differ(drive) -> None:
+    view = drive.observations(2)
+    few = view.take(np.arange(len(view)) < 2)
+    assert differ_in_place(few, few) is True
+    assert differ_in_place(view, few) is True
+
+
+def test_they_are_of_these_features_and_of_this_geometry(exact, exact_drive) -> None:
+    geometry, ids = Geometry(exact), exact_drive.observations(3).ids
+    found = correspondences_of(geometry, ids)
+    assert found.are_of(geometry, ids.copy())
+    assert not found.are_of(geometry, ids[::-1])
+    assert not found.are_of(geometry, ids[1:])
+    assert not found.are_of(Geometry(exact), ids)
+
+
+def test_a_view_of_the_same_features_says_what_it_would_alone(drive, memory) -> None:
+    for k in (12, 13):
+        observations = drive.observations(k)
+        before, _ = memory.after(observations, learns=False)
+        again, said = before.after(observations, learns=False)
+        assert again.correspondences is before.correspondences
+        alone = replace(before, correspondences=None).after(observations, learns=False)[1]
+        assert said.pose.tolist() == alone.pose.tolist()
+
+
+def view_of(drive, geometry: Geometry, k: int) -> MatchedFeatures:
+    """Return what view ``k`` shows of features that are trusted."""
+    observations = drive.observations(k)
+    found = correspondences_of(geometry, observations.ids)
+    rays = observations.current[found.known]
+    return MatchedFeatures(
+        found.chosen, rays.T, tangent_basis_of(rays, observations.noise[found.known, 0])
+    )
+
+
+@pytest.mark.parametrize('k', [2, 8, 14])
+def test_errors_that_show_nowhere_are_left_out_of_a_view(drive, memory, k: int) -> None:
+    geometry = memory.geometry
+    seen = view_of(drive, geometry, k)
+    anchors = anchors_of(geometry).of(seen.rows)
+    fit = fit_pose(anchors, seen, drive.views[k])
+    some = errors_of(geometry, seen.rows)
+    every = some._replace(
+        shared=np.concatenate(
+            [
+                geometry.feature_roots[seen.rows],
+                np.broadcast_to(geometry.root[-5:-2], (len(seen.rows), 3, len(geometry.root))),
+            ],
+            axis=1,
+        ),
+        attitude=geometry.root[-2:] / geometry.evaluation.factors.mount.jitter,
+    )
+    assert some.shared.shape[2] < every.shared.shape[2]
+    found, whole = (
+        resect(geometry, anchors, seen, fit, NOTHING, errors=errors) for errors in (some, every)
+    )
+    own = np.sqrt(np.diag(whole.own))
+    assert (np.abs(found.pose - whole.pose) < 0.01 * own).all()
+    assert np.diag(found.covariance) == pytest.approx(np.diag(whole.covariance), rel=1e-3)
+
+
+def test_slopes_of_a_short_last_step_are_good_enough(drive, memory) -> None:
+    geometry = memory.geometry
+    seen = view_of(drive, geometry, 13)
+    anchors = anchors_of(geometry).of(seen.rows)
+    begun = fit_pose(anchors, seen, drive.views[13])
+    fit = fit_pose(anchors, seen, begun.pose)
+    assert fit.slopes is not None
+    near = resect(geometry, anchors, seen, fit, NOTHING)
+    anew = resect(geometry, anchors, seen, fit._replace(slopes=None), NOTHING)
+    assert near.pose == pytest.approx(anew.pose, abs=0.01 * np.sqrt(anew.own[0, 0]))
+
+
+def test_after_a_longer_step_slopes_are_taken_anew(drive, memory) -> None:
+    geometry = memory.geometry
+    seen = view_of(drive, geometry, 13)
+    anchors = anchors_of(geometry).of(seen.rows)
+    begun = fit_pose(anchors, seen, drive.views[13]).pose
+    far = [0.0, 0.0, 7e-4, 0.0, 0.0]  # twenty deviations: slopes serve to get back, no more
+    assert fit_pose(anchors, seen, begun + far).slopes is None

@@ -4,10 +4,22 @@ from dataclasses import replace
 from itertools import product
 import re
 
+import cv2
 from durations import few_of
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
 import pytest
+from strategies import blurred, matches, seen_from, through_lens
 
-from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at, UNKNOWN
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.rays import normalised
+from visual_servo_epipolar.core.perception.lens_check import (
+    contradicted_by_pair,
+    LensCheck,
+    looked_at,
+    UNKNOWN,
+)
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -74,3 +86,61 @@ def test_a_right_one_is_never_doubted(
     start: tuple[float, float, float], camera: dict[str, float]
 ) -> None:
     assert doubts(start, **camera) == []
+
+
+FOCAL, NOISE_PX, COUNT = 769.0, 0.2, 120
+STARTS_CONTRADICTED_PAIR = [(1.0, -3.5, 8.0), (-1.2, -2.5, -12.0)]
+
+
+def said(current: np.ndarray, desired: np.ndarray, scale: float) -> str:
+    """Return what is said of noisy rays through a lens of ``scale`` times its focal length."""
+    rng = np.random.default_rng(0)
+    seen = (
+        through_lens(blurred(rays, NOISE_PX / FOCAL, rng), 1.0 / scale)
+        for rays in (current, desired)
+    )
+    return contradicted_by_pair(Observation(0, *seen, scale * FOCAL), ServoSettings())
+
+
+@pytest.mark.parametrize('start', STARTS_CONTRADICTED_PAIR)
+@pytest.mark.parametrize('scale', [0.5, 2.0])
+def test_a_wrong_focal_length_is_said_with_the_right_one_in_contradicted_pair(
+    start: tuple[float, float, float], scale: float
+) -> None:
+    doubt = said(*matches(Pose.from_start(*start), count=COUNT), scale)
+    assert doubt.startswith(
+        f'the matches contradict the camera: a focal length of {scale * 769:.0f}'
+    )
+    assert float(doubt.split('they say ')[1].split()[0]) == pytest.approx(FOCAL, rel=0.1)
+
+
+@pytest.mark.parametrize('start', STARTS_CONTRADICTED_PAIR)
+def test_a_right_one_is_not_doubted(start: tuple[float, float, float]) -> None:
+    assert said(*matches(Pose.from_start(*start), count=COUNT), 1.0) == ''
+
+
+@pytest.mark.parametrize('scale', [0.5, 1.0, 2.0])
+@pytest.mark.parametrize('start', [(0.9, -1.5, -6.0), (-1.1, -1.2, 9.0)])
+def test_one_wall_tells_nothing(start: tuple[float, float, float], scale: float) -> None:
+    tilt, _ = cv2.Rodrigues(np.array([0.1, 0.0, 0.0]))
+    wall = np.random.default_rng(1).uniform([-2.0, -0.8, 3.0], [2.0, 0.8, 3.0], (300, 3))
+    current = seen_from(Pose.from_start(*start), wall)
+    shown = np.abs(current[:, 0]) < 0.83 * current[:, 2]
+    views = (normalised(points[shown]) @ tilt for points in (current, wall))
+    assert said(*views, scale) == ''
+
+
+@given(wide=st.booleans())
+def test_what_is_not_calibrated_or_no_pinhole_is_not_checked(wide: bool) -> None:
+    current, desired = matches(Pose.from_start(*STARTS_CONTRADICTED_PAIR[0]), count=COUNT)
+    settings = ServoSettings(focal_deviation=0.0 if wide else 0.3)
+    assert contradicted_by_pair(Observation(0, current, desired, FOCAL, wide=wide), settings) == ''
+
+
+@pytest.mark.parametrize('count', [0, 1, 5, 11])
+def test_too_few_features_tell_nothing_and_raise_nothing(count: int) -> None:
+    current, desired = (
+        rays[:count]
+        for rays in matches(Pose.from_start(*STARTS_CONTRADICTED_PAIR[0]), count=COUNT)
+    )
+    assert contradicted_by_pair(Observation(0, current, desired, FOCAL), ServoSettings()) == ''

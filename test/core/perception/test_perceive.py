@@ -4,10 +4,16 @@ from dataclasses import replace
 import math
 import pickle
 
+from durations import few_of
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from sequences import (
+    driven,
+    DRIVES,
+    error_deg,
+)
 from strategies import blurred, CAMERA, floats, matches, panorama, poses_behind_the_goal
 
 from visual_servo_epipolar.core.estimators.registry import ESTIMATORS
@@ -28,6 +34,7 @@ from visual_servo_epipolar.core.perception.measures import (
 from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.perception.perceive import perceive
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validation import angular_extent, innovation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
@@ -352,3 +359,52 @@ def test_a_direction_that_features_show_one_by_one_stays_one_where_their_patches
     together = measured(replace(seen, shared=shared))
     assert together.bearings is not None
     assert together.deviation == pytest.approx(1.5 * limit)
+
+
+SETTINGS_SEQUENCES = PerceptionSettings()
+
+
+def frames(kind: str, drives: int = 5) -> tuple[np.ndarray, int]:
+    """Return the errors of trusted bearings [deg], and the number of frames."""
+    seen = [
+        each for k in range(drives) for each in driven(DRIVES[kind], (3, k), SETTINGS_SEQUENCES)
+    ]
+    errors = [error_deg(true, found.bearings) for true, found in seen if found.bearings]
+    return np.array(errors), len(seen)
+
+
+def test_features_on_look_alikes_are_dropped_by_their_depths() -> None:
+    errors, count = frames('alike')
+    assert len(errors) > 0.8 * count  # 0.5 where they vote against the others
+    assert errors.max() < 2.0
+
+
+@pytest.mark.parametrize('kind', few_of(['few', 'huddled', 'elsewhere', 'noisy'], keep=(0, 1)))
+def test_few_features_or_wrong_ones_mislead_nobody(kind: str) -> None:
+    errors, count = frames(kind, drives=3)
+    assert len(errors) > 0.5 * count
+    assert errors.max() < 10.0
+    assert np.percentile(errors, 95) < 4.0
+
+
+@pytest.mark.parametrize(
+    ('kind', 'seed'), [('few', 18), ('elsewhere', 16), ('elsewhere', 6), ('noisy', 11)]
+)
+def test_a_match_with_which_none_other_agrees_makes_no_bearing_certain(
+    kind: str, seed: int
+) -> None:
+    """
+    An epipole came to lie on one wrong match, or between its images: 2.7 deg off, 0.1 said.
+
+    By leverage and by depths errors are at most 2.8 deviations in 96 % of the frames; without the
+    one 11 to 19 on three of these drives, without the other 5.8 on one.
+    """
+    seen = list(driven(DRIVES[kind], (7, seed), SETTINGS_SEQUENCES))
+    normalised = [
+        error_deg(true, found.bearings) / np.degrees(found.deviation)
+        for true, found in seen
+        if found.bearings
+    ]
+    assert len(normalised) > 0.7 * len(seen)
+    assert np.percentile(normalised, 95) < 3.0
+    assert max(normalised) < 4.5

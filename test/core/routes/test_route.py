@@ -5,14 +5,25 @@ import math
 
 import numpy as np
 import pytest
+from routes import CAMERA as SMALL
 from routes import key_view, route_of
 
+from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.cameras.registry import calibrated_camera
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_pose
+from visual_servo_epipolar.core.routes.following.closing import Closing, closing_of
 from visual_servo_epipolar.core.routes.following.follower import Confirmation
+from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
+from visual_servo_epipolar.core.routes.path import smooth_path, TaughtPath
+from visual_servo_epipolar.core.routes.places import _located, CERTAIN, Place, PlaceFinder
+from visual_servo_epipolar.core.routes.route import RouteView
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings
+from visual_servo_epipolar.core.routes.structure import Localizer, LocalStructure, ViewPose
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.matching import CurrentView
 
 
 @pytest.mark.parametrize('way', [0.0, -1.0, math.nan, math.inf])
@@ -59,3 +70,249 @@ def test_a_run_that_did_not_arrive_renews_nothing() -> None:
     run = RouteRun(route, FollowSettings(renewals=2), ServoSettings())
     run._confirmed[1] = Confirmation(0.0, key_view(9).image, Features())
     assert run.confirmed == 1 and run.renewed().views == route.views
+
+
+RADIUS, NOISE = 1.15, np.array([1e-3, 1e-3, 2e-4])
+
+
+def arc_poses(way: np.ndarray) -> np.ndarray:
+    turn = way / RADIUS
+    return np.stack([RADIUS * np.sin(turn), RADIUS * (1.0 - np.cos(turn)), turn], axis=1)
+
+
+@pytest.fixture
+def path() -> TaughtPath:
+    way = np.arange(0.0, 1.5, 0.045)
+    noise = NOISE * np.random.default_rng(1).standard_normal((len(way), 3))
+    return smooth_path(way, arc_poses(way) + noise, np.full(len(way), 0.5))
+
+
+def test_smoothing_takes_noise_and_keeps_the_curve(path: TaughtPath) -> None:
+    off = path.poses - arc_poses(path.way)
+    assert np.abs(off[3:-3]).max() < 1e-3
+    assert path.curvatures[5:-5] == pytest.approx(1.0 / RADIUS, abs=0.02)
+
+
+def test_a_view_that_was_placed_wrongly_does_not_bend_the_path() -> None:
+    way = np.arange(0.0, 1.5, 0.045)
+    poses = arc_poses(way)
+    poses[15] += [0.0, 0.2, 0.05]
+    path = smooth_path(way, poses, np.full(len(way), 0.5))
+    assert np.abs(path.poses - arc_poses(way))[10:20].max() < 1e-3
+
+
+@pytest.mark.parametrize('way', [0.3, 0.62, 1.1])
+@pytest.mark.parametrize('offset', [-0.05, 0.0, 0.08])
+def test_offset_and_turn_are_those_beside_the_arc(
+    path: TaughtPath, way: float, offset: float
+) -> None:
+    turn = way / RADIUS
+    reach = RADIUS - offset
+    pose = np.array([reach * math.sin(turn), RADIUS - reach * math.cos(turn), turn + 0.1])
+    point = path.beside(pose, way + 0.1)
+    assert point.way == pytest.approx(way, abs=5e-3)
+    assert point.offset == pytest.approx(offset, abs=1e-3)
+    assert point.turn == pytest.approx(0.1, abs=5e-3)
+
+
+def test_a_path_needs_samples_that_follow_each_other() -> None:
+    with pytest.raises(ValueError, match='two samples or more'):
+        TaughtPath(np.zeros(1), np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+
+
+RADIUS_CLOSING, COUNT, SPEED = 1.5, 9, 0.5
+LENGTH = 2.0 * math.pi * RADIUS_CLOSING
+OVERLAP = 0.4  # that the way is taught to drive over its beginning [m]
+
+
+def on_circle(way: float) -> FloatArray:
+    """Return the pose after a way around a circle, in axes of its beginning, (3,)."""
+    angle = way / RADIUS_CLOSING
+    return np.array(
+        [RADIUS_CLOSING * math.sin(angle), RADIUS_CLOSING * (1.0 - math.cos(angle)), angle]
+    )
+
+
+def view_at(number: int) -> RouteView:
+    """Return a key view of a circle driven once and a little more, from and to a standstill."""
+    last = LENGTH + OVERLAP
+    at = number * last / COUNT
+    way = np.arange(max(at - 1.5, 0.0), min(at + 0.9, last) + 1e-9, 0.05)
+    poses = np.array([relative_pose(on_circle(at), on_circle(each)) for each in way])
+    poses[:, 2] = (way - at) / RADIUS_CLOSING
+    speeds = np.minimum(SPEED, np.sqrt(0.5 * np.minimum(way, last - way) + 1e-9))
+    path = TaughtPath(way, poses, np.full(len(way), 1.0 / RADIUS_CLOSING), speeds)
+    return replace(key_view(number), path=path, way=at, pose=on_circle(at))
+
+
+ROUTE = route_of(*(view_at(number) for number in range(COUNT + 1)))
+
+
+def closing_beside(offset: float, turn: float) -> Closing:
+    """Return the closing of a way that ends beside its beginning."""
+    pose = compose(on_circle(OVERLAP), np.array([0.0, offset, turn]))
+    return Closing(OVERLAP, offset, turn, pose, LENGTH)
+
+
+def across(pose: FloatArray, path: FloatArray) -> float:
+    """Return how far left of a ``path`` pose, (3,), another ``pose`` is [m]."""
+    away = pose[:2] - path[:2]
+    return float(away[1] * math.cos(path[2]) - away[0] * math.sin(path[2]))
+
+
+@pytest.mark.parametrize(('offset', 'turn'), [(0.0, 0.0), (0.1, -0.05), (-0.2, 0.1)])
+def test_the_end_leads_onto_the_beginning_in_its_direction_and_curvature(
+    offset: float, turn: float
+) -> None:
+    closing = closing_beside(offset, turn)
+    last = closing.lap(ROUTE.views, begin=False, end=True)[-1].path
+    end, begin = compose(closing.pose, last.pose_at(last.way[-1])), on_circle(OVERLAP)
+    assert across(end, begin) == pytest.approx(0.0, abs=1e-3)
+    assert end[2] == pytest.approx(begin[2], abs=1e-3)
+    assert last.curvature_at(last.way[-1]) == pytest.approx(1.0 / RADIUS_CLOSING)
+    # Every sample heads where the path goes.
+    steps = np.diff(last.poses[:, :2], axis=0)
+    middle = 0.5 * (last.poses[1:, 2] + last.poses[:-1, 2])
+    assert np.arctan2(steps[:, 1], steps[:, 0]) == pytest.approx(middle, abs=1e-2)
+
+
+def test_away_from_its_end_the_path_is_as_taught() -> None:
+    views = closing_beside(0.2, 0.1).lap(ROUTE.views, begin=False, end=True)
+    for view, taught in zip(views[:5], ROUTE.views[:5], strict=True):
+        assert np.array_equal(view.path.poses, taught.path.poses)
+    assert np.array_equal(views[-1].path.poses[0], ROUTE.views[-1].path.poses[0]) is False
+    plain = closing_beside(0.2, 0.1).lap(ROUTE.views, begin=True, end=False)
+    assert all(
+        np.array_equal(view.path.poses, taught.path.poses)
+        for view, taught in zip(plain, ROUTE.views, strict=True)
+    )
+
+
+@pytest.mark.parametrize(('begin', 'end'), [(True, False), (False, True), (True, True)])
+def test_a_lap_neither_stops_nor_starts_where_the_way_closes(begin: bool, end: bool) -> None:
+    views = closing_beside(0.0, 0.0).lap(ROUTE.views, begin=begin, end=end)
+    first, last = views[0].path, views[-1].path
+    assert bool(first.speeds.min() > 0.9 * SPEED) is begin
+    assert bool(last.speeds.min() > 0.9 * SPEED) is end
+
+
+def find_there(
+    monkeypatch: pytest.MonkeyPatch, way: float, offset: float, turn: float
+) -> list[range | None]:
+    """Make the last photograph be found there; the ranges that were asked for come as a list."""
+    asked: list[range | None] = []
+
+    def find(finder: PlaceFinder, image: Image, among: range | None = None) -> Place:
+        asked.append(among)
+        pose = relative_pose(on_circle(ROUTE.views[1].way), on_circle(way))
+        pose = compose(pose, np.array([0.0, offset, turn]))
+        return Place(1, ViewPose(pose, np.eye(3) * 1e-6, 40, 20, 0.01), way, offset, turn)
+
+    monkeypatch.setattr(PlaceFinder, 'find', find)
+    return asked
+
+
+def test_the_last_photograph_is_looked_for_where_the_way_begins(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = find_there(monkeypatch, OVERLAP, 0.1, 0.05)
+    closing = closing_of(ROUTE, PlaceFinder(ROUTE))
+    assert asked == [range(5)]
+    assert closing is not None
+    assert closing.length == pytest.approx(LENGTH)
+    assert closing.pose == pytest.approx(closing_beside(0.1, 0.05).pose)
+
+
+@pytest.mark.parametrize(
+    ('way', 'offset', 'turn'), [(-0.5, 0.0, 0.0), (0.4, 0.6, 0.0), (0.4, 0.0, -0.5)]
+)
+def test_a_way_that_ends_elsewhere_does_not_close_and_says_where_it_ends(
+    way: float, offset: float, turn: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find_there(monkeypatch, way, offset, turn)
+    finder = PlaceFinder(ROUTE)
+    assert closing_of(ROUTE, finder) is None
+    assert f'the way ends {way:+.2f} m along its beginning' in finder.reason
+
+
+def test_across_the_closing_poses_are_those_of_the_place() -> None:
+    closing = closing_beside(0.1, 0.05)
+    views, last = ROUTE.views, COUNT
+    there = closing.transform(views, last, 1)
+    assert there == pytest.approx(relative_pose(views[1].pose, closing.pose))
+    back = closing.transform(views, 1, last)
+    assert compose(there, back) == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+CAMERA = calibrated_camera(
+    (640, 480), (385.0, 0.0, 319.5, 0.0, 385.0, 239.5, 0.0, 0.0, 1.0), (), 'plumb_bob'
+)
+# A cabinet 2.5 m ahead, and the walls around it: right, down, ahead [m].
+CABINET = np.random.default_rng(1).uniform((-0.9, -0.8, 2.4), (-0.5, 0.8, 2.7), (32, 3))
+WALLS = np.random.default_rng(2).uniform((-1.2, -1.0, 4.0), (1.5, 0.5, 7.0), (14, 3))
+SHIFT = np.array([0.0, 0.0, 0.14])  # of the cabinet along its wall [m]
+THERE = np.array([0.3, 0.05, 0.02])
+
+
+def placed(taught: FloatArray, today: FloatArray) -> ViewPose | None:
+    """Return where a camera THERE seems to be, by points, (N, 3), as taught and as today."""
+    depths = np.linalg.norm(taught, axis=1)
+    covariance = np.repeat(np.diag([0.1, 0.1, 1e-6])[:, :, None], len(taught), axis=2)
+    structure = LocalStructure(
+        pixels_of(taught),
+        np.zeros((2, len(taught))),
+        1.0 / depths,
+        covariance,
+        np.zeros(5),
+        0.002,
+        0.1,
+    )
+    x, y, turn = THERE.tolist()
+    away = today - [-y, 0.0, x]
+    cos, sin = np.cos(turn), np.sin(turn)
+    seen = away @ np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
+    return Localizer(structure, CAMERA).locate(
+        np.arange(len(taught)), pixels_of(seen), np.zeros(3)
+    )
+
+
+def pixels_of(points: FloatArray) -> FloatArray:
+    return np.asarray(385.0 * points[:, :2] / points[:, 2:] + [319.5, 239.5])
+
+
+def test_a_view_is_placed_and_its_witnesses_stand_elsewhere() -> None:
+    found = placed(np.vstack([CABINET, WALLS]), np.vstack([CABINET, WALLS]))
+    assert found is not None and found.inliers == 46 and found.witnesses == 14
+    assert found.pose == pytest.approx(THERE, abs=1e-3)
+
+
+def test_witnesses_far_away_do_not_tell_the_position() -> None:
+    """As a door seen through another: it agrees with whatever a board near the robot says."""
+    far = np.random.default_rng(3).uniform((-0.5, -0.3, 9.0), (0.0, 0.3, 9.3), (14, 3))
+    found = placed(np.vstack([CABINET, far]), np.vstack([CABINET, far]))
+    near = placed(np.vstack([CABINET, WALLS]), np.vstack([CABINET, WALLS]))
+    assert found is not None and near is not None
+    assert found.witnesses == near.witnesses == 14
+    assert near.unaided < CERTAIN < found.unaided
+
+
+@pytest.mark.parametrize(('unaided', 'is_believed'), [(0.04, True), (0.06, False)])
+def test_a_place_that_one_object_alone_tells_is_not_believed(
+    unaided: float, is_believed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = ViewPose(THERE, 1e-6 * np.eye(3), 40, 20, unaided)
+    monkeypatch.setattr(KeyViewTracker, 'match', lambda *_: Features())
+    monkeypatch.setattr(KeyViewTracker, 'place', lambda *_: place)
+    image = np.zeros((48, 64), np.uint8)
+    found = _located(image, CurrentView(image), key_view(0), SMALL)
+    assert (found is place) is is_believed
+
+
+def test_a_cabinet_that_was_moved_is_outvoted_by_the_few_that_stand_elsewhere() -> None:
+    assert placed(np.vstack([CABINET, WALLS]), np.vstack([CABINET + SHIFT, WALLS])) is None
+
+
+def test_where_nothing_else_is_seen_a_cabinet_is_believed_without_a_witness() -> None:
+    found = placed(CABINET, CABINET + SHIFT)
+    assert found is not None and found.witnesses == 0
+    assert found.pose == pytest.approx(THERE - [0.14, 0.0, 0.0], abs=1e-2)

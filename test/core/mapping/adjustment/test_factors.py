@@ -3,14 +3,42 @@
 from dataclasses import replace
 import math
 
+from docking_drives import Drive
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.core.docking.key_views import factors_along, window_of
+from visual_servo_epipolar.core.docking.search import FIRST_DISTANCES
+from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
-from visual_servo_epipolar.core.mapping.adjustment.factors import Factors, factors_of, LAG
+from visual_servo_epipolar.core.geometry.motion import HALF_PI
+from visual_servo_epipolar.core.mapping.adjustment import projection
+from visual_servo_epipolar.core.mapping.adjustment.equations import (
+    Evaluation,
+    LEAST_INFORMATION,
+    LEAST_OFFSET,
+    OUTLIER,
+    robust_cost,
+    robust_weight,
+    system_of,
+)
+from visual_servo_epipolar.core.mapping.adjustment.factors import (
+    Factors,
+    factors_of,
+    LAG,
+    ON_BASE,
+    SCALE,
+)
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
+from visual_servo_epipolar.core.mapping.adjustment.window import Unknowns
+from visual_servo_epipolar.core.mapping.initialization import (
+    refine_narrowing,
+    shared_at,
+    triangulate,
+)
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.point_world import PointSettings
 
 
 def scaled(geometry: Geometry, ratio: float) -> Geometry:
@@ -96,3 +124,215 @@ def test_a_short_way_tells_little_of_the_scale(exact) -> None:
     assert deviation(10.0) == pytest.approx(0.05, rel=1e-2)
     assert deviation(0.1) == pytest.approx(math.hypot(0.05, LAG / 0.1))
     assert deviation(1e-6) == 1.0
+
+
+TILT, ROLL, FORWARD, LEFT, YAW = 0.1, 0.05, 0.2, -0.1, 0.3
+SETTINGS = DockPoseSettings(
+    camera_tilt=TILT,
+    camera_roll=ROLL,
+    camera_forward=FORWARD,
+    camera_left=LEFT,
+    camera_yaw=YAW,
+)
+STEP = 1e-6
+
+
+@pytest.fixture(scope='module')
+def exact():
+    """Return the true geometry of a drive without noise."""
+    drive = Drive(
+        start=(0.3, -2.0, 4.0),
+        angular=0.2,
+        mount=CameraMount(tilt=TILT, roll=ROLL, forward=FORWARD, left=LEFT, yaw=YAW),
+        points=PointSettings(noise=0.0),
+        odometry_noise=0.0,
+    )
+    *_, (search, _) = searches = list(drive.searched(SETTINGS, 8))
+    window, factors = window_of(search.keys, 0.2), factors_along(search.keys, SETTINGS)
+    poses = {s.last.place.stamp_ns: pose for s, pose in searches}
+    views = np.array([view_at(poses[key.place.stamp_ns]) for key in search.keys])
+    shared = np.concatenate([shared_at(np.array([TILT, ROLL])), factors.prior])
+    count = len(window.ids)
+    unknowns = Unknowns(views, shared, np.zeros((2, count)), np.ones(count))
+    near = triangulate(window, unknowns, np.ones(len(views), bool))
+    return Evaluation(window, replace(unknowns, inverse_depth=near), np.ones(count, bool), factors)
+
+
+def view_at(pose):
+    """Return the view of a base at a ``pose``, beside that of the photograph."""
+    turn = pose.theta - HALF_PI
+    along, aside = [np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]
+    ahead = np.array([pose.y, -pose.x]) + FORWARD * np.array(along) + LEFT * np.array(aside)
+    # From the photograph's camera, in its axes: it looks aside by the yaw.
+    off = ahead - [FORWARD, LEFT]
+    c, s = np.cos(YAW), np.sin(YAW)
+    forward, left = c * off[0] + s * off[1], c * off[1] - s * off[0]
+    return [-left, forward, turn, TILT, ROLL]
+
+
+def test_the_truth_leaves_no_residuals(exact) -> None:
+    assert exact.cost == pytest.approx(0.0, abs=1e-6)
+
+
+def test_refinement_finds_the_truth_from_the_nearest_guess(exact) -> None:
+    ratio = math.sqrt(FIRST_DISTANCES[1] / FIRST_DISTANCES[0])  # halfway between two of them
+    true = exact.unknowns
+    wrong = true.views * [ratio, ratio, 1.0, 1.0, 1.0] + [0.05, 0.0, 0.01, 0.0, 0.0]
+    near = triangulate(exact.window, replace(true, views=wrong), np.ones(len(wrong), bool))
+    start = replace(exact, unknowns=replace(true, views=wrong, inverse_depth=near))
+    at, damping = refine_narrowing(start)
+    geometry = refine(at, 40, damping)
+    assert geometry.unknowns.views[:, :3] == pytest.approx(true.views[:, :3], abs=0.03)
+    assert exact.factors.path_ratio(geometry.unknowns) < 0.2
+
+
+def test_a_scale_of_the_odometry_is_found_where_it_is_free(exact) -> None:
+    # The images and the mount do not tell it apart: only the odometry's own deviation holds it.
+    factors, true = exact.factors, exact.unknowns
+    longer = replace(factors, motions=factors.motions * [1.1, 1.1, 1.0])
+    shared = true.shared.copy()
+    shared[SCALE] = -np.log(1.1)
+    residuals = longer.path_residuals(replace(true, shared=shared))
+    assert residuals == pytest.approx(0.0, abs=1e-6)
+
+
+def test_derivatives_are_those_of_the_residuals(exact) -> None:
+    factors, at = exact.factors, exact.unknowns
+    slopes, before = factors.slopes(at), factors.residuals(at)
+    whole = np.concatenate([at.views.ravel(), at.shared])
+    for j in range(len(whole)):
+        moved = whole + STEP * np.eye(len(whole))[j]
+        views = moved[: at.views.size].reshape(-1, 5)
+        other = replace(at, views=views, shared=moved[at.views.size :])
+        change = (factors.residuals(other) - before) / STEP
+        assert change == pytest.approx(slopes[:, j], abs=1e-3 * max(np.abs(change).max(), 1.0))
+
+
+def test_normal_equations_are_the_slope_of_the_cost(exact) -> None:
+    factors, at = exact.factors, exact.unknowns
+    shared = at.shared.copy()
+    shared[ON_BASE] += [0.01, -0.02, 0.01]
+    at = replace(at, shared=shared)
+    _, vector = factors.equations(at)
+    for j in range(ON_BASE.start, ON_BASE.stop):
+        shift = STEP * np.eye(len(shared))[j]
+        ends = [factors.cost(replace(at, shared=shared + sign * shift)) for sign in (1, -1)]
+        slope = (ends[0] - ends[1]) / (4.0 * STEP)  # of half the cost
+        assert vector[at.views.size + j] == pytest.approx(slope, rel=1e-3, abs=1e-3)
+
+
+def moved(exact, seed=0):
+    """Return the evaluation a little off the truth."""
+    rng = np.random.default_rng(seed)
+    at = exact.unknowns
+    count = len(at.inverse_depth)
+    unknowns = Unknowns(
+        at.views + 1e-3 * rng.normal(size=at.views.shape),
+        at.shared + 1e-3 * rng.normal(size=5),
+        at.offsets + 0.5 * rng.normal(size=(2, count)),
+        at.inverse_depth * (1.0 + 1e-3 * rng.normal(size=count)),
+    )
+    return replace(exact, unknowns=unknowns)
+
+
+def whole(at):
+    """Return matrix and vector of all unknowns at once, features behind the others."""
+    views, count = at.window.seen.shape
+    size = 5 * views + 5
+    jacobian = np.zeros((views, 2, count, size + 3 * count))
+    found = projection.slopes(
+        at.structure, at.unknowns.views, at.window.tangent_basis, at.projection
+    )
+    for k in range(views):
+        for n in range(count):
+            jacobian[k, :, n, 5 * k : 5 * k + 5] = found[k, :5, :, n].T
+            jacobian[k, :, n, size - 5 : size - 2] = found[k, 8:, :, n].T
+            jacobian[k, :, n, size + 3 * n : size + 3 * n + 3] = found[k, 5:8, :, n].T
+    root = np.sqrt(at.weight)[:, None, :, None]
+    rows = (root * jacobian).reshape(-1, jacobian.shape[-1])
+    residuals = (root[..., 0] * at.projection.residuals).ravel()
+    matrix, vector = rows.T @ rows, rows.T @ residuals
+    prior, slope = at.factors.equations(at.unknowns)
+    matrix[:size, :size] += prior
+    vector[:size] += slope
+    for n in range(count):
+        for axis in range(2):
+            j = size + 3 * n + axis
+            matrix[j, j] += at.offset_weight[n] + LEAST_OFFSET
+            vector[j] += at.offset_weight[n] * at.unknowns.offsets[axis, n]
+        matrix[size + 3 * n + 2, size + 3 * n + 2] += LEAST_INFORMATION
+    return matrix, vector, size
+
+
+def test_the_reduced_step_is_that_of_the_whole_system(exact) -> None:
+    at = moved(exact)
+    matrix, vector, size = whole(at)
+    expected = -np.linalg.solve(matrix, vector)
+    system = system_of(at)
+    step = -np.linalg.solve(system.matrix, system.vector)
+    scale = np.abs(expected).max()
+    assert step == pytest.approx(expected[:size], abs=1e-6 * scale)
+    features = system.features(step).T.ravel()
+    assert features == pytest.approx(expected[size:], abs=1e-6 * scale)
+
+
+def test_the_reduced_covariance_is_that_of_the_whole_system(exact) -> None:
+    matrix, _, size = whole(exact)
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    covariance = np.linalg.inv(matrix * scale * scale[:, None]) * scale * scale[:, None]
+    own = np.linalg.inv(system_of(exact).matrix)
+    expected = np.diag(covariance)[:size]
+    assert np.diag(own) == pytest.approx(expected, rel=1e-5)
+
+
+def test_weights_are_slopes_of_the_cost() -> None:
+    squares = np.array([0.1, 3.0, 8.9, 9.1, 20.0, 400.0])
+    step = 1e-5
+    slope = (robust_cost(squares + step) - robust_cost(squares - step)) / (2.0 * step)
+    assert robust_weight(squares) == pytest.approx(slope, rel=1e-4)
+
+
+def test_an_outlier_counts_no_more_than_two_bounds_and_a_true_one_wholly() -> None:
+    assert robust_cost(np.array([1e12]))[0] == pytest.approx(2.0 * OUTLIER)
+    assert robust_weight(np.array([0.0, OUTLIER])).tolist() == [1.0, 1.0]
+
+
+def test_a_feature_that_is_not_trusted_moves_no_view(exact) -> None:
+    at = moved(exact)
+    far = at.unknowns.offsets.copy()
+    far[:, 0] += 3.0
+    trusted = at.trusted.copy()
+    trusted[0] = False
+    steps = []
+    for offsets in (at.unknowns.offsets, far):
+        unknowns = replace(at.unknowns, offsets=offsets)
+        system = system_of(replace(at, unknowns=unknowns, trusted=trusted))
+        steps.append(np.linalg.solve(system.matrix, system.vector))
+    assert steps[0] == pytest.approx(steps[1], abs=1e-12)
+
+
+def test_a_feature_that_is_not_trusted_still_follows_the_views(exact) -> None:
+    trusted = exact.trusted.copy()
+    trusted[0] = False
+    near = exact.unknowns.inverse_depth.copy()
+    near[0] *= 1.02
+    at = replace(exact, trusted=trusted, unknowns=replace(exact.unknowns, inverse_depth=near))
+    system = system_of(at)
+    step = -np.linalg.solve(system.matrix, system.vector)
+    back = near[0] + system.features(step)[2, 0]
+    assert back == pytest.approx(exact.unknowns.inverse_depth[0], rel=2e-3)
+
+
+def test_far_from_the_best_unknowns_outliers_are_told_less_strictly(exact) -> None:
+    at = moved(exact)
+    wide = replace(at, widening=100.0)
+    assert (wide.weight >= at.weight).all()
+    assert wide.weight.sum() > at.weight.sum()
+
+
+def test_a_view_of_nothing_leaves_the_equations_regular(exact) -> None:
+    seen = exact.window.seen.copy()
+    seen[2] = False
+    geometry = Geometry(replace(exact, window=replace(exact.window, seen=seen)))
+    assert (np.diag(geometry.system.matrix) > 0.0).all()
+    assert np.isfinite(geometry.root).all()

@@ -1,10 +1,26 @@
 """Which photographs are kept, and when a whole image is matched anew."""
 
+from dataclasses import replace
+import math
+
+import cv2
 import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.goal import goal_id
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.tracking.photographs.averaging import at_rest, averaged, unrest
 from visual_servo_epipolar.core.tracking.photographs.photographs import Rematching, superfluous
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
+from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.light.lights import LightSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 
 TEXTURE = np.random.default_rng(1).uniform(0.7, 1.0, (96, 128))
 ACROSS, DOWN = np.meshgrid(np.linspace(0.1, 1.0, 128), np.linspace(0.1, 1.0, 96))
@@ -51,3 +67,222 @@ def test_an_image_is_matched_anew_at_once_where_nothing_is_known_and_sooner_with
     assert due == [False, False, False, True]
     rematching.forget()
     assert rematching.is_due(60, period=11)
+
+
+SIZE = 240, 320
+NOISE = 2.0
+
+
+@pytest.fixture(scope='module')
+def scene() -> np.ndarray:
+    """Return grey levels of a textured scene."""
+    rough = np.random.default_rng(0).uniform(0.0, 255.0, SIZE)
+    smooth = cv2.GaussianBlur(rough, (0, 0), 2.0)
+    return np.clip(110.0 + 4.0 * (smooth - smooth.mean()), 0.0, 255.0)
+
+
+def taken(scene: np.ndarray, seed: int, *, noise: float = NOISE) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    noisy = scene + rng.normal(0.0, noise, SIZE)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def shifted(scene: np.ndarray, px: float) -> np.ndarray:
+    affine = np.array([[1.0, 0.0, px], [0.0, 1.0, 0.0]])
+    return cv2.warpAffine(
+        scene, affine, SIZE[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+    )
+
+
+def enlarged(scene: np.ndarray, px: float) -> np.ndarray:
+    """Return the scene from nearer, moved by ``px`` at its left and right border."""
+    affine = cv2.getRotationMatrix2D((159.5, 119.5), 0.0, 1.0 + px / 160.0)
+    return cv2.warpAffine(
+        scene, affine, SIZE[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+    )
+
+
+def test_a_mean_has_less_noise_by_the_root_of_its_images(scene) -> None:
+    one, mean = taken(scene, 0), averaged([taken(scene, seed) for seed in range(16)])
+    assert mean.dtype == np.uint8
+    rounding = 1.0 / 12.0
+    noise = np.std(one - scene), np.std(mean - scene)
+    assert noise[1] == pytest.approx(np.sqrt((noise[0] ** 2 - rounding) / 16 + rounding), rel=0.1)
+
+
+def test_a_mean_is_rounded_and_one_image_is_itself(scene) -> None:
+    one = taken(scene, 0)
+    assert averaged([one]) is one
+    bright = [np.full((4, 4), level, np.uint8) for level in (255, 255, 254)]
+    assert (averaged(bright) == 255).all()
+
+
+@pytest.mark.parametrize('noise', [0.0, 0.5, 2.0, 8.0])
+def test_noise_is_no_motion(scene, noise) -> None:
+    images = [taken(scene, seed, noise=noise) for seed in range(12)]
+    assert at_rest(images) == (12, '')
+
+
+@pytest.mark.parametrize('noise', [0.0, 2.0, 8.0])
+@pytest.mark.parametrize('move', [shifted, enlarged])
+def test_half_a_pixel_is_motion_in_any_noise(scene, move, noise) -> None:
+    reason = unrest(taken(scene, 0, noise=noise), taken(move(scene, 0.5), 1, noise=noise))
+    assert reason.startswith('the view moves by 0.')
+
+
+def test_what_blurs_less_than_tracking_errs_is_rest(scene) -> None:
+    assert unrest(taken(scene, 0), taken(shifted(scene, 0.03), 1)) == ''
+
+
+def test_another_light_is_no_motion(scene) -> None:
+    assert unrest(taken(scene, 0), taken(0.95 * scene + 5.0, 1)) == ''
+
+
+def test_who_walks_by_is_seen(scene) -> None:
+    walker = scene.copy()
+    walker[40:200, 100:140] = 20.0
+    assert unrest(taken(scene, 0), taken(walker, 1)).endswith('of the view changes')
+
+
+@pytest.mark.parametrize('quality', [80, 30])
+def test_compression_is_no_motion(scene, quality) -> None:
+    def packed(image):
+        return cv2.imdecode(cv2.imencode('.jpg', image, [1, quality])[1], 0)
+
+    assert at_rest([packed(taken(scene, seed)) for seed in range(8)]) == (8, '')
+
+
+def test_images_count_back_to_the_last_motion(scene) -> None:
+    still = [taken(scene, seed) for seed in range(5)]
+    count, reason = at_rest([*still, taken(shifted(scene, 2.0), 9), *still])
+    assert (count, reason[:14]) == (5, 'the view moves')
+
+
+@pytest.mark.parametrize('shape', [(1, 1), (2, 9), (3, 3), (16, 16)])
+def test_images_of_any_size_and_none_in_them_are_compared(shape) -> None:
+    blank = np.zeros(shape, np.uint8)
+    assert at_rest([blank, blank, np.full(shape, 9, np.uint8)]) == (3, '')
+    assert at_rest([blank, np.zeros((20, 20), np.uint8)]) == (1, 'their sizes differ')
+
+
+CAMERA = CameraSettings(
+    width=640, height=480, focal_length=384.6, principal_u=319.5, principal_v=239.5
+)
+NEAR = Pose(0.1, -1.0, DESIRED_POSE.theta)
+AT_GOAL = Pose(0.002, -0.005, DESIRED_POSE.theta)
+
+
+@pytest.fixture(scope='module')
+def dusk() -> CameraSimulator:
+    """Return a room of which the photograph is from noon, and all else from dusk."""
+    light = LightSettings(photograph_light='noon', light='dusk', exposure='auto')
+    return CameraSimulator(CAMERA, None, light)
+
+
+@pytest.fixture(scope='module')
+def evening(dusk: CameraSimulator) -> np.ndarray:
+    """Return a photograph from dusk, taken where a robot arrived."""
+    return dusk.capture(Pose(0.001, -0.001, DESIRED_POSE.theta + math.radians(0.02)), 0)
+
+
+@pytest.fixture(scope='module')
+def both(dusk: CameraSimulator, evening: np.ndarray) -> Tracker:
+    """Return a tracker that knows both photographs."""
+    tracker = Tracker(TrackerSettings())
+    tracker.set_desired(dusk.photograph())
+    tracker.add_desired(evening)
+    return tracker
+
+
+@pytest.fixture
+def taught(both: Tracker) -> Tracker:
+    """Return that tracker, to begin anew."""
+    both.redetect()
+    return both
+
+
+def test_the_photograph_in_todays_light_is_tracked_to_where_the_first_was(dusk, taught) -> None:
+    alone = Tracker(TrackerSettings())
+    alone.set_desired(dusk.photograph())
+    features = taught.track(dusk.capture(NEAR, 1))
+    assert taught.which == 'photograph 2 of 2'
+    assert len(features) >= len(alone.track(dusk.capture(NEAR, 1)))
+    assert features.goal == alone.goal.id
+    truth, _ = dusk.renderer.project(dusk.renderer.trace(features.current, NEAR), DESIRED_POSE)
+    off = features.desired - truth
+    assert np.abs(np.median(off, axis=0)).max() < 0.03  # a third of a millimetre at 3 m
+    dusk.relight(replace(dusk.light, light='noon'))
+    taught.redetect()
+    ids = taught.track(dusk.capture(NEAR, 2)).ids
+    dusk.relight(replace(dusk.light, light='dusk'))
+    assert taught.which == 'photograph 1 of 2'
+    assert not set(ids) & set(features.ids)  # an id is one point of one photograph
+
+
+def test_light_that_changes_on_the_way_changes_the_photograph(dusk, taught) -> None:
+    taught.track(dusk.capture(NEAR, 1))
+    blind = np.full((480, 640), 128, np.uint8)
+    for _ in range(3):
+        taught.track(blind)
+    dusk.relight(replace(dusk.light, light='noon'))
+    for frame in range(12):
+        features = taught.track(dusk.capture(NEAR, frame))
+    dusk.relight(replace(dusk.light, light='dusk'))
+    assert len(features) >= 30
+    assert taught.which == 'photograph 1 of 2'
+
+
+@pytest.mark.parametrize(
+    ('x', 'heading', 'reason'),
+    [
+        (0.2, 0.0, 'from another pose than the first'),
+        (0.0, 5.0, 'from another pose than the first'),
+        (0.0, 180.0, 'does not show what the first'),
+    ],
+)
+def test_a_photograph_of_another_pose_is_refused(dusk, taught, x, heading, reason) -> None:
+    elsewhere = dusk.capture(Pose(x, 0.0, DESIRED_POSE.theta + math.radians(heading)), 0)
+    photographs = taught.photographs
+    with pytest.raises(TrackingError, match=reason):
+        taught.add_desired(elsewhere)
+    assert taught.photographs is photographs
+
+
+def test_a_further_photograph_needs_a_first_one_of_its_size(taught, evening) -> None:
+    with pytest.raises(ValueError, match='no desired image yet'):
+        Tracker(TrackerSettings()).add_desired(evening)
+    with pytest.raises(ValueError, match='must have the size of the first, 640x480, got 600x480'):
+        taught.add_desired(evening[:, :600])
+
+
+DAY = 'noon', 'dusk', 'lamp_right', 'lamp_side', 'dark'
+
+
+@pytest.mark.parametrize(
+    ('lights', 'times'), [(DAY[1::3], 1), pytest.param(DAY, 20, marks=pytest.mark.long)]
+)
+def test_arrivals_through_a_day_of_light_do_not_move_the_goal(dusk, lights, times) -> None:
+    view, rng = ImageView(dusk, Tracker(TrackerSettings())), np.random.default_rng(1)
+    tracker, light = view.tracker, dusk.light
+    for arrival, now in enumerate(np.repeat(lights, times)):
+        dusk.relight(replace(light, light=str(now)))
+        tracker.redetect()
+        start = rng.uniform(-0.2, 0.2), rng.uniform(-1.0, -0.7), rng.uniform(-4.0, 4.0)
+        settings = LoopSettings(start=start, seed=arrival, servo=ServoSettings(law='smooth'))
+        log = run(settings, view, dusk.camera)
+        end = log.samples[-1].pose
+        assert math.hypot(end.x, end.y) < 0.003
+        if (now, arrival % times) == ('dusk', 1):
+            assert tracker.which.startswith('photograph 2')
+        tracker.renew(averaged([dusk.capture(end, 1000 + k) for k in range(10)]), 4)
+    dusk.relight(light)
+    assert len(tracker.photographs) == min(1 + len(set(lights) - {'noon'}), 4)
+    assert tracker.goal.id == goal_id(dusk.photograph())
+
+
+def test_ids_of_a_photograph_follow_from_it(dusk, evening, both) -> None:
+    tracker = Tracker(TrackerSettings())
+    tracker.set_desired(dusk.photograph())
+    tracker.add_desired(evening)
+    first, second = (each.photographs.views[1].first_id for each in (tracker, both))
+    assert first == second > len(both.photographs.views[0].first_pixels)
