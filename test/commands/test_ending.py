@@ -248,27 +248,6 @@ def test_output_that_cannot_be_written_is_said_once() -> None:
     assert ended.stderr == ('visual_servo: output cannot be written: No space left on device\n')
 
 
-@pytest.mark.parametrize(
-    ('option', 'name'),
-    [('--json', 'file/missing/result'), ('--out', 'file/missing/result'), ('--out', 'file')],
-)
-def test_where_nothing_can_be_written_nothing_runs(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    option: str,
-    name: str,
-) -> None:
-    monkeypatch.setattr(closed_loop, 'run', lambda *_, **__: pytest.fail('it ran'))
-    (tmp_path / 'file').touch()
-    target = str(tmp_path / name)
-    assert main(['simulate', *START, option, target]) == 2
-    shown = capsys.readouterr()
-    assert shown.err.startswith(f'visual_servo simulate: {target}: ')
-    assert 'be written' in shown.err and 'Not a directory' in shown.err
-    assert [path.name for path in tmp_path.iterdir()] == ['file']
-
-
 def test_folders_on_the_way_to_a_json_file_are_made_once_there_is_a_result(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,7 +9,7 @@ import cv2
 from durations import few_of
 import numpy as np
 import pytest
-from tagged_pictures import huge, KINDS, tagged
+from tagged_pictures import KINDS, tagged
 
 from visual_servo_epipolar.commands.camera_files import read_photograph
 from visual_servo_epipolar.commands.main import main
@@ -268,16 +268,6 @@ def test_what_is_no_photograph_of_this_camera_is_bad_input(
     assert errors.count('\n') == 1
 
 
-@pytest.mark.parametrize('kind', KINDS)
-def test_a_header_of_too_many_pixels_is_bad_input(photographs: Path, capsys, kind: str) -> None:
-    (photographs / 'huge.png').write_bytes(huge(kind, 2**24 - 1 if kind == 'webp' else 60_000))
-    code, _ = inspect(photographs, 'huge')
-    errors = capsys.readouterr().err
-    assert code == 2
-    assert 'huge.png must have 1 to 1073741824 pixels' in errors
-    assert errors.count('\n') == 1
-
-
 @pytest.mark.parametrize('kind', few_of(KINDS[:4], keep=(0,)))
 def test_photographs_of_a_camera_upside_down_that_says_so_are_turned_with_k(
     photographs: Path, tmp_path: Path, kind: str
@@ -292,26 +282,6 @@ def test_photographs_of_a_camera_upside_down_that_says_so_are_turned_with_k(
     assert code == 0 and result['rotation_deg'] == pytest.approx(START[2], abs=0.2)
     for key, bearing in (('current', truth.current), ('desired', truth.desired)):
         assert result[f'bearing_{key}_deg'] == pytest.approx(math.degrees(bearing), abs=0.2)
-
-
-@pytest.mark.parametrize('tag', [2, 6])
-def test_a_photograph_that_is_to_be_turned_otherwise_is_bad_input(
-    photographs: Path, tmp_path: Path, capsys, tag: int
-) -> None:
-    image = read_photograph(photographs / 'current.png')
-    (photographs / 'tagged.png').write_bytes(tagged(image, 'png', tag))
-    assert inspect(photographs, 'tagged')[0] == 2
-    assert f'tagged.png has the orientation tag {tag}' in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(('bits', 'suffix'), [(10, 'png'), (12, 'tiff'), (16, 'png')])
-def test_a_photograph_of_more_bits_is_as_good(
-    photographs: Path, tmp_path: Path, bits: int, suffix: str
-) -> None:
-    image = read_photograph(photographs / 'current.png')
-    encoded = cv2.imencode(f'.{suffix}', image.astype(np.uint16) << (bits - 8))[1]
-    (tmp_path / 'deep.png').write_bytes(encoded.tobytes())
-    assert np.array_equal(read_photograph(tmp_path / 'deep.png'), image)
 
 
 def test_a_camera_file_of_the_upright_picture_is_told_what_to_do(

@@ -15,9 +15,10 @@ from typing import Any
 import cv2
 import psutil
 import pytest
-from sweeps import plan_of
+from sweeps import plan_of, result
 
 from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.commands.sweep import SweepProgress
 from visual_servo_epipolar.sweeping.plan import Chunk, work
 from visual_servo_epipolar.sweeping.store import FILE
 
@@ -85,10 +86,6 @@ def swept(capsys: Any, *arguments: str, code: int = 0) -> dict[str, Any]:
     return json.loads(capsys.readouterr().out)
 
 
-def without_time(document: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in document.items() if key not in ('wall_s', 'sweep')}
-
-
 def refused(capsys: Any, *arguments: str) -> str:
     try:
         code = main(arguments)
@@ -121,31 +118,6 @@ def test_a_sweep_arrives_and_tells(tmp_path: Path, capsys: Any) -> None:
         *('runs.jsonl', 'table.md', 'map.png', 'old.png'),
     }
     assert cv2.imread(str(out / 'map.png')).std() > 0.0
-
-
-@pytest.mark.long  # as in images
-def test_a_run_of_a_sweep_is_that_of_simulate(tmp_path: Path, capsys: Any, brief: str) -> None:
-    world = ('--scenario', brief)
-    document = swept(capsys, '--runs', '2', *world, '--out', str(tmp_path / 'out'))
-    for single in document['runs']:
-        start = [str(value) for value in single['start']]
-        main(['simulate', '--start', *start, *world, '--seed', str(single['seed']), '--json', '-'])
-        assert json.loads(capsys.readouterr().out) == single
-
-
-@pytest.mark.long
-def test_results_do_not_depend_on_the_number_of_processes(
-    tmp_path: Path, capsys: Any, brief: str
-) -> None:
-    common = ('--runs', '4', '--scenario', brief, '--compare', 'paper,full')
-    one, two = (
-        swept(capsys, *common, '--jobs', jobs, '--out', str(tmp_path / jobs))
-        for jobs in ('1', '2')
-    )
-    assert one.keys() == two.keys() == {'paper', 'full'}
-    for law in one:
-        assert without_time(one[law]) == without_time(two[law])
-        assert [run['law'] for run in one[law]['runs']] == [law] * 4
 
 
 def test_images_are_swept_too(tmp_path: Path, capsys: Any) -> None:
@@ -234,14 +206,6 @@ def test_a_worker_that_was_killed_is_said_and_what_ended_is_kept(
     assert (folder / FILE).read_bytes().count(b'\n') - 1 >= 8
 
 
-def test_another_sweep_in_the_same_folder_is_refused(
-    capsys: Any, brief: str, two_runs: Path
-) -> None:
-    arguments = (*SWEEP, '--runs', '1', '--jobs', '1', '--scenario', brief, '--out', str(two_runs))
-    output = refused(capsys, *arguments, '--seed', '1')
-    assert 'holds another sweep: seed 0 there, 1 here; give another --out' in output
-
-
 def test_a_sweep_grows(tmp_path: Path, capsys: Any, brief: str, two_runs: Path) -> None:
     shutil.copy(two_runs / FILE, tmp_path)
     common = ('--jobs', '1', '--scenario', brief, '--out', str(tmp_path))
@@ -302,3 +266,34 @@ def test_bad_usage_is_refused(
     monkeypatch.chdir(tmp_path)
     assert reason in refused(capsys, *SWEEP, *options)
     assert list(tmp_path.iterdir()) == []
+
+
+FAILED = result(outcome='failed')
+
+
+def test_it_counts_and_reckons() -> None:
+    now = [100.0]
+    progress = SweepProgress(100, [result()] * 40, clock=lambda: now[0])
+    now[0] += 5.0
+    progress.add([result(), FAILED] * 5)
+    assert progress.line() == (
+        f'[{"#" * 10}{"." * 10}] 50/100  45 arrived  5 failed  2 runs/s  0:25 left'
+    )
+
+
+def test_it_names_what_must_not_be_overlooked() -> None:
+    progress = SweepProgress(3)
+    progress.add([result(position_error_m=0.06), result(outcome='failed', traceback='x')])
+    assert '1 arrived  1 failed  1 wrong  1 raised' in progress.line()
+
+
+def test_it_does_not_guess_before_the_first_result() -> None:
+    assert SweepProgress(3, [result()]).line().endswith('0 runs/s  ? left')
+
+
+def test_hours_are_shown_as_such() -> None:
+    now = [0.0]
+    progress = SweepProgress(1000, clock=lambda: now[0])
+    now[0] = 10.0
+    progress.add([result()])
+    assert progress.line().endswith('2:46:30 left')

@@ -148,35 +148,6 @@ def test_rectified_images_of_an_uncalibrated_camera_are_refused() -> None:
         read.camera(message, rectified=True)
 
 
-@pytest.mark.parametrize('name', ['equidistant', 'fisheye', 'kannala_brandt4'])
-@pytest.mark.parametrize('zeros', [0, 1, 4])
-def test_a_fisheye_is_known_by_its_names_and_whatever_zeros_follow(name, zeros) -> None:
-    lens = Equidistant(640, 480, 200.0, 201.0, 320.0, 240.0, (0.01, -0.002, 3e-4, -1e-4))
-    message = info(lens)
-    message.distortion_model, message.d = name, [*lens.distortion, *[0.0] * zeros]
-    assert read.camera(message) == lens
-
-
-@pytest.mark.parametrize('name', ['plumb_bob', 'radtan'])
-@pytest.mark.parametrize('zeros', [0, 3, 9])
-def test_zeros_beyond_those_of_a_pinhole_mean_nothing(name, zeros) -> None:
-    message = info()
-    message.distortion_model, message.d = name, [*FULL.distortion, *[0.0] * zeros]
-    assert read.camera(message) == FULL
-
-
-@pytest.mark.parametrize('name', ['', 'none'])
-@pytest.mark.parametrize('zeros', [0, 4, 5, 8])
-def test_no_lens_is_a_pinhole(name, zeros) -> None:
-    message = info()
-    message.distortion_model, message.d = name, [0.0] * zeros
-    plain = Camera(1280, 960, 800.0, 810.0, 641.0, 475.0)
-    np.testing.assert_array_equal(read.camera(message).pixels(SEEN), plain.pixels(SEEN))
-    message.d = [0.1, 0.0, 0.0, 0.0]
-    with pytest.raises(ValueError, match="got '' with 4; rectify"):
-        read.camera(message)
-
-
 def test_a_fisheye_that_was_rectified_is_a_pinhole() -> None:
     message = info(Equidistant(640, 480, 200.0, 200.0, 320.0, 240.0, (0.01, 0.0, 0.0, 0.0)))
     message.p[0] = message.p[5] = 150.0

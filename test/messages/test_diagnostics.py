@@ -1,6 +1,8 @@
 """Diagnostics: who is carried on by the memory of views is warned of, and of what was refuted."""
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 from servo_states import EVENTS, in_phase, MEMORY, PHASES, sight
 
@@ -8,6 +10,7 @@ from visual_servo_epipolar.core.estimate.odometry import Odometry
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.registry import phase_words, sentence
 from visual_servo_epipolar.core.laws.two_steps.two_steps import TWO_STEPS
+from visual_servo_epipolar.messages import event_log
 from visual_servo_epipolar.messages.diagnostics import diagnosis, markers
 
 STEP_1 = 'zeroing_epipoles: the robot drives onto the axis of the photograph (step 1)'
@@ -68,3 +71,17 @@ def test_the_marker_of_a_phase_has_the_colour_of_its_row() -> None:
     assert words.text == 'displacing'
     colour = [round(255.0 * part) for part in (words.color.r, words.color.g, words.color.b)]
     assert bytes(colour).hex().upper() == TWO_STEPS.rows[Phase.DISPLACING].colour[1:]
+
+
+@given(reason=st.text(), after=st.none() | st.integers(0, 2**63))
+def test_an_entry_comes_back(reason: str, after: int | None) -> None:
+    entry = event_log.Entry('lost', after, reason)
+    assert event_log.from_text(event_log.to_text(entry)) == entry
+
+
+@pytest.mark.parametrize(
+    'text', ['', '3', '{}', '{"event": "lost"}', '[' * 99_999, '{"event":1,"after_stamp_ns":"x"}']
+)
+def test_any_other_text_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match='an event must be JSON with event'):
+        event_log.from_text(text)

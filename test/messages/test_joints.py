@@ -1,11 +1,19 @@
 """Joints in messages: what goes out comes back, what cannot be used is refused."""
 
 import math
+import sys
+from types import ModuleType, SimpleNamespace
 
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
+from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.rigs.rig import HeadCommand, Joints
+from visual_servo_epipolar.messages import read, transforms
 from visual_servo_epipolar.messages.joints import (
     COMMAND_TYPES,
     head_command,
@@ -13,6 +21,8 @@ from visual_servo_epipolar.messages.joints import (
     read_head_command,
     read_joints,
 )
+from visual_servo_epipolar.nodes.startup.settings import frame_name
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 
 NAMES = 'pan_joint', 'tilt_joint'
 COMMAND = HeadCommand(0.3, -0.1, 0.5, 0.2)
@@ -56,3 +66,95 @@ def test_a_command_to_others_is_refused() -> None:
         read_head_command(head_command(COMMAND, ('a', 'b'), 7, kind='position'), NAMES)
     with pytest.raises(ValueError, match='finite angles or rates of pan_joint, tilt_joint'):
         read_head_command(head_command(COMMAND, ('pan_joint', ''), 7, kind='position'), NAMES)
+
+
+BASE = Pose(0.0, 0.0, 0.0)
+angles = st.floats(-math.pi, math.pi)
+
+
+def rotation(message) -> Rotation:
+    turn = message.transform.rotation
+    return Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
+
+
+def origin(message) -> list[float]:
+    place = message.transform.translation
+    return [place.x, place.y, place.z]
+
+
+@given(axis=st.tuples(*[st.floats(-1.0, 1.0)] * 3), angle=angles)
+def test_the_quaternion_is_that_of_the_rotation(axis, angle) -> None:
+    turn = Rotation.from_rotvec(np.array(axis) * angle)
+    message = transforms.mount_transform('a', 'b', turn.as_matrix(), np.zeros(3))
+    np.testing.assert_allclose(rotation(message).as_matrix(), turn.as_matrix(), atol=1e-12)
+    numbers = message.transform.rotation
+    assert math.hypot(numbers.x, numbers.y, numbers.z, numbers.w) == pytest.approx(1.0)
+    assert numbers.w >= 0.0
+
+
+def test_a_half_turn_is_no_special_case() -> None:
+    for axis in np.eye(3):
+        turn = Rotation.from_rotvec(math.pi * axis).as_matrix()
+        message = transforms.mount_transform('a', 'b', turn, np.zeros(3))
+        np.testing.assert_allclose(rotation(message).as_matrix(), turn, atol=1e-12)
+
+
+def test_the_camera_sits_where_it_is_mounted_and_looks_ahead() -> None:
+    mount = CameraMount(height=0.6, forward=0.2, left=-0.1)
+    message = transforms.mount_transform(
+        'base_link', 'camera_optical_frame', mount.R_world_camera(BASE), mount.centre(BASE)
+    )
+    assert (message.header.frame_id, message.child_frame_id) == (
+        'base_link',
+        'camera_optical_frame',
+    )
+    np.testing.assert_allclose(origin(message), [0.2, -0.1, 0.6])
+    right, down, ahead = rotation(message).as_matrix().T  # REP 103: x right, y down, z ahead
+    np.testing.assert_allclose(ahead, [1.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(right, [0.0, -1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(down, [0.0, 0.0, -1.0], atol=1e-12)
+
+
+def test_a_tilted_camera_looks_down() -> None:
+    mount = CameraMount(tilt=0.2)
+    message = transforms.mount_transform('b', 'c', mount.R_world_camera(BASE), mount.centre(BASE))
+    ahead = rotation(message).apply([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(ahead, [math.cos(0.2), 0.0, -math.sin(0.2)], atol=1e-12)
+
+
+def test_what_stands_on_the_floor_has_its_stamp_and_its_yaw() -> None:
+    message = transforms.on_the_floor('odom', 'base_link', Pose(1.0, -2.0, 0.5), 1_500_000_000)
+    assert (message.header.frame_id, message.child_frame_id) == ('odom', 'base_link')
+    assert read.stamp_ns(message.header) == 1_500_000_000
+    np.testing.assert_allclose(origin(message), [1.0, -2.0, 0.0])
+    np.testing.assert_allclose(rotation(message).as_rotvec(), [0.0, 0.0, 0.5])
+
+
+def test_without_tf2_msgs_there_is_no_message(monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', None)
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
+    assert transforms.tf_message_class() is None
+
+
+def test_with_tf2_msgs_its_message_holds_all_transforms(monkeypatch) -> None:
+    package, module = ModuleType('tf2_msgs'), ModuleType('tf2_msgs.msg')
+    module.TFMessage = SimpleNamespace
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', module)
+    both = [transforms.on_the_floor('odom', name, BASE, 0) for name in ('a', 'b')]
+    kind = transforms.tf_message_class()
+    assert kind is SimpleNamespace
+    assert transforms.tf_message(kind, tuple(both)).transforms == both
+
+
+def test_the_full_name_of_a_frame_has_its_prefix() -> None:
+    assert frame_name('robot1/', 'base_link') == 'robot1/base_link'
+    assert frame_name('', 'odom') == 'odom'
+
+
+@pytest.mark.parametrize(
+    ('prefix', 'name'), [('', ''), ('robot1/', ''), ('', '/odom'), ('/r/', 'o')]
+)
+def test_a_name_that_tf2_refuses_is_refused_at_once(prefix, name) -> None:
+    with pytest.raises(ValueError, match="must have a name that does not begin with /, got '"):
+        frame_name(prefix, name)

@@ -1,15 +1,28 @@
 """A message that cannot be used is one clear ValueError."""
 
+from dataclasses import replace
+import math
+
+import cv2
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.core.cameras.equirectangular import of_size
 from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.photographs import photographs
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.messages.tracking import track
+from visual_servo_epipolar.messages.validation import checked_features, checked_tracks, left_out
 
-NAN = float('nan')
+NAN = math.nan
+INFINITE = (NAN, math.inf, -math.inf)
 
 
 def image():
@@ -27,152 +40,144 @@ def tracks():
     return write.features(value, 0, 'camera')
 
 
-def test_a_truncated_image_is_refused() -> None:
-    message = image()
-    message.data.pop()
-    with pytest.raises(ValueError, match='4 rows of 6 bytes.* got 23 bytes.* truncated'):
-        read.gray(message)
-
-
-def test_a_row_shorter_than_its_pixels_is_refused() -> None:
-    message = image()
-    message.encoding = 'bgr8'
-    with pytest.raises(ValueError, match='at least 18 each'):
-        read.gray(message)
-
-
-@pytest.mark.parametrize('encoding', ['', '32FC1', 'bayer_rggb', 'nv99'])
-def test_an_encoding_that_is_not_known_is_refused(encoding) -> None:
-    message = image()
-    message.encoding = encoding
-    with pytest.raises(ValueError, match=f'one of mono8, .* got {encoding!r}'):
-        read.gray(message)
-
-
-@pytest.mark.parametrize('side', ['width', 'height'])
-def test_an_empty_image_is_refused(side) -> None:
-    message = image()
-    setattr(message, side, 0)
-    with pytest.raises(ValueError, match='image is empty'):
-        read.gray(message)
-
-
-@pytest.mark.parametrize(
-    ('index', 'value', 'reason'),
-    [
-        (0, 0.0, 'K\\[0\\] = 0 means an uncalibrated camera'),
-        (0, -400.0, 'focal lengths must be positive'),
-        (0, NAN, 'intrinsics must be finite'),
-        (2, float('inf'), 'intrinsics must be finite'),
-        (1, 200.0, 'the skew must be small, got K\\[1\\] = 200 px'),
-        *((index, NAN, 'intrinsics must be finite') for index in range(9)),
-        *((index, 0.5, r'the rows of K must be \(fx, s, cx\)') for index in (3, 6, 7)),
-        (8, 0.0, r'the rows of K must be \(fx, s, cx\)'),
-    ],
-)
-def test_a_matrix_that_no_camera_has_is_refused(index, value, reason) -> None:
-    message = info()
-    message.k[index] = value
-    with pytest.raises(ValueError, match=reason):
-        read.camera(message)
-
-
-def test_an_empty_camera_info_is_refused() -> None:
-    message = info()
-    message.width = 0
-    with pytest.raises(ValueError, match='image size must be positive'):
-        read.camera(message)
-
-
-@pytest.mark.parametrize(('model', 'd'), [('omni', [0.1] * 4), ('plumb_bob', [0.1] * 3)])
-def test_a_distortion_that_is_not_known_is_refused(model, d) -> None:
-    message = info()
-    message.distortion_model, message.d = model, d
-    with pytest.raises(ValueError, match=f'{model!r} with {len(d)}; rectify'):
-        read.camera(message)
-
-
-@pytest.mark.parametrize('name', read.TRACK_FIELDS)
-def test_tracks_without_a_field_are_refused(name) -> None:
+def nowhere():
     message = tracks()
-    message.fields = [field for field in message.fields if field.name != name]
-    with pytest.raises(ValueError, match=f'missing {name};'):
-        read.features(message)
+    np.frombuffer(message.data, write.TRACK_LAYOUT)['u'][0] = NAN
+    return message
 
 
-def test_a_cloud_of_something_else_is_refused() -> None:
-    message = tracks()
-    message.fields = []
-    with pytest.raises(ValueError, match='connect the tracks of a tracker_node'):
-        read.features(message)
+def twist():
+    return write.twist(STANDSTILL)
 
 
-def test_truncated_tracks_are_refused() -> None:
-    message = tracks()
-    message.data.pop()
-    with pytest.raises(ValueError, match='2 rows of 60 bytes, got 119 bytes'):
-        read.features(message)
+def stamped():
+    return write.twist_stamped(STANDSTILL, 0, 'base')
 
 
-@pytest.mark.parametrize('datatype', [0, 9, 255])
-def test_tracks_of_no_known_datatype_are_refused(datatype) -> None:
-    message = tracks()
-    message.fields[1].datatype = datatype
-    with pytest.raises(ValueError, match='unknown datatype: u;'):
-        read.features(message)
+def odometry():
+    return write.odometry(Pose(1, 2, 0), STANDSTILL, 0, 'world', 'base')
 
 
-@pytest.mark.parametrize('change', ['offset', 'point_step'])
-def test_rows_too_short_for_their_fields_are_refused(change) -> None:
-    message = tracks()
-    if change == 'offset':
-        message.fields[1].offset = 53
+def numbers():
+    return write.telemetry({'a': 1.0}, 0, '')
+
+
+def put(message, path: str, value) -> None:
+    """Give a part of a message another value."""
+    *way, last = path.split('.')
+    for name in way:
+        message = message[int(name)] if name.isdigit() else getattr(message, name)
+    if last.isdigit():
+        message[int(last)] = value
     else:
-        message.point_step = 0
-    with pytest.raises(ValueError):
-        read.features(message)
+        setattr(message, last, value)
 
 
-def test_tracks_at_no_place_are_refused() -> None:
-    value = Features(ids=[1], current=[[1, 2]], desired=[[1, 2]], ages=[0], errors=[0])
-    message = write.features(value, 0, 'camera')
-    rows = np.frombuffer(message.data, write.TRACK_LAYOUT)
-    rows['u'] = NAN
-    with pytest.raises(ValueError, match='current must be finite, got 1 rows'):
-        read.features(message)
+ROWS = r'the rows of K must be \(fx, s, cx\)'
+QUATERNION = 'must be a quaternion of length 1, got length'
+REFUSED = [
+    (read.gray, image, 'encoding', 'bgr8', 'at least 18 each'),
+    *(
+        (read.gray, image, 'encoding', it, f'one of mono8, .* got {it!r}')
+        for it in ('', '32FC1', 'bayer_rggb', 'nv99')
+    ),
+    *((read.gray, image, side, 0, 'image is empty') for side in ('width', 'height')),
+    (read.camera, info, 'k.0', 0.0, r'K\[0\] = 0 means an uncalibrated camera'),
+    (read.camera, info, 'k.0', -400.0, 'focal lengths must be positive'),
+    (read.camera, info, 'k.2', math.inf, 'intrinsics must be finite'),
+    (read.camera, info, 'k.1', 200.0, r'the skew must be small, got K\[1\] = 200 px'),
+    *((read.camera, info, f'k.{it}', NAN, 'intrinsics must be finite') for it in range(9)),
+    *((read.camera, info, f'k.{it}', 0.5, ROWS) for it in (3, 6, 7)),
+    (read.camera, info, 'k.8', 0.0, ROWS),
+    (read.camera, info, 'width', 0, 'image size must be positive'),
+    *(
+        (read.features, tracks, 'fields', [it for it in tracks().fields if it.name != name], words)
+        for name in read.TRACK_FIELDS
+        for words in (f'missing {name};',)
+    ),
+    (read.features, tracks, 'data', tracks().data[:-1], '2 rows of 60 bytes, got 119 bytes'),
+    *((read.features, tracks, 'fields.1.datatype', it, 'datatype: u;') for it in (0, 9, 255)),
+    (read.features, tracks, 'fields.1.offset', 53, 'requires 61 bytes'),
+    (read.features, tracks, 'point_step', 0, 'requires 48 bytes'),
+    (read.features, nowhere, 'header.frame_id', 'camera', 'current must be finite, got 1 rows'),
+    *((read.twist, twist, 'angular.z', it, 'must be finite') for it in INFINITE),
+    *((read.twist, stamped, 'twist.angular.z', it, 'must be finite') for it in INFINITE),
+    (read.pose, odometry, 'pose.pose.position.x', NAN, 'a pose must be finite'),
+    (read.pose, odometry, 'pose.pose.orientation.w', NAN, f'{QUATERNION} nan'),
+    (read.pose, odometry, 'pose.pose.orientation.w', 0.0, f'{QUATERNION} 0'),
+    (read.diagnosis, DiagnosticArray, 'status', [], 'must have a status'),
+    (read.telemetry, numbers, 'name', ['a', 'b'], 'shorter'),
+]
 
 
-@pytest.mark.parametrize('value', [NAN, float('inf'), -float('inf')])
-@pytest.mark.parametrize('stamped', [False, True])
-def test_a_twist_that_is_not_finite_is_refused(value, stamped) -> None:
-    message = write.twist_stamped(STANDSTILL, 0, 'base') if stamped else write.twist(STANDSTILL)
-    (message.twist if stamped else message).angular.z = value
-    with pytest.raises(ValueError, match='a twist must be finite'):
-        read.twist(message)
-
-
-@pytest.mark.parametrize(
-    ('x', 'w', 'words'),
-    [
-        (NAN, 1.0, 'a pose must be finite'),
-        (0.0, NAN, 'must be a quaternion of length 1, got length nan'),
-        (0.0, 0.0, 'must be a quaternion of length 1, got length 0'),
-    ],
-)
-def test_a_pose_that_is_none_is_refused(x: float, w: float, words: str) -> None:
-    message = write.odometry(Pose(1, 2, 0), STANDSTILL, 0, 'world', 'base')
-    message.pose.pose.position.x, message.pose.pose.orientation.w = x, w
+@pytest.mark.parametrize(('reader', 'made', 'path', 'value', 'words'), REFUSED)
+def test_what_cannot_be_used_is_refused(reader, made, path, value, words) -> None:
+    message = made()
+    put(message, path, value)
     with pytest.raises(ValueError, match=words):
-        read.pose(message)
+        reader(message)
 
 
-def test_diagnostics_without_a_status_are_refused() -> None:
-    with pytest.raises(ValueError, match='must have a status'):
-        read.diagnosis(DiagnosticArray())
+CAMERA = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
+INSIDE = [[10.0, 10.0], [20.0, 20.0]]
 
 
-def test_more_names_than_numbers_are_refused() -> None:
-    message = write.telemetry({'a': 1.0}, 0, '')
-    message.name = ['a', 'b']
-    with pytest.raises(ValueError):
-        read.telemetry(message)
+def features(u: float, *, of_desired: bool) -> Features:
+    moved = [[u, 10.0], [20.0, 20.0]]
+    current, desired = (INSIDE, moved) if of_desired else (moved, INSIDE)
+    return Features(ids=[1, 2], current=current, desired=desired, ages=[1, 1], errors=[0, 0])
+
+
+@pytest.mark.parametrize('of_desired', [False, True])
+@pytest.mark.parametrize(('u', 'count'), [(-0.9, 2), (639.9, 2), (-3.0, 0), (642.0, 0)])
+def test_a_feature_may_lie_a_pixel_outside_and_no_more(u, count, of_desired) -> None:
+    taken, warning = checked_features(features(u, of_desired=of_desired), CAMERA)
+    assert len(taken) == count
+    expected = 'tracks refused: 1 of 2 features lie outside an image of 640x480 px; connect'
+    assert warning.startswith(expected) if count == 0 else warning == ''
+
+
+def test_ids_that_stand_twice_are_refused() -> None:
+    taken, warning = checked_features(
+        replace(features(10.0, of_desired=False), ids=[1, 1]), CAMERA
+    )
+    assert len(taken) == 0
+    assert warning.startswith('tracks refused: of 2 ids 1 differ')
+
+
+def test_a_cloud_that_is_none_of_tracks_is_refused_with_the_reason() -> None:
+    message = write.features(features(10.0, of_desired=False), 0, 'camera')
+    assert len(checked_tracks(message, CAMERA)[0]) == 2
+    message.fields = []
+    taken, warning = checked_tracks(message, CAMERA)
+    assert len(taken) == 0
+    assert warning.startswith('tracks refused: tracks must have the fields id, u, v')
+
+
+def test_where_the_lens_places_all_nothing_is_said() -> None:
+    observation = observe(features(10.0, of_desired=False), CAMERA, 0)
+    assert left_out(observation, CAMERA) == ''
+
+
+def test_photographs_that_a_new_camera_cannot_use_stay_whole(monkeypatch) -> None:
+    rng = np.random.default_rng(3)
+    image = cv2.resize(rng.integers(0, 255, (32, 64), np.uint8), (640, 320))
+    tracker = Tracker(TrackerSettings())
+    tracker.set_desired(image)
+    tracker.add_desired(cv2.convertScaleAbs(image, alpha=0.6))
+    tracker.track(image)
+    kept, goal = tracker.photographs, tracker.goal
+
+    def refuse(*arguments) -> None:
+        raise TrackingError('the second photograph cannot be tied')
+
+    monkeypatch.setattr(photographs, 'tied', refuse)
+    message = write.image(image, 'mono8', 1, 'camera')
+    refused = track(tracker, message, of_size(640, 320))
+    assert 'the second photograph cannot be tied' in refused.warning and not len(refused.features)
+    assert tracker.photographs is kept and tracker.goal is goal
+    pinhole = Camera(640, 320, 400.0, 400.0, 319.5, 159.5)
+    assert len(track(tracker, message, pinhole).features) > 8
+    monkeypatch.undo()
+    assert len(track(tracker, message, of_size(640, 320)).features) > 8
+    assert len(tracker.photographs) == 2 and tracker.goal is not goal

@@ -140,32 +140,6 @@ def test_a_mono_image_comes_back_exactly() -> None:
     np.testing.assert_array_equal(read.gray(from_bag(message)), pixels(1))
 
 
-def test_grey_shown_in_colour_stays_what_it_is() -> None:
-    colour = np.repeat(pixels(1)[..., None], 3, axis=2)
-    np.testing.assert_array_equal(
-        read.gray(write.image(colour, 'bgr8', STAMP_NS, 'camera')), pixels(1)
-    )
-
-
-def test_bgr8_and_rgb8_differ_only_in_the_order_of_channels() -> None:
-    bgr = read.gray(write.image(pixels(3), 'bgr8', STAMP_NS, 'camera'))
-    rgb = read.gray(write.image(pixels(3)[..., ::-1], 'rgb8', STAMP_NS, 'camera'))
-    np.testing.assert_array_equal(bgr, rgb)
-    assert np.ptp(bgr) > 0
-
-
-@pytest.mark.parametrize('encoding', ['mono8', 'bgr8', 'rgb8'])
-def test_padding_at_the_end_of_rows_is_skipped(encoding) -> None:
-    image = pixels(1 if encoding == 'mono8' else 3)
-    padded = write.image(image, encoding, STAMP_NS, 'camera')
-    rows = np.frombuffer(bytes(padded.data), np.uint8).reshape(5, -1)
-    padded.step += 9
-    del padded.data[:]
-    padded.data.frombytes(np.pad(rows, ((0, 0), (0, 9)), constant_values=77).tobytes())
-    plain = write.image(image, encoding, STAMP_NS, 'camera')
-    np.testing.assert_array_equal(read.gray(padded), read.gray(plain))
-
-
 def test_a_view_of_an_image_is_written_as_it_looks() -> None:
     mirrored = pixels(1)[:, ::-2]
     np.testing.assert_array_equal(

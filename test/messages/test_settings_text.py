@@ -44,7 +44,8 @@ def test_a_node_says_what_it_runs_with_and_takes_it_as_parameters(bench, tmp_pat
     path.write_text(received[0].data)
     again = TrackerNode(context=bench.context, cli_args=['--ros-args', '--params-file', str(path)])
     bench.nodes.append(again)
-    assert again._settings == node._settings
+    bench.until(lambda: len(received) == 2, 'the settings of the other')
+    assert settings_text.from_text(received[1].data).values == node_settings.values
 
 
 def test_settings_say_what_computed_with_them() -> None:

@@ -43,18 +43,13 @@ class Camera:
 
     def tell(self, message) -> None:
         """Publish ground truth, and wait until the node has dealt with it."""
-        received = self.node.received = getattr(self.node, 'received', 0)
-        inner = self.node._is_due
-
-        def is_due(stamp_ns):
-            self.node.received += 1
-            return inner(stamp_ns)
-
-        self.node._is_due = is_due
         self._truth(message)
-        self.bench.until(lambda: self.node.received > received, 'the camera to hear of the pose')
-        self.node._is_due = inner
         self.bench.settle()
+
+    @property
+    def simulator(self):
+        """The same simulation as that of the node."""
+        return self.node._simulator
 
 
 @pytest.fixture
@@ -72,7 +67,7 @@ def test_image_and_camera_info_carry_the_stamp_of_the_truth(camera) -> None:
 
 def test_the_image_is_what_the_simulation_sees_from_there(camera) -> None:
     camera.see(0)
-    expected = camera.node._simulator.capture(published(POSE), 0)
+    expected = camera.simulator.capture(published(POSE), 0)
     np.testing.assert_array_equal(read.gray(camera.images[0]), expected)
 
 
@@ -100,7 +95,7 @@ def test_every_lens_is_told_as_it_is_simulated(bench, model, distortion) -> None
     camera.see(0)
     info = camera.infos[0]
     assert (info.distortion_model, tuple(info.d)) == (model, distortion)
-    assert read.camera(info) == camera.node._settings.camera
+    assert read.camera(info) == camera.simulator.camera
 
 
 def test_no_distortion_may_be_written_as_an_empty_list(bench) -> None:
@@ -113,7 +108,7 @@ def test_who_comes_late_still_gets_the_photograph(camera) -> None:
     camera.see(0)
     photographs = camera.bench.listen(Image, 'desired/image_raw', qos.LATCHED)
     camera.bench.until(lambda: bool(photographs), 'the photograph')
-    np.testing.assert_array_equal(read.gray(photographs[0]), camera.node._simulator.photograph())
+    np.testing.assert_array_equal(read.gray(photographs[0]), camera.simulator.photograph())
 
 
 def test_an_image_is_taken_only_when_a_frame_has_passed(camera) -> None:
@@ -146,7 +141,7 @@ def test_an_image_that_is_late_is_stamped_when_it_comes(bench) -> None:
 def test_the_image_leans_with_the_body_of_the_truth(camera) -> None:
     nod = Nod(0.1, 0.2)
     camera.tell(write.odometry(POSE, STANDSTILL, 0, 'world', 'base_link', pitch=nod))
-    simulator, images = camera.node._simulator, []
+    simulator, images = camera.simulator, []
     for body in (LEVEL, nod):
         simulator.move(STANDSTILL, body)
         images.append(simulator.capture(published(POSE), 0))
@@ -158,14 +153,14 @@ def test_bgr8_is_the_same_picture_in_colour(bench) -> None:
     camera = Camera(bench, encoding='bgr8')
     camera.see(0)
     assert (camera.images[0].encoding, camera.images[0].step) == ('bgr8', 3 * 64)
-    expected = camera.node._simulator.capture(published(POSE), 0)
+    expected = camera.simulator.capture(published(POSE), 0)
     np.testing.assert_array_equal(read.gray(camera.images[0]), expected)
 
 
 def test_a_pose_that_is_not_finite_is_refused_and_the_next_one_seen(camera) -> None:
     message = write.odometry(POSE, STANDSTILL, 0, 'world', 'base_link')
     message.pose.pose.position.x = float('nan')
-    camera._truth(message)
+    camera.tell(message)
     camera.bench.until(lambda: camera.bench.logged('a pose must be finite'), 'the error logged')
     assert camera.images == []
     camera.see(PERIOD_NS)

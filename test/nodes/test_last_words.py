@@ -25,8 +25,9 @@ class Hall:
         self._stack, self._domain = stack, next_domain()
         self.bench = stack.enter_context(Bench(self._domain))
 
-    def freeze(self, kind: type[Any], topic: str, publisher: Any) -> None:
-        """Let somebody listen to ``publisher``, and hang from then on."""
+    def freeze(self, kind: type[Any], topic: str, node: Any) -> None:
+        """Let somebody listen to what ``node`` publishes, and hang from then on."""
+        (publisher,) = (it for it in node.publishers if it.topic_name == f'/{topic}')
         before = publisher.get_subscription_count()
         listener = FrozenListener(self._stack, self._domain, kind, topic)
         found = lambda: publisher.get_subscription_count() > before  # noqa: E731
@@ -50,14 +51,14 @@ def test_a_servo_waits_for_the_base_to_hear_of_its_end(
     hall: Hall, end: Callable[[Any], Callable[[], object]]
 ) -> None:
     rig = Rig(hall.bench, stale_timeout=60.0)
-    hall.freeze(TwistMessage, 'cmd_vel', rig.node._commands._command_pub)
+    hall.freeze(TwistMessage, 'cmd_vel', rig.node)
     rig.drive()
     assert_waits(end(rig.node))
 
 
 def test_a_dock_node_waits_for_a_base_that_it_drives_backward(hall: Hall) -> None:
     node = hall.bench.start(DockNode, dock_backwards=True)
-    hall.freeze(TwistMessage, 'cmd_vel', node._reversal._pub)
+    hall.freeze(TwistMessage, 'cmd_vel', node)
     heard = hall.bench.listen(TwistMessage, 'cmd_vel')
     hall.bench.talk(TwistMessage, 'cmd_vel_reversed')(write.twist(TWIST))
     hall.bench.until(lambda: bool(heard), 'the command, turned round')
@@ -69,7 +70,7 @@ def test_a_tracker_waits_for_the_servo_to_hear_of_its_end(
 ) -> None:
     bench = hall.bench
     node = bench.start(TrackerNode)
-    hall.freeze(PointCloud2, 'tracks', node._tracks_pub)
+    hall.freeze(PointCloud2, 'tracks', node)
     clouds = bench.listen(PointCloud2, 'tracks')
     bench.talk(CameraInfo, 'camera_info')(write.camera_info(simulator.camera, 1, 'camera'))
     bench.talk(Image, 'image_raw')(write.image(view, 'mono8', 1, 'camera'))

@@ -188,10 +188,9 @@ def set_one(bench, name, *parameters):
 
 def test_a_refused_change_changes_nothing(bench) -> None:
     servo = bench.start(ServoNode)
-    before = servo._settings
     changes = {'latency': 0.2, 'dead_band_linear': 0.9}
     set_one(bench, 'servo_node', *(Parameter(name, value=x) for name, x in changes.items()))
-    assert servo._settings == before
+    assert servo.get_parameter('latency').value == ServoSettings().latency
 
 
 def test_a_change_is_logged_with_what_it_was(bench) -> None:
@@ -209,7 +208,10 @@ def test_two_changes_that_need_each_other_are_taken_together(bench) -> None:
         Parameter('max_linear', value=0.6),
     )
     assert result.successful, result.reason
-    assert (servo._settings.dead_band_linear, servo._settings.max_linear) == (0.5, 0.6)
+    assert tuple(servo.get_parameter(it).value for it in ('dead_band_linear', 'max_linear')) == (
+        0.5,
+        0.6,
+    )
 
 
 @pytest.mark.parametrize(
@@ -269,7 +271,7 @@ def test_a_misspelt_departure_is_refused_while_the_node_runs(bench) -> None:
     result = set_one(bench, 'servo_node', Parameter('law', value='full-retreet'))
     assert not result.successful
     assert 'names no departure retreet; there are true_sigma' in result.reason
-    assert servo._settings.options == law_named('full')
+    assert servo.get_parameter('law').value == 'full'
 
 
 def test_a_misspelt_parameter_is_refused_at_the_start_with_a_suggestion(bench) -> None:

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import combinations
+import json
 import math
 from pathlib import Path
 
@@ -14,10 +16,21 @@ import pytest
 from servo_states import PHASES
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, STANDSTILL
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.registry import GREY, phase_colour
 from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog
 from visual_servo_epipolar.report.figures import robust_limit, save, signals, trajectory
+from visual_servo_epipolar.report.page import figure_html
+from visual_servo_epipolar.report.run_file import load_run, RunFile, save_run
+from visual_servo_epipolar.report.style import (
+    rgb,
+    robot_body,
+    robot_nose,
+    text_colour_on,
+    view_wedge,
+)
 
 Draw = Callable[[RunLog], Figure]
 
@@ -212,3 +225,118 @@ def test_single_sample_without_measurements_can_be_drawn(log: RunLog, tmp_path: 
 def test_run_without_samples_is_refused(draw: Draw, log: RunLog) -> None:
     with pytest.raises(ValueError, match='must have samples'):
         draw(replace(log, samples=[]))
+
+
+# What those who lack one kind of cone see of linear red, green, blue (Vienot, Brettel and Mollon
+# 1999).
+NORMAL = np.eye(3)
+DEUTERANOPIA = np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.02234, 0.02234, 1]])
+PROTANOPIA = np.array([[0.11238, 0.88762, 0.0], [0.11238, 0.88762, 0.0], [0.00401, -0.00401, 1]])
+
+
+def perceived(colour: str, eye: FloatArray) -> FloatArray:
+    linear = (np.array(rgb(colour)) / 255.0) ** 2.2
+    return np.asarray(255.0 * np.clip(eye @ linear, 0.0, 1.0) ** (1.0 / 2.2), dtype=np.float64)
+
+
+@pytest.mark.parametrize('eye', [NORMAL, DEUTERANOPIA, PROTANOPIA])
+def test_phases_differ_even_to_the_colour_blind(eye: FloatArray) -> None:
+    for one, other in combinations(PHASES, 2):
+        colours = [perceived(phase_colour(phase.value), eye) for phase in (one, other)]
+        # Thirty of 441: the closest pair of the palette of Okabe and Ito is at 37.
+        assert np.linalg.norm(colours[0] - colours[1]) > 30.0, (one, other)
+
+
+def test_word_that_is_no_phase_has_a_colour() -> None:
+    assert phase_colour('tracking') == GREY
+    assert GREY not in [phase_colour(phase.value) for phase in PHASES]
+
+
+def test_text_is_black_on_bright_and_white_on_dark() -> None:
+    assert (text_colour_on('#FFFFFF'), text_colour_on('#0072B2')) == ('#000000', '#FFFFFF')
+
+
+def test_robot_points_along_its_heading() -> None:
+    body, nose = (shape(Pose(1.0, 2.0, HALF_PI)) for shape in (robot_body, robot_nose))
+    np.testing.assert_allclose(np.ptp(body, axis=0), (0.40, 0.45))
+    np.testing.assert_allclose(nose[0], (1.0, 2.20))
+
+
+def test_wedge_opens_from_the_camera_by_its_angle() -> None:
+    wedge = view_wedge(Pose(1.0, 0.0, 0.0), angle=1.2, reach=2.0)
+    np.testing.assert_allclose(wedge[0], (1.0, 0.0))
+    np.testing.assert_allclose(wedge[-1], (1.0 + 2.0 * math.cos(0.6), 2.0 * math.sin(0.6)))
+
+
+def test_who_sees_all_around_has_a_circle_without_a_corner() -> None:
+    circle = view_wedge(Pose(2.0, -1.0, 0.3), angle=math.tau, reach=0.5)
+    assert np.hypot(*(circle - (2.0, -1.0)).T) == pytest.approx(0.5)
+
+
+def line_at(left: float) -> Figure:
+    figure = Figure()
+    figure.add_axes((left, 0.1, 0.8, 0.8)).plot([0.0, 1.0])
+    return figure
+
+
+def test_a_figure_is_the_same_where_its_layout_differs_in_the_last_digit() -> None:
+    after = math.nextafter(0.1, 1.0)
+    assert figure_html(line_at(0.1), 'a line') == figure_html(line_at(after), 'a line')
+
+
+def test_a_figure_of_another_layout_is_another() -> None:
+    assert figure_html(line_at(0.1), 'a line') != figure_html(line_at(0.15), 'a line')
+
+
+def test_a_run_comes_back_to_the_last_bit(log, tmp_path) -> None:
+    run = RunFile(log, {'servo': {'k1': 0.1, 'law': 'full'}}, {'numpy': '2.0'})
+    save_run(run, tmp_path)
+    loaded = load_run(tmp_path)
+    assert repr(loaded) == repr(run)  # for nan is not equal to itself
+    assert [path.name for path in tmp_path.iterdir()] == ['run.json']
+
+
+def test_what_was_not_measured_is_null_not_nan(log, tmp_path) -> None:
+    text = save_run(RunFile(log), tmp_path).read_text()
+    assert 'NaN' not in text
+    assert None in json.loads(text)['samples']['distance_estimate']
+
+
+def test_no_file_is_said_so(tmp_path) -> None:
+    with pytest.raises(InputError, match=r'run\.json: run cannot be read: No such file'):
+        load_run(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ('change', 'reason'),
+    [
+        ({'format': 2}, 'format must be 1, got 2'),
+        ({'samples': {}}, 'it has no samples'),
+        ({'samples': 3}, 'not a run'),
+        ({'start': [1, 2]}, 'not enough values'),
+        ({'start': 'abc'}, 'could not convert'),
+        ({'settings': 3}, 'not a run'),
+    ],
+)
+def test_another_document_is_refused(log, tmp_path, change, reason) -> None:
+    path = save_run(RunFile(log), tmp_path)
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    with pytest.raises(InputError, match=reason):
+        load_run(tmp_path)
+
+
+def test_a_damaged_file_is_always_one_clear_error(log, tmp_path) -> None:
+    data, rng, refused = save_run(RunFile(log), tmp_path).read_bytes(), np.random.default_rng(0), 0
+    for _ in range(100):
+        damaged = bytearray(data)
+        damaged[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
+        if rng.integers(2):
+            del damaged[int(rng.integers(len(data))) :]
+        (tmp_path / 'run.json').write_bytes(damaged)
+        try:
+            load_run(tmp_path)
+        except InputError as error:
+            refused += 1
+            assert 'run.json: ' in str(error)
+            assert '\n' not in str(error)
+    assert refused > 50

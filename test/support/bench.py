@@ -167,6 +167,11 @@ class Bench(AbstractContextManager['Bench']):
     ) -> None:
         spin_until(self.executor, condition, timeout_sec, waiting_for)
 
+    def pass_time(self, seconds: float) -> None:
+        """Spin for so long."""
+        end_s = time.monotonic() + seconds
+        self.until(lambda: time.monotonic() > end_s, 'time to pass')
+
     def settle(self) -> None:
         """Let everything that is on its way arrive: a round trip to every node, twice."""
         for _ in range(2):

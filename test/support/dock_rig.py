@@ -36,9 +36,19 @@ class Rig:
         if self.node.is_active:
             self.calibrate()
 
+    @property
+    def settings(self):
+        """The settings in force, with the mount that was heard of."""
+        return self.node._settings
+
+    @property
+    def pending(self):
+        """The tracks that wait for odometry."""
+        return self.node._pending
+
     def calibrate(self) -> None:
         self.info(write.camera_info(CAMERA, 0, 'camera'))
-        self.bench.until(lambda: self.node._camera is not None, 'camera_info to arrive')
+        self.bench.settle()
 
     @property
     def stamp_ns(self) -> int:

@@ -34,6 +34,12 @@ def asked(number: int = 0, label: str = '') -> Any:
     return request
 
 
+def led(node: Any, number: int, label: str = '') -> bool:
+    """Ask a node for a transition in this process; return whether it took place."""
+    (service,) = (it for it in node.services if it.srv_name.endswith('/change_state'))
+    return bool(service.callback(asked(number, label), ChangeState.Response()).success)
+
+
 def change(bench: Bench, node: Any, number: int = 0, label: str = '') -> bool:
     """Ask a node for a transition over the wire; return whether it took place."""
     request = asked(number, label)

@@ -2,15 +2,20 @@
 
 from types import SimpleNamespace
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist as TwistMessage
 from geometry_msgs.msg import TwistStamped
 import pytest
-from sensor_msgs.msg import CameraInfo, PointCloud2
+from sensor_msgs.msg import CameraInfo, JointState, PointCloud2
+from std_msgs.msg import String
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.nodes.servoing.run import Run
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
@@ -32,10 +37,13 @@ class HandSetClock:
 
 
 class Rig:
-    """A running servo node, fed with tracks one by one."""
+    """A running servo node, fed with tracks one by one; what it is like, its topics tell."""
 
     def __init__(self, bench, *, calibrated=True, **values) -> None:
         self.bench, self.stamp_ns = bench, STAMP_NS
+        self.words = bench.listen(String, 'phase', qos.LATCHED)
+        self._reports = bench.listen(DiagnosticArray, '/diagnostics')
+        self._telemetry = bench.listen(JointState, 'epipoles')
         kind = TwistStamped if values.get('enable_stamped_cmd_vel') else TwistMessage
         self.commands = bench.listen(kind, 'cmd_vel')
         self.send = bench.talk(PointCloud2, 'tracks')
@@ -43,7 +51,7 @@ class Rig:
         self.node = bench.start(ServoNode, **{**REPLAYED, **values})
         if calibrated:
             self.calibrate(write.camera_info(CAMERA, 0, 'camera'))
-            bench.until(lambda: self.node._camera.model is not None, 'camera_info to arrive')
+            bench.settle()
 
     def twists(self):
         return [read.twist(message) for message in self.commands]
@@ -62,14 +70,62 @@ class Rig:
     def drive(self):
         """See until the robot is told to move."""
         for _ in range(MANY):
+            told = len(self.commands)
             self.see()
-            if self.node._state.twist != STANDSTILL:
+            if any(twist != STANDSTILL for twist in self.twists()[told:]):
                 return self
-        pytest.fail(f'the robot stands: {self.phase}, {self.node._state.reason}')
+        pytest.fail(f'the robot stands: {self.phase}, {self.reason}')
+
+    @property
+    def run(self) -> Run:
+        """The run of the node, for what no message brings about in a moment."""
+        return self.node._run
+
+    def watch(self) -> None:
+        """Let the watchdog look now."""
+        self.node._on_watch()
+
+    def idle(self) -> None:
+        """Let the servo look now at what it looks at once a second."""
+        self.node._on_idle()
+
+    def clock_by_hand(self) -> HandSetClock:
+        """Let the steady clock of commands be set by hand, and return it."""
+        self.clock = self.node._commands._steady = HandSetClock()
+        return self.clock
+
+    @property
+    def telemetry(self) -> dict[str, float]:
+        """What the servo measured in the last step, by name."""
+        self.bench.settle()
+        return read.telemetry(self._telemetry[-1])
+
+    @property
+    def twist(self) -> Twist:
+        """The last command, to stand where there was none."""
+        return self.twists()[-1] if self.commands else STANDSTILL
 
     @property
     def phase(self) -> str:
-        return self.node._state.phase.value
+        """The phase, as the servo says it now."""
+        self.bench.settle()
+        return read.phase(self.words[-1].data)
+
+    @property
+    def drives(self) -> bool:
+        """Whether the phase is one of a robot that drives."""
+        return phase_named(self.phase).drives
+
+    @property
+    def reason(self) -> str:
+        """Why the robot is in its phase, by the last diagnostics of the servo."""
+        self.bench.settle()
+        name = self.node.get_fully_qualified_name()
+        return next(
+            read.diagnosis(item)['reason']
+            for item in reversed(self._reports)
+            if item.status[0].name == name
+        )
 
 
 def tracks(pose=AWAY, stamp_ns=STAMP_NS):

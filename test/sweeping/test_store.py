@@ -1,15 +1,29 @@
 """What ended is kept; what was cut off is dropped; two sweeps are never mixed."""
 
 import json
+import math
 from pathlib import Path
+from typing import Any
 
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
 import pytest
+from scipy import stats
 from sweeps import filled, plan_of, result
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.sweeping import store as store_module
 from visual_servo_epipolar.sweeping.plan import Chunk, SweepPlan
 from visual_servo_epipolar.sweeping.store import FILE, Store
+from visual_servo_epipolar.sweeping.summary import (
+    defective,
+    quantile,
+    quantile_interval,
+    summaries,
+    wilson,
+    wrong,
+)
 
 RESULTS = [result(seed=seed) for seed in range(3)]
 
@@ -140,3 +154,131 @@ def test_a_file_that_is_no_store_is_refused(tmp_path: Path, content: str, reason
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     (tmp_path / 'file').touch()
     assert 'results cannot be kept' in refused(tmp_path / 'file' / 'folder', plan_of())
+
+
+FAILED = result(outcome='failed', reason='23 features, 26 needed', position_error_m=9.0)
+
+
+def summary(folder: Path, runs: list[dict[str, Any]]) -> dict[str, Any]:
+    plan = plan_of(len(runs))
+    with filled(folder, plan, runs) as store:
+        return summaries(plan, store)['full']
+
+
+def test_errors_are_those_of_the_runs_that_arrived_without_their_signs(tmp_path: Path) -> None:
+    runs = [result(lateral_error_m=-0.001 * k) for k in range(1, 6)]
+    document = summary(tmp_path, [*runs, FAILED])
+    lateral = document['lateral_error_m']
+    assert (lateral['median'], lateral['max']) == (0.003, 0.005)
+    assert lateral['p95'] == pytest.approx(0.0048)
+    assert document['success_rate'] == pytest.approx(5 / 6)
+    assert document['position_error_m']['max'] == 0.002
+    assert document['runs'] == [*runs, FAILED]
+
+
+def test_a_sweep_from_which_nobody_returned_has_no_errors(tmp_path: Path) -> None:
+    document = summary(tmp_path, [FAILED, FAILED])
+    assert (document['success_rate'], document['arrived']) == (0.0, 0)
+    assert math.isnan(document['position_error_m']['median'])
+
+
+def test_reasons_are_counted_whatever_their_numbers(tmp_path: Path) -> None:
+    other = result(outcome='failed', reason='25 features, 26 needed')
+    third = result(outcome='failed', reason='not arrived within 2.5 s')
+    document = summary(tmp_path, [third, FAILED, result(), other])
+    assert document['failure_reasons'] == {
+        'N features, N needed': 2,
+        'not arrived within N s': 1,
+    }
+
+
+@pytest.mark.parametrize(
+    ('changes', 'is_wrong'),
+    [
+        ({}, False),
+        ({'position_error_m': 0.051}, True),
+        ({'heading_error_deg': -2.1}, True),
+        ({'position_error_m': 0.051, 'outcome': 'failed'}, False),
+    ],
+)
+def test_wrong_is_who_says_arrived_and_is_not(
+    tmp_path: Path, changes: dict[str, Any], is_wrong: bool
+) -> None:
+    assert wrong(result(**changes)) is is_wrong
+    assert summary(tmp_path, [result(**changes)])['arrived_but_wrong'] == is_wrong
+
+
+def test_a_run_that_raised_is_a_defect(tmp_path: Path) -> None:
+    raised = result(outcome='failed', position_error_m=None, traceback='Traceback ...')
+    assert defective(raised) and not defective(FAILED)
+    assert summary(tmp_path, [raised, FAILED])['defects'] == 1
+
+
+def test_a_run_from_the_goal_has_no_distance_ratio(tmp_path: Path) -> None:
+    document = summary(tmp_path, [result(max_distance_ratio=None), result()])
+    assert document['max_distance_ratio']['max'] == 1.0
+
+
+def test_excursion_and_wrong_geometry_are_those_of_all_runs(tmp_path: Path) -> None:
+    lost = {**FAILED, 'max_distance_ratio': 5.0, 'wrong_geometry_s': 30.0}
+    document = summary(tmp_path, [result(), lost])
+    assert (document['excursion']['max'], document['wrong_geometry_s']['max']) == (5.0, 30.0)
+    assert document['max_distance_ratio']['max'] == 1.0
+
+
+def test_runs_of_before_there_was_a_judge_can_be_summed_up(tmp_path: Path) -> None:
+    unjudged = {key: value for key, value in result().items() if key != 'wrong_geometry_s'}
+    document = summary(tmp_path, [unjudged, result(wrong_geometry_s=0.5)])
+    assert document['wrong_geometry_s']['median'] == 0.5
+
+
+def test_only_the_runs_asked_for_are_judged(tmp_path: Path) -> None:
+    filled(tmp_path, plan_of(3), [result(), result(), FAILED]).close()
+    with filled(tmp_path, plan_of(2), []) as store:
+        assert summaries(plan_of(2), store)['full']['success_rate'] == 1.0
+
+
+VALUES = st.lists(st.floats(0.0, 1e6), min_size=1, max_size=40)
+
+
+@given(st.integers(1, 2000), st.data())
+def test_wilson_is_that_of_scipy(trials: int, data: st.DataObject) -> None:
+    successes = data.draw(st.integers(0, trials))
+    theirs = stats.binomtest(successes, trials).proportion_ci(method='wilson')
+    assert wilson(successes, trials) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
+
+
+def test_nothing_is_known_without_a_trial() -> None:
+    assert wilson(0, 0) == (0.0, 1.0)
+    assert math.isnan(quantile([], 0.95))
+    assert all(math.isnan(end) for end in quantile_interval([], 0.95))
+
+
+@given(VALUES, st.sampled_from([0.5, 0.95]))
+def test_an_interval_lies_within_the_data_and_is_repeatable(
+    values: list[float], share: float
+) -> None:
+    low, high = quantile_interval(values, share)
+    assert min(values) <= low <= high <= max(values)
+    assert (low, high) == quantile_interval(values, share)
+
+
+def test_the_bootstrap_is_that_of_scipy() -> None:
+    values = np.random.default_rng(3).random(300)
+    ours = quantile_interval(values, 0.95)
+    theirs = stats.bootstrap(
+        (values,),
+        lambda data, axis: np.quantile(data, 0.95, axis=axis),
+        n_resamples=4000,
+        method='percentile',
+        random_state=np.random.default_rng(5),
+    ).confidence_interval
+    # Both are drawn: they may differ by a neighbour or two, which are 1/300 apart.
+    assert ours == pytest.approx((theirs.low, theirs.high), abs=0.01)
+
+
+def test_large_data_are_drawn_in_blocks() -> None:
+    values = np.random.default_rng(3).random(3001)  # 1000 resamples are more than a block
+    low, high = quantile_interval(values, 0.95)
+    # Two deviations of the 95th percentile of so many: sqrt(0.95 * 0.05 / 3001) = 0.004.
+    assert (low, high) == pytest.approx((0.942, 0.958), abs=0.005)

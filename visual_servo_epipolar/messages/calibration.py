@@ -97,7 +97,8 @@ def as_text(value: Any) -> str:
     if isinstance(value, bool):
         return 'true' if value else 'false'
     if isinstance(value, Mapping):
-        return f'the keys {", ".join(map(str, value))}'[:60] if value else 'nothing'
+        keys = (key if isinstance(key, str) else as_text(key) for key in value)
+        return f'the keys {", ".join(keys)}'[:60] if value else 'nothing'
     if isinstance(value, Sequence) and not isinstance(value, str):
         return f'a list of {len(value)}'
     if isinstance(value, int) and abs(value) > LARGEST:

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
-from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from sensor_msgs.msg import CompressedImage
 import yaml
 
@@ -74,21 +73,7 @@ def as_png(message: Message) -> CompressedImage:
     return encoded
 
 
-def as_encoding(encoding: str, convert: Callable[[np.ndarray], np.ndarray]):
-    def change(message: Message):
-        image = decoded(message)
-        pixels = convert(read.gray(image))
-        encoded = write.image(
-            pixels.view(np.uint8), encoding, read.stamp_ns(image.header), 'front'
-        )
-        encoded.width = image.width
-        return encoded
-
-    return change
-
-
 FRONT = {'/front/camera_info': 'sensor_msgs/msg/CameraInfo'}
-RAW = {**FRONT, '/front/picture': 'sensor_msgs/msg/Image'}
 
 
 def test_a_camera_driver_and_a_photograph_in_a_file_give_the_commands_of_the_robot(
@@ -166,52 +151,10 @@ def test_of_raw_and_compressed_images_those_that_the_tracker_took_are_replayed(
         assert assign_roles(bag, {'image': 'image_raw'})['image'].name == '/image_raw'
 
 
-@pytest.mark.parametrize(
-    ('encoding', 'convert'),
-    [
-        ('bgr8', lambda gray: np.repeat(gray[..., None], 3, axis=2)),
-        ('rgba8', lambda gray: np.repeat(gray[..., None], 4, axis=2)),
-        ('mono16', lambda gray: gray.astype('<u2') << 8),
-        ('yuyv', lambda gray: np.stack([gray, np.full_like(gray, 128)], axis=2)),
-    ],
-)
-def test_every_encoding_of_the_same_scene_gives_them(
-    driver, small_run, photograph, tmp_path, encoding, convert
-) -> None:
-    change = as_encoding(encoding, convert)
-    path = write_bag(tmp_path / encoding, renamed(driver[:12], change), kinds=RAW)
-    steps = commands(path, desired=photograph)
-    assert twists(steps) == recorded(small_run)[:6]
-
-
-def test_a_mosaic_is_tracked(driver, photograph, tmp_path) -> None:
-    change = as_encoding('bayer_rggb8', lambda gray: gray)
-    path = write_bag(tmp_path / 'bayer', renamed(driver, change), kinds=RAW)
-    steps = commands(path, desired=photograph)
-    assert min(step.telemetry['features'] for step in steps) >= 20
-
-
-def test_the_photograph_may_be_taken_from_the_bag(driver, tmp_path) -> None:
-    path = write_bag(tmp_path / 'driver', driver)
-    assert commands(path, desired=Moment(0, since_first=True))[0].telemetry['trusted'] == 0.0
-
-
 def test_a_ros_1_bag_gives_the_same_commands(small_run, tmp_path) -> None:
     steps = commands(write_ros1(tmp_path / 'run.bag', small_run))
     assert twists(steps) == recorded(small_run)[: len(steps)]
     assert len(steps) >= 50
-
-
-def test_compressed_chunks_and_messages_give_them(driver, small_run, photograph, tmp_path) -> None:
-    for storage, mode in (
-        (StoragePlugin.MCAP, CompressionMode.STORAGE),
-        (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
-        (StoragePlugin.SQLITE3, CompressionMode.FILE),
-    ):
-        path = tmp_path / f'{storage.name}_{mode.name}'
-        write_bag(path, driver, storage=storage, compression=mode)
-        steps = commands(path, desired=photograph)
-        assert twists(steps) == recorded(small_run)[: len(steps)]
 
 
 def write_humble(path: Path, messages: list[Message]) -> Path:

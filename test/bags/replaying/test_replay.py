@@ -1,26 +1,32 @@
 """Replay: the same to the last bit with the same parameters, and told apart with others."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+import json
 from pathlib import Path
 import re
 import struct
 from typing import Any
 
-from bagmaker import kind_of, Message, TYPES, write_bag
+from bagmaker import decoded, drive, kind_of, Message, small_scenario, TYPES, write_bag
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
-from rosbags.rosbag2 import StoragePlugin
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
 from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
-from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
-from visual_servo_epipolar.bags.replaying.replay import replay, ReplayedStep
+from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides, SERVO, TRACKER
+from visual_servo_epipolar.bags.replaying.replay import document, replay, ReplayedStep, run_log
+from visual_servo_epipolar.bags.replaying.replay import SETTLE_FRAMES as BRAKING_STEPS
+from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.servo.telemetry import ODOMETRY, odometry_of
 from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.simulation.run_monitor import SETTLE_FRAMES
 
 TRACKER_SETTINGS = '/tracker_node/settings'
 FIRST = ('/desired/image_raw', '/tracker_node/desired/image_raw', '/tracker_node/settings')
@@ -117,16 +123,6 @@ def test_another_phase_is_never_forgiven(bag) -> None:
     _, _, comparison = replayed(bag, from_tracks=True, changes=changes, tolerance=1e9)
     assert comparison.divergence is not None
     assert comparison.divergence.values.keys() == {'phase'}
-
-
-def test_sqlite3_holds_the_same(small_run, tmp_path) -> None:
-    path = write_bag(tmp_path / 'small', small_run, storage=StoragePlugin.SQLITE3)
-    assert replayed(path)[2].equal
-    assert replayed(next(path.glob('*.db3')))[2].equal
-
-
-def test_a_bag_file_is_read_without_its_folder(bag) -> None:
-    assert replayed(next(bag.glob('*.mcap')))[2].equal
 
 
 def test_a_setting_changed_on_the_way_is_replayed_from_the_stamp_it_held_from(
@@ -263,3 +259,224 @@ def test_the_path_of_ground_truth_is_that_of_the_recorded_run(bag) -> None:
     blind = replace(run, poses={})
     assert not has_truth(blind, steps)
     assert document(run_log(blind, steps, seed=0, law='full'), truth=False)['start'] is None
+
+
+BY_TRACKER = ('/image_raw', '/camera_info', '/tracks')
+BY_SERVO = ('/epipoles', '/diagnostics', '/cmd_vel')
+
+
+def begun_late(
+    run: list[Message], frames: int, topics: tuple[str, ...] = (*BY_TRACKER, *BY_SERVO)
+) -> list[Message]:
+    """Return a run without the first ``frames`` messages of each of ``topics``."""
+    kept, counts = [], dict.fromkeys(topics, 0)
+    for item in run:
+        if item[0] in counts and counts[item[0]] < frames:
+            counts[item[0]] += 1
+        else:
+            kept.append(item)
+    return kept
+
+
+def notes_on(path, **overrides: object) -> list[str]:
+    with Bag(path) as bag:
+        return plan(bag, read_run(bag, assign_roles(bag, {})), ReplayOverrides(**overrides))[1]
+
+
+def test_a_recording_from_the_beginning_needs_no_word(small_run, tmp_path) -> None:
+    path = write_bag(tmp_path / 'whole', small_run)
+    assert notes_on(path) == notes_on(path, from_tracks=True) == []
+
+
+def test_a_recording_that_began_after_both_says_so(small_run, tmp_path, capsys) -> None:
+    path = write_bag(tmp_path / 'late', begun_late(small_run, 25))
+    assert notes_on(path) == [TRACKER, SERVO]
+    assert notes_on(path, from_tracks=True) == [SERVO]
+    main(['replay', str(path)])
+    shown = capsys.readouterr().out
+    assert 'the recording began after the tracker' in shown
+    assert '--tracks' in shown
+    assert main(['report', str(path), '--out', str(tmp_path)]) == 0
+    assert 'the recording began after the tracker' in (tmp_path / 'report.html').read_text('utf-8')
+
+
+@pytest.mark.parametrize('frames', [1, 10, 45])
+def test_a_servo_at_work_is_known_by_its_first_step(small_run, tmp_path, frames) -> None:
+    path = write_bag(tmp_path / 'late', begun_late(small_run, frames, BY_SERVO))
+    assert notes_on(path) == notes_on(path, from_tracks=True) == [SERVO]
+
+
+def test_a_servo_that_fails_when_recording_begins_is_known_by_its_phase(
+    small_run, tmp_path
+) -> None:
+    messages = [item for item in small_run if item[0] != '/tracks']
+    path = write_bag(tmp_path / 'bag', [_failing(item) for item in messages])
+    assert SERVO in notes_on(path)
+
+
+def _failing(message: Message) -> Message:
+    topic, log_ns, raw = message
+    if topic == '/diagnostics':
+        document = decoded(message)
+        next(pair for pair in document.status[0].values if pair.key == 'phase').value = 'failed'
+        raw = bytes(TYPES.serialize_cdr(document, kind_of(topic)))
+    return topic, log_ns, raw
+
+
+CLOSE = (0.3, -2.2, 0.0)
+
+
+def replayed_of_replayed_odometry(
+    path: Path,
+    overrides: ReplayOverrides,
+    known: Callable[[Recording], Recording] = lambda run: run,
+) -> tuple[Recording, list[ReplayedStep]]:
+    """Replay a bag of which so much is ``known``."""
+    with Bag(path) as bag:
+        run = known(read_run(bag, assign_roles(bag, {})))
+        return run, replay(bag, run, plan(bag, run, overrides)[0])
+
+
+def without_odometry(run: Recording) -> Recording:
+    """Return the recording of somebody who knew of no odometry."""
+    known = {
+        key: {name: value for name, value in values.items() if name not in ODOMETRY}
+        for key, values in run.telemetry.items()
+    }
+    return replace(run, telemetry=known)
+
+
+@pytest.fixture(scope='module')
+def reckoned(tmp_path_factory) -> Path:
+    scenario = small_scenario(4.0, odometry=True)
+    said = drive(scenario, scenario.loop(CLOSE, 0))
+    return write_bag(tmp_path_factory.mktemp('bags') / 'reckoned', said)
+
+
+@pytest.mark.parametrize('from_tracks', [False, True])
+def test_a_run_by_odometry_is_replayed_to_the_last_bit(reckoned, from_tracks) -> None:
+    run, steps = replayed_of_replayed_odometry(reckoned, ReplayOverrides(from_tracks=from_tracks))
+    comparison = compare(run, steps, 0.0)
+    assert comparison.equal
+    assert comparison.differences[ODOMETRY[0]].compared == len(steps)
+    poses = [odometry_of(step.telemetry) for step in steps]
+    assert None not in poses
+    assert poses[-1] != poses[0]
+
+
+def test_it_goes_by_the_poses_that_were_used(reckoned) -> None:
+    _, steps = replayed_of_replayed_odometry(
+        reckoned, ReplayOverrides(from_tracks=True), without_odometry
+    )
+    assert {odometry_of(step.telemetry) for step in steps} == {None}
+
+
+def test_who_wants_none_of_it_hears_none(reckoned) -> None:
+    changes = {'servo': {'odometry': False}}
+    _, steps = replayed_of_replayed_odometry(
+        reckoned, ReplayOverrides(from_tracks=True, changes=changes)
+    )
+    assert {odometry_of(step.telemetry) for step in steps} == {None}
+
+
+def test_a_bag_of_before_is_replayed_as_it_was(small_run, tmp_path) -> None:
+    path = write_bag(tmp_path / 'small', small_run)
+    run, steps = replayed_of_replayed_odometry(
+        path, ReplayOverrides(from_tracks=True), without_odometry
+    )
+    assert compare(run, steps, 0.0).equal
+
+
+PERIOD_NS = 100_000_000
+TELEMETRY = {
+    'linear_m_s': 0.1,
+    'angular_rad_s': 0.0,
+    'features': 30.0,
+    'attempt': 1.0,
+    **dict.fromkeys(
+        (
+            'epipole_current_px',
+            'epipole_desired_px',
+            'bearing_current_rad',
+            'bearing_desired_rad',
+            'feature_difference_px2',
+            'feature_error_px',
+            'distance_estimate_m',
+        ),
+        0.5,
+    ),
+}
+
+
+def steps_of(**counts: int) -> list[ReplayedStep]:
+    phases = [Phase.known[name] for name, count in counts.items() for _ in range(count)]
+    return [
+        ReplayedStep((number * PERIOD_NS, 0), number, phase, f'in {phase.value}', TELEMETRY)
+        for number, phase in enumerate(phases)
+    ]
+
+
+def driving_away(steps: list[ReplayedStep]) -> Recording:
+    """Return the ground truth of a robot that somebody drives on after the end."""
+    poses = {item.key[0]: Pose(0.0, 0.01 * n, 1.0) for n, item in enumerate(steps)}
+    return Recording(topics={}, poses=poses)
+
+
+@pytest.mark.parametrize('phase', ['arrived', 'failed'])
+def test_a_run_ends_where_it_arrived_or_failed(phase) -> None:
+    steps = steps_of(displacing=20, **{phase: 300})
+    log = run_log(driving_away(steps), steps, seed=0, law='full')
+    result = document(log, truth=True)
+    assert result['phases'][-1]['start_s'] == 2.0
+    assert (result['outcome'], result['reason']) == (phase, f'in {phase}')
+    assert len(log.samples) == 20 + BRAKING_STEPS
+    assert result['longitudinal_error_m'] == pytest.approx(0.01 * (19 + BRAKING_STEPS))
+    end_s = result['phases'][-1]['end_s']
+    assert end_s == result['duration_s'] == pytest.approx(2.0 + 0.1 * (BRAKING_STEPS - 1))
+
+
+def test_the_base_has_the_time_to_brake_that_a_live_run_gives_it() -> None:
+    assert BRAKING_STEPS == SETTLE_FRAMES
+
+
+def test_a_run_that_had_not_ended_lasts_as_long_as_its_bag() -> None:
+    steps = steps_of(arrived=10, displacing=20)
+    log = run_log(driving_away(steps), steps, seed=0, law='full')
+    assert document(log, truth=True)['duration_s'] == pytest.approx(2.9)
+    assert log.reason == 'the bag ends in displacing: in displacing'
+
+
+def test_replay_and_report_tell_the_end_of_the_run_from_that_of_the_recording(
+    small_run, tmp_path, capsys
+) -> None:
+    bag = str(write_bag(tmp_path / 'bag', small_run))
+    early = ('--tracks', '--set', 'servo.run_timeout=2')
+    assert main(['replay', bag, *early, '--json', '-']) == 1
+    result = json.loads(capsys.readouterr().out)
+    (failed,) = (item for item in result['phases'] if item['name'] == 'failed')
+    assert failed['start_s'] == pytest.approx(2.0, abs=0.2)
+    assert result['duration_s'] == failed['end_s'] == pytest.approx(2.5, abs=0.2)
+    assert result['recorded_s'] == pytest.approx(4.9, abs=0.2)
+    main(['replay', bag, *early])
+    assert f'failed; the recording goes on to {result["recorded_s"]:.1f} s' in (
+        capsys.readouterr().out
+    )
+    assert main(['report', bag, *early, '--out', str(tmp_path)]) == 0
+    page = (tmp_path / 'report.html').read_text('utf-8')
+    assert f'Failed after {result["duration_s"]:.1f} s' in page
+    assert 'duration of the recording' in page
+
+
+def test_figures_mark_the_end_of_the_run() -> None:
+    import numpy as np
+
+    from visual_servo_epipolar.report.figures import comparison, Signals, signals
+
+    steps = steps_of(displacing=20, failed=300)
+    log = run_log(driving_away(steps), steps, seed=0, law='full')
+    panel = signals(log).axes[1]
+    assert 2.0 in [line.get_xdata()[0] for line in panel.lines if line.get_linestyle() == '--']
+    both = Signals(np.array([0.0, 2.0, 32.0]), ['displacing', 'failed', 'failed'], {})
+    marked = comparison(both, both, None, 2.0).axes[2]
+    assert 'end of the run' in [text.get_text() for text in marked.get_legend().get_texts()]
+    assert marked.get_xlim()[1] == 32.0

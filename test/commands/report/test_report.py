@@ -1,20 +1,26 @@
 """``visual_servo report``: one page that needs nothing else, opened in a real browser."""
 
+import base64
 from html.parser import HTMLParser
+from importlib import metadata
 import json
 from pathlib import Path
 import re
 import shutil
 
 from bagmaker import decoded, write_bag
-from browser import needs_browser, open_in_browser
+from browser import ask_browser, needs_browser, open_in_browser
 import cv2
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
+from visual_servo_epipolar.commands import report as on_page
 from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.commands.simulate import versions
 from visual_servo_epipolar.messages import event_log, write
+from visual_servo_epipolar.report.images.video import Codec, CODECS, pyav
+from visual_servo_epipolar.report.page import Headline, Section, write_page
 
 PERIOD_NS = 90_909_091
 # Written into a copy of the page: what the browser made of it.
@@ -243,10 +249,135 @@ def test_nothing_is_left_of_a_report_that_was_cut_off(
         assert list(tmp_path.iterdir()) == []
 
 
-def test_a_place_where_nothing_can_be_written_is_refused_before_the_replay(
-    bag, monkeypatch, capsys
-) -> None:
-    from visual_servo_epipolar.commands import report as command
+WIDE = """<script>addEventListener('load', () => {
+  const page = document.documentElement;
+  page.dataset.wide = page.scrollWidth > window.innerWidth;
+});</script></main>"""
 
-    monkeypatch.setattr(command, 'replay_bag', lambda *_, **__: pytest.fail('it ran'))
-    assert 'give another --out' in refused(capsys, str(bag), '--out', '/proc/here')
+
+@pytest.mark.parametrize('command', ['report', 'replay'])
+def test_of_a_folder_with_a_bag_in_it_the_bag_is_named(command, tmp_path, capsys) -> None:
+    (tmp_path / 'bag').mkdir()  # as a demo that was interrupted leaves it
+    (tmp_path / 'bag' / 'metadata.yaml').touch()
+    assert main([command, str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert f'not a bag, but a folder with one; give {tmp_path / "bag"}' in error
+
+
+def test_versions_of_a_run_need_no_metadata_of_pip(monkeypatch) -> None:
+    def nothing(name: str) -> str:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, 'version', nothing)  # as of cv2 from apt
+    assert {'numpy', 'OpenCV', 'Python', 'visual_servo_epipolar'} <= versions().keys()
+
+
+@needs_browser
+def test_long_notes_are_broken_into_lines(tmp_path) -> None:
+    page = tmp_path / 'long.html'
+    note = f'<pre>{"a note of many words " * 30}</pre>'
+    write_page(page, 'title', Headline('Arrived', True, ''), [Section('Notes', note)])
+    text = page.read_text(encoding='utf-8').replace('</main>', WIDE)
+    start = text.index('<meta http-equiv="Content-Security-Policy"')
+    page.write_text(text[:start] + text[text.index('>', start) + 1 :], encoding='utf-8')
+    shown, _ = open_in_browser(page, tmp_path)
+    assert 'data-wide="false"' in shown
+
+
+needs_pyav = pytest.mark.skipif(pyav() is None, reason='PyAV is not installed')
+SIZE, FRAMES = (320, 240), 22
+POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
+PROBE_VIDEO_ON_PAGE = """<script>
+const video = document.querySelector('video');
+const tell = () => fetch('/', {method: 'POST', body: JSON.stringify(
+  {error: video.error && video.error.message, width: video.videoWidth, time: video.duration})});
+if (video.readyState >= 2 || video.error) { tell(); }
+video.onloadeddata = video.onerror = tell;
+</script></body>"""
+
+
+@pytest.fixture(scope='module')
+def run_folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp('run')
+    start = ('--start', '0', '-3', '180')  # ends soon
+    assert main(['simulate', *start, '--out', str(folder / 'run')]) == 1
+    return folder / 'run'
+
+
+def page_with(codec: Codec, run_folder: Path, folder: Path) -> Path:
+    """Return the page on a run with a video of this codec."""
+    shutil.copytree(run_folder, folder / 'my run')
+    encoder = codec.open(folder / 'my run' / 'video.mp4', 11.0, SIZE)
+    assert encoder is not None
+    for k in range(FRAMES):
+        encoder.write(np.full((240, 320, 3), 5 * k, dtype=np.uint8))
+    encoder.release()
+    assert main(['report', str(folder / 'my run'), '--out', str(folder / 'page')]) == 0
+    return folder / 'page' / 'report.html'
+
+
+@needs_pyav
+def test_a_small_video_is_inside_the_page(run_folder, tmp_path) -> None:
+    text = page_with(CODECS[0], run_folder, tmp_path).read_text(encoding='utf-8')
+    content = (tmp_path / 'my run' / 'video.mp4').read_bytes()
+    assert f'src="data:video/mp4;base64,{base64.b64encode(content).decode()}"' in text
+    assert 'MB inside this page.' in text
+    assert text.count('data:image/jpeg') >= 6  # and its pictures, as before
+
+
+@needs_pyav
+@needs_browser
+def test_a_browser_plays_it_from_the_page(run_folder, tmp_path) -> None:
+    page = page_with(CODECS[0], run_folder, tmp_path)
+    _, logged = open_in_browser(page, tmp_path)
+    assert 'CONSOLE' not in logged  # the policy of the page lets it be
+    text = POLICY.sub('', page.read_text(encoding='utf-8')).replace('</body>', PROBE_VIDEO_ON_PAGE)
+    probe = json.loads(ask_browser(text, tmp_path))
+    assert (probe['error'], probe['width']) == (None, SIZE[0])
+    assert probe['time'] == pytest.approx(FRAMES / 11.0, abs=0.1)
+
+
+@needs_pyav
+def test_a_large_video_is_linked_from_where_it_lies(run_folder, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(on_page, 'EMBEDDED_BYTES', 100)
+    page = page_with(CODECS[0], run_folder, tmp_path)
+    text = page.read_text(encoding='utf-8')
+    assert 'src="../my%20run/video.mp4"' in text
+    assert 'not inside this page: it is loaded from ../my run/video.mp4' in text
+    assert 'data:video' not in text
+    assert re.search(r'media-src data: [^;\"]*', text)
+
+
+@needs_pyav
+@needs_browser
+def test_the_policy_of_the_page_lets_a_browser_load_a_linked_one(
+    run_folder, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setattr(on_page, 'EMBEDDED_BYTES', 100)
+    page = page_with(CODECS[0], run_folder, tmp_path)
+    _, logged = open_in_browser(page, tmp_path)
+    assert 'CONSOLE' not in logged
+
+
+def test_a_video_for_players_alone_is_named_in_words(run_folder, tmp_path) -> None:
+    text = page_with(CODECS[-1], run_folder, tmp_path).read_text(encoding='utf-8')
+    assert '<video' not in text.partition('</style>')[2]
+    named = r'video\.mp4 \((FMP4|mp4v)\) plays in no browser: open it in a video player'
+    assert re.search(named, text)  # FFmpeg has two names for the codec
+    assert not CODECS[-1].options
+    assert text.count('data:image/jpeg') >= 6
+
+
+def test_a_file_that_is_no_video_is_no_reason_to_stop(run_folder, tmp_path) -> None:
+    shutil.copytree(run_folder, tmp_path / 'run')
+    (tmp_path / 'run' / 'video.mp4').write_bytes(b'no video')
+    assert main(['report', str(tmp_path / 'run'), '--out', str(tmp_path)]) == 0
+    assert on_page.codec_of(tmp_path / 'run' / 'video.mp4') == ''
+    assert 'unknown codec' in (tmp_path / 'report.html').read_text(encoding='utf-8')
+
+
+def test_codecs_are_read_as_opencv_names_them(tmp_path) -> None:
+    writer = cv2.VideoWriter(str(tmp_path / 'a.avi'), cv2.VideoWriter.fourcc(*'MJPG'), 11.0, SIZE)
+    writer.write(np.zeros((240, 320, 3), np.uint8))
+    writer.release()
+    assert on_page.codec_of(tmp_path / 'a.avi') == 'MJPG'

@@ -32,7 +32,6 @@ from visual_servo_epipolar.core.mapping.resection import (
     NOTHING,
     resect,
     Shrinkage,
-    shrinkage_of,
 )
 from visual_servo_epipolar.core.mapping.selection import (
     is_keyframe,
@@ -192,13 +191,6 @@ def test_small_shares_are_chance_and_large_ones_the_whole(share, withdrawn) -> N
     assert Shrinkage(share).withdrawn == pytest.approx(withdrawn)
 
 
-def test_it_stays_within_its_range_and_fades() -> None:
-    beyond = shrinkage_of(1.3, 0.0)
-    assert beyond.share == 1.0
-    assert beyond.variance > 0.0
-    assert beyond.before(0.1, 5.0).variance > beyond.variance
-
-
 def shuffled(view: FeatureObservations) -> FeatureObservations:
     order = np.random.default_rng(1).permutation(len(view))
     return FeatureObservations(
@@ -219,15 +211,6 @@ def test_views_that_share_too_little_differ(drive) -> None:
     few = view.take(np.arange(len(view)) < 2)
     assert differ_in_place(few, few) is True
     assert differ_in_place(view, few) is True
-
-
-def test_they_are_of_these_features_and_of_this_geometry(exact, exact_drive) -> None:
-    geometry, ids = Geometry(exact), exact_drive.observations(3).ids
-    found = correspondences_of(geometry, ids)
-    assert found.are_of(geometry, ids.copy())
-    assert not found.are_of(geometry, ids[::-1])
-    assert not found.are_of(geometry, ids[1:])
-    assert not found.are_of(Geometry(exact), ids)
 
 
 def test_a_view_of_the_same_features_says_what_it_would_alone(drive, memory) -> None:
@@ -286,12 +269,3 @@ def test_slopes_of_a_short_last_step_are_good_enough(drive, memory) -> None:
     near = resect(geometry, anchors, seen, fit, NOTHING)
     anew = resect(geometry, anchors, seen, fit._replace(slopes=None), NOTHING)
     assert near.pose == pytest.approx(anew.pose, abs=0.01 * np.sqrt(anew.own[0, 0]))
-
-
-def test_after_a_longer_step_slopes_are_taken_anew(drive, memory) -> None:
-    geometry = memory.geometry
-    seen = view_of(drive, geometry, 13)
-    anchors = anchors_of(geometry).of(seen.rows)
-    begun = fit_pose(anchors, seen, drive.views[13]).pose
-    far = [0.0, 0.0, 7e-4, 0.0, 0.0]  # twenty deviations: slopes serve to get back, no more
-    assert fit_pose(anchors, seen, begun + far).slopes is None

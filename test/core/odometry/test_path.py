@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from servo_states import in_phase
 
-from visual_servo_epipolar.core.estimate.delay import Delay
+from visual_servo_epipolar.core.estimate.base_model import Delay
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.geometry.planar_poses import compose, inverse_pose, relative_pose
 from visual_servo_epipolar.core.laws.command import Command

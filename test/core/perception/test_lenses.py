@@ -15,7 +15,6 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.cameras.registry import camera_of_size
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Twist
 from visual_servo_epipolar.core.geometry.rays import normalised
-from visual_servo_epipolar.core.laws.state import ServoState
 from visual_servo_epipolar.core.perception.measures import (
     difference_deviation,
     feature_difference,
@@ -26,11 +25,12 @@ from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.perception.rolling_shutter import base_axes, RollingShutter
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
-from visual_servo_epipolar.simulation.mounts.shutter import Shutter
+from visual_servo_epipolar.simulation.mounts.sensor import Shutter
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 from visual_servo_epipolar.simulation.views import points_of

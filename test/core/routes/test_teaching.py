@@ -32,10 +32,12 @@ def picture() -> Image:
     return np.asarray(np.kron(blocks, np.ones((5, 5), np.uint8)), np.uint8)
 
 
-def taught(blank: range = range(0), bend: float = 0.0) -> Teacher:
+def taught(
+    blank: range = range(0), bend: float = 0.0, settings: TeachSettings | None = None
+) -> Teacher:
     """Return a teacher that was shown the way of a race car, some frames of it ``blank``."""
     (clip,) = (it for it in read_clips(str(DONKEY)) if it.also)
-    teacher = Teacher(clip.camera)
+    teacher = Teacher(clip.camera, settings)
     for frame in clip.frames:
         x, y, theta = clip.metric(frame).tolist()
         image = clip.image(frame)
@@ -55,8 +57,7 @@ def test_a_stretch_without_features_is_bridged_by_the_odometry() -> None:
 
 
 def test_a_long_stretch_without_features_parts_the_way() -> None:
-    teacher = taught(blank=range(28, 40))
-    teacher._settings = TeachSettings(max_spacing=0.1)
+    teacher = taught(blank=range(28, 40), settings=TeachSettings(max_spacing=0.1))
     first = teacher.finish()
     (second,) = teacher.further
     assert first.views[-1].way < second.views[0].way
@@ -147,9 +148,11 @@ def test_no_more_are_kept_than_asked_for_and_the_first_always(view: RouteView) -
 def test_places_are_looked_for_in_all_photographs_of_a_key_view(view: RouteView) -> None:
     renewed = view.renewed_by(by_lamp(view, 0), 3)
     finder = PlaceFinder(route_of(key_view(0), renewed, key_view(2)))
-    index = finder._index
-    assert len(index._descriptors) == len(index._owners) == 12 + 13 + len(ROWS) + 14
-    assert (index._owners == 1).sum() == 13 + len(ROWS)
+    shown = np.concatenate([it.keypoints.descriptors for it in renewed.appearances])
+    assert len(shown) == 13 + len(ROWS)
+    owners, products = finder._index.nearest(shown, np.arange(3))
+    own = np.where(owners == 1, products, -np.inf).max(axis=1)
+    assert own == pytest.approx((shown**2).sum(axis=1))
 
 
 def test_descriptors_are_of_today_where_today_shows_the_keypoint() -> None:

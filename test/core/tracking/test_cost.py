@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.tracking.alignment import sampling, template_alignment
+from visual_servo_epipolar.core.tracking.alignment import template_alignment
 from visual_servo_epipolar.core.tracking.alignment import templates as module
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, PatchGrid
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
@@ -46,48 +46,12 @@ def warps(offset: np.ndarray) -> Warps:
     )
 
 
-def test_an_alignment_ends_when_nothing_moves(monkeypatch: pytest.MonkeyPatch) -> None:
-    counts: list[int] = []
-    sample = sampling.PatchGrid.sample
-
-    def counted(self, image, maps):
-        counts.append(len(maps))
-        return sample(self, image, maps)
-
-    monkeypatch.setattr(sampling.PatchGrid, 'sample', counted)
-    anchor, image = Anchor(scene()), float_image(scene(SHIFT))
-    anchor.align(warps(SHIFT), image, iterations=1)
-    counts.clear()
-    start = SHIFT + np.linspace(0.0, 1.0, 48)[:, None]  # some have farther to go
-    alignment = anchor.align(warps(start), image, iterations=15)
-    assert len(counts) < 12
-    assert counts == sorted(counts, reverse=True)
-    assert counts[-1] < counts[0]
-    monkeypatch.setattr(template_alignment, 'CONVERGED', 0.0)
-    whole = anchor.align(warps(start), image, iterations=15)
-    off = np.abs(alignment.warps.current - whole.warps.current).max()
-    assert 0.0 < off < template_alignment.CONVERGED + 0.02
-    assert np.abs(alignment.correlation - whole.correlation).max() < 1e-3
-
-
 def test_a_small_image_is_aligned_to_the_last_step(monkeypatch: pytest.MonkeyPatch) -> None:
     anchor, image = Anchor(scene(size=SMALL)), float_image(scene(SHIFT, SMALL))
     as_it_is = anchor.align(warps(SHIFT + 0.2), image, iterations=15)
     monkeypatch.setattr(template_alignment, 'CONVERGED', 0.0)
     whole = anchor.align(warps(SHIFT + 0.2), image, iterations=15)
     np.testing.assert_array_equal(as_it_is.warps.current, whole.warps.current)
-
-
-def test_templates_are_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    anchor, image = Anchor(scene()), float_image(scene())
-    first = anchor.align(warps(np.zeros(2)), image, iterations=4)
-
-    def fails(*_: object) -> None:
-        raise AssertionError('a template was made again')
-
-    monkeypatch.setattr(anchor._templates, '_made', fails)
-    again = anchor.align(warps(np.zeros(2)), image, iterations=4)
-    np.testing.assert_array_equal(again.warps.current, first.warps.current)
 
 
 def test_more_templates_than_there_was_room_for_are_kept() -> None:
@@ -216,17 +180,6 @@ def test_a_template_that_was_dropped_is_made_as_before(cache) -> None:
         cache.stacked(others, points(others), level(number))
     assert (0, 2) not in cache._rows
     np.testing.assert_array_equal(cache.stacked(first, points(first), level(2)), before)
-
-
-def test_what_is_in_use_stays_when_room_is_made(cache) -> None:
-    tracked = np.arange(COUNT)
-    expected = cache.stacked(tracked, points(tracked), level(0)).copy()
-    for number in range(1, 30):
-        others = tracked + 1000 * number
-        cache.stacked(others, points(others), level(number))
-        stacked = cache.stacked(tracked, points(tracked), level(0))
-        np.testing.assert_array_equal(stacked, expected)
-        assert {(k, 0) for k in range(COUNT)} <= set(cache._rows)
 
 
 def test_light_that_grows_across_a_patch_is_no_motion() -> None:

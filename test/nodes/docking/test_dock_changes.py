@@ -46,9 +46,9 @@ def test_tracks_that_wait_do_not_outlive_a_deactivation(bench) -> None:
     rig = Rig(bench)
     rig.see()  # and hear of no odometry
     bench.settle()
-    assert len(rig.node._pending) == 1
+    assert len(rig.pending) == 1
     go(bench, rig.node, 'deactivate')
-    assert not rig.node._pending
+    assert not rig.pending
 
 
 def test_a_reset_and_stamps_of_before_drop_tracks_that_wait(bench) -> None:
@@ -57,18 +57,18 @@ def test_a_reset_and_stamps_of_before_drop_tracks_that_wait(bench) -> None:
     rig.see()
     bench.settle()
     assert bench.call('dock_node/reset').success
-    assert not rig.node._pending
+    assert not rig.pending
     for rig.frame in (6, 1):
         rig.see()
         bench.settle()
-    assert [read.stamp_ns(cloud.header) for cloud in rig.node._pending] == [rig.stamp_ns]
+    assert [read.stamp_ns(cloud.header) for cloud in rig.pending] == [rig.stamp_ns]
 
 
 def test_tracks_that_are_not_of_the_camera_are_complained_of(bench) -> None:
     rig = Rig(bench)
     small = write.camera_info(CAMERA.__class__(64, 48, 40.0, 40.0, 32.0, 24.0), 0, 'camera')
     rig.info(small)
-    bench.until(lambda: rig.node._camera.width == 64, 'camera_info to arrive')
+    bench.settle()
     rig.step()
     bench.until(lambda: bench.logged('64x48'), 'what is wrong with them')
 
@@ -89,9 +89,9 @@ def test_a_cleanup_forgets_the_mount_of_tf_static(bench) -> None:
     edge = transforms.mount_transform('base_link', 'camera', LEVEL, np.array([0.1, 0.0, 0.6]))
     rig.node._mount.receive(SimpleNamespace(transforms=[edge]))
     rig.drive(1)
-    assert rig.node._settings.camera_forward == pytest.approx(0.1)
+    assert rig.settings.camera_forward == pytest.approx(0.1)
     go(bench, rig.node, 'deactivate', 'cleanup')
-    assert rig.node._settings.camera_forward == 0.0
+    assert rig.settings.camera_forward == 0.0
 
 
 def test_a_dock_node_that_is_destroyed_is_gone_at_once(bench) -> None:

@@ -3,6 +3,7 @@
 import math
 from types import SimpleNamespace
 
+from bench import Bench
 from dock_rig import Rig, TWIST
 from docking_drives import CAMERA, PERIOD_NS, true_dock
 from geometry_msgs.msg import Quaternion, TwistStamped
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo
 
-from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist, yaw_from_quaternion
 from visual_servo_epipolar.core.geometry.planar_poses import compose
 from visual_servo_epipolar.messages import docking, read, transforms, write
 from visual_servo_epipolar.nodes import qos
@@ -200,7 +201,9 @@ def test_a_camera_that_changes_begins_anew(bench) -> None:
     other = CAMERA.__class__(1280, 1024, 800.0, 800.0, 635.0, 512.0)
     rig.info(write.camera_info(other, 0, 'camera'))
     bench.until(lambda: bench.logged('camera_info has changed'), 'what happened')
-    assert not rig.node._search.keys
+    told = len(rig.poses)
+    rig.drive(1)
+    assert len(rig.poses) == told
 
 
 def test_a_reset_forgets_the_mount_of_tf_static(bench) -> None:
@@ -215,14 +218,14 @@ def test_a_reset_forgets_the_mount_of_tf_static(bench) -> None:
 
     sits(0.1)
     rig.drive(1)
-    assert rig.node._settings.camera_forward == pytest.approx(0.1)
+    assert rig.settings.camera_forward == pytest.approx(0.1)
     sits(0.2)
     rig.drive(1)
-    assert rig.node._settings.camera_forward == pytest.approx(0.1)  # of what was seen
+    assert rig.settings.camera_forward == pytest.approx(0.1)  # of what was seen
     assert bench.call('dock_node/reset').success
-    assert rig.node._settings.camera_forward == 0.0
+    assert rig.settings.camera_forward == 0.0
     rig.drive(1)
-    assert rig.node._settings.camera_forward == pytest.approx(0.2)
+    assert rig.settings.camera_forward == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize(
@@ -239,3 +242,31 @@ def test_nonsense_is_refused_in_one_line(bench, x: float, w: float, words: str) 
     assert words in bench.logged('odometry refused')[0]
     rig.drive()
     assert rig.poses
+
+
+AHEAD, BACK = Twist(0.3, 0.2), Twist(-0.3, 0.2)
+STAMP_NS = 5_000_000_007
+
+
+def test_a_stamped_command_keeps_its_stamp(bench: Bench) -> None:
+    heard = bench.listen(TwistStamped, 'cmd_vel')
+    command = bench.talk(TwistStamped, 'cmd_vel_reversed')
+    bench.start(DockNode, dock_backwards=True, enable_stamped_cmd_vel=True)
+    command(write.twist_stamped(AHEAD, STAMP_NS, 'base_link'))
+    bench.until(lambda: bool(heard), 'the command, turned round')
+    assert (read.twist(heard[0]), read.stamp_ns(heard[0].header)) == (BACK, STAMP_NS)
+
+
+@pytest.mark.parametrize('stamped', [False, True])
+def test_at_a_broken_command_and_at_its_end_the_base_stands(bench: Bench, stamped: bool) -> None:
+    kind = TwistStamped if stamped else TwistMessage
+    heard, command = bench.listen(kind, 'cmd_vel'), bench.talk(kind, 'cmd_vel_reversed')
+    node = bench.start(DockNode, dock_backwards=True, enable_stamped_cmd_vel=stamped)
+    broken = kind()
+    (broken.twist if stamped else broken).linear.x = float('nan')
+    command(broken)
+    bench.until(lambda: len(heard) == 1, 'a command in place of the broken one')
+    node.stop()
+    bench.until(lambda: len(heard) == 2, 'the last command')
+    assert [read.twist(message) for message in heard] == [STANDSTILL, STANDSTILL]
+    bench.until(lambda: bool(bench.logged('nan')), 'what was wrong with it')

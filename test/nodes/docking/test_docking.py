@@ -19,6 +19,7 @@ from fibonacci_wire import FibonacciWire  # noqa: E402
 from rclpy.action import ActionClient  # noqa: E402
 from test_msgs.action import Fibonacci  # noqa: E402
 
+from visual_servo_epipolar.core.docking.settings import DockTaskSettings
 from visual_servo_epipolar.core.docking.task import Error, State  # noqa: E402
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL  # noqa: E402
 from visual_servo_epipolar.core.tracking.features import Features  # noqa: E402
@@ -71,8 +72,7 @@ class Robot:
             camera_yaw=math.pi if backward else 0.0,
         )
         info(write.camera_info(CAMERA, 0, 'camera'))
-        ready = lambda: self.servo._camera.model and self.dock._camera  # noqa: E731
-        bench.until(lambda: bool(ready()), 'camera_info to arrive')
+        bench.settle()
         self.client = ActionClient(bench.probe, Fibonacci, 'dock_robot')
         self.feedback = []
         self.step()  # or a start would be refused
@@ -89,21 +89,21 @@ class Robot:
         return future.result(), future.result().get_result_async()
 
     def started(self) -> None:
-        self.bench.until(lambda: self.servo._run.active, 'the servo to be started')
+        self.bench.until(lambda: self.run.active, 'the servo to be started')
 
     def step(self) -> None:
         """Look, wait for what is commanded, and obey for one period."""
         stamp_ns = (self.frame + 1) * PERIOD_NS
-        heard, active = len(self.commands), self.servo._run.active
+        heard, active = len(self.commands), self.run.active
         seen = Features() if self.blind else self.world.observe(self.pose, self.frame)
         self.poses[stamp_ns] = self.pose
         if self.with_odometry:  # without, the dock node has no path, and looks at no tracks
             told = write.odometry(self.pose, STANDSTILL, stamp_ns, 'odom', 'base_link')
             self.odometry(told)
         self.tracks(write.features(replace(seen, goal=GOAL), stamp_ns, 'camera'))
-        self.bench.until(lambda: self.servo._run.stamp_ns == stamp_ns, 'tracks to arrive')
+        self.bench.until(lambda: self.run.stamp_ns == stamp_ns, 'tracks to arrive')
         if active:
-            ended = lambda: self.servo._state.ended  # noqa: E731
+            ended = lambda: self.run.state.ended  # noqa: E731
             self.bench.until(lambda: len(self.commands) > heard or ended(), 'a command')
         self.frame += 1
         if len(self.commands) > heard:
@@ -115,11 +115,16 @@ class Robot:
             if condition():
                 return
             self.step()
-        pytest.fail(f'not after {most} images: phase {self.servo._state.phase.value}')
+        pytest.fail(f'not after {most} images: phase {self.run.state.phase.value}')
 
     def outcome(self, result):
         self.drive_until(result.done)
         return result.result().status, list(result.result().result.sequence)
+
+    @property
+    def run(self):
+        """The run of the servo."""
+        return self.servo._run
 
     @property
     def controls(self) -> bool:
@@ -181,7 +186,7 @@ def test_a_cancel_leaves_it_standing_and_another_request_docks(robot) -> None:
     goal.cancel_goal_async()
     it.bench.until(result.done, 'the result')
     assert result.result().status == GoalStatus.STATUS_CANCELED
-    it.bench.until(lambda: not it.servo._run.active, 'the servo to be stopped')
+    it.bench.until(lambda: not it.run.active, 'the servo to be stopped')
     assert_stands(it)
     _, result = it.ask()
     assert it.outcome(result) == (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])
@@ -199,7 +204,7 @@ def test_a_deactivation_in_mid_docking_leaves_it_standing(robot, start, backward
     it.drive_until(lambda: it.controls and abs(it.pose.y) < abs(HALF_WAY))
     assert read.twist(it.commands[-1]) != STANDSTILL
     go(it.bench, it.dock, 'deactivate')
-    it.bench.until(lambda: not it.servo._run.active, 'the servo to be stopped')
+    it.bench.until(lambda: not it.run.active, 'the servo to be stopped')
     it.bench.until(result.done, 'the result')
     assert (result.result().status, list(result.result().result.sequence)) == GIVEN_UP
     assert_stands(it)
@@ -232,9 +237,7 @@ def test_it_refuses_to_dock_where_the_photograph_is_never_seen(robot) -> None:
     it.blind = True
     _, result = it.ask()
     stood = it.pose
-    it.dock._server.settings = it.dock._task_settings.__class__(
-        max_retries=0, initial_perception_timeout=0.1
-    )
+    it.dock._server.settings = DockTaskSettings(max_retries=0, initial_perception_timeout=0.1)
     status, sequence = it.outcome(result)
     assert status == GoalStatus.STATUS_ABORTED
     assert sequence[:2] == [0, 904]

@@ -23,7 +23,7 @@ class Servo:
 
     def __init__(self, bench: Bench) -> None:
         self._bench, self.told, self.armed = bench, [], []
-        self._say = bench.talk(String, 'phase', qos.LATCHED)
+        self.say_word = bench.talk(String, 'phase', qos.LATCHED)
         self._explain = bench.talk(DiagnosticArray, '/diagnostics')
         client = ServoClient(
             bench.probe, 'servo_node', self._tell, lambda *_: None, lambda: self.armed.append(True)
@@ -34,7 +34,7 @@ class Servo:
         self.told.append((phase, reason))
 
     def say(self, phase: Phase) -> None:
-        self._say(write.text(phase.value))
+        self.say_word(write.text(phase.value))
         self._bench.settle()
 
     def explain(self, phase: Phase, reason: str) -> None:
@@ -83,7 +83,7 @@ def test_a_phase_is_told_once_however_often_it_is_explained(servo: Any) -> None:
 
 def test_an_order_that_lapses_is_told_with_its_reason(bench: Bench, servo: Any) -> None:
     it = servo(LONG_S)
-    it._say(write.text(ARMED))
+    it.say_word(write.text(ARMED))
     bench.until(lambda: bool(it.armed), 'that it is armed')
     assert it.told == []
     it.say(Phase.WAITING)

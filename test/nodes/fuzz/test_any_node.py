@@ -1,13 +1,29 @@
 """Whatever comes on any subscription of the other nodes: they live, say one line, stay small."""
 
+from bag_reading import read_back
 from bench import Bench
 import fuzzing
+from geometry_msgs.msg import TwistStamped
+from lifecycle_msgs.srv import ChangeState
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import CameraInfo, PointCloud2
+from servo_rig import AWAY, CAMERA, PERIOD_NS, Rig, STAMP_NS, tracks
+from std_msgs.msg import Bool, String
+from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.dock_node import DockNode
+from visual_servo_epipolar.nodes.recorder_node import RecorderNode
+from visual_servo_epipolar.nodes.route_node import RouteNode
+from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.nodes.servoing.commands import Commands
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 
 SMALL = {'width': 64, 'height': 48, 'focal_length': 38.0, 'principal_u': 31.5}
@@ -47,22 +63,246 @@ def test_a_node_outlives_all_that_it_hears(bench: Bench, kind, values) -> None:
 
 def test_the_base_never_leaves_its_limits(bench: Bench) -> None:
     node = bench.start(UnicycleNode, lockstep=True, begin=False)
-    rng = np.random.default_rng(3)
+    rng, base, limits = np.random.default_rng(3), node._base, node._base_settings
     for _ in range(fuzzing.COUNT):
         fuzzing.sent_to(node, rng)
-        assert abs(node._base.twist.linear) <= node._base_settings.max_linear * 1.01
-        assert abs(node._base.twist.angular) <= node._base_settings.max_angular * 1.01
-    assert np.isfinite([node._base.pose.x, node._base.pose.y, node._base.pose.theta]).all()
+        assert abs(base.twist.linear) <= limits.max_linear * 1.01
+        assert abs(base.twist.angular) <= limits.max_angular * 1.01
+    assert np.isfinite([base.pose.x, base.pose.y, base.pose.theta]).all()
 
 
 def test_commands_that_are_turned_round_are_finite(bench: Bench) -> None:
     node = bench.start(DockNode, dock_backwards=True)
-    turned = []
-    node._reversal._pub.publish, publish = turned.append, node._reversal._pub.publish
+    turned: list = []
+    (publisher,) = (it for it in node.publishers if it.topic_name == '/cmd_vel')
+    publisher.publish, publish = turned.append, publisher.publish
     (hear,) = (it for it in node.subscriptions if it.topic_name == '/cmd_vel_reversed')
     rng = np.random.default_rng(4)
     for _ in range(fuzzing.COUNT):
         hear.callback(fuzzing.wired(fuzzing.anything(hear.msg_type, rng)))
         read.twist(turned[-1])  # raises where it is not finite
-    node._reversal._pub.publish = publish
+    publisher.publish = publish
     assert len(turned) == fuzzing.COUNT
+
+
+HEAD = 150  # bytes: sizes and names of fields are there
+
+
+def damaged(data: bytes, rng) -> bytes:
+    """Return part of ``data``, and some of its first bytes by others."""
+    changed = bytearray(data[: int(rng.choice([len(data), rng.integers(4, len(data))]))])
+    for _ in range(int(rng.integers(1, 6))):
+        changed[int(rng.integers(4, min(len(changed), HEAD) + 1)) - 1] = int(rng.integers(0, 256))
+    return bytes(changed)
+
+
+def test_a_servo_outlives_bytes_that_are_no_message(bench) -> None:
+    rig, rng = Rig(bench, autostart=False, stale_timeout=60.0), np.random.default_rng(7)
+    cloud = serialize_message(tracks())
+    info = serialize_message(write.camera_info(CAMERA, 0, 'camera'))
+    for _ in range(fuzzing.COUNT):
+        rig.send(damaged(cloud, rng))
+        rig.calibrate(damaged(info, rng))
+        bench.executor.spin_once(timeout_sec=0.01)
+    bench.settle()
+    assert all(twist == STANDSTILL for twist in rig.twists())
+    rig.calibrate(write.camera_info(CAMERA, 0, 'camera'))
+    rig.see()
+    assert bench.call('servo_node/start').success
+    rig.drive()
+
+
+KINDS_SERVICES = [
+    ServoNode,
+    TrackerNode,
+    RecorderNode,
+    DockNode,
+    RouteNode,
+    UnicycleNode,
+    CameraNode,
+]
+TINY = {'width': 64, 'height': 48, 'focal_length': 38.0, 'principal_u': 31.5, 'principal_v': 23.5}
+ENDS = {5, 6, 7}  # transitions after which nothing is asked any more
+
+
+def asked(node, kind, rng):
+    """Return a request; of parameters mostly those that the node has."""
+    request = fuzzing.anything(kind.Request, rng)
+    if kind is ChangeState and (request.transition.id in ENDS or rng.random() < 0.7):
+        request.transition.id = int(rng.choice([0, 1, 2, 3, 4, 10, 99]))
+    if kind in (SetParameters, SetParametersAtomically):
+        names = [name for name in node.get_parameters_by_prefix('') if name != 'use_sim_time']
+        for item in request.parameters:
+            item.name = str(rng.choice(names))
+            item.value.type = int(rng.choice([*range(11), 255]))
+    return request
+
+
+@pytest.mark.parametrize('kind', KINDS_SERVICES)
+def test_every_request_is_answered(bench: Bench, kind, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)  # bags may be asked for
+    node = bench.start(kind, **(TINY if kind is CameraNode else {}))
+
+    def run(count: int) -> float:
+        rng = np.random.default_rng(5)
+        for _ in range(count):
+            for service in list(node.services):
+                request = fuzzing.wired(asked(node, service.srv_type, rng))
+                answer = service.callback(request, service.srv_type.Response())
+                fuzzing.wired(answer)
+        return fuzzing.resident_mb()
+
+    first = run(fuzzing.COUNT // 4)
+    assert run(fuzzing.COUNT // 4) - first < fuzzing.GROWTH_MB
+    bench.settle()
+
+
+MAX_LINEAR, MAX_ANGULAR = 0.4, 0.5
+
+
+class Fuzzed(Rig):
+    """A servo that is told nonsense, and each twist that it commands."""
+
+    def __init__(self, bench, monkeypatch, **values) -> None:
+        super().__init__(bench, stale_timeout=60.0, **values)
+        self.sent = []
+        send = Commands.send
+
+        def listen(commands, command, stamp_ns) -> None:
+            self.sent.append((command.twist, self.run.active, self.node._state.phase))
+            send(commands, command, stamp_ns)
+
+        monkeypatch.setattr(Commands, 'send', listen)
+
+    def hear(self, topic: str, message) -> None:
+        """Hand a message to all that subscribe to ``topic``, as it comes by the wire."""
+        message = fuzzing.wired(message)
+        for item in list(self.node.subscriptions):
+            if item.topic_name == topic:
+                item.callback(message)
+
+    def calm(self) -> None:
+        """Make the nonsense of before undone."""
+        self.run.stop()
+        self.hear('/stop_button', Bool(data=False))
+        self.hear('/camera_info', write.camera_info(CAMERA, 0, 'camera'))
+
+    def order(self, name: str) -> bool:
+        """Call a service as it is called by the wire; return its success."""
+        (service,) = (it for it in self.node.services if it.srv_name.endswith(f'/{name}'))
+        return bool(service.callback(Trigger.Request(), Trigger.Response()).success)
+
+    def drives(self) -> bool:
+        """Return whether a run that begins now moves the robot."""
+        self.calm()
+        self.hear('/tracks', tracks(AWAY, STAMP_NS - PERIOD_NS))
+        assert self.order('start')
+        count = len(self.sent)
+        for number in range(5):
+            self.hear('/tracks', tracks(AWAY, STAMP_NS + number * PERIOD_NS))
+        return any(twist != STANDSTILL for twist, *_ in self.sent[count:])
+
+
+def nonsense(rig: Fuzzed, rng) -> None:
+    """Send one message to each subscription."""
+    for topic, kind in {(it.topic_name, it.msg_type) for it in rig.node.subscriptions}:
+        rig.hear(topic, fuzzing.anything(kind, rng))
+    rig.hear('/camera_info', fuzzing.nearly_camera(rng))
+    rig.hear('/tracks', fuzzing.nearly_tracks(rng, int(rng.integers(0, 2**33))))
+
+
+def check(rig: Fuzzed) -> None:
+    """Hold what was commanded against limits, and against the run that it belongs to."""
+    for twist, active, phase in rig.sent:
+        assert abs(twist.linear) <= MAX_LINEAR and abs(twist.angular) <= MAX_ANGULAR
+        assert twist == STANDSTILL or (active and phase.drives)
+    rig.sent.clear()
+
+
+def test_outside_of_a_run_nothing_moves_the_robot(bench, monkeypatch) -> None:
+    rig = Fuzzed(bench, monkeypatch, autostart=False)
+
+    def run(count: int) -> float:
+        rng = np.random.default_rng(0)
+        for _ in range(count):
+            nonsense(rig, rng)
+        assert all(twist == STANDSTILL for twist, *_ in rig.sent)
+        check(rig)
+        return fuzzing.resident_mb()
+
+    first = run(fuzzing.COUNT // 2)
+    assert run(fuzzing.COUNT // 2) - first < fuzzing.GROWTH_MB
+    assert rig.drives()
+
+
+def test_in_a_run_the_robot_keeps_to_its_limits(bench, monkeypatch) -> None:
+    rig = Fuzzed(bench, monkeypatch)
+
+    def run(count: int) -> float:
+        rng = np.random.default_rng(1)
+        stamp_ns, moved = STAMP_NS, 0
+        for _ in range(count):
+            rig.calm()
+            rig.hear('/tracks', tracks(AWAY, stamp_ns))
+            assert rig.order('start')
+            for _ in range(3):
+                stamp_ns += PERIOD_NS
+                rig.hear('/tracks', tracks(AWAY, stamp_ns))
+            moved += rig.sent[-1][0] != STANDSTILL
+            nonsense(rig, rng)
+            check(rig)
+        assert moved > count // 2
+        return fuzzing.resident_mb()
+
+    first = run(fuzzing.COUNT // 2)
+    assert run(fuzzing.COUNT // 2) - first < fuzzing.GROWTH_MB
+
+
+KINDS_RECORDER_FUZZ = {
+    'tracks': PointCloud2,
+    'camera_info': CameraInfo,
+    'odom': Odometry,
+    'cmd_vel': TwistStamped,
+    'phase': String,
+    'stop_button': Bool,
+}
+BATCH = 10  # messages between two looks at what has come
+
+
+def test_all_that_is_published_is_in_the_bag_byte_for_byte(bench: Bench, tmp_path) -> None:
+    """Also what no subscriber could read: it is recorded as it came."""
+    talk = {name: bench.talk(kind, name) for name, kind in KINDS_RECORDER_FUZZ.items()}
+    node = bench.start(
+        RecorderNode, bag=str(tmp_path / 'bag'), topics=tuple(KINDS_RECORDER_FUZZ), report=False
+    )
+    bench.until(lambda: node.ready, 'the topics to be recorded')
+    bench.settle()
+    rng, sent = np.random.default_rng(6), []
+
+    def run(count: int) -> float:
+        for number in range(count):
+            for name, kind in KINDS_RECORDER_FUZZ.items():
+                data = serialize_message(fuzzing.anything(kind, rng))
+                if rng.random() < 0.3:
+                    data = damaged_of_recorder_fuzz(data, rng)
+                talk[name](data)
+                sent.append((f'/{name}', data))
+            if number % BATCH == 0:
+                bench.until(lambda: node.received == len(sent), 'what was sent')
+        bench.until(lambda: node.received == len(sent), 'what was sent')
+        return fuzzing.resident_mb()
+
+    first = run(fuzzing.COUNT // 2)
+    kept = 200e-6 * len(sent) + sum(len(data) for _, data in sent) / 1e6  # by this test itself
+    assert run(fuzzing.COUNT // 2) - first < fuzzing.GROWTH_MB + kept
+    assert not node.stop().error
+    written = sorted((name, bytes(data)) for name, _, data in read_back(tmp_path / 'bag'))
+    assert written == sorted(sent)
+
+
+def damaged_of_recorder_fuzz(data: bytes, rng) -> bytes:
+    """Return bytes of which some are others, after the four that say how they are encoded."""
+    changed = bytearray(data)
+    for _ in range(4):
+        changed[int(rng.integers(4, len(data)))] = int(rng.integers(0, 256))
+    return bytes(changed)

@@ -2,7 +2,6 @@
 
 from contextlib import ExitStack
 from itertools import count
-from pathlib import Path
 import signal
 import subprocess
 import sys
@@ -106,24 +105,3 @@ def test_each_of_200_signals_ends_a_tracker_that_loads_or_tracks(
                     assert code in (0, -signal.SIGTERM), (tmp_path / 'log').read_text()
                 finally:
                     process.kill()
-
-
-@pytest.mark.parametrize('lifecycle', few_of(['true', 'false']))
-def test_a_bad_parameter_is_one_line_whoever_leads_the_node(tmp_path, lifecycle) -> None:
-    command = arguments('servo_node', '-p', f'autostart_node:={lifecycle}', '-p', 'law:=none')
-    ended = subprocess.run(
-        command, env=environment(next_domain()), capture_output=True, text=True, timeout=START_SEC
-    )
-    assert ended.returncode == 2
-    assert len(ended.stderr.splitlines()) == 1, ended.stderr
-    assert ended.stderr.startswith('servo_node: ')
-
-
-def test_a_photograph_that_is_missing_is_one_line(tmp_path: Path) -> None:
-    command = arguments('tracker_node', '-p', f'desired_image:={tmp_path / "goal.png"}')
-    ended = subprocess.run(
-        command, env=environment(next_domain()), capture_output=True, text=True, timeout=START_SEC
-    )
-    assert ended.returncode == 2
-    assert len(ended.stderr.splitlines()) == 1, ended.stderr
-    assert 'desired_image must be a readable image file' in ended.stderr

@@ -5,7 +5,7 @@ import random
 
 from bag_reading import read_back
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycles import asked, change, entities, go
+from lifecycles import change, entities, go, led
 import pytest
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
@@ -56,9 +56,7 @@ def test_no_transition_loses_what_was_said_before(bench, tmp_path, ways) -> None
     reporter.until_heard()
     texts = reporter.say(range(MANY))
     for label in ways:
-        node = reporter.node
-        answer = node._service_change_state.srv_type.Response()
-        assert node._service_change_state.callback(asked(0, label), answer).success
+        assert led(reporter.node, 0, label)
     assert reporter.bags() == ['bag']  # and by its name, so it is whole
     assert said_in(tmp_path / 'bag') == texts
 

@@ -1,5 +1,8 @@
 """The recorder node: what is published lies in the bag, and the robot never waits for it."""
 
+from functools import partial
+import sys
+
 from bag_reading import files_of_at_most, read_back, size_of
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
@@ -13,10 +16,14 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.messages import diagnostics, read, write
+from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.nodes import parameters, qos, recorder_node
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
-from visual_servo_epipolar.nodes.recording.raw_subscriptions import DEPTH
+from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode, UNFINISHED
+from visual_servo_epipolar.nodes.recording.raw_subscriptions import DEPTH, message_class
+from visual_servo_epipolar.simulation.run_monitor import RunMonitor
 
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -28,15 +35,15 @@ class Recording:
         self.bench, self.bag = bench, folder / 'bag'
         self.node = bench.start(RecorderNode, bag=str(self.bag), **values)
 
+    @property
+    def topics(self) -> set[str]:
+        return self.node._raw_subscriptions.topics
+
     def until_recorded(self, *topics: str) -> None:
-        self.bench.until(
-            lambda: set(topics) <= self.node._raw_subscriptions.topics, f'{topics} to be recorded'
-        )
+        self.bench.until(lambda: set(topics) <= self.topics, f'{topics} to be recorded')
 
     def until_not_recorded(self, topic: str) -> None:
-        self.bench.until(
-            lambda: topic not in self.node._raw_subscriptions.topics, f'{topic} to be left'
-        )
+        self.bench.until(lambda: topic not in self.topics, f'{topic} to be left')
 
     def until_written(self, topic: str, count: int = 1) -> None:
         self.bench.until(
@@ -112,7 +119,7 @@ def test_only_what_is_wanted_is_recorded(bench, tmp_path) -> None:
         bench.talk(String, name)
     recording = Recording(bench, tmp_path, topics=('/left*', 'words'), exclude=('*overlay*',))
     recording.until_recorded('/words', '/left/image_raw')
-    assert recording.node._raw_subscriptions.topics == {'/words', '/left/image_raw'}
+    assert recording.topics == {'/words', '/left/image_raw'}
     assert recording.node.ready
 
 
@@ -328,3 +335,69 @@ def test_what_is_lost_on_the_way_is_told_by_topic(bench, tmp_path) -> None:
     recording.node.stop()
     kept = len(read_back(recording.bag))
     assert lost() == f'{1 + 10 * DEPTH - kept} of /words'
+
+
+def test_a_message_is_found_by_its_name() -> None:
+    assert message_class('std_msgs/msg/String') is String
+
+
+@pytest.mark.parametrize(
+    'kind',
+    [
+        'antigravity/msg/Fly',
+        'evil/msg/Payload',
+        'evil.msg/msg/Payload',
+        '.evil/msg/Payload',
+        'evil',
+        'evil/msg/',
+        'evil/srv/Payload',
+        'std_msgs/msg/String/../Bool',
+        'std_msgs/msg/__builtins__',
+        'plain/msg/Function',
+        '',
+    ],
+)
+def test_nothing_else_is_imported(tmp_path, monkeypatch, kind) -> None:
+    mark = tmp_path / 'was_imported'
+    for name in ('evil', 'antigravity'):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / '__init__.py').write_text(f'open({str(mark)!r}, "w")')
+    (tmp_path / 'plain' / 'msg').mkdir(parents=True)
+    (tmp_path / 'plain' / '__init__.py').touch()
+    (tmp_path / 'plain' / 'msg' / '__init__.py').write_text('def Function(): pass')
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InputError, match=r'is no type of messages|cannot be imported'):
+        message_class(kind)
+    assert not mark.exists()
+    assert not {'evil', 'antigravity'} & sys.modules.keys()
+
+
+@pytest.fixture
+def observer(bench):
+    """Yield an observer; nothing here gets as far as its monitor."""
+    kind = partial(ObserverNode, RunMonitor, lambda *_: None, with_images=False)
+    return bench.start(kind)
+
+
+def diagnose(observer, message) -> None:
+    (listen,) = (
+        item.callback for item in observer.subscriptions if item.topic_name == '/diagnostics'
+    )
+    listen(message)
+
+
+def test_diagnostics_of_others_do_not_pile_up(observer) -> None:
+    for stamp_ns in range(1, 5 * UNFINISHED):
+        foreign = write.diagnostics('x', level=b'\0', summary='', values={}, stamp_ns=stamp_ns)
+        between = diagnostics.standing_diagnosis(
+            ServoState(), Words('it stands'), stamp_ns, name='servo', alarming=False
+        )
+        for message in (foreign, between, DiagnosticArray()):
+            diagnose(observer, message)
+    assert observer._pending == {}
+
+
+def test_steps_that_are_never_whole_are_forgotten_in_the_end(observer) -> None:
+    for stamp_ns in range(1, 5 * UNFINISHED):
+        diagnose(observer, diagnostics.diagnosis(ServoState(), stamp_ns, name='another'))
+    assert len(observer._pending) <= UNFINISHED

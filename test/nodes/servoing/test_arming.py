@@ -45,7 +45,7 @@ class Armed(Rig):
 
     def says(self, word: str) -> None:
         """Wait for a phase as others hear it."""
-        self.node._run.report()
+        self.run.report()
         self.bench.until(lambda: self.phases and self.phases[-1].data == word, f'phase {word}')
 
     @property
@@ -60,13 +60,13 @@ class Armed(Rig):
 
     def let_time_pass(self, seconds: float) -> None:
         """Set the steady clock of the order, and let the watchdog look."""
-        clock = self.node._run.arming._clock
+        clock = self.run.arming._clock
         if not isinstance(clock, HandSetClock):
             now_ns = clock.now().nanoseconds
-            clock = self.node._run.arming._clock = HandSetClock()
+            clock = self.run.arming._clock = HandSetClock()
             clock.now_ns = now_ns
         clock.now_ns += round(seconds * SECOND)
-        self.node._on_watch()
+        self.watch()
 
 
 def test_without_a_camera_it_is_not_started_by_one_that_comes_later(bench) -> None:
@@ -75,7 +75,7 @@ def test_without_a_camera_it_is_not_started_by_one_that_comes_later(bench) -> No
     answer = rig.order()
     assert (answer.success, 'no usable camera_info yet' in answer.message) == (False, True)
     rig.calibrate(write.camera_info(CAMERA, 0, 'camera'))
-    bench.until(lambda: rig.node._camera.model is not None, 'camera_info to arrive')
+    bench.settle()
     rig.stands()
     rig.says('waiting')
 
@@ -107,7 +107,7 @@ def test_without_tracks_it_is_not_started_by_those_that_come_later(bench) -> Non
 def test_tracks_that_have_stopped_coming_are_none(bench) -> None:
     rig = Armed(bench, stale_timeout=0.5)
     rig.show()
-    freshness = rig.node._run.freshness
+    freshness = rig.run.freshness
     clock = HandSetClock()
     clock.now_ns = freshness.clock.now().nanoseconds + 3 * SECOND
     freshness.clock = clock
@@ -238,7 +238,7 @@ def test_a_start_in_a_run_leaves_it_alone(bench) -> None:
     rig.show()
     rig.order()
     rig.show()
-    state = rig.node._state
     answer = rig.order()
     assert (answer.success, answer.message) == (True, 'a run is under way')
-    assert rig.node._state is state
+    rig.show()
+    assert rig.twist != STANDSTILL

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
-from servo_rig import CAMERA, Rig, tracks
+from servo_rig import AWAY, CAMERA, PERIOD_NS, Rig, tracks, WORLD
 
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.perception.lens_check import LensCheck
 from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -30,11 +31,11 @@ def test_another_camera_in_mid_run_stops_the_robot_at_once_and_for_good(bench) -
     rig.calibrate(write.camera_info(OTHER, rig.stamp_ns, 'camera'))
     bench.until(lambda: len(rig.commands) > told, 'the zero twist')
     assert (rig.phase, rig.twists()[told:]) == ('holding', [STANDSTILL])
-    assert rig.node._state.reason.startswith(CHANGED)
+    assert rig.reason.startswith(CHANGED)
     for _ in range(3):
         rig.see()
     assert (rig.phase, set(rig.twists()[told:])) == ('holding', {STANDSTILL})
-    assert rig.node._state.reason.startswith(CHANGED)
+    assert rig.reason.startswith(CHANGED)
     bench.until(lambda: bool(bench.logged(CHANGED)), 'the complaint')
 
 
@@ -99,3 +100,118 @@ def test_a_driver_that_comes_later_is_heard_in_the_way_it_offers(
         return node._camera.model is not None
 
     bench.until(heard, 'camera_info')
+
+
+DISTRUST_S = 2.0  # as the servo has it
+IMAGES = round(DISTRUST_S * 1e9 / PERIOD_NS) - 1
+
+
+def flicker(rig: Rig) -> None:
+    """Let another camera speak, and then the right one again."""
+    for camera in (OTHER, CAMERA):
+        rig.calibrate(write.camera_info(camera, rig.stamp_ns, 'camera'))
+        rig.bench.settle()
+
+
+def test_a_run_waits_after_a_word_of_another_camera(bench) -> None:
+    rig = Rig(bench).drive()
+    flicker(rig)
+    count = len(rig.commands)
+    for _ in range(IMAGES):
+        rig.see()
+    assert rig.phase == 'holding'
+    assert 'camera_info has changed in mid-run' in rig.reason
+    assert all(twist == STANDSTILL for twist in rig.twists()[count:])
+    rig.drive()
+
+
+def test_a_new_run_does_not_wait(bench) -> None:
+    rig = Rig(bench, stale_timeout=5.0).drive()  # also where the machine stands still
+    flicker(rig)
+    rig.run.reset()
+    rig.drive()
+
+
+STILL = 8  # images of one view: 0.73 s, stale_timeout is 0.5 s
+
+
+def hang(rig: Rig) -> None:
+    """Show the same for a while, with new stamps."""
+    for number in range(1, STILL + 1):
+        features = WORLD.observe(AWAY, 0)
+        rig.tell(write.features(features, rig.stamp_ns, 'camera_optical_frame', repeats=number))
+        rig.stamp_ns += PERIOD_NS
+
+
+def test_a_view_that_stands_still_while_the_robot_drives_stops_it(bench) -> None:
+    rig = Rig(bench).drive()
+    hang(rig)
+    assert rig.phase == 'holding'
+    assert 'the very same for' in rig.reason
+    assert rig.twists()[-1] == STANDSTILL
+
+
+def test_no_drive_begins_anew_by_the_view_that_stands_still(bench) -> None:
+    rig = Rig(bench).drive()
+    hang(rig)
+    count = len(rig.commands)
+    hang(rig)
+    assert rig.phase == 'holding'
+    assert all(twist == STANDSTILL for twist in rig.twists()[count:])
+
+
+def test_a_view_that_changes_again_is_driven_by(bench) -> None:
+    rig = Rig(bench).drive()
+    hang(rig)
+    for _ in range(RESUMING_FRAMES):
+        assert rig.phase == 'holding'
+        rig.see()
+    assert rig.phase != 'holding'
+
+
+def test_a_robot_that_stands_may_see_the_same_for_as_long_as_it_likes(bench) -> None:
+    rig = Rig(bench, autostart=False)
+    for _ in range(3):
+        hang(rig)
+    assert bench.call('servo_node/start').success
+    rig.drive()
+
+
+def show(rig: Rig, back: int) -> None:
+    """Show an image that came last so many images ago, with a new stamp."""
+    features = WORLD.observe(AWAY, 0)
+    rig.tell(write.features(features, rig.stamp_ns, 'camera_optical_frame', back=back))
+    rig.stamp_ns += PERIOD_NS
+
+
+def test_an_image_of_another_time_stops_the_robot(bench) -> None:
+    rig = Rig(bench).drive()
+    rig.see()
+    show(rig, 7)
+    assert rig.phase == 'holding'
+    assert 'of another time of the run' in rig.reason
+    assert rig.twists()[-1] == STANDSTILL
+
+
+def test_new_images_are_driven_by_again_only_after_a_while(bench) -> None:
+    rig = Rig(bench).drive()
+    rig.see()
+    show(rig, 7)
+    count = len(rig.commands)
+    for _ in range(round(DISTRUST_S * 1e9 / PERIOD_NS) - 1):
+        rig.see()
+    assert all(twist == STANDSTILL for twist in rig.twists()[count:])
+    rig.drive()
+
+
+def test_a_robot_that_stands_may_see_what_came_before(bench) -> None:
+    rig = Rig(bench, autostart=False)
+    show(rig, 7)
+    assert bench.call('servo_node/start').success
+    rig.drive()
+
+
+def test_the_last_image_once_more_is_none_of_another_time(bench) -> None:
+    rig = Rig(bench).drive()
+    show(rig, 1)
+    assert rig.phase != 'holding'

@@ -1,10 +1,23 @@
 """Commands rise by what the time between their going out allows, whatever the stamps say."""
 
-import pytest
-from servo_rig import HandSetClock, Rig
+from dataclasses import replace
+from importlib.util import find_spec
+import math
+from types import SimpleNamespace
 
+import pytest
+from servo_rig import AWAY, GOAL, Rig, tracks
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.step import LATE_S
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.nodes.servoing import commands
+from visual_servo_epipolar.nodes.servoing.commands import Commands
+from visual_servo_epipolar.nodes.servoing.reports import Reports
 
 ACCELERATION = ServoSettings().max_angular_acceleration
 
@@ -13,17 +26,17 @@ ACCELERATION = ServoSettings().max_angular_acceleration
 def rig(bench) -> Rig:
     """Return a servo that drives, with a clock that stands."""
     rig = Rig(bench, stale_timeout=60.0)
-    rig.node._commands._steady = HandSetClock()
+    rig.clock_by_hand()
     return rig.drive()
 
 
 def rise(rig: Rig, seconds: float, stamps_ns: int) -> float:
     """Return how much faster it turns by an image so much later."""
-    rig.node._commands._steady.now_ns += round(seconds * 1e9)
-    before = abs(rig.node._state.twist.angular)
+    rig.clock.now_ns += round(seconds * 1e9)
+    before = abs(rig.twist.angular)
     rig.stamp_ns += stamps_ns
     rig.see()
-    return abs(rig.node._state.twist.angular) - before
+    return abs(rig.twist.angular) - before
 
 
 def test_an_image_right_after_the_last_command_gives_little_speed(rig) -> None:
@@ -36,6 +49,176 @@ def test_an_image_in_its_time_gives_what_the_ramp_allows(rig) -> None:
 
 def test_where_time_waits_for_the_servo_stamps_alone_count(bench) -> None:
     rig = Rig(bench, watchdog=False)
-    rig.node._commands._steady = HandSetClock()
+    rig.clock_by_hand()
     rig.drive()
     assert rise(rig, 0.0, 0) == pytest.approx(ACCELERATION * 0.0909, rel=0.01)
+
+
+CAR = {'law': 'smooth', 'base': 'car', 'max_curvature': 1.0}
+
+
+def kind(header: object) -> SimpleNamespace:
+    """Return the fields of an AckermannDriveStamped that are filled; its package is no wheel."""
+    return SimpleNamespace(header=header, drive=SimpleNamespace(speed=0.0, steering_angle=0.0))
+
+
+@pytest.mark.parametrize('speed', [0.3, -0.3])
+def test_a_curve_to_the_left_steers_left_forward_and_backward(speed: float) -> None:
+    message = write.ackermann_drive(kind, Twist(speed, speed * 0.8), 0.5, 0, 'base_link')
+    assert message.drive.speed == speed
+    assert math.tan(message.drive.steering_angle) == pytest.approx(0.5 * 0.8)
+
+
+def test_who_stands_steers_straight() -> None:
+    message = write.ackermann_drive(kind, STANDSTILL, 0.5, 0, 'base_link')
+    assert (message.drive.speed, message.drive.steering_angle) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(('values', 'steers'), [(CAR, True), ({}, False)])
+def test_a_base_that_steers_is_sent_it_where_its_package_is_installed(
+    bench, values, steers
+) -> None:
+    installed = find_spec('ackermann_msgs') is not None
+    names = {item.topic_name for item in bench.start(ServoNode, **values).publishers}
+    assert ('/ackermann_cmd' in names) is (steers and installed)
+
+
+def test_the_parameter_that_asked_for_it_is_answered_by_the_base(bench) -> None:
+    with pytest.raises(ValueError, match='ackermann -> base: car'):
+        bench.start(ServoNode, ackermann=True)
+    bench.start(ServoNode, ackermann=False)  # as files of earlier versions have it
+
+
+def test_the_twist_goes_out_before_the_reports_and_before_anything_is_learnt(
+    bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[str] = []
+    for owner, name in ((Commands, 'answer'), (Reports, 'step'), (Session, 'update_map')):
+        kept = getattr(owner, name)
+
+        def noted(*values: object, kept=kept, name: str = name) -> object:
+            calls.append(name)
+            return kept(*values)
+
+        monkeypatch.setattr(owner, name, noted)
+    rig = Rig(bench)
+    rig.send(tracks())
+    bench.until(lambda: 'update_map' in calls, 'the tracks to lead to a step')
+    assert calls[:3] == ['answer', 'step', 'update_map']
+
+
+IMAGES = 4
+SURE = {'memory': False}  # at the goal: who has no memory of views never doubts
+
+
+def blind(rig: Rig) -> None:
+    rig.tell(write.features(Features(), rig.stamp_ns, 'camera'))
+    rig.stamp_ns += 90_000_000
+
+
+def assert_watch_is_silent(rig: Rig) -> None:
+    rig.bench.settle()
+    count = len(rig.commands)
+    rig.watch()
+    rig.bench.settle()
+    assert len(rig.commands) == count
+
+
+def test_a_servo_that_waits_for_the_photograph_to_come_in_view_is_silent(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    for _ in range(IMAGES):
+        blind(rig)
+    assert (rig.phase, rig.commands) == ('waiting', [])
+
+
+@pytest.mark.parametrize(('settling_s', 'count'), [(60.0, IMAGES), (0.0, 1)])
+def test_a_run_ends_with_zero_twists_for_a_while(bench, monkeypatch, settling_s, count) -> None:
+    monkeypatch.setattr(commands, 'SETTLING_S', settling_s)
+    rig = Rig(bench, stale_timeout=60.0, **SURE)
+    for _ in range(IMAGES):
+        rig.see(GOAL)
+    assert (rig.phase, rig.twists()) == ('arrived', [STANDSTILL] * count)
+
+
+def test_that_while_is_a_second(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0, **SURE)
+    clock = rig.clock_by_hand()
+    for seconds in (0.0, 0.95, 0.1):
+        clock.now_ns += round(seconds * 1e9)
+        rig.see(GOAL)
+    assert (rig.phase, rig.twists()) == ('arrived', [STANDSTILL] * 2)
+
+
+def test_the_next_run_has_its_own_end(bench, monkeypatch) -> None:
+    monkeypatch.setattr(commands, 'SETTLING_S', 0.0)
+    rig = Rig(bench, stale_timeout=60.0, **SURE)
+    rig.see(GOAL)
+    rig.bench.call('servo_node/start')
+    rig.see(AWAY)
+    rig.bench.call('servo_node/reset')
+    count = len(rig.commands)
+    rig.see(GOAL)
+    assert rig.twists()[count:] == [STANDSTILL]
+
+
+def test_after_a_reset_it_is_silent_at_once(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0, **SURE)
+    rig.clock_by_hand()
+    rig.see(GOAL)
+    rig.bench.call('servo_node/reset')
+    count = len(rig.commands)
+    blind(rig)
+    assert (rig.phase, len(rig.commands)) == ('waiting', count)
+
+
+def test_an_order_to_stop_is_repeated_for_a_second(bench) -> None:
+    """A base that stops by nothing else may not have heard the first zero twist."""
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    clock = rig.clock_by_hand()
+    count = len(rig.commands)
+    rig.bench.call('servo_node/stop')
+    bench.until(lambda: len(rig.commands) >= count + 4, 'zero twists without any image')
+    assert rig.twists()[count:] == [STANDSTILL] * (len(rig.commands) - count)
+    clock.now_ns += 1_000_000_001
+    assert_watch_is_silent(rig)
+    count = len(rig.commands)
+    rig.see()
+    assert len(rig.commands) == count
+
+
+def test_an_order_to_begin_anew_that_stops_the_robot_is_repeated_as_well(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    clock = rig.clock_by_hand()
+    rig.node._settings = replace(rig.node._settings, autostart=False)
+    count = len(rig.commands)
+    rig.bench.call('servo_node/reset')
+    bench.until(lambda: len(rig.commands) >= count + 4, 'zero twists without any image')
+    assert rig.twists()[count:] == [STANDSTILL] * (len(rig.commands) - count)
+    clock.now_ns += 1_000_000_001
+    assert_watch_is_silent(rig)
+
+
+def test_who_is_started_again_after_a_stop_is_not_stopped_by_it(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig.clock_by_hand()
+    rig.bench.call('servo_node/stop')
+    rig.bench.call('servo_node/start')
+    rig.drive()
+    assert_watch_is_silent(rig)
+
+
+def test_a_robot_that_holds_is_told_to_stand_by_each_image(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    count = len(rig.commands)
+    for _ in range(IMAGES):
+        blind(rig)
+    assert (rig.phase, rig.twists()[count:]) == ('holding', [STANDSTILL] * IMAGES)
+
+
+@pytest.mark.parametrize('show', [blind, lambda rig: rig.see(GOAL)], ids=['waiting', 'arrived'])
+def test_where_time_waits_for_the_servo_each_image_is_answered(bench, monkeypatch, show) -> None:
+    monkeypatch.setattr(commands, 'SETTLING_S', 0.0)
+    rig = Rig(bench, watchdog=False, **SURE)
+    for _ in range(IMAGES):
+        show(rig)
+    assert rig.twists() == [STANDSTILL] * IMAGES

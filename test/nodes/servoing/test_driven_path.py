@@ -11,6 +11,7 @@ from servo_rig import PERIOD_NS, Rig
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.telemetry import odometry_of
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import AHEAD_S, MEANWHILE
@@ -74,26 +75,6 @@ def off(pose: Pose | None, expected: Pose) -> float:
     return math.hypot(pose.x - expected.x, pose.y - expected.y) + abs(turn)
 
 
-@pytest.mark.parametrize('seconds', [0.5, 0.512, 0.549, 0.95])
-def test_between_two_messages_the_base_is_between_them(seconds: float) -> None:
-    bed = Bed().drive(1.0)
-    assert off(bed.at(seconds), bed.true(seconds)) < 2e-4
-    assert not bed.said
-
-
-@pytest.mark.parametrize('seconds', [0.96, 1.04])
-def test_an_image_that_is_newer_finds_the_base_where_it_goes(seconds: float) -> None:
-    bed = Bed().drive(1.0)  # the last is of 0.95 s
-    assert off(bed.at(seconds), bed.true(seconds)) < 1e-6
-
-
-def test_the_pose_of_the_very_stamp_is_that_of_the_message() -> None:
-    bed = Bed()
-    bed.hear(Pose(1.0, 2.0, 0.5), S)
-    pose = bed.at(1.0)
-    assert (pose.x, pose.y) == (1.0, 2.0)
-
-
 def test_who_is_not_to_listen_does_not() -> None:
     bed = Bed(odometry=False)
     assert bed.node.profile is None
@@ -115,52 +96,6 @@ def test_where_nobody_knows_there_is_none(lasted: float, seconds: float, words: 
     bed = Bed().drive(lasted)
     assert bed.at(seconds) is None
     assert [text for text in bed.said if words in text]
-
-
-@pytest.mark.parametrize(
-    ('pose', 'orientation', 'words'),
-    [
-        (BEGIN, {'w': 0.0, 'z': 0.0}, 'must be a quaternion of length 1, got length 0'),
-        (BEGIN, {'w': math.nan}, 'must be a quaternion of length 1, got length nan'),
-        (BEGIN, {'w': 5.0}, 'must be a quaternion of length 1, got length'),
-    ],
-)
-def test_a_pose_that_is_none_is_refused(pose: Pose, orientation: Any, words: str) -> None:
-    bed = Bed()
-    bed.hear(pose, S, **orientation)
-    assert words in bed.said[0]
-    assert bed.said[0].startswith('odometry refused: ')
-    assert bed.at(1.0) is None
-
-
-def test_a_place_that_is_no_number_is_refused() -> None:
-    bed = Bed()
-    message = write.odometry(BEGIN, STANDSTILL, S, 'odom', 'base_link')
-    message.pose.pose.position.x = math.inf
-    bed.node.hear(message)
-    assert 'a pose must be finite' in bed.said[0]
-
-
-@pytest.mark.parametrize(
-    ('stamp_ns', 'pose', 'words'),
-    [
-        (S // 2, BEGIN, 'the stamps on /robot/odom do not advance'),
-        (S - S // RATE, BEGIN, 'the stamps on /robot/odom do not advance'),
-        (3 * S, BEGIN, '/robot/odom was silent for 2.05 s, at most 1 s can be'),
-        (S, Pose(0.0, 0.0, 0.0), '/robot/odom leaps by 4.18 m and 2.71 rad in 0.050 s, at most'),
-    ],
-    ids=['back', 'again', 'gap', 'reset'],
-)
-def test_after_a_leap_one_image_has_none(stamp_ns: int, pose: Pose, words: str) -> None:
-    """Two poses are not of one frame: between them nobody drove."""
-    bed = Bed().drive(1.0)
-    assert bed.at(0.9) is not None
-    bed.hear(pose, stamp_ns)
-    bed.hear(pose, stamp_ns + S // RATE)
-    assert bed.said[0].startswith(words)
-    assert bed.said[0].endswith('look at what publishes it: /wheels')
-    assert bed.at(stamp_ns / S) is None
-    assert bed.at(stamp_ns / S + 0.01) is not None
 
 
 def test_another_frame_is_a_leap_as_well() -> None:
@@ -187,12 +122,12 @@ def test_the_servo_hears_odometry_and_says_that_none_comes(bench) -> None:
     rig.see()
     bench.until(lambda: bool(bench.logged('nothing usable came on /odom')), 'the complaint')
     assert bench.logged('nothing usable came on /odom')[0].endswith(MEANWHILE)
-    assert rig.node._state.identified.odometry.pose is None
+    assert odometry_of(rig.telemetry) is None
     for stamp_ns in (rig.stamp_ns - PERIOD_NS // 2, rig.stamp_ns + PERIOD_NS // 2):
         tell(write.odometry(BEGIN, STANDSTILL, stamp_ns, 'odom', 'base_link'))
     bench.settle()
     rig.see()
-    assert off(rig.node._state.identified.odometry.pose, BEGIN) < 1e-9
+    assert off(odometry_of(rig.telemetry), BEGIN) < 1e-9
 
 
 @pytest.mark.parametrize(('watchdog', 'profile'), [(True, qos.ODOMETRY), (False, qos.STREAM)])

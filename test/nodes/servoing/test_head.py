@@ -9,6 +9,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.rigs.rig import Joints
+from visual_servo_epipolar.core.servo.telemetry import joints_of
 from visual_servo_epipolar.messages.joints import joint_states
 from visual_servo_epipolar.messages.write import header
 from visual_servo_epipolar.nodes.camera_node import CameraNode
@@ -36,13 +37,13 @@ class Headed(Rig):
     def drive(self):
         for _ in range(20):
             self.see_with_angles()
-            if self.node._state.twist != STANDSTILL:
+            if self.twist != STANDSTILL:
                 return self
-        raise AssertionError(f'the robot stands: {self.node._state.reason}')
+        raise AssertionError(f'the robot stands: {self.reason}')
 
     @property
     def trouble(self) -> str:
-        return self.node._run.trouble
+        return self.run.trouble
 
 
 def test_it_drives_and_turns_its_head(bench) -> None:
@@ -113,7 +114,7 @@ def test_joints_in_messages_of_their_own_are_merged(bench) -> None:
         bench.settle()
         rig.see()
     assert rig.twists()[-1] != STANDSTILL
-    assert rig.node._state.view.joints == Joints(0.0, 0.1)
+    assert joints_of(rig.telemetry) == Joints(0.0, 0.1)
 
 
 @pytest.mark.parametrize('silent', NAMES)
@@ -173,7 +174,7 @@ def test_angles_are_those_at_the_image(bench) -> None:
         rig.angles(joint_states(Joints(pan, 0.0), NAMES, stamp_ns))
         bench.settle()
     rig.tell(tracks(AWAY, rig.stamp_ns))
-    assert abs(rig.node._state.view.joints.pan - 0.025) < 1e-12
+    assert abs(joints_of(rig.telemetry).pan - 0.025) < 1e-12
 
 
 def test_a_mount_that_becomes_known_is_that_of_the_head_as_well(bench) -> None:
@@ -194,5 +195,5 @@ def test_an_encoder_that_slips_stops_the_robot_until_it_is_reset(bench) -> None:
         bench.settle()
         rig.see()
     assert rig.twists()[-1] == STANDSTILL and 'leap by 0.40 rad' in rig.trouble
-    rig.node._on_reset()
-    assert rig.node._head._history.missing == [*NAMES]
+    assert bench.call('servo_node/reset').success
+    rig.drive()

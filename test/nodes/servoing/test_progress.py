@@ -1,11 +1,12 @@
 """Progress and result of a run as topics, for who has no action to ask for them."""
 
+from dataclasses import replace
 import math
 
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from sensor_msgs.msg import JointState
-from servo_rig import AWAY, GOAL, Rig, STAMP_NS, WORLD
+from servo_rig import AWAY, GOAL, HandSetClock, PERIOD_NS, Rig, STAMP_NS, WORLD
 from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
@@ -13,6 +14,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.servoing.camera import NO_CAMERA
 
 PERIOD_S = 0.090909091
 
@@ -32,7 +34,7 @@ def test_progress_tells_the_way_left_its_deviation_and_the_attempt(bench) -> Non
     for frame in range(80):
         rig.tell(write.features(WORLD.observe(pose, frame), rig.stamp_ns, 'camera'))
         rig.stamp_ns += 90_909_091
-        pose = integrate(pose, rig.node._state.twist, PERIOD_S)
+        pose = integrate(pose, rig.twist, PERIOD_S)
     bench.until(lambda: len(heard) == 80, 'the progress of each image')
     said = read.telemetry(heard[-1])
     assert read.stamp_ns(heard[0].header) == STAMP_NS
@@ -41,7 +43,7 @@ def test_progress_tells_the_way_left_its_deviation_and_the_attempt(bench) -> Non
     assert off < max(5.0 * said['remaining_deviation_m'], 0.1)
     assert said['attempt'] == 1.0
     assert said['elapsed_s'] == pytest.approx(79 * PERIOD_S, abs=1e-3)
-    assert list(Phase.known)[int(said['phase'])] == rig.node._state.phase.value
+    assert list(Phase.known)[int(said['phase'])] == rig.phase
     assert math.isfinite(said['heading_error_rad'])
 
 
@@ -63,8 +65,8 @@ def test_an_arrival_is_a_latched_result(bench) -> None:
 def test_a_failure_says_why(bench) -> None:
     heard = results(bench)
     rig = Rig(bench, stale_timeout=60.0).drive()
-    rig.node._run.lose('no new tracks for 0.51 s')
-    rig.node._run.time_out(5.0)
+    rig.run.lose('no new tracks for 0.51 s')
+    rig.run.time_out(5.0)
     reason = last(bench, heard, 'failed')['reason']
     assert reason.startswith('tracks lost or untrusted for 5 s: ')
     assert heard[-1].status[0].level == b'\x02'
@@ -90,5 +92,74 @@ def test_a_hold_is_no_result(bench) -> None:
     for _ in range(4):
         rig.stamp_ns += 90_909_091
         rig.see()
-    assert rig.node._state.phase.drives and rig.twists()[-1] != STANDSTILL
+    assert rig.drives and rig.twists()[-1] != STANDSTILL
     assert [read.diagnosis(item)['outcome'] for item in heard] == ['running']
+
+
+def test_without_a_camera_that_is_the_reason_though_tracks_stay_away_too(bench) -> None:
+    rig = Rig(bench, calibrated=False, stale_timeout=0.1)
+    bench.pass_time(0.15)
+    rig.run.report()
+    assert rig.reason == f'will drive once this is resolved: {NO_CAMERA}'
+    assert rig.phase == 'waiting'
+
+
+def test_a_robot_that_holds_stands_for_the_latest_reason(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig.run.refuse('an image of last year')
+    rig.run.trouble = 'an image of this year'
+    assert (rig.phase, rig.reason) == ('holding', 'an image of last year')
+    rig.run.report()
+    assert rig.reason == 'an image of this year'
+
+
+def hear_and_wait(run, seconds: float) -> None:
+    """Let tracks come, and time pass from then on."""
+    run.freshness.clock = clock = HandSetClock()
+    run.freshness.hear()
+    clock.now_ns += round(seconds * 1e9)
+
+
+def test_a_run_fails_for_the_latest_reason_with_its_age(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    run = rig.run
+    run.lose('no new tracks for 0.51 s')
+    run.refuse('an image of last year')
+    hear_and_wait(run, 0.4)
+    run.time_out(5.0)
+    reason = rig.reason
+    assert reason.startswith('tracks lost or untrusted for 5 s: an image of last year, 0.4')
+
+
+def test_where_tracks_end_in_a_hold_it_fails_for_that(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    run = rig.run
+    run.lose('an image of last year')
+    hear_and_wait(run, 4.9)
+    run.time_out(5.0)
+    assert rig.reason == 'tracks lost or untrusted for 5 s: no tracks for 4.9 s'
+
+
+@pytest.mark.parametrize('count', [3, 0], ids=['few', 'none'])
+def test_a_hold_that_images_end_has_the_reason_of_the_last_of_them(bench, count) -> None:
+    rig = Rig(bench, stale_timeout=60.0, holding_timeout=1.0).drive()
+    rig.run.lose('no new tracks for 0.51 s')
+    seen = WORLD.observe(AWAY, 0)
+    columns = (seen.ids, seen.current, seen.desired, seen.ages, seen.errors)
+    few = Features(*(column[:count] for column in columns))
+    while rig.phase == 'holding':
+        rig.tell(write.features(replace(few, goal=1), rig.stamp_ns, 'camera'))
+        rig.stamp_ns += PERIOD_NS
+    text = f'tracks lost or untrusted for 1 s: {count} features, 12 needed, 0.0 s ago'
+    assert (rig.phase, rig.reason) == ('failed', text)
+
+
+def test_where_clock_ends_with_the_tracks_that_is_said_as_well(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    run = rig.run
+    run.lose('an image of last year')
+    run.freshness._node_clock = run.freshness.clock = HandSetClock()
+    run.freshness.clock_stands_still()
+    hear_and_wait(run, 4.9)
+    run.time_out(5.0)
+    assert rig.reason.endswith(': no tracks for 4.9 s, and /clock stands still')

@@ -30,9 +30,9 @@ def test_another_publisher_is_named_by_the_answer_and_by_the_log(bench, joystick
 def test_the_diagnostics_name_it_in_each_step_and_while_it_stands(bench, joystick) -> None:
     heard = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, stale_timeout=60.0)
-    rig.node._look_around()
+    rig.idle()
     rig.drive()
-    rig.node._run.stop()
+    rig.run.stop()
     bench.settle()
     assert len(heard) >= 2
     for message in heard[-2:]:
@@ -41,17 +41,18 @@ def test_the_diagnostics_name_it_in_each_step_and_while_it_stands(bench, joystic
 
 
 def test_one_that_has_gone_is_not_named_any_more(bench, joystick) -> None:
-    rig = Rig(bench, stale_timeout=60.0)
-    assert TEXT in rig.node._admission.rivals.notice()
+    Rig(bench, stale_timeout=60.0)
+    assert TEXT in bench.call('servo_node/start').message
     bench.nodes.remove(joystick)
     bench.executor.remove_node(joystick)
     joystick.destroy_node()
-    bench.until(lambda: not rig.node._admission.rivals.notice(), 'the joystick to go')
+    bench.until(lambda: TEXT not in bench.call('servo_node/start').message, 'it to go')
 
 
 def test_of_the_servo_itself_and_of_other_servos_no_notice_is_given(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0)
-    assert rig.node._admission.rivals.notice() == ''
+    Rig(bench, stale_timeout=60.0)
+    answer = bench.call('servo_node/start')
+    assert (answer.success, 'may publish' in answer.message) == (True, False)
 
 
 @pytest.mark.parametrize('stamped', [False, True])
@@ -65,9 +66,8 @@ def test_a_base_that_takes_another_type_is_named_at_the_start(two_processes, sta
         f'/probe takes {kinds[0]} on /cmd_vel, /servo_node publishes {kinds[1]}: no command '
         f'arrives; restart /servo_node with enable_stamped_cmd_vel: {str(not stamped).lower()}'
     )
-    bench.until(lambda: text in rig.node._admission.rivals.notice(), 'the base')
     rig.see()
-    assert text in bench.call('servo_node/start').message
+    bench.until(lambda: text in bench.call('servo_node/start').message, 'the base')
     rig.drive()
     bench.until(lambda: text in heard[-1].status[0].message, 'diagnostics')
     assert heard[-1].status[0].level == b'\x01'

@@ -1,16 +1,20 @@
 """Images that are too old, or of another clock, are not driven by; it is said what to do."""
 
 from bench import Bench
+from lifecycles import go
 import pytest
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
-from servo_rig import AWAY, HandSetClock, Rig, STAMP_NS, tracks
+from servo_rig import AWAY, CAMERA, HandSetClock, Rig, STAMP_NS, tracks
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.servo.admission import Arrival, disorder, refusal
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.servoing.camera import NO_CAMERA
+from visual_servo_epipolar.nodes.servoing.freshness import Freshness
 
 SECOND = 1_000_000_000
 NOW_NS = 1_790_000_000 * SECOND
@@ -19,26 +23,26 @@ OTHER = 'the clock of the servo; set the clock of their driver, or use_sim_time'
 UNTIMELY = [(2.0, LATE), (-1.0, OTHER), (130.0, OTHER), (-900.0, OTHER)]
 
 
-@pytest.mark.parametrize(('age', 'text'), [*UNTIMELY, (0.51, LATE), (-0.51, OTHER)])
+@pytest.mark.parametrize(
+    ('age', 'text'),
+    [
+        *UNTIMELY,
+        (0.51, LATE),
+        (-0.51, OTHER),
+        (130.0, '130.00 s behind the clock'),
+        (-1.0, '1.00 s ahead of the clock'),
+    ],
+)
 def test_an_image_too_far_from_now_is_refused(age: float, text: str) -> None:
     assert text in refusal(Arrival(NOW_NS - int(age * SECOND), NOW_NS), 0.5)
 
 
 @pytest.mark.parametrize(
-    ('age', 'text'), [(130.0, '130.00 s behind the clock'), (-1.0, '1.00 s ahead of the clock')]
+    ('age', 'most'),
+    [*((age, 0.5) for age in (0.5, 0.1, 0.0, -0.1, -0.5)), (2.0, 0.0), (-2.0, 0.0), (1e9, 0.0)],
 )
-def test_another_clock_is_behind_or_ahead(age: float, text: str) -> None:
-    assert text in refusal(Arrival(NOW_NS - int(age * SECOND), NOW_NS), 0.5)
-
-
-@pytest.mark.parametrize('age', [0.5, 0.1, 0.0, -0.1, -0.5])
-def test_an_image_of_now_is_driven_by(age: float) -> None:
-    assert refusal(Arrival(NOW_NS - int(age * SECOND), NOW_NS), 0.5) == ''
-
-
-@pytest.mark.parametrize('age', [2.0, -2.0, 1e9])
-def test_without_a_largest_latency_no_age_is_looked_at(age: float) -> None:
-    assert refusal(Arrival(NOW_NS - int(age * SECOND), NOW_NS), 0.0) == ''
+def test_an_image_of_now_is_driven_by_and_without_a_limit_any(age: float, most: float) -> None:
+    assert refusal(Arrival(NOW_NS - int(age * SECOND), NOW_NS), most) == ''
 
 
 def test_images_without_a_stamp_are_told_from_old_ones() -> None:
@@ -88,7 +92,7 @@ def test_a_robot_that_drives_is_stopped_by_an_untimely_image(bench, age, text) -
     rig = Present(bench).drive()
     rig.see(age=age)
     assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
-    assert text in rig.node._state.reason
+    assert text in rig.reason
     count = len(rig.commands)
     rig.see(age=age)
     assert (rig.phase, len(rig.commands)) == ('holding', count)
@@ -161,7 +165,7 @@ def test_a_bag_played_in_a_loop_ends_the_run(bench) -> None:
 @pytest.mark.parametrize('back_ns', [0, 90_000_000], ids=['repeated', 'overtaken'])
 def test_an_image_that_comes_too_late_or_again_is_not_driven_by(bench, back_ns) -> None:
     rig = Rig(bench, stale_timeout=60.0).drive()
-    rig.tell(tracks(stamp_ns=rig.node._run.stamp_ns - back_ns))
+    rig.tell(tracks(stamp_ns=rig.run.stamp_ns - back_ns))
     assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
 
 
@@ -193,7 +197,7 @@ def test_where_clock_freezes_and_images_go_on_that_is_the_reason(bench) -> None:
         bench.until(lambda: rig.node.get_clock().now().nanoseconds == rig.stamp_ns, 'the clock')
         rig.see()
     assert rig.twists()[-1] != STANDSTILL
-    freshness = rig.node._run.freshness
+    freshness = rig.run.freshness
     freshness.clock_stands_still()
     clock = HandSetClock()
     clock.now_ns = freshness.clock.now().nanoseconds + 2 * SECOND
@@ -201,5 +205,89 @@ def test_where_clock_freezes_and_images_go_on_that_is_the_reason(bench) -> None:
     rig.stamp_ns += 2 * SECOND
     rig.see()
     assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
-    assert '/clock has stood still at 7.09 s for 2.' in rig.node._state.reason
-    assert 'the clock of their driver' not in rig.node._state.reason
+    assert '/clock has stood still at 7.09 s for 2.' in rig.reason
+    assert 'the clock of their driver' not in rig.reason
+
+
+@pytest.fixture
+def freshness() -> Freshness:
+    """Return one that begins now, by a clock set by hand."""
+    made = Freshness(HandSetClock())
+    made.clock = HandSetClock()
+    made.clock.now_ns = made._begin_ns
+    return made
+
+
+def wait(freshness: Freshness, seconds: float) -> None:
+    freshness.clock.now_ns += round(seconds * 1e9)
+
+
+def test_tracks_and_steps_are_missed_from_the_beginning(freshness) -> None:
+    wait(freshness, 3.0)
+    assert (freshness.age, freshness.idle, freshness.held) == (3.0, 3.0, 0.0)
+
+
+def test_new_tracks_are_no_step_and_no_trust(freshness) -> None:
+    wait(freshness, 3.0)
+    freshness.renew()
+    wait(freshness, 0.5)
+    assert (freshness.age, freshness.idle, freshness.held) == (0.5, 3.5, 0.0)
+
+
+def test_a_step_is_no_new_tracks(freshness) -> None:
+    wait(freshness, 3.0)
+    freshness.step()
+    wait(freshness, 0.5)
+    assert (freshness.age, freshness.idle) == (3.5, 0.5)
+
+
+def test_it_is_held_since_the_first_step_that_held_and_anew_after_another(freshness) -> None:
+    for phase, held in (
+        (Phase.DISPLACING, 0.0),
+        (Phase.HOLDING, 1.0),
+        (Phase.HOLDING, 2.0),
+        (Phase.DISPLACING, 0.0),
+        (Phase.HOLDING, 1.0),
+    ):
+        freshness.follow(phase)
+        wait(freshness, 1.0)
+        assert freshness.held == held
+
+
+def calibrated(rig: Rig) -> Rig:
+    rig.calibrate(write.camera_info(CAMERA, 0, 'camera'))
+    rig.bench.settle()
+    rig.bench.settle()
+    return rig
+
+
+def test_tracks_that_have_waited_for_too_long_are_not_driven_by(bench) -> None:
+    rig = Rig(bench, calibrated=False, stale_timeout=0.1)
+    rig.see()
+    bench.pass_time(0.15)
+    assert calibrated(rig).commands == []
+
+
+def stop(rig: Rig) -> None:
+    assert rig.bench.call('servo_node/stop').success
+    answer = rig.bench.call('servo_node/start')
+    assert (answer.success, NO_CAMERA in answer.message) == (False, True)
+
+
+def reset(rig: Rig) -> None:
+    assert rig.bench.call('servo_node/reset').success
+
+
+def rest(rig: Rig) -> None:
+    go(rig.bench, rig.node, 'deactivate', 'activate')
+
+
+@pytest.mark.parametrize('order', [stop, reset, rest])
+def test_tracks_from_before_an_order_are_not_driven_by(bench, order) -> None:
+    rig = Rig(bench, calibrated=False, stale_timeout=60.0)
+    rig.see()
+    order(rig)
+    assert all(twist == STANDSTILL for twist in calibrated(rig).twists())
+    if order is stop:
+        assert rig.bench.call('servo_node/start').success
+    rig.drive()

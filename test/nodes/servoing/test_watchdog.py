@@ -4,12 +4,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from sensor_msgs.msg import CameraInfo
 from servo_rig import AWAY, HandSetClock, PERIOD_NS, Rig, STAMP_NS, tracks
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 
 from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
-from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
-from visual_servo_epipolar.messages import event_log, read
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.messages import event_log, read, write
 from visual_servo_epipolar.nodes import servo_node
 
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
@@ -26,8 +26,8 @@ def test_tracks_that_stay_away_are_lost(bench) -> None:
     rig.send(tracks())
     bench.until(lambda: bool(phases) and phases[-1].data == 'holding', 'the robot to hold')
     bench.settle()
-    assert (rig.node._state.command, rig.twists()[-1]) == (HALT, STANDSTILL)
-    assert rig.node._state.reason.startswith('no new tracks for 0.')
+    assert rig.twist == STANDSTILL
+    assert rig.reason.startswith('no new tracks for 0.')
     entries = [event_log.from_text(item.data) for item in events]
     assert [(item.event, item.after_stamp_ns) for item in entries] == [
         ('halted', STAMP_NS),
@@ -40,15 +40,15 @@ def test_a_gap_late_in_a_phase_is_no_end_of_the_run(bench) -> None:
     pose = AWAY
     for _ in range(90):  # 8.2 s by the stamps
         rig.see(pose)
-        pose = integrate(pose, rig.node._state.twist, PERIOD_NS / 1e9)
-    assert rig.node._state.phase.drives
-    assert rig.stamp_ns - rig.node._state.run.phase_start_ns > 5.0e9  # longer than it may hold
+        pose = integrate(pose, rig.twist, PERIOD_NS / 1e9)
+    assert rig.drives
+    assert len({word.data for word in rig.words[-56:]}) == 1  # 5 s: longer than it may hold
     bench.until(lambda: rig.phase == 'holding', 'the robot to hold')
     rig.stamp_ns += 1_200_000_000
     for _ in range(RESUMING_FRAMES):
         assert rig.phase == 'holding'
         rig.see(pose)
-    assert rig.node._state.phase.drives
+    assert rig.drives
 
 
 @pytest.mark.parametrize('hanging', [False, True], ids=['silent', 'hanging camera'])
@@ -63,7 +63,7 @@ def test_a_run_whose_tracks_never_come_back_fails(bench, hanging) -> None:
         return rig.phase == 'failed'
 
     bench.until(failed, 'the run to end')
-    reason = rig.node._state.reason
+    reason = rig.reason
     assert reason.startswith('tracks lost or untrusted for 0.3 s: ')
     bench.until(lambda: (ERROR, f'failed: {reason}') in statuses(diagnostics), 'the verdict')
     assert rig.twists()[-1] == STANDSTILL
@@ -79,32 +79,6 @@ def test_a_robot_that_holds_in_silence_is_told_again_and_again_to_stand(bench) -
     assert all(twist == STANDSTILL for twist in rig.twists()[told:])
 
 
-def a_second_later(freshness) -> None:
-    """Let its clock be set by hand, to a second from now."""
-    clock = HandSetClock()
-    clock.now_ns = freshness.clock.now().nanoseconds + 10**9
-    freshness.clock = clock
-
-
-def test_new_tracks_are_what_keeps_the_watchdog_quiet(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
-    freshness = rig.node._run.freshness
-    a_second_later(freshness)
-    rig.tell(tracks(stamp_ns=rig.node._run.stamp_ns))
-    assert freshness.age > 0.9  # the last ones again are no new ones
-    rig.see()
-    assert freshness.age == 0.0
-
-
-def test_a_step_is_what_ends_the_silence(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
-    run = rig.node._run
-    a_second_later(run.freshness)
-    assert run.freshness.idle > 0.9
-    run.advance(run.session, rig.stamp_ns, 'camera')
-    assert run.freshness.idle == 0.0
-
-
 ENDS = {
     'lost': lambda run: run.lose('no new tracks'),
     'timed out': lambda run: run.time_out(5.0),
@@ -117,17 +91,14 @@ ENDS = {
 def test_whatever_interrupts_a_run_the_base_is_told_to_stand(bench, end) -> None:
     rig = Rig(bench, stale_timeout=60.0).drive()
     told = len(rig.commands)
-    end(rig.node._run)
+    end(rig.run)
     bench.until(lambda: len(rig.commands) > told, 'the zero twist')
     assert rig.twists()[told:] == [STANDSTILL]
-    assert rig.node._state.command == HALT
 
 
 def test_a_robot_that_waits_does_not_fail_in_silence(bench) -> None:
     rig = Rig(bench, stale_timeout=0.05, holding_timeout=0.1)
-    clock = rig.node._run.freshness.clock
-    begin = clock.now().nanoseconds
-    bench.until(lambda: clock.now().nanoseconds > begin + 0.4e9, 'some looks of the watchdog')
+    bench.pass_time(0.4)  # some looks of the watchdog
     assert rig.phase == 'waiting'
 
 
@@ -141,17 +112,17 @@ def test_diagnostics_tell_of_each_interruption(bench, monkeypatch) -> None:
         diagnostics.clear()
 
     told(OK, 'displacing')
-    rig.node._run.lose('no new tracks for 0.51 s')
+    rig.run.lose('no new tracks for 0.51 s')
     told(WARN, 'holding: no new tracks for 0.51 s')
     bench.call('servo_node/stop')
     told(OK, 'waiting: stands until /servo_node/start is called')
     assert bench.call('servo_node/start').success
     told(OK, 'armed, drives as soon as the next image comes')
     rig.calibrate(CameraInfo())
-    bench.until(lambda: rig.node._camera.model is None, 'camera_info to arrive')
+    bench.settle()
     rig.see()
-    rig.node._on_idle()
-    rig.node._run.report()
+    rig.idle()
+    rig.run.report()
     told(WARN, 'armed, will drive once this is resolved: camera_info cannot be used')
 
 
@@ -172,7 +143,7 @@ def test_a_servo_that_drives_says_nothing_beside_its_steps(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0).drive()
     bench.until(lambda: bool(diagnostics), 'diagnostics')
     diagnostics.clear()
-    rig.node._on_idle()
+    rig.idle()
     bench.settle()
     assert diagnostics == []
 
@@ -181,8 +152,129 @@ def test_refused_stamps_are_in_the_diagnostics(bench) -> None:
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, stale_timeout=60.0, max_latency=0.5)
     rig.see()
-    rig.node._run.report()
+    rig.run.report()
     bench.until(
         lambda: any(a == WARN and 'the clock of the servo' in b for a, b in statuses(diagnostics)),
         'the reason',
     )
+
+
+TIMEOUT_S, SECOND = 0.5, 1_000_000_000
+
+
+class Enabled(Rig):
+    """A servo that drives while it is enabled, on a steady clock that is set by hand."""
+
+    def __init__(self, bench, **values) -> None:
+        self.say = bench.talk(Bool, 'enable')
+        super().__init__(bench, **{'stale_timeout': 60.0, 'enable_timeout': TIMEOUT_S, **values})
+        enable = self.node._admission._enable
+        enable._steady = self.clock = HandSetClock()
+
+    def enable(self, value: bool = True) -> None:
+        self.say(Bool(data=value))
+        self.bench.settle()
+
+    def drive(self) -> 'Enabled':
+        self.enable()
+        super().drive()
+        return self
+
+    def resume(self) -> None:
+        """See as often as it takes to go on."""
+        for _ in range(RESUMING_FRAMES):
+            self.see()
+
+
+def test_without_a_heartbeat_no_run_begins_and_that_is_said(bench) -> None:
+    rig = Enabled(bench)
+    rig.see()
+    assert (rig.phase, rig.commands) == ('waiting', [])
+    answer = bench.call('servo_node/start')
+    text = 'armed, will drive once this is resolved: no message has come on /enable yet'
+    assert text in answer.message
+    rig.drive()
+
+
+def test_a_heartbeat_that_ends_stops_the_robot_and_it_goes_on_with_the_next(bench) -> None:
+    rig = Enabled(bench).drive()
+    rig.clock.now_ns += round((TIMEOUT_S - 0.1) * SECOND)
+    rig.watch()
+    assert rig.drives
+    rig.clock.now_ns += round(0.2 * SECOND)
+    bench.until(lambda: rig.phase == 'holding', 'the robot to hold, without any image')
+    bench.settle()
+    assert rig.twists()[-1] == STANDSTILL
+    assert 'the last true on /enable is 0.6 s old' in rig.reason
+    count = len(rig.commands)
+    rig.resume()
+    assert rig.phase == 'holding'
+    assert all(twist == STANDSTILL for twist in rig.twists()[count:])
+    rig.enable()
+    rig.resume()
+    assert rig.twists()[-1] != STANDSTILL
+
+
+def test_a_false_stops_the_robot_at_once(bench) -> None:
+    rig = Enabled(bench).drive()
+    rig.enable(value=False)
+    assert (rig.phase, rig.reason) == ('holding', '/enable is false')
+    bench.until(lambda: rig.twists()[-1] == STANDSTILL, 'the zero twist')
+
+
+def test_a_false_is_not_lost_by_a_true_that_comes_before_it_is_heard(bench) -> None:
+    rig = Enabled(bench, resume='manual').drive()
+    rig.say(Bool(data=False))
+    rig.enable()
+    assert rig.phase == 'holding'
+
+
+def test_who_asks_for_no_heartbeat_does_not_hear_one(bench) -> None:
+    rig = Enabled(bench, enable_timeout=0.0)
+    rig.drive().enable(value=False)
+    assert rig.drives
+
+
+def test_a_hold_for_want_of_it_ends_as_any_other(bench) -> None:
+    rig = Enabled(bench, holding_timeout=0.3, stale_timeout=0.1, max_latency=0.0)
+    rig.enable()
+    rig.see()
+    rig.enable(value=False)
+    bench.until(lambda: rig.phase == 'failed', 'the run to end')
+    assert rig.reason == 'held for 0.3 s: /enable is false'
+
+
+def lost(rig: Rig) -> None:
+    """Hold by tracks that show nothing."""
+    rig.tell(write.features(Features(goal=1), rig.stamp_ns, 'camera'))
+    rig.stamp_ns += 90_909_091
+    assert rig.phase == 'holding'
+
+
+def silent(rig: Rig) -> None:
+    """Hold for want of tracks."""
+    rig.run.lose('no new tracks for 0.51 s')
+
+
+@pytest.mark.parametrize('hold', [lost, silent])
+def test_after_a_hold_that_is_resumed_by_hand_it_stands_until_a_start(bench, hold) -> None:
+    rig = Rig(bench, stale_timeout=60.0, resume='manual').drive()
+    hold(rig)
+    for _ in range(3 * RESUMING_FRAMES):
+        rig.see()
+    assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
+    rig.run.report()
+    assert rig.reason.startswith('resume is manual: ')
+    answer = bench.call('servo_node/start')
+    assert (answer.success, answer.message) == (True, 'started')
+    rig.see()
+    assert rig.twists()[-1] != STANDSTILL
+
+
+@pytest.mark.parametrize('hold', [lost, silent])
+def test_by_default_it_goes_on_by_itself(bench, hold) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    hold(rig)
+    for _ in range(RESUMING_FRAMES):
+        rig.see()
+    assert rig.twists()[-1] != STANDSTILL

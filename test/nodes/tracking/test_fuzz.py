@@ -94,7 +94,8 @@ def test_random_messages_are_survived(
     said, clouds = [], []
     monkeypatch.setattr(complaints.Complaints, '__call__', lambda self, text: said.append(text))
     node = bench.start(TrackerNode, transport=transport, camera_reliability='best_effort')
-    monkeypatch.setattr(node._tracks_pub, 'publish', clouds.append)
+    (publisher,) = (it for it in node.publishers if it.topic_name == '/tracks')
+    monkeypatch.setattr(publisher, 'publish', clouds.append)
     callbacks = {item.topic_name: item.callback for item in node.subscriptions}
     suffix = '' if transport == 'raw' else '/compressed'
     kind = png if suffix else mono8

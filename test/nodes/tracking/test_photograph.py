@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from servo_rig import HandSetClock
 from std_msgs.msg import String
 import yaml
 
-from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.goal import goal_id
-from visual_servo_epipolar.messages import camera_file, read, write
+from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.tracking.photograph import (
@@ -26,6 +26,7 @@ from visual_servo_epipolar.nodes.tracking.photograph import (
     Photograph,
     read_photographs,
 )
+from visual_servo_epipolar.nodes.tracking.photographer import Photographer, Renewal
 from visual_servo_epipolar.simulation.light import LightSettings
 
 HOME = Pose.from_start(0.0, 0.0, 0.0)
@@ -41,7 +42,7 @@ class Rig:
         info = bench.talk(CameraInfo, 'camera_info')
         self.node = bench.start(TrackerNode, **values)
         info(write.camera_info(camera or simulator.camera, 0, 'camera'))
-        bench.until(lambda: self.node._camera is not None, 'camera_info')
+        bench.settle()
 
     def see(self, pose=HOME, times=1):
         """Send images, each with noise of its own, and return the last features."""
@@ -52,6 +53,10 @@ class Rig:
             self._send(write.image(image, 'mono8', self.stamp_ns, 'camera'))
             self.bench.until(lambda count=count: len(self.clouds) > count, 'tracks')
         return read.features(self.clouds[-1])
+
+    @property
+    def tracker(self):
+        return self.node._tracker
 
     def capture(self):
         return self.bench.call('tracker_node/capture_desired')
@@ -258,23 +263,12 @@ def test_a_crash_leaves_the_former_photograph(simulator, tmp_path, monkeypatch) 
     assert len(list(tmp_path.iterdir())) == 2
 
 
-@pytest.mark.parametrize('lens', ['pinhole', 'plumb_bob', 'equidistant'])
-def test_every_camera_comes_back_from_its_file(simulator, tmp_path, lens) -> None:
-    camera = simulator.camera
-    if lens == 'plumb_bob':
-        camera = replace(camera, distortion=(-0.1, 0.02, 1e-4, -2e-4, 0.0))
-    if lens == 'equidistant':
-        camera = Equidistant(320, 240, 100.0, 100.0, 159.5, 119.5, (0.01, 0.0, -0.002, 0.0))
-    document = yaml.safe_load(yaml.safe_dump(camera_file.to_document(camera)))
-    assert camera_file.from_document(document) == camera
-
-
 def test_photographs_in_other_light_are_added_and_kept(bench, simulator, tmp_path) -> None:
     path = tmp_path / 'goal.yaml'
     rig = Rig(bench, simulator, photograph=str(path), max_photographs=2)
     rig.see(times=2)
     assert rig.capture().success
-    goal = rig.node._tracker.goal.id
+    goal = rig.tracker.goal.id
     rig.node.set_parameters([Parameter('capture_adds', value=True)])
     rig.see(Pose.from_start(0.3, -0.3, 0.0), times=2)
     refused = rig.capture()
@@ -283,7 +277,7 @@ def test_photographs_in_other_light_are_added_and_kept(bench, simulator, tmp_pat
     rig.see(times=11)
     added = rig.capture()
     assert 'this is photograph 2 of the pose to come back to' in added.message
-    assert rig.node._tracker.goal.id == goal
+    assert rig.tracker.goal.id == goal
     rig.see()
     bench.until(lambda: bool(bench.logged('of 2 fits the light best')), 'the log')
     assert 'one photograph more than the 2 of one pose that are used' in rig.capture().message
@@ -292,8 +286,8 @@ def test_photographs_in_other_light_are_added_and_kept(bench, simulator, tmp_pat
     bench.nodes.remove(rig.node)
     rig.node.destroy_node()
     rig = Rig(bench, simulator, photograph=str(path))
-    assert len(rig.node._tracker.photographs) == 2
-    assert rig.node._tracker.goal.id == goal
+    assert len(rig.tracker.photographs) == 2
+    assert rig.tracker.goal.id == goal
     assert load(path).images == 2
     next(tmp_path.glob(f'*{goal_id(load(path).more[0]):08x}.png')).unlink()
     with pytest.raises(ValueError, match='cannot be used: .*; move it away, and capture anew'):
@@ -337,16 +331,100 @@ def test_an_arrival_in_another_light_renews_the_photographs(bench, simulator, tm
     say = bench.talk(String, 'phase', qos.LATCHED)
     rig.see(times=4)
     assert rig.capture().success
-    goal = rig.node._tracker.goal.id
+    goal = rig.tracker.goal.id
     for light, kept in (('ceiling', 0), ('lamp_side', 1), ('lamp_side', 1)):
         simulator.relight(LightSettings(light=light, exposure='auto'))
         rig.see(times=4)
-        assert len(rig.node._tracker.photographs) == 1 + min(kept, len(load(path).more))
+        assert len(rig.tracker.photographs) == 1 + min(kept, len(load(path).more))
         for phase in ('approaching', 'arrived'):
             say(String(data=phase))
             bench.until(partial(has_phase, rig, phase), 'the phase')
         rig.see(times=4)
         assert len(load(path).more) == kept
     simulator.relight(LightSettings())
-    assert rig.node._tracker.goal.id == goal
+    assert rig.tracker.goal.id == goal
     assert bench.logged('the view in the light of today is one of 2 photographs now, kept in')
+
+
+IMAGE = np.zeros((6, 8), np.uint8)
+NO_IMAGE = 'no usable image is there; check image_raw and camera_info'
+
+
+@pytest.mark.parametrize(('age', 'old'), [(0.95, False), (1.05, True)])
+def test_an_image_of_a_camera_that_fell_silent_is_no_photograph(age, old) -> None:
+    photographer = Photographer(3, '')
+    clock = photographer._steady = HandSetClock()
+    photographer.see(IMAGE)
+    clock.now_ns += round(age * 1e9)
+    if not old:
+        assert photographer.capture()[1] == 1
+        return
+    with pytest.raises(ValueError, match=r'the last image is 1.1 s old; check the camera'):
+        photographer.capture()
+
+
+def test_images_from_before_one_that_cannot_be_used_are_left_out() -> None:
+    photographer = Photographer(3, '')
+    photographer.see(IMAGE)
+    photographer.see(None)
+    with pytest.raises(ValueError, match=NO_IMAGE):
+        photographer.capture()
+
+
+def test_one_view_follows_an_arrival_that_was_seen() -> None:
+    renewal = Renewal(2)
+    told = ['arrived', 'arrived', 'approaching', 'arrived', 'arrived', 'arrived', 'arrived']
+    due = []
+    for phase in told:  # the servo says it with each image
+        renewal.follow(phase)
+        due.append(renewal.is_due())
+    assert due == [False, False, False, False, True, False, False]
+    for phase in ('approaching', 'arrived', 'waiting'):
+        renewal.follow(phase)
+        assert not renewal.is_due()
+
+
+class RigPhotographer:
+    """A tracker that has seen an image, and can be asked for a photograph."""
+
+    def __init__(self, bench, simulator, view, **values) -> None:
+        self.bench, self.camera = bench, simulator.camera
+        self._send, self._view = bench.talk(Image, 'image_raw'), view
+        self.calibrate = bench.talk(CameraInfo, 'camera_info')
+        self.node = bench.start(TrackerNode, **values)
+        self.calibrate(write.camera_info(self.camera, 0, 'camera'))
+        bench.settle()
+        self.see()
+
+    def see(self) -> None:
+        self._send(write.image(self._view, 'mono8', 7, 'camera'))
+        self.bench.settle()
+
+    def capture(self) -> str:
+        answer = self.bench.call('tracker_node/capture_desired')
+        return '' if answer.success else answer.message
+
+
+@pytest.fixture
+def rig(bench, simulator, view):
+    return RigPhotographer(bench, simulator, view)
+
+
+def test_no_photograph_is_captured_while_the_camera_is_uncalibrated(rig) -> None:
+    uncalibrated = write.camera_info(rig.camera, 0, 'camera')
+    uncalibrated.k[0] = 0.0
+    rig.calibrate(uncalibrated)
+    rig.bench.settle()
+    assert rig.capture() == NO_IMAGE
+
+
+def test_a_photograph_from_elsewhere_is_of_no_other_camera(
+    bench, simulator, view, photograph, tmp_path
+) -> None:
+    path, other = tmp_path / 'goal.yaml', replace(simulator.camera, fx=150.0, fy=150.0)
+    keep(path, Photograph(view, other))
+    rig = RigPhotographer(bench, simulator, view, photograph=str(path))
+    assert rig.node._photographer.complaint(rig.camera)
+    bench.talk(Image, 'desired/image_raw', qos.LATCHED)(write.image(photograph, 'mono8', 7, 'c'))
+    bench.until(lambda: bench.logged('px taken'), 'the photograph')
+    assert rig.node._photographer.complaint(rig.camera) == ''

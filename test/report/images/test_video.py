@@ -1,9 +1,14 @@
 """A video holds every step and appears only when it is whole."""
 
+import base64
 from collections.abc import Sequence
+import json
 from pathlib import Path
+import sys
 
+from browser import ask_browser, needs_browser
 import cv2
+from durations import few_of
 import numpy as np
 import pytest
 
@@ -13,8 +18,9 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.report.images import video as module
 from visual_servo_epipolar.report.images.map_view import HEADER, MapBounds, MapView, WIDTH
-from visual_servo_epipolar.report.images.video import Codec, HEIGHT, VideoWriter
+from visual_servo_epipolar.report.images.video import Codec, CODECS, HEIGHT, VideoWriter, view_size
 from visual_servo_epipolar.report.style import rgb
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
@@ -111,3 +117,134 @@ def test_map_is_true_to_scale_with_y_up() -> None:
     origin, right, up = view.pixels(np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]))
     assert right[0] - origin[0] == pytest.approx(origin[1] - up[1])
     assert origin[1] > up[1]
+
+
+CAMERA_VIDEO_CODECS = CameraSettings(
+    width=640, height=512, focal_length=400.0, principal_u=320.0, principal_v=256.0
+).nominal_camera
+SIZE = view_size((640, 512))
+FRAMES = 33
+LARGEST_MB_S = 5.0 / 27.0  # 5 MB for the 27 s of the demo
+PLAYER = """<!DOCTYPE html><video muted src="SOURCE"></video>
+<script>
+const video = document.querySelector('video');
+const tell = (result) => fetch('/', {method: 'POST', body: JSON.stringify(result)});
+video.onerror = () => tell({error: video.error.code + ' ' + video.error.message});
+video.onloadeddata = () => { video.currentTime = 2.0; };
+video.onseeked = () => {
+  const canvas = document.createElement('canvas');
+  canvas.width = video.videoWidth; canvas.height = video.videoHeight;
+  const context = canvas.getContext('2d');
+  context.drawImage(video, 0, 0);
+  tell({size: [video.videoWidth, video.videoHeight], duration: video.duration,
+        pixel: [...context.getImageData(30, video.videoHeight - 30, 1, 1).data]});
+};
+</script>"""
+
+needs_pyav = pytest.mark.skipif(module.pyav() is None, reason='PyAV is not installed')
+
+
+def views() -> list[Image]:
+    """Return pictures such as the camera of the demo takes: texture that grows, and noise."""
+    rng = np.random.default_rng(1)
+    texture = cv2.GaussianBlur(rng.uniform(0.0, 255.0, (512, 640)), (0, 0), 3.0)
+    texture = 128.0 + 6.0 * (texture - texture.mean())
+    pictures = []
+    for k in range(FRAMES):
+        zoom = cv2.getRotationMatrix2D((320.0, 256.0), 0.0, 1.0 + 0.004 * k)
+        view = cv2.warpAffine(texture, zoom, (640, 512)) + rng.normal(0.0, 2.0, texture.shape)
+        view[-60:, :60] = 40.0
+        pictures.append(view.clip(0, 255).astype(np.uint8))
+    return pictures
+
+
+def film(path: Path, log: RunLog) -> VideoWriter:
+    bounds = MapBounds.around(log.samples[0].pose)
+    with VideoWriter(path, 11.0, bounds=bounds, camera=CAMERA_VIDEO_CODECS) as video:
+        for view, sample in zip(views(), log.samples, strict=False):
+            video.add(view, Features(), sample)
+    return video
+
+
+def played(path: Path, folder: Path) -> dict[str, object]:
+    """Return what a browser makes of a video: its size, duration, and a pixel of second 2."""
+    kind = path.suffix.lstrip('.')
+    source = f'data:video/{kind};base64,{base64.b64encode(path.read_bytes()).decode()}'
+    return json.loads(ask_browser(PLAYER.replace('SOURCE', source), folder))
+
+
+@needs_pyav
+def test_the_video_has_all_frames_its_rate_its_codec_and_is_small(
+    log: RunLog, tmp_path: Path
+) -> None:
+    video = film(tmp_path / 'run.mp4', log)
+    assert (video.codec.name, video.advice) == ('libx264', '')
+    capture = cv2.VideoCapture(str(tmp_path / 'run.mp4'))
+    assert int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, 'little') in (b'h264', b'avc1')
+    assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(11.0)
+    frames = 0
+    while capture.read()[0]:
+        frames += 1
+    assert frames == FRAMES
+    width, height = capture.get(cv2.CAP_PROP_FRAME_WIDTH), capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
+    assert (width, height) == video.size == (video.size[0], HEIGHT)
+    size = (tmp_path / 'run.mp4').stat().st_size / 1e6
+    assert size < LARGEST_MB_S * FRAMES / 11.0
+
+
+@needs_pyav
+def test_the_index_stands_before_the_frames(log: RunLog, tmp_path: Path) -> None:
+    film(tmp_path / 'run.mp4', log)
+    content = (tmp_path / 'run.mp4').read_bytes()
+    assert content.index(b'moov') < content.index(b'mdat')
+
+
+@needs_pyav
+@needs_browser
+@pytest.mark.parametrize('name', few_of(['libx264', 'libvpx-vp9', 'mp4v']))
+def test_a_browser_plays_what_is_said_to_play_there(
+    log: RunLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    (codec,) = (each for each in CODECS if each.name == name)
+    monkeypatch.setattr(module, 'CODECS', (codec,))
+    try:
+        video = film(tmp_path / 'run.mp4', log)
+    except InputError:
+        pytest.skip(f'this machine has no {codec.name}')
+    result = played(tmp_path / 'run.mp4', tmp_path)
+    assert ('error' not in result) == codec.in_browsers, result
+    if codec.in_browsers:
+        assert result['size'] == list(video.size)
+        assert result['duration'] == pytest.approx(FRAMES / 11.0, abs=0.1)
+        assert np.abs(np.array(result['pixel'][:3]) - 40).max() < 12
+
+
+def test_without_pyav_opencv_writes_and_one_line_says_what_to_install(
+    log: RunLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, 'av', None)
+    video = film(tmp_path / 'run.mp4', log)
+    assert video.codec == Codec('mp4v')
+    assert 'install PyAV (pip install av, or apt install python3-av)' in video.advice
+    assert '\n' not in video.advice
+    assert [path.name for path in tmp_path.iterdir()] == ['run.mp4']
+
+
+@needs_pyav
+def test_an_encoder_that_pyav_lists_but_cannot_open_is_passed_over(tmp_path: Path) -> None:
+    wrong = Codec('libx264', {'preset': 'none such'})
+    assert wrong.open(tmp_path / 'run.mp4', 11.0, SIZE) is None
+    assert Codec('none such', {'g': '110'}).open(tmp_path / 'run.mp4', 11.0, SIZE) is None
+
+
+@needs_pyav
+@pytest.mark.skipif(not Path('/dev/full').exists(), reason='no /dev/full')
+def test_a_full_disk_is_told_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / 'run.mp4').symlink_to('/dev/full')
+    encoder = CODECS[0].open(tmp_path / 'run.mp4', 11.0, SIZE)
+    assert encoder is not None
+    with pytest.raises(InputError, match='the video cannot be written: .*; make room there'):
+        for view in 200 * views()[:1]:
+            encoder.write(cv2.cvtColor(view, cv2.COLOR_GRAY2BGR))
+        encoder.release()
+    encoder.release()

@@ -446,22 +446,21 @@ def closest_vertical(psi: float, tilt: float, roll: float, prior: Attitude) -> n
     return np.asarray(down / np.linalg.norm(down))
 
 
+@pytest.mark.parametrize(
+    ('way', 'tilt', 'roll'),
+    [((HALF_PI, 0.0, math.radians(20.0), 0.0), 20.0, 4.0)]
+    + [((0.0, -HALF_PI, 0.0, math.radians(8.0)), 5.0, 8.0)],
+    ids=['ahead', 'aside'],
+)
 @pytest.mark.parametrize('sign', [-1.0, 1.0])
-def test_a_translation_ahead_tells_the_tilt_and_leaves_the_roll_to_the_prior(sign: float) -> None:
-    essential = sign * planar(HALF_PI, 0.0, math.radians(20.0), 0.0)
+def test_a_translation_tells_one_angle_and_leaves_the_other_to_the_prior(
+    way: tuple[float, ...], tilt: float, roll: float, sign: float
+) -> None:
+    essential = sign * planar(*way)
     prior = replace(WIDE, tilt=math.radians(5.0), roll=math.radians(4.0))
     found = planar_parameters(essential, prior)[0]
-    assert math.degrees(found[TILT]) == pytest.approx(20.0, abs=0.3)
-    assert math.degrees(found[ROLL]) == pytest.approx(4.0, abs=0.3)
-
-
-@pytest.mark.parametrize('sign', [-1.0, 1.0])
-def test_a_translation_aside_tells_the_roll_and_leaves_the_tilt_to_the_prior(sign: float) -> None:
-    essential = sign * planar(0.0, -HALF_PI, 0.0, math.radians(8.0))
-    prior = replace(WIDE, tilt=math.radians(5.0), roll=math.radians(4.0))
-    found = planar_parameters(essential, prior)[0]
-    assert math.degrees(found[TILT]) == pytest.approx(5.0, abs=0.3)
-    assert math.degrees(found[ROLL]) == pytest.approx(8.0, abs=0.3)
+    assert math.degrees(found[TILT]) == pytest.approx(tilt, abs=0.3)
+    assert math.degrees(found[ROLL]) == pytest.approx(roll, abs=0.3)
 
 
 @given(angles(), tilts(), rolls(), SIGNS)

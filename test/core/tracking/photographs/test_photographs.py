@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import run
-from visual_servo_epipolar.simulation.light.lights import LightSettings
+from visual_servo_epipolar.simulation.light import LightSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 
@@ -169,7 +169,6 @@ CAMERA = CameraSettings(
     width=640, height=480, focal_length=384.6, principal_u=319.5, principal_v=239.5
 )
 NEAR = Pose(0.1, -1.0, DESIRED_POSE.theta)
-AT_GOAL = Pose(0.002, -0.005, DESIRED_POSE.theta)
 
 
 @pytest.fixture(scope='module')
