@@ -14,7 +14,8 @@ ROWS = re.findall(r'^\| (\d+) \| \[`[\w.]+`\]\(\.\./([\w/.]+)\) \|', PAGE, re.M)
 WAY = [ROOT / path for _, path in ROWS]
 LEAF_TABLE = PAGE[PAGE.index('| leaves |') :].split('\n\n')[0]
 LEAVES = [ROOT / path for path in re.findall(r'\]\(\.\./([\w/.]+)\)', LEAF_TABLE)]
-ORDER = 'step.py', 'perceive.py', 'validated.py'
+ORDER = 'supervisor.py', 'perceive.py', 'validated.py', 'estimator.py'
+OBSERVED, MOST_FROM_THERE = 'observation.py', 10
 ORDERING = [path for path in WAY if path.name in ORDER]
 LONGEST = 18
 TOPIC = 'tracks'
@@ -69,6 +70,8 @@ def test_the_way_has_its_files_and_no_more_than_one_sits_down_to_read() -> None:
     assert [int(number) for number, _ in ROWS] == list(range(1, len(ROWS) + 1))
     assert 10 <= len(WAY) <= LONGEST
     assert all(path.is_file() for path in WAY)
+    observed = [path.name for path in WAY].index(OBSERVED)
+    assert len(WAY) - observed <= MOST_FROM_THERE
 
 
 @pytest.mark.parametrize('place', range(1, len(WAY)))
@@ -91,8 +94,8 @@ def test_the_way_begins_with_an_image_and_ends_with_a_twist(
     assert tracker == WAY[0]
     assert 'image_raw' in subscribed(tracker)
     assert 'cmd_vel' in published(servo)
-    decisions, _, laws = WAY[-3:]
-    assert returns(decisions)['nominal_twist'] == 'Twist'
+    supervisor, laws = ORDERING[0], WAY[-1]
+    assert returns(supervisor)['nominal_twist'] == 'Twist'
     assert returns(laws)['linearizing_control'] == returns(laws)['match_features'] == 'Twist'
 
 

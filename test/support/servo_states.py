@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import advance
+from visual_servo_epipolar.core.servo.supervisor import advance
 
 SETTINGS = ServoSettings(law='full')
 TWO_VIEWS = ServoSettings(law='full', memory=False)  # who has no memory of views never doubts

@@ -17,9 +17,9 @@ from visual_servo_epipolar.core.routes.driven_images import DrivenImages
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
-from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings, StationSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import Session
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.route_folder import (

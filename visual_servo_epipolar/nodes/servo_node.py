@@ -40,7 +40,7 @@ BEGINS = 'drives as soon as the next image comes'
 
 class ServoNode(ManagedNode):
     """
-    Hosts both halves of ``core.servo.step``: one command for each set of tracks in a run.
+    Hosts both halves of ``core.servo.supervisor``: one command for each set of tracks in a run.
 
     Outside of runs it is silent.
 

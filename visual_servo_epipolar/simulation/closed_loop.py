@@ -11,9 +11,9 @@ from visual_servo_epipolar.core.geometry.motion import (
 )
 from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
-from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import Session
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.simulation.bases.registry import new_base, nod_of

@@ -7,7 +7,6 @@ from typing import Any
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.servo.decisions import too_few_features
 from visual_servo_epipolar.core.servo.run_log import (
     MotionLimits,
     RunLog,
@@ -16,6 +15,7 @@ from visual_servo_epipolar.core.servo.run_log import (
     summarise,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.supervisor import too_few_features
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns, seconds_between
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings

@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.step import _beyond_dead_band, update
+from visual_servo_epipolar.core.servo.supervisor import _beyond_dead_band, update
 
 DT = 0.1
 

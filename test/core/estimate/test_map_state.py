@@ -32,7 +32,7 @@ from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import update
+from visual_servo_epipolar.core.servo.supervisor import update
 
 SETTINGS = ServoSettings()
 TWO_VIEWS, MEMORY = Bearings(-1.5, 0.1), reading().bearings

@@ -24,8 +24,7 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
 from visual_servo_epipolar.core.servo import fuse, identify
-from visual_servo_epipolar.core.servo.decisions import classify
-from visual_servo_epipolar.core.servo.step import update
+from visual_servo_epipolar.core.servo.supervisor import classify, update
 
 STEP = 0.02
 ON_AXLE = np.zeros(3)

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.dead_reckoning import actuation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import advance
+from visual_servo_epipolar.core.servo.supervisor import advance
 
 LATE = ServoSettings(latency=0.5)
 HERE = Pose.from_start(0.3, -2.0, 8.0)

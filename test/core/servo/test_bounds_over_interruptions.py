@@ -11,8 +11,8 @@ from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.odometry.ranging import Leg
-from visual_servo_epipolar.core.servo.decisions import classify
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import classify
 
 NO_ESTIMATE = sight(bearings=None, difference=math.nan, reason='two geometries fit')
 

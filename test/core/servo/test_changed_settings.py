@@ -14,9 +14,9 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
-from visual_servo_epipolar.core.servo.decisions import nominal_twist
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import nominal_twist
 
 DERIVED = ServoSettings(gains='derived', law='full')
 ALIGNED = Bearings(-math.pi / 2.0, math.pi)

@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.checking import check_lens, check_motion, parallax_of_way
 from visual_servo_epipolar.core.servo.state import Identification, Known, ServoState
-from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.servo.supervisor import step
 
 
 def seen(count: int) -> Observation:

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.arrival import has_parallax
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.servo.dead_reckoning import measured_range
-from visual_servo_epipolar.core.servo.step import _beyond_dead_band, _limited
+from visual_servo_epipolar.core.servo.supervisor import _beyond_dead_band, _limited
 
 
 @pytest.mark.parametrize(('deviations', 'seen'), [(1.20, False), (1.30, True)])

@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.servo import fuse
 from visual_servo_epipolar.core.servo.fuse import SKIPPED, two_view_skip
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import drive
 

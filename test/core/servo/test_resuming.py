@@ -10,9 +10,8 @@ from visual_servo_epipolar.core.laws.phases.conditions import TURNED
 from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES, TURNED_FRAMES
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.decisions import classify
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import update
+from visual_servo_epipolar.core.servo.supervisor import classify, update
 
 THERE = sight()
 

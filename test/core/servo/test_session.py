@@ -11,13 +11,13 @@ from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.rigs.rig import AT_REST
-from visual_servo_epipolar.core.servo.session import (
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.supervisor import (
     change_goal,
     interrupted,
     Interruption,
     Session,
 )
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld

@@ -11,10 +11,10 @@ from visual_servo_epipolar.core.laws.smooth.smooth import APPROACHING
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.decisions import classify, is_settled
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.settling import SEEN_S, settle
+from visual_servo_epipolar.core.servo.settling import is_settled, SEEN_S, settle
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import classify
 
 FRAME_NS = 100_000_000
 BANDED = replace(SETTINGS, dead_band_linear=0.03)

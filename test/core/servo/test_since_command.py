@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import advance, LATE_S
+from visual_servo_epipolar.core.servo.supervisor import advance, LATE_S
 from visual_servo_epipolar.core.servo.telemetry import telemetry
 
 SETTINGS = ServoSettings()

@@ -8,7 +8,7 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import _limited
+from visual_servo_epipolar.core.servo.supervisor import _limited
 
 SETTINGS, DT = ServoSettings(), 0.1
 FAST = Twist(2.0, 0.5)

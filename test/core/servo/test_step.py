@@ -23,11 +23,10 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo import step as servo_step
-from visual_servo_epipolar.core.servo.decisions import nominal_twist
-from visual_servo_epipolar.core.servo.session import interrupted, Interruption
+from visual_servo_epipolar.core.servo import supervisor as servo_step
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import interrupted, Interruption, nominal_twist
 
 # Accelerations as good as unlimited: what the laws ask for shows at once.
 SETTINGS = ServoSettings(

@@ -5,16 +5,57 @@ import math
 from typing import Any
 
 from visual_servo_epipolar.core.geometry.wall import aside
+from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.arrival import is_in_doubt
+from visual_servo_epipolar.core.laws.phases.conditions import sees_too_little
+from visual_servo_epipolar.core.laws.timing import predicted
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.decisions import is_close, is_settled
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 
 SEEN_S = 0.4  # after which a motion has acted and was seen, of a base that obeys in time
+
+
+def row_of(state: ServoState, settings: ServoSettings) -> PhaseRow:
+    """Return the row of the present phase, of the law that drives."""
+    return settings.machine.row(state.phase)
+
+
+def at_rest(state: ServoState) -> ServoState:
+    """Return ``state`` with the mean of its measurements since it stands, if it does."""
+    mean = state.settling.rest
+    return state if mean is None else state.changed(measurement=mean)
+
+
+def is_settled(state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether this frame fulfils the aim of the phase."""
+    if state.settling.rest is not None:
+        return _is_settled(at_rest(state), settings)
+    if not _is_settled(state, settings):
+        return False
+    # Commands that have not acted yet must not lead away again.
+    ahead = predicted(state, settings)
+    return ahead is state or _is_settled(ahead, settings)
+
+
+def _is_settled(state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether the measurement of ``state`` fulfils the aim of the phase."""
+    measurement = state.measurement
+    if measurement is None or sees_too_little(measurement, settings):
+        return False
+    return row_of(state, settings).is_settled(state, measurement, settings)
+
+
+def is_close(state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether this frame is within the usual bounds, where a memory asks for finer ones."""
+    state = at_rest(state)
+    measurement = state.measurement
+    if measurement is None:
+        return False
+    return row_of(state, settings).is_close(state, measurement, settings)
 
 
 def settle(

@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.evaluation.tables import cells, Columns, markdown, numbers
 from visual_servo_epipolar.simulation.closed_loop import Loop

@@ -49,7 +49,7 @@ from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.simulation.closed_loop import Control, Loop
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings

@@ -7,8 +7,8 @@ from sensor_msgs.msg import PointCloud2
 
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.admission import Arrival
-from visual_servo_epipolar.core.servo.decisions import too_few_features
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.supervisor import too_few_features
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
 from visual_servo_epipolar.nodes.servoing.run import QUIET_S, Run

@@ -9,9 +9,9 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import doubts
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import Session
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.nodes.frames import StaticMount

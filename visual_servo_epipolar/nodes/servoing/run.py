@@ -10,8 +10,8 @@ from rclpy.node import Node
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.admission import STILL_S
-from visual_servo_epipolar.core.servo.session import Interruption, Session
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import Interruption, Session
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.nodes.servoing.commands import Commands

@@ -26,14 +26,13 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.decisions import (
+from visual_servo_epipolar.core.servo.settling import is_close, is_settled
+from visual_servo_epipolar.core.servo.supervisor import (
     classify,
-    is_close,
-    is_settled,
     nominal_twist,
     switch_phase,
+    update,
 )
-from visual_servo_epipolar.core.servo.step import update
 
 HALF_TURN = math.pi
 

@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_REMEMBERED,
     look_ahead,
 )
-from visual_servo_epipolar.core.servo.decisions import classify, switch_phase
+from visual_servo_epipolar.core.servo.supervisor import classify, switch_phase
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load

@@ -23,10 +23,9 @@ from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.conditions import excursion_limit
 from visual_servo_epipolar.core.odometry.ranging import Leg
-from visual_servo_epipolar.core.servo.decisions import classify
-from visual_servo_epipolar.core.servo.session import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import classify, interrupted, Interruption
 
 # Driving backward
 

@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_REMEMBERED,
 )
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.decisions import classify
+from visual_servo_epipolar.core.servo.supervisor import classify
 
 STATE = in_phase(Phase.RETREATING)
 

@@ -21,9 +21,10 @@ from visual_servo_epipolar.core.laws.phases.arrival import (
 from visual_servo_epipolar.core.laws.phases.bounds import FACING, facing_bound, FIRST
 from visual_servo_epipolar.core.odometry.ranging import Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.decisions import classify, is_settled, switch_phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.settling import is_settled
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import classify, switch_phase
 
 SLOPE = 0.13  # of D at the goal, of features about 3 m away [1/m]
 OWNERS = replace(SETTINGS, arrival_position=5e-3, arrival_heading=math.radians(0.5))

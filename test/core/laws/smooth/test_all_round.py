@@ -13,9 +13,9 @@ from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.smooth.smooth import approach, APPROACHING
 from visual_servo_epipolar.core.laws.smooth.steering import goes_around
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.decisions import classify
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import classify
 
 SETTINGS = ServoSettings(law='smooth')
 ENDLESS = (math.inf, math.inf)

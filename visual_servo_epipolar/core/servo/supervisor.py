@@ -1,0 +1,503 @@
+"""
+Supervisor: what node, replay and simulation do with each image, and between two of them.
+
+An image is admitted, or refused, by its stamps, goal and camera (``Session``). It is perceived
+(estimated, validated, measured: ``perception.perceive``) and updates the state (``estimator``).
+The measurement becomes an event, the event a phase by the law's machine, and the phase a nominal
+velocity, which is then limited to what the base can follow. The replay of a bag and the simulation
+call ``step``; the live node calls its two halves, ``decide`` and ``update_map``, and sends the
+command in between. Interruptions stop a run, or hold it until tracks come back.
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum
+import math
+from typing import cast
+
+from visual_servo_epipolar.core.bases.limiter import Limiter
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.plausibility import differences
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.goal import NO_GOAL
+from visual_servo_epipolar.core.laws.command import Command, HALT
+from visual_servo_epipolar.core.laws.machine import interruption
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phases.bounds import FACING
+from visual_servo_epipolar.core.laws.phases.conditions import (
+    excursion_limit,
+    sees_too_little,
+)
+from visual_servo_epipolar.core.laws.phases.probing import classify_probe, is_probing, probe
+from visual_servo_epipolar.core.laws.state import ViewState
+from visual_servo_epipolar.core.laws.timing import (
+    after_clock_jump,
+    clock_jump,
+    has_timed_out,
+    phase_timeout,
+    predicted,
+    time_step,
+    usual_step,
+    USUAL_STEP_S,
+)
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import perceive, Perception
+from visual_servo_epipolar.core.reasons import Reason
+from visual_servo_epipolar.core.rigs.rig import Gaze, HeadCommand
+from visual_servo_epipolar.core.servo.admission import Arrival, disorder, FrozenImageCheck, refusal
+from visual_servo_epipolar.core.servo.checking import check_lens, check_motion
+from visual_servo_epipolar.core.servo.estimator import estimate, update_map
+from visual_servo_epipolar.core.servo.pulsed_move import pulsed_move
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.settling import at_rest, row_of, settle
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.tracking.features import Features
+
+LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
+
+
+def classify(state: ServoState, settings: ServoSettings) -> Event:
+    """Return the event of ``state.measurement`` in ``state.phase``."""
+    state = at_rest(state)
+    measurement, phase = state.measurement, state.phase
+    if measurement is None or phase.ended:
+        return Event.NOTHING
+    if has_timed_out(state, measurement, settings):
+        return Event.TIMED_OUT
+    if state.check.trouble:
+        return _disobeyed(state)
+    if sees_too_little(measurement, settings):
+        return Event.LOST if phase.drives else Event.NOTHING
+    if excursion_limit(state, measurement, settings):
+        return Event.EXCURSION
+    if is_probing(state):
+        return classify_probe(state, measurement, settings)
+    event = row_of(state, settings).classify(state, measurement, settings)
+    straight_on = settings.machine.next_phase(phase, event).straight
+    return Event.LOST if straight_on and not math.isfinite(measurement.difference) else event
+
+
+def _disobeyed(state: ServoState) -> Event:
+    """Return the event of a motion that contradicts the commands: hold, or end where it recurs."""
+    if state.check.is_final:
+        return Event.DISOBEYED
+    return Event.LOST if state.phase.drives else Event.NOTHING
+
+
+def nominal_twist(state: ServoState, settings: ServoSettings) -> Twist:
+    """Return the nominal twist of the phase: that of its law, before saturation."""
+    if state.measurement is None:
+        return STANDSTILL
+    if is_probing(state):
+        return probe(state, state.measurement, settings)
+    return row_of(state, settings).command(state, state.measurement, settings)
+
+
+def compensate_curvature(twist: Twist, state: ServoState, settings: ServoSettings) -> Twist:
+    """Return ``twist`` less the turn c u_1 that the identified curvature c would add to it."""
+    if not settings.options.curvature_feedforward:
+        return twist
+    return Twist(twist.linear, twist.angular - state.identified.curvature.value * twist.linear)
+
+
+def switch_phase(
+    state: ServoState, measurement: Measurement, event: Event, settings: ServoSettings
+) -> ServoState:
+    """Return the state in the phase that follows ``event``; that of NO_GAIN if none is legal."""
+    phase = settings.machine.next_phase(state.phase, event)
+    if phase is state.phase:
+        return _waiting(state, measurement, settings)
+    state = state.changed(
+        phase=phase,
+        event=event,
+        phase_start_ns=measurement.stamp_ns,
+        run_start_ns=measurement.stamp_ns
+        if state.phase is Phase.WAITING
+        else state.run.run_start_ns,
+        mount=None if state.identified.extrinsics is None else state.identified.extrinsics.mount,
+        # Bounds of a phase hold when it goes on after tracks were lost.
+        travel=state.motion.travel if Phase.HOLDING in (phase, state.phase) else 0.0,
+        settled=0,
+        # What a phase could not do near the goal, the turn that ends it is not to try again.
+        time_in_tolerance=state.settling.time_in_tolerance if event is Event.TURNED else 0.0,
+        gains=state.law.gains if settings.derives else None,
+        reason=_reason(state, measurement, event, settings),
+        restarts=0
+        if event is Event.MISSED
+        else state.run.restarts + _gives_up(state.phase, event),
+        attempts=state.run.attempts + (event is Event.MISSED),
+        warning='',
+    )
+    try:
+        return cast(ServoState, row_of(state, settings).begin(state, measurement, settings))
+    except ValueError as error:
+        state = switch_phase(state, measurement, Event.NO_GAIN, settings)
+        return state.changed(reason=str(error))
+
+
+def _gives_up(phase: Phase, event: Event) -> bool:
+    """Return whether step 1 was given up: anew, for a retreat or a probe, or out of view."""
+    backs_off = phase is Phase.ZEROING_EPIPOLES and event is Event.SIDEWAYS
+    out_of_view = phase is Phase.DISPLACING and event is Event.LOST
+    return (
+        backs_off or out_of_view or event in (Event.ESCAPED, Event.AMBIGUOUS, Event.AMBIGUOUS_NEAR)
+    )
+
+
+def _waiting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+    """Return ``state`` with the reason to go on waiting, orienting or holding, by this image."""
+    if state.run.event is Event.NO_BASELINE and measurement.bearings is not None:
+        return state.changed(reason='')  # it ends where bearings are trusted
+    if state.phase is Phase.HOLDING and not state.settling.settled and measurement.reason:
+        return state.changed(reason=measurement.reason)
+    if state.phase is not Phase.WAITING or not sees_too_little(measurement, settings):
+        return state
+    return state.changed(reason=too_few_features(measurement.features, settings))
+
+
+def too_few_features(features: int, settings: ServoSettings) -> str:
+    """Return in words that a run cannot begin with so few features in view."""
+    if features == 0:
+        return Reason.NONE_IN_VIEW.of()
+    return Reason.FEW_IN_VIEW.of(features, settings.min_features)
+
+
+def _reason(
+    state: ServoState, measurement: Measurement, event: Event, settings: ServoSettings
+) -> str:
+    """Return the reason to leave the phase, for the log and for the verdict on the run."""
+    name = state.phase.value
+    run = seconds_between(state.run.run_start_ns, measurement.stamp_ns)
+    if event is Event.TIMED_OUT and run > settings.run_timeout:
+        return Reason.RUN_TIMED_OUT.of(settings.run_timeout, name)
+    if event is Event.TIMED_OUT and state.check.troubled_since(state.run.phase_start_ns):
+        return Reason.HELD.of(settings.holding_timeout, state.reason)
+    if event is Event.TIMED_OUT and state.phase is Phase.HOLDING:
+        ago = state.settling.settled * usual_step(state)
+        return Reason.LOST.of(settings.holding_timeout, state.reason, ago)
+    if event is Event.TIMED_OUT:
+        return _too_long(state, settings)
+    if event is Event.EXCURSION:
+        return excursion_limit(state, measurement, settings)
+    if event is Event.DIVERGED:
+        return Reason.DIVERGED.of(name)
+    if event in (Event.MISSED, Event.EXHAUSTED):
+        error = measurement.feature_error * measurement.focal
+        beyond = _against_tolerances(measurement, settings)
+        return Reason.MISSED.of(error, measurement.parallax_px, state.run.attempts, beyond)
+    if event is Event.DISOBEYED and state.check.head.slip:
+        return measurement.reason
+    if event is Event.DISOBEYED:
+        return Reason.DISOBEYED.of(state.check.contradictions, measurement.reason)
+    if state.check.trouble:
+        return measurement.reason
+    if event is Event.LOST and not math.isfinite(measurement.difference):
+        return measurement.reason or Reason.NONE_AHEAD.of()
+    if event is Event.LOST:
+        return measurement.reason or Reason.UNTRUSTED.of(name)
+    return str(event.value)
+
+
+def _too_long(state: ServoState, settings: ServoSettings) -> str:
+    """Return in words that the phase takes longer than it may, and why."""
+    most = phase_timeout(state.phase, settings)
+    because = f': {state.run.warning}' if state.run.warning else ''
+    if most < settings.phase_timeout:
+        because = Reason.SWINGS.of()
+    return Reason.PHASE_TIMED_OUT.of(state.phase.value, most, because)
+
+
+def _against_tolerances(measurement: Measurement, settings: ServoSettings) -> str:
+    """Return in words how far off the robot is in the terms of the configured tolerances."""
+    words = ''
+    if settings.arrival_position > 0.0 and measurement.offset is not None:
+        offset = 1e3 * math.hypot(*measurement.offset)
+        words = f', {offset:.1f} mm away (arrival_position)'
+    if settings.arrival_heading > FACING:
+        degrees = math.degrees(abs(measurement.heading_error))
+        words += f', turned by {degrees:.2f} deg (arrival_heading)'
+    return words
+
+
+def update(
+    state: ServoState, perception: Perception, dt: float, settings: ServoSettings
+) -> ServoState:
+    """Return the state updated by a ``perception``; ``settings`` have what was identified."""
+    after = estimate(state, perception, dt, settings)
+    measurement = after.measurement or perception.measurement
+    latched = row_of(after, settings).observe(after, measurement, settings)
+    return settle(cast(ServoState, latched), perception, state.measurement, dt, settings)
+
+
+def step(
+    state: ServoState,
+    observation: Observation,
+    settings: ServoSettings,
+    *,
+    since_command: float = math.nan,
+) -> ServoState:
+    """Return the state after an ``observation``, with the ``command``; see ``decide``."""
+    return update_map(decide(state, observation, settings, since_command=since_command))
+
+
+def decide(
+    state: ServoState,
+    observation: Observation,
+    settings: ServoSettings,
+    *,
+    since_command: float = math.nan,
+) -> ServoState:
+    """Return the state with the ``command``; ``since_command`` [s] is nan where stamps count."""
+    perception = perceive(observation, settings, state.view.frame, state.view.memory)
+    return advance(state, perception, settings, since_command=since_command)
+
+
+def advance(
+    state: ServoState,
+    perception: Perception,
+    settings: ServoSettings,
+    *,
+    since_command: float = math.nan,
+) -> ServoState:
+    """Return the state after a ``perception``: the part of ``decide`` that needs no features."""
+    last_twist, measurement, usual_s = state.twist, perception.measurement, usual_step(state)
+    leapt = clock_jump(state, measurement.stamp_ns, settings)
+    dt = 0.0 if leapt else time_step(state, measurement.stamp_ns)
+    if leapt:
+        state = after_clock_jump(state, measurement.stamp_ns)
+    settings = state.identified.effective(settings)
+    state = state.changed(sent=state.motion.sent.resumed(measurement.stamp_ns))
+    state = update(state, perception, dt, settings)
+    state = check_motion(state, perception.observation, dt, settings)
+    event = classify(state, settings)
+    if leapt and event not in (Event.TIMED_OUT, Event.EXCURSION):
+        state, event = _held(state, leapt)
+    state, event = check_lens(state, perception.observation, event, settings)
+    state = switch_phase(state, state.measurement or measurement, event, settings)
+    nominal = nominal_twist(predicted(state, settings), settings)
+    nominal = compensate_curvature(nominal, state, settings)
+    ramp_s = _ramp_step(last_twist, dt, usual_s, since_command)
+    limited = _limited(nominal, last_twist, ramp_s, state, settings)
+    twist, residual = _beyond_dead_band(limited, state, settings)
+    head = _head_command(state.view, perception.observation, twist, settings)
+    return state.changed(
+        command=Command(twist, head),
+        since_command=since_command,
+        dead_band_residual=residual,
+        sent=state.motion.sent.after(measurement.stamp_ns, twist),
+        frame=state.view.frame + 1,
+    )
+
+
+def _head_command(
+    view: ViewState, observation: Observation | None, twist: Twist, settings: ServoSettings
+) -> HeadCommand | None:
+    """Return what the head is to do; None of a rig without one."""
+    if observation is None or observation.joints is None:
+        return None
+    gaze = Gaze(
+        observation.joints,
+        observation.current,
+        observation.desired,
+        twist,
+        USUAL_STEP_S if math.isnan(view.period) else view.period,
+        view.unseen(observation.stamp_ns),
+    )
+    return settings.carrier.head_command(gaze)
+
+
+def _ramp_step(last: Twist, dt: float, usual_s: float, since_command: float) -> float:
+    """Return the time that ramps count since ``last`` [s]: neither pauses nor gaps of stamps."""
+    dt = dt or USUAL_STEP_S
+    if not math.isnan(since_command):
+        dt = min(dt, since_command + LATE_S)
+    return Limiter(last).ramp_step(dt, usual_s)
+
+
+def _held(state: ServoState, leapt: str) -> tuple[ServoState, Event]:
+    """Return state and event of an image whose stamp leaps: hold if driving."""
+    if not state.phase.drives or state.measurement is None:
+        return state, Event.NOTHING
+    return state.changed(measurement=replace(state.measurement, reason=leapt)), Event.LOST
+
+
+def _limited(
+    nominal: Twist, last: Twist, dt: float, state: ServoState, settings: ServoSettings
+) -> Twist:
+    """Return ``nominal`` within the limits of speed, and of acceleration since ``last``."""
+    ramps = settings.options.speed_ramps and state.phase.drives
+    limiter, ratio = Limiter(last, state.motion.sent.acceleration), settings.max_speed_ratio
+    return limiter.within_limits(nominal, dt, settings.drive, ratio=ratio, ramps=ramps)
+
+
+def _beyond_dead_band(
+    limited: Twist, state: ServoState, settings: ServoSettings
+) -> tuple[Twist, Twist]:
+    """Return the part of ``limited`` that the motors can follow, and the residual for later."""
+    # Where the aim is fulfilled, a small command made larger would only undo it.
+    mode = 'zero' if state.settling.settled else settings.dead_band_mode
+    if mode == 'pulse' and (move := pulsed_move(limited, state, settings)):
+        return move
+    residual, last = state.motion.dead_band_residual, state.twist
+    # What is left of a pulse that was more than enough is no reason for one back.
+    residual = Twist(
+        0.0 if limited.linear * last.linear < 0.0 else residual.linear,
+        0.0 if limited.angular * last.angular < 0.0 else residual.angular,
+    )
+    return settings.drive.beyond_dead_band(limited, residual, mode=mode)
+
+
+class Interruption(Enum):
+    """
+    Interruption of a run between two steps.
+
+    STOPPED: ordered to stop. RESET: a new run. HALTED: a standstill that keeps the state. LOST: no
+    tracks came in time, or of another camera. TIMED_OUT: none came while it held.
+    """
+
+    STOPPED = 'stopped'
+    RESET = 'reset'
+    HALTED = 'halted'
+    LOST = 'lost'
+    TIMED_OUT = 'timed out'
+
+
+def interrupted(state: ServoState, kind: Interruption, reason: str = '') -> ServoState:
+    """Return the state after an interruption, with the command to stand; ``reason`` if any."""
+    if kind is Interruption.STOPPED:  # waiting, by the same base
+        sent = replace(state.motion.sent, withdrawn=True)
+        frame, delay = state.view.frame, state.identified.delay
+        return ServoState().changed(frame=frame, delay=delay, sent=sent)
+    if kind is Interruption.RESET:
+        return ServoState()
+    if kind is Interruption.LOST:
+        return _lost(state, reason)
+    if kind is Interruption.TIMED_OUT:
+        phase = interruption(state.phase, Event.TIMED_OUT)
+        if phase is not None:
+            return _halted(state).changed(phase=phase, settled=0, reason=reason)
+    return _halted(state)
+
+
+def _halted(state: ServoState) -> ServoState:
+    """Return ``state`` at a standstill; what was commanded until now has moved the robot."""
+    if state.command == HALT:
+        return state
+    sent = replace(state.motion.sent, withdrawn=True)
+    return state.changed(command=HALT, last_linear=state.twist.linear, sent=sent)
+
+
+def _lost(state: ServoState, reason: str) -> ServoState:
+    """Return the state after tracks stopped coming: holding where it drove, at a standstill."""
+    phase = interruption(state.phase, Event.LOST)
+    if phase is None:
+        reason = reason if state.phase is Phase.HOLDING else state.reason
+        return _halted(state).changed(settled=0, reason=reason)
+    # It holds since the last tracks: a phase that had lasted long would count as waiting.
+    start_ns = (
+        state.run.phase_start_ns if state.measurement is None else state.measurement.stamp_ns
+    )
+    return _halted(state).changed(phase=phase, phase_start_ns=start_ns, settled=0, reason=reason)
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """
+    Session of a servo: its ``state`` after the last step, and what the run began with.
+
+    ``camera`` is that of the images, None before the first; ``stamp_ns`` the stamp of the last
+    image that counted; ``started`` says whether a run goes on or may begin; ``views``, whether
+    images show that time passes.
+    """
+
+    state: ServoState = ServoState()
+    camera: CameraModel | None = None
+    stamp_ns: int | None = None
+    started: bool = False
+    views: FrozenImageCheck = FrozenImageCheck()
+
+    def admit(
+        self, arrival: Arrival, *, max_latency: float, still_timeout: float, withheld: str = ''
+    ) -> tuple['Session', str]:
+        """
+        Return the session after an image came, and why no step is taken by it, or ''.
+
+        It is too old, not newer than others of the run, the very same for ``still_timeout`` [s] of
+        driving, or the run is ``withheld``.
+        """
+        newest_ns = self.stamp_ns if self.state.phase.runs else None
+        trouble = refusal(arrival, max_latency) or disorder(newest_ns, arrival.stamp_ns)
+        trouble = trouble or (withheld if self.started else '')
+        if trouble:
+            return self, trouble
+        views = self.views.after(arrival, drives=self.state.command != HALT)
+        trouble = '' if newest_ns is None else views.trouble(still_timeout)
+        return replace(self, views=views), trouble
+
+    def with_camera(self, camera: CameraModel) -> 'Session':
+        """Return the session where ``camera`` is that of the images: a run keeps its own."""
+        if self.camera == camera or (self.state.phase.runs and self.camera is not None):
+            return self
+        return replace(self, camera=camera)
+
+    def other_camera(self, camera: CameraModel) -> str:
+        """Return in words that ``camera`` is not that of the run; or ''."""
+        if self.camera is None or camera == self.camera:
+            return ''
+        return Reason.OTHER_CAMERA.of(differences(self.camera, camera))
+
+    def other_goal(self, goal: int | None) -> str:
+        """Return in words that features of ``goal`` are not of the goal of the run; or ''."""
+        changes = self.state.phase.runs and self.state.goal.differs(goal or NO_GOAL)
+        return Reason.OTHER_GOAL.of() if changes else ''
+
+    def admitted(
+        self, features: Features, goal: int | None, camera: CameraModel
+    ) -> tuple[Features, str]:
+        """Return ``features`` of the goal and the camera of the run; none, and why, of others."""
+        trouble = self.other_goal(goal) or self.other_camera(camera)
+        return (Features(), trouble) if trouble else (features, '')
+
+    def decide(
+        self,
+        observation: Observation,
+        settings: ServoSettings,
+        *,
+        goal: int = NO_GOAL,
+        since_command: float = math.nan,
+        trouble: str = '',
+    ) -> 'Session':
+        """
+        Return the session with the command; ``trouble``: why features were not admitted.
+
+        None are where a head carries the camera and its angles are missing.
+        """
+        if settings.carrier.turn_rate > 0.0 and observation.joints is None and len(observation):
+            observation, trouble = observation.without_features(), trouble or Reason.NO_JOINTS.of()
+        state = change_goal(self.state, goal)
+        state = decide(state, observation, settings, since_command=since_command)
+        if trouble and state.phase is Phase.HOLDING:
+            state = state.changed(reason=trouble)
+        return replace(self, state=state)
+
+    def update_map(self) -> 'Session':
+        """Return the session after what no command waits for."""
+        return replace(self, state=update_map(self.state))
+
+    def interrupted(self, kind: Interruption, reason: str = '') -> 'Session':
+        """Return the session after an interruption between two steps; one that stops ends it."""
+        started = self.started and kind is not Interruption.STOPPED
+        return replace(self, state=interrupted(self.state, kind, reason), started=started)
+
+
+def change_goal(state: ServoState, goal: int) -> ServoState:
+    """Return the state that drives to ``goal``, without map if it is new; a run keeps its own."""
+    view, before = state.view, state.goal
+    if goal in (NO_GOAL, before.id) or (state.phase.runs and before.differs(goal)):
+        return state
+    after = before.followed_by(goal)
+    if before.differs(goal):
+        view = ViewState(period=view.period, frame=view.frame)
+        return state.changed(view=view, goal=after, known=None)
+    return state.changed(goal=after)
