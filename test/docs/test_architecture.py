@@ -15,9 +15,9 @@ WAY = [ROOT / path for _, path in ROWS]
 LEAF_TABLE = PAGE[PAGE.index('| leaves |') :].split('\n\n')[0]
 LEAVES = [ROOT / path for path in re.findall(r'\]\(\.\./([\w/.]+)\)', LEAF_TABLE)]
 ORDER = 'supervisor.py', 'perceive.py', 'validated.py', 'estimator.py'
-OBSERVED, MOST_FROM_THERE = 'observation.py', 10
+OBSERVED, MOST_FROM_THERE = 'observation.py', 8
 ORDERING = [path for path in WAY if path.name in ORDER]
-LONGEST = 18
+LONGEST = 13
 TOPIC = 'tracks'
 # Named by the registry, which the settings ask for an estimator; a row of the machine of a law.
 THROUGH = {

@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.estimate.straight_leg import (
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
-from visual_servo_epipolar.core.servo import fuse, identify
+from visual_servo_epipolar.core.servo import estimator
 from visual_servo_epipolar.core.servo.supervisor import classify, update
 
 STEP = 0.02
@@ -142,14 +142,14 @@ def test_legs_are_those_of_step_2_alone() -> None:
 
 def test_what_driving_disproves_is_part_of_no_leg(monkeypatch) -> None:
     """The memory begins anew, at another place and scale: no leg leads from one to the other."""
-    monkeypatch.setattr(fuse, 'localize', lambda *_, **__: (MapState(), reading()))
+    monkeypatch.setattr(estimator, 'localize', lambda *_, **__: (MapState(), reading()))
     leg = StraightLeg(0.0, -1.0, 1e-3, 0.0)
     state = in_phase(Phase.MATCHING_FEATURES, straight=leg, extrinsics=SETTINGS.extrinsics)
     assert (
         update(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is not None
     )
     disproved = replace(SETTINGS.extrinsics, contradictions=MAX_CONTRADICTIONS + 1)
-    monkeypatch.setattr(identify, 'update_extrinsics', lambda *_, **__: disproved)
+    monkeypatch.setattr(estimator, 'update_extrinsics', lambda *_, **__: disproved)
     assert update(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is None
 
 

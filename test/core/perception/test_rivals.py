@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.perception.rivals import (
     in_order,
     Rivals,
 )
-from visual_servo_epipolar.core.servo.fuse import _with_rivals
+from visual_servo_epipolar.core.servo.estimator import _with_rivals
 
 WALL = np.array([0.05, 1.0 / 0.7])  # 0.7 m ahead of the goal, turned a little
 NOISE = 5e-4  # of a ray [rad]

@@ -1,30 +1,69 @@
 """
 Estimator: what one perception makes of goal, camera and base, in order.
 
-What was driven since the last image, the fusion of two views with the map, identification of mount
-and base, dead reckoning; then the estimate of the goal, one value. The map learns after the twist.
+What was driven since the last image; the fusion of two views with the map of keyframes, which
+knows better near the goal; what driving shows of camera mount, base and wheels, and the bearings
+of the axle that lead to; dead reckoning; then the estimate of the goal, one value. The map learns
+after the twist.
 """
 
 from dataclasses import replace
+import math
+from typing import NamedTuple
 
+from visual_servo_epipolar.core.estimate.base_model import Curvature
+from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics
+from visual_servo_epipolar.core.estimate.extrinsics_update import update_extrinsics
 from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate
+from visual_servo_epipolar.core.estimate.map_state import localize, MapState, measurement_of
+from visual_servo_epipolar.core.estimate.straight_leg import straight_on
+from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.laws.phases.conditions import has_turned, is_untrusted
 from visual_servo_epipolar.core.laws.state import ViewState
+from visual_servo_epipolar.core.mapping.localization import MapMeasurement
+from visual_servo_epipolar.core.odometry.increments import OdometryIncrement
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.perception.perceive import perceive, Perception, with_difference
+from visual_servo_epipolar.core.perception.rivals import (
+    ahead_of_both,
+    begun,
+    followed,
+    in_order,
+)
 from visual_servo_epipolar.core.perception.validated import noise_learnt
+from visual_servo_epipolar.core.reasons import Reason
+from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.servo.dead_reckoning import (
     desired_rate,
     drive_since,
+    DrivenInterval,
     jitter,
     reckon,
     usual_period,
 )
-from visual_servo_epipolar.core.servo.fuse import fuse, Fusion, with_wrong_matches
-from visual_servo_epipolar.core.servo.identify import identify
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Identification, ServoState
+
+SKIPPED = 3  # views between two that are estimated all the same: noise and attitude may change
+BIAS_SMOOTHING = 0.2  # weight of the newest value in an exponential mean
+MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed
+
+
+class Fusion(NamedTuple):
+    """
+    What two views and the map make of an image together.
+
+    ``reading`` is what the ``map`` measures, None if nothing; ``memory`` what perception carries
+    on, ``rotation_bias`` what the best rotation is off in heading [rad], nan while unknown.
+    """
+
+    measurement: Measurement
+    memory: PerceptionMemory
+    map: MapState
+    reading: MapMeasurement | None = None
+    rotation_bias: float = math.nan
 
 
 def estimate(
@@ -97,3 +136,181 @@ def update_map(state: ServoState) -> ServoState:
     elif memory is state.view.memory:
         return state
     return state.changed(goal=replace(state.goal, map=views), memory=memory)
+
+
+def fuse(
+    state: ServoState,
+    perception: Perception,
+    increment: OdometryIncrement,
+    dt: float,
+    settings: ServoSettings,
+) -> Fusion:
+    """Return what two views, by ``perception``, and the map know ``dt`` [s] after the last."""
+    seconds = dt if state.phase.runs else 0.0
+    after, reading = localize(
+        state.map,
+        perception,
+        increment,
+        settings,
+        dt=seconds,
+        encoder_noise=state.check.head.noise,
+    )
+    measurement = measurement_of(perception, reading, after, settings)
+    memory, seen = perception.memory, perception.observation
+    needed = measurement.bearings is None and not measurement.parallax <= settings.near_parallax
+    if needed and memory.two_view_skip and seen is not None:  # the estimate that was skipped
+        memory = replace(memory, two_view_skip=0, wrong=None)
+        perception = perceive(seen, settings, state.view.frame, memory)
+        measurement = measurement_of(perception, reading, after, settings)
+    memory = two_view_skip(perception.memory, measurement, reading, after)
+    memory = _with_rivals(memory, measurement, seen, state, increment.motion.way, settings)
+    return Fusion(measurement, memory, after, reading)
+
+
+def _with_rivals(
+    memory: PerceptionMemory,
+    measurement: Measurement,
+    seen: Observation | None,
+    state: ServoState,
+    way: float,
+    settings: ServoSettings,
+) -> PerceptionMemory:
+    """Return what perception carries on of two geometries that fit: one, once the way tells."""
+    before = memory.rivals
+    if not measurement.rivals or seen is None or not state.phase.drives:
+        return memory if before is None else replace(memory, rivals=None)
+    if before is None:
+        before = begun(measurement.rivals, measurement.rotation_heading)
+    ordered = in_order(measurement.rivals, before)
+    extrinsics = state.identified.extrinsics or settings.extrinsics
+    rivals = followed(before, ordered, seen, way, extrinsics.mount)
+    if rivals.decided is None:
+        return replace(memory, rivals=rivals)
+    bearings = ahead_of_both(ordered[rivals.decided], seen)
+    return replace(memory, rivals=None, decided=True, bearings=bearings, consecutive_rejections=0)
+
+
+def disproved(perception: Perception, settings: ServoSettings) -> Fusion:
+    """Return a fusion without a geometry that driving disproves, and what led to it."""
+    measurement = replace(
+        with_difference(perception, settings),
+        bearings=None,
+        deviation=math.nan,
+        covariance=UNKNOWN_COVARIANCE,
+        confidence=0.0,
+        difference=math.nan,
+        reason=Reason.DISPROVED.of(),
+    )
+    memory = replace(fresh_memory(settings), shutter=perception.memory.shutter)
+    return Fusion(measurement, memory, MapState())
+
+
+def two_view_skip(
+    memory: PerceptionMemory,
+    measurement: Measurement,
+    reading: MapMeasurement | None,
+    after: MapState,
+) -> PerceptionMemory:
+    """Return what perception carries on, after a ``measurement`` that may be by a ``reading``."""
+    by_two = measurement.bearings is not None and not measurement.remembered
+    if reading is None or by_two or after.views is None:
+        known = memory.two_view_skip or memory.wrong is not None
+        return replace(memory, two_view_skip=0, wrong=None) if known else memory
+    return replace(
+        memory,
+        bearings=reading.bearings if measurement.remembered else memory.bearings,
+        two_view_skip=memory.two_view_skip - 1 if memory.two_view_skip else SKIPPED,
+        wrong=after.views.wrong,
+    )
+
+
+def with_wrong_matches(
+    memory: PerceptionMemory | None, after: MapState
+) -> PerceptionMemory | None:
+    """Return what perception carries on, with wrong matches as the map has them ``after``."""
+    if memory is None or memory.wrong is None or after.views is None:
+        return memory
+    wrong = after.views.wrong
+    return memory if wrong == memory.wrong else replace(memory, wrong=wrong)
+
+
+def identify(
+    state: ServoState,
+    perception: Perception,
+    fusion: Fusion,
+    drive: DrivenInterval,
+    settings: ServoSettings,
+) -> tuple[Fusion, Identification]:
+    """Return what a ``drive`` and the view after it show, less a disproved geometry."""
+    before, acted, slope = state.identified, drive.acted, state.motion.slope.value
+    extrinsics = update_extrinsics(
+        before.extrinsics or settings.extrinsics,
+        fusion.measurement,
+        drive.travel,
+        missed=state.run.attempts > 1 or state.run.restarts >= MANY_RESTARTS,
+    )
+    if extrinsics.contradicts:
+        fusion, extrinsics = disproved(perception, settings), settings.extrinsics
+    straight = None
+    if state.phase.straight:
+        leg = before.straight, fusion.reading, drive.travel
+        straight, extrinsics = straight_on(*leg, extrinsics)
+    measurement = _of_the_axle(fusion.measurement, extrinsics)
+    odometry, bias = drive.odometry.judge(measurement), _rotation_bias(state, measurement)
+    measurement = _without_bias(measurement, bias)
+    fusion = fusion._replace(measurement=measurement, rotation_bias=bias)
+    moved = fusion.reading, acted.longest, acted.dt
+    band = before.dead_band.updated(measurement, *moved, settings, slope)
+    # Turns that a dead band swallowed looked like a curvature.
+    misled = band.angular.value > before.dead_band.angular.value
+    curvature = Curvature() if misled else before.curvature
+    return fusion, Identification(
+        extrinsics=extrinsics,
+        curvature=curvature.updated(
+            state.measurement, measurement, acted.twist, acted.dt, drift=settings.curvature_drift
+        ),
+        dead_band=band,
+        delay=before.delay.updated(measurement, state.motion.sent, settings),
+        odometry=odometry,
+        # Another scale is another place: a leg cannot go on from one to the other.
+        straight=straight if odometry.trusted is before.odometry.trusted else None,
+    )
+
+
+def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measurement:
+    """Return ``measurement`` with the bearings of the axle, where the camera is not on it."""
+    mount = extrinsics.mount
+    if not mount.any():
+        return measurement
+    if measurement.offset is not None:
+        offset = offset_at_axle(measurement.offset, measurement.heading_error, mount)
+        measurement = replace(measurement, offset=offset)
+    if measurement.bearings is None:
+        return measurement
+    bearings = at_axle(measurement.bearings, mount, extrinsics.distance)
+    return replace(measurement, bearings=bearings, camera_bearings=measurement.bearings)
+
+
+def _rotation_bias(state: ServoState, measurement: Measurement) -> float:
+    """
+    Return what the best rotation is off in heading during a turn in place [rad]; nan if unknown.
+
+    It takes a small baseline for a turn. In place that does not change, so that what bearings show
+    of it holds as well for images of a parallax too small for them.
+    """
+    if not state.phase.turns_in_place:
+        return math.nan
+    before = state.view.rotation_bias
+    if measurement.bearings is None:
+        return before
+    now = math.remainder(measurement.heading_error - measurement.rotation_heading, 2.0 * math.pi)
+    change = math.remainder(now - before, 2.0 * math.pi)
+    return now if math.isnan(before) else before + BIAS_SMOOTHING * change
+
+
+def _without_bias(measurement: Measurement, bias: float) -> Measurement:
+    """Return ``measurement`` with the heading of the best rotation, less its ``bias`` if known."""
+    if math.isnan(bias):
+        return measurement
+    heading = math.remainder(measurement.rotation_heading + bias, 2.0 * math.pi)
+    return replace(measurement, heading_error=heading)

@@ -14,8 +14,8 @@ from visual_servo_epipolar.core.perception import validated
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at, UNKNOWN
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, with_difference
-from visual_servo_epipolar.core.servo import fuse
-from visual_servo_epipolar.core.servo.fuse import SKIPPED, two_view_skip
+from visual_servo_epipolar.core.servo import estimator
+from visual_servo_epipolar.core.servo.estimator import SKIPPED, two_view_skip
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
@@ -82,13 +82,13 @@ def test_where_the_memory_is_unsure_two_views_are_asked(driven, monkeypatch) -> 
     state, seen, servo = next(
         it for it in driven if it[0].view.memory and it[0].view.memory.two_view_skip
     )
-    localize = fuse.localize
+    localize = estimator.localize
 
     def unsure(*args: object, **keywords: object) -> object:
         views, read = localize(*args, **keywords)
         return views, replace(read, deviation=1.2 * servo.max_deviation)
 
-    monkeypatch.setattr(fuse, 'localize', unsure)
+    monkeypatch.setattr(estimator, 'localize', unsure)
     after = step(state, seen, servo)
     assert after.measurement is not None
     assert after.measurement.bearings is not None
