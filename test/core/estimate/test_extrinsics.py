@@ -11,19 +11,17 @@ import pytest
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.extrinsics import (
     Extrinsics,
-    MAX_CONTRADICTIONS,
-    placed,
-    ranged,
-    RHO,
-    YAW,
-)
-from visual_servo_epipolar.core.estimate.extrinsics_update import (
     FAULT,
     is_significant,
     LEAST_STEP,
+    MAX_CONTRADICTIONS,
     NEAR,
+    placed,
+    ranged,
+    RHO,
     UNCERTAIN,
     update_extrinsics,
+    YAW,
 )
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist

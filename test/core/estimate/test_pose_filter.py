@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimate.pose_filter import (
+from visual_servo_epipolar.core.estimate.map_state import (
     filter_pose,
     first_pose,
     SLIP,

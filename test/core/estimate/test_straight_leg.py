@@ -9,17 +9,15 @@ from servo_states import in_phase, MEMORY, reading, SETTINGS, sight, TWO_VIEWS
 
 from visual_servo_epipolar.core.estimate.extrinsics import (
     Extrinsics,
-    MAX_CONTRADICTIONS,
-    ranged,
-)
-from visual_servo_epipolar.core.estimate.extrinsics_update import PLAUSIBLE
-from visual_servo_epipolar.core.estimate.map_state import MapState
-from visual_servo_epipolar.core.estimate.straight_leg import (
     LEG_M,
     LEVER,
+    MAX_CONTRADICTIONS,
+    PLAUSIBLE,
+    ranged,
     straight_on,
     StraightLeg,
 )
+from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing

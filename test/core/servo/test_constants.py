@@ -7,8 +7,12 @@ import pytest
 from servo_states import BEARINGS, in_phase, ranged, SETTINGS, sight, TWO_VIEWS
 
 from visual_servo_epipolar.core.estimate.base_model import Curvature
-from visual_servo_epipolar.core.estimate.extrinsics import CORRELATION, moved, PSI
-from visual_servo_epipolar.core.estimate.extrinsics_update import update_extrinsics
+from visual_servo_epipolar.core.estimate.extrinsics import (
+    CORRELATION,
+    moved,
+    PSI,
+    update_extrinsics,
+)
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase

@@ -1,5 +1,5 @@
 """
-Extrinsics: the mount of the camera on the base, estimated from commands and bearings.
+Extrinsics: how the camera sits on the base, learnt from what commands do to the bearings.
 
 The camera is dead-reckoned from the commanded speed and the measured heading, in axes of the
 goal's camera (x right, y forward), and held against the direction psi in which it is seen. That
@@ -7,6 +7,11 @@ tells how far off the goal is, where a robot goes that drives straight on (yaw),
 place moves its camera (the lever arm). A Kalman filter in modified polar coordinates, which bears
 a distance that is not known (Aidala, Hammel 1983): psi [rad], the logarithm of the distance [m],
 yaw [rad], and the lever arm forward and left [m], in axes of the camera.
+
+What bearings tell of the mount is learnt at once, and believed where it is significant. Straight
+legs of step 2 tell a tenth of a degree of the yaw by places of the map: a camera that looks aside
+of where it is driven ends aside of the line that it follows, and a principal point that is off by
+a few pixels does the same.
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +22,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
+from visual_servo_epipolar.core.mapping.localization import MapMeasurement
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.rigs.fixed_mount import axle_offset, camera_swing
 
 PSI, RHO, YAW, FORWARD, LEFT = range(5)
 IDENTITY = np.eye(5)
@@ -36,6 +43,27 @@ LINEAR, CONVERGED, LONGEST_STEP, MOST_ITERATIONS = 0.1, 0.02, 0.7, 8
 # Deviation of the logarithm of a distance that is known: at first, and after a missed attempt.
 RANGED = (0.25, 0.5)
 MAX_CONTRADICTIONS = 12  # beyond which bearings contradict what was driven
+SIGNIFICANT = (
+    4.0,
+    3.5,
+)  # deviations from the configured one, until believed: at first, after a miss
+# Below which little is gained [rad, m, m]; an offset aside alone is never certain.
+LEAST = (math.radians(2.0), 0.1, math.inf)
+# Of a yaw that legs by a memory of views tell, and its deviations from the configured one.
+LEAST_OF_LEGS, SIGNIFICANT_OF_LEGS = math.radians(0.15), 2.0
+LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
+NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
+GATE = 6.0  # deviations beyond which a bearing begins the path anew
+# Deviations from the configured mount beyond which it is not the mount that was learnt, and the
+# least deviation of a yaw that walks [rad].
+PLAUSIBLE, WALKED = 5.0, 0.05
+FAULT = 5  # what one bearing beyond it counts as a contradiction
+LEG_M = 0.25  # over which a direction is measured
+OF_BOTH = 0.3  # of deviations of places: most of what they are off by is the same at both ends
+LEAST_LEVER, LEVER = 0.01, 0.1  # by which a turn may swing the camera aside of where it is [m]
+LEAST_LEG_DEVIATION = 5e-4  # of the mean heading of a leg [rad]
+MOST_DEVIATION = math.radians(0.5)  # of what a leg tells: far off a memory may be wrong by more
+MOST_CURVED = 0.3  # headings of a leg may differ by [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,3 +284,156 @@ def ranged(before: Extrinsics, distance: float, deviation: float) -> Extrinsics:
     if known <= variance:
         return before
     return corrected(before, RHO, innovation, variance * known / (known - variance))
+
+
+def update_extrinsics(
+    before: Extrinsics, measurement: Measurement, travel: float, *, missed: bool
+) -> Extrinsics:
+    """Return the belief after ``travel`` [m] and a ``measurement``; sooner if ``missed``."""
+    # Without a deviation, as the paper's estimator has none, bearings tell nothing of the path.
+    known = math.isfinite(measurement.deviation) and not measurement.rivals
+    bearings = measurement.bearings if known else None
+    deviation = max(measurement.deviation, LEAST_DEVIATION) if bearings else math.nan
+    remembers = measurement.remembered
+    if not before.placed or measurement.rivals:  # which of two it is, its way is to tell first
+        before = replace(before, remembers=remembers, placed=False)
+        return placed(before, bearings, deviation) if bearings else before
+    before = replace(before, travel=before.travel + travel)
+    heading = measurement.heading_error
+    turn = math.remainder(heading - before.heading, 2.0 * math.pi)
+    if not math.isfinite(heading) or max(abs(before.travel), abs(turn)) < LEAST_STEP:
+        return before
+    # Two views do not know the lens: what they are off by is no motion.
+    switched = remembers is not before.remembers
+    if deviation > UNCERTAIN:
+        bearings = None
+    after = moved(before, heading)
+    if bearings and not switched and not is_linear(after, bearings.psi, deviation):
+        after = moved_to(before, heading, bearings.psi, deviation)
+    if measurement.offset is not None:
+        after = ranged(after, math.hypot(*measurement.offset), measurement.offset_deviation)
+    if bearings is None or after.distance < NEAR:
+        return after
+    before = replace(before, remembers=remembers)
+    seen_now = seen_anew if switched else seen
+    after, innovation = seen_now(replace(after, remembers=remembers), bearings.psi, deviation)
+    if abs(innovation) > GATE:
+        anew = placed(before, bearings, deviation)
+        return replace(anew, contradictions=before.contradictions + FAULT)
+    if switched:
+        return after
+    if not is_plausible(after):
+        anew = placed(unplaced(before.configured, before.deviations), bearings, deviation)
+        return replace(anew, contradictions=before.contradictions + FAULT)
+    believed = after.believed or is_significant(after, missed)
+    return replace(after, contradictions=max(before.contradictions - 1, 0), believed=believed)
+
+
+def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:
+    """Return the belief after legs showed a ``yaw`` [rad], if it is not the one gone by."""
+    off = abs(math.remainder(yaw - before.mount[0], 2.0 * math.pi))
+    if not (before.believed or off > max(SIGNIFICANT_OF_LEGS * deviation, LEAST_OF_LEGS)):
+        return before
+    innovation = math.remainder(yaw - before.mean[YAW], 2.0 * math.pi)
+    after = corrected(before, YAW, innovation, deviation * deviation)
+    return replace(after, believed=True) if is_plausible(after) else before
+
+
+def is_plausible(belief: Extrinsics) -> bool:
+    """Return whether the mount may be what was learnt, and not a path that led nowhere."""
+    changes = np.abs(belief.mean[YAW:] - belief.configured)
+    deviations = np.maximum(belief.deviations, [WALKED, 0.0, 0.0])
+    return bool((changes <= PLAUSIBLE * deviations).all())
+
+
+def is_significant(belief: Extrinsics, missed: bool) -> bool:
+    """Return whether what was learnt of the mount differs from the configured one, and matters."""
+    _, distance, *deviations = np.sqrt(belief.covariance.diagonal()).tolist()
+    if distance > RANGED[missed]:
+        return False
+    changes = (belief.mean[YAW:] - belief.configured).tolist()
+    return any(
+        abs(change) > SIGNIFICANT[missed] * deviation and abs(change) > least
+        for change, deviation, least in zip(changes, deviations, LEAST, strict=True)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class StraightLeg:
+    """
+    Leg of step 2 from where a memory of views has the camera, ``x`` (right), ``y`` (ahead) [m].
+
+    Both are in axes of the goal's camera; ``deviation`` is that of x [m], ``heading`` the error
+    there [rad]; ``travel`` since is negative backward [m], ``turned`` the integral of the heading
+    error over it [rad m]. ``weight`` [1/rad^2] and ``weighted`` [1/rad] are what legs before gave.
+    """
+
+    x: float
+    y: float
+    deviation: float
+    heading: float
+    travel: float = 0.0
+    turned: float = 0.0
+    weight: float = 0.0
+    weighted: float = 0.0
+
+    def extended(self, heading: float, travel: float) -> 'StraightLeg':
+        """Return the leg after ``travel`` [m], which ends at a ``heading`` error [rad]."""
+        turned = self.turned + heading * travel
+        return replace(self, travel=self.travel + travel, turned=turned)
+
+    def yaw(self, end: 'StraightLeg', mount: FloatArray, lever: float) -> tuple[float, float]:
+        """
+        Return by how much the camera looks to the left of where it is driven, and the deviation.
+
+        Both are in rad; the leg ends where ``end`` begins. The axle is where the ``mount`` that is
+        likely by now, (3,), lies off the camera, at both ends; ``lever`` is the deviation of
+        how far the camera is ahead of it [m].
+        """
+        x, y = axle_offset((self.x, self.y), self.heading, mount)
+        right, ahead = axle_offset((end.x, end.y), end.heading, mount)
+        right, ahead = right - x, ahead - y
+        way = math.hypot(right, ahead)
+        if not way > 0.5 * LEG_M or abs(end.heading - self.heading) > MOST_CURVED:
+            return 0.0, math.inf
+        forward = math.copysign(1.0, self.travel)
+        driven = math.atan2(-forward * right, forward * ahead)
+        swing = lever * abs(end.heading - self.heading)
+        aside = math.hypot(OF_BOTH * self.deviation, OF_BOTH * end.deviation, swing) / way
+        if aside > MOST_DEVIATION:
+            return 0.0, math.inf
+        return self.turned / self.travel - driven, math.hypot(aside, LEAST_LEG_DEVIATION)
+
+    def followed_by(self, end: 'StraightLeg', yaw: float, deviation: float) -> 'StraightLeg':
+        """Return the leg that begins at the ``end`` of this one, which gave a ``yaw`` [rad]."""
+        measured = 1.0 / (deviation * deviation)
+        return replace(end, weight=self.weight + measured, weighted=self.weighted + measured * yaw)
+
+    @property
+    def measured(self) -> tuple[float, float]:
+        """The mean yaw of all legs by now and its deviation [rad], which is inf of none."""
+        if not self.weight > 0.0:
+            return 0.0, math.inf
+        return self.weighted / self.weight, 1.0 / math.sqrt(self.weight)
+
+
+def straight_on(
+    leg: StraightLeg | None, reading: MapMeasurement | None, travel: float, belief: Extrinsics
+) -> tuple[StraightLeg | None, Extrinsics]:
+    """Return the ``leg`` after ``travel`` [m], and the belief by the yaw that all legs tell."""
+    if reading is None:
+        return None, belief
+    heading = reading.heading_error
+    place = reading.lateral, reading.longitudinal
+    here = StraightLeg(*place, reading.lateral_deviation, heading)
+    if leg is None:
+        return here, belief
+    leg = leg.extended(heading, travel)
+    if abs(leg.travel) < LEG_M:
+        return leg, belief
+    lever = min(max(belief.lever_deviation, LEAST_LEVER), LEVER)
+    measured = leg.yaw(here, belief.likely, lever)
+    following = leg.followed_by(here, *measured)
+    # What is believed by now learns from each leg; it takes all of them to begin to.
+    measured = measured if belief.believed else following.measured
+    return following, with_yaw(belief, *measured)

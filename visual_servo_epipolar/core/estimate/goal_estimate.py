@@ -9,7 +9,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, YAW
-from visual_servo_epipolar.core.estimate.pose_filter import FilteredPose
+from visual_servo_epipolar.core.estimate.map_state import FilteredPose
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement

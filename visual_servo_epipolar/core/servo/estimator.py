@@ -12,11 +12,13 @@ import math
 from typing import NamedTuple
 
 from visual_servo_epipolar.core.estimate.base_model import Curvature
-from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics
-from visual_servo_epipolar.core.estimate.extrinsics_update import update_extrinsics
+from visual_servo_epipolar.core.estimate.extrinsics import (
+    Extrinsics,
+    straight_on,
+    update_extrinsics,
+)
 from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate
 from visual_servo_epipolar.core.estimate.map_state import localize, MapState, measurement_of
-from visual_servo_epipolar.core.estimate.straight_leg import straight_on
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.laws.phases.conditions import has_turned, is_untrusted
 from visual_servo_epipolar.core.laws.state import ViewState

@@ -6,13 +6,12 @@ from typing import ClassVar, NamedTuple
 
 from visual_servo_epipolar.core.estimate.base_model import Curvature, Delay
 from visual_servo_epipolar.core.estimate.dead_band import DeadBand
-from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics
+from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, StraightLeg
 from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel
 from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.estimate.motion_check import MotionCheck
 from visual_servo_epipolar.core.estimate.odometry import Odometry
 from visual_servo_epipolar.core.estimate.settings import SettingsT
-from visual_servo_epipolar.core.estimate.straight_leg import StraightLeg
 from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.laws.state import DriveState, parts_by_field
 

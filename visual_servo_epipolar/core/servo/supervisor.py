@@ -27,7 +27,7 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     excursion_limit,
     sees_too_little,
 )
-from visual_servo_epipolar.core.laws.phases.probing import classify_probe, is_probing, probe
+from visual_servo_epipolar.core.laws.phases.standing import classify_probe, is_probing, probe
 from visual_servo_epipolar.core.laws.state import ViewState
 from visual_servo_epipolar.core.laws.timing import (
     after_clock_jump,

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from servo_states import behind, estimated, sight
 
-from visual_servo_epipolar.core.estimate.map_state import MapState
-from visual_servo_epipolar.core.estimate.pose_filter import first_pose
+from visual_servo_epipolar.core.estimate.map_state import first_pose, MapState
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.laws.smooth.smooth import approach, back_off
