@@ -26,7 +26,7 @@ from visual_servo_epipolar.core.perception.rolling_shutter import base_axes, Rol
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig

@@ -9,9 +9,8 @@ import pytest
 from servo_rig import AWAY, GOAL, Rig, tracks
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.servo.session import Session
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.step import LATE_S
+from visual_servo_epipolar.core.servo.supervisor import LATE_S, Session
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
