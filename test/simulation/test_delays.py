@@ -12,10 +12,9 @@ from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
-from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.views import points_of
+from visual_servo_epipolar.simulation.views import drive
 
 SEED = 501
 DEAF_IMAGES = 10  # 0.9 s
@@ -84,9 +83,8 @@ def test_a_base_that_begins_late_once_is_driven_as_others_are() -> None:
             return states[-1].changed(command=Command(STANDSTILL))
         return states[-1]
 
-    loop = scenario.loop(start_in('front', SEED, 2, scenario), 502)
-    log = run(loop, points_of(scenario, 502), scenario.camera.nominal_camera, control=control)
-    summary = summarise(log)
+    start = start_in('front', SEED, 2, scenario)
+    summary = summarise(drive(scenario, start, 502, control=control))
     assert summary['outcome'] == 'arrived', summary['reason']
     assert float(str(summary['position_error_m'])) < 0.003
     assert states[-1].identified.delay.value == 0.0

@@ -253,14 +253,6 @@ def test_a_person_who_passes_hides_points_and_gives_them_back() -> None:
     )
 
 
-def test_to_see_a_person_pass_costs_no_painting() -> None:
-    passing = DisturbanceSettings(disturbed_from=0, person=0.9, occlusion=0.3, shadow=0.5)
-    disturbances = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
-    PointWorld(EXACT, FixedRig(CAMERA), seed=0, disturbances=disturbances).observe(BEHIND, 10)
-    painted = [vars(item) for item in (disturbances, *disturbances._occluders)]
-    assert not any({'_picture'} & set(names) for names in painted)
-
-
 def test_the_nominal_camera_is_not_the_one_that_sees() -> None:
     believed = {'believed_focal_ratio': 0.5, 'believed_shift_u': 10.0, 'believed_shift_v': -4.0}
     camera = from_document({'camera': believed}, 'test').camera

@@ -52,18 +52,23 @@ def reading_of(pose: Pose, depth: float) -> RelativePose:
     return RelativePose(pose.distance / depth, math.atan2(pose.y, pose.x), pose.heading_error)
 
 
+def seen_of_a_wall(desired: np.ndarray, pose: Pose, ahead_m: float) -> np.ndarray:
+    """Return the rays, (N, 2), of a wall ahead of the goal that has them as ``desired``."""
+    wall = np.column_stack([desired, np.ones(len(desired))]) * ahead_m
+    moved = wall - [pose.x, 0.0, pose.y]
+    alpha = pose.heading_error
+    right = np.array([math.cos(alpha), 0.0, math.sin(alpha)])
+    ahead = np.array([-math.sin(alpha), 0.0, math.cos(alpha)])
+    return np.column_stack([moved @ right, moved[:, 1]]) / (moved @ ahead)[:, None]
+
+
 @given(poses_behind_the_goal())
 def test_the_distance_over_the_depth_is_read_from_the_parallax(pose: Pose) -> None:
     current, desired = matched_points(pose)
     # matched_points() keeps no depths: scale the whole scene instead, and the reading must follow.
     near = relative_distance(current, desired, Bearings.from_pose(pose))
     assert near > 0.0
-    wall = np.column_stack([desired, np.ones(len(desired))]) * 9.0  # a wall 9 m ahead
-    alpha = pose.heading_error
-    right = np.array([math.cos(alpha), 0.0, math.sin(alpha)])
-    ahead = np.array([-math.sin(alpha), 0.0, math.cos(alpha)])
-    moved = wall - [pose.x, 0.0, pose.y]
-    current = np.column_stack([moved @ right, moved[:, 1]]) / (moved @ ahead)[:, None]
+    current = seen_of_a_wall(desired, pose, 9.0)
     estimated = relative_distance(current, desired, Bearings.from_pose(pose))
     assert estimated == pytest.approx(pose.distance / 9.0, rel=1e-9)
 
@@ -72,12 +77,7 @@ def test_the_distance_over_the_depth_is_read_from_the_parallax(pose: Pose) -> No
 def test_close_to_the_goal_the_pose_is_read_to_first_order(pose: Pose) -> None:
     rng = np.random.default_rng(3)
     desired = rng.uniform(-0.8, 0.8, (40, 2))
-    wall = np.column_stack([desired, np.ones(40)]) * 4.0
-    alpha = pose.heading_error
-    right = np.array([math.cos(alpha), 0.0, math.sin(alpha)])
-    ahead = np.array([-math.sin(alpha), 0.0, math.cos(alpha)])
-    moved = wall - [pose.x, 0.0, pose.y]
-    current = np.column_stack([moved @ right, moved[:, 1]]) / (moved @ ahead)[:, None]
+    current, alpha = seen_of_a_wall(desired, pose, 4.0), pose.heading_error
     estimated = nearby_pose(current, desired)
     # Second order in 0.7 % of the depth and 0.5 deg.
     assert 4.0 * estimated.distance * math.cos(estimated.psi) == pytest.approx(pose.x, abs=1.5e-3)

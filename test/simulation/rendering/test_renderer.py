@@ -1,12 +1,14 @@
-"""The renderer: where things appear, to a hundredth of a pixel, and that nothing flickers."""
+"""The renderer: where things appear, to a hundredth of a pixel, also on faces of a fisheye."""
 
 from dataclasses import replace
 import math
 
 import cv2
+from durations import few_of
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
@@ -27,6 +29,10 @@ POSES = (
     Pose(0.3, -10.0, math.radians(90.0)),
 )
 TURNED = CameraMount(tilt=0.05, roll=-0.08)
+FISHEYE = Equidistant(960, 768, 260.0, 260.0, 480.0, 383.0, (-0.01, 0.002, 0.0, 0.0))
+# Turned to either side, up and down: the wall is on another face, or on several.
+TURNS = {'ahead': (0, 0), 'edge': (45, 0), 'right': (80, 0), 'left': (-80, 0), 'below': (20, -65)}
+TURNS |= {'above': (-20, 65), 'corner': (45, 35), 'behind': (105, 0)}
 
 
 def wall(image: np.ndarray, y: float, *, name: str = 'wall', half: float = 2.0) -> Surface:
@@ -199,3 +205,51 @@ def test_a_small_step_changes_little(furnished: Renderer) -> None:
     before = furnished.render(POSES[1]).astype(int)
     after = furnished.render(Pose(0.63, -1.21 + 1e-5, math.radians(97.0))).astype(int)
     assert np.mean(np.abs(after - before) > 8) < 1e-4
+
+
+@pytest.mark.parametrize('turn', few_of([*TURNS], keep=(1, 6)))
+def test_spots_are_imaged_where_the_lens_says(turn: str) -> None:
+    heading, tilt = np.radians(TURNS[turn])
+    scene = Scene((wall(dots(sigma=5.0), 3.6),))
+    renderer = Renderer(scene, FixedRig(FISHEYE, CameraMount(tilt=tilt)))
+    pose = Pose(0.0, 0.0, math.pi / 2.0 + heading)
+    pixels, visible = renderer.project(dot_points(3.6), pose)
+    pixels = pixels[visible & FISHEYE.contains(pixels, margin=10.0)]
+    errors = centroids(renderer.render(pose), pixels, reach=6) - pixels
+    assert len(pixels) > 20
+    assert np.median(np.hypot(*errors.T)) < 0.02
+    assert np.hypot(*errors.T).max() < 0.06
+
+
+def test_what_a_fisheye_traces_is_projected_where_it_came_from(furnished: Renderer) -> None:
+    renderer = Renderer(furnished.scene, FixedRig(FISHEYE, CameraMount(tilt=0.05, roll=-0.08)))
+    u, v = np.meshgrid(np.linspace(1.0, 958.0, 25), np.linspace(1.0, 766.0, 19))
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+    rays = FISHEYE.rays(pixels)
+    seen = np.isfinite(rays).all(axis=1)
+    points = renderer.trace(pixels[seen], DESIRED_POSE)
+    hit = np.isfinite(points).all(axis=1)
+    back, visible = renderer.project(points[hit], DESIRED_POSE)
+    assert hit.mean() > 0.9
+    assert visible.all()
+    assert (rays[seen][hit][:, 2] < 0.0).sum() > 20
+    np.testing.assert_allclose(back, pixels[seen][hit], atol=1e-6)
+
+
+def test_the_room_fills_the_image_of_a_fisheye_without_seams(furnished: Renderer) -> None:
+    image = Renderer(furnished.scene, FixedRig(FISHEYE)).render(DESIRED_POSE)
+    assert (image > 0).mean() > 0.99
+    # A seam would be a line of pixels that are unlike both neighbours.
+    grid = np.stack(np.meshgrid(np.arange(960.0), np.arange(768.0)), axis=-1)
+    rays = FISHEYE.rays(grid.reshape(-1, 2))
+    face = np.argmax(np.abs(rays), axis=1).reshape(768, 960)
+    step = np.abs(np.diff(image.astype(float), axis=1))
+    across = face[:, 1:] != face[:, :-1]
+    assert np.median(step[across]) <= np.median(step[~across]) + 2.0
+
+
+def test_a_lens_that_sees_a_part_alone_is_black_beyond(furnished: Renderer) -> None:
+    folding = Equidistant(960, 768, 300.0, 300.0, 480.0, 383.0, (-0.12, 0.0, 0.0, 0.0))
+    image = Renderer(furnished.scene, FixedRig(folding)).render(DESIRED_POSE)
+    assert image[383, 480] > 0
+    assert image[0, 0] == 0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.simulation.rendering.surfaces import Box, Sheet, Texture, TILE
+from visual_servo_epipolar.simulation.rendering.surfaces import _blur, Box, Sheet, Texture, TILE
 
 COPIES = [(0, 0), (1, 4), (2, 2), (3, 3), (4, 1), (5, 8), (7, 6)]
 BOXES = [(300, 10, 310, 600), (0, 0, 1, 1), (700, 900, 701, 901), (500, 250, 530, 262)]
@@ -60,3 +60,24 @@ def test_beyond_the_border_its_pixels_are_repeated() -> None:
     assert part.shape == (5, 7)
     np.testing.assert_array_equal(part[1, :3], [0, 0, 0])
     np.testing.assert_array_equal(part[-1, -2:], [11, 11])
+
+
+def variances(image: np.ndarray) -> tuple[float, float]:
+    """Return the variance of the grey of ``image`` along rows and columns [texel^2]."""
+    v, u = np.mgrid[: image.shape[0], : image.shape[1]]
+    weights = image / image.sum(dtype=float)
+    along, across = ((weights * (at - (weights * at).sum()) ** 2).sum() for at in (u, v))
+    return along, across
+
+
+@pytest.mark.parametrize(('sigma_u', 'sigma_v'), [(0.6, 2.0), (2.0, 0.6), (0.0, 1.5), (1.5, 0.0)])
+def test_each_axis_is_blur_by_its_own_gaussian(sigma_u: float, sigma_v: float) -> None:
+    block = np.zeros((101, 101), np.uint8)
+    block[40:61, 40:61] = 250
+    before, after = (
+        variances(block),
+        variances(_blur(Sheet.of(block), sigma_u, sigma_v).whole()),
+    )
+    # A kernel ends at three deviations, and grey levels are rounded.
+    assert after[0] - before[0] == pytest.approx(sigma_u**2, rel=0.05, abs=0.02)
+    assert after[1] - before[1] == pytest.approx(sigma_v**2, rel=0.05, abs=0.02)
