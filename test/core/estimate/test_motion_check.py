@@ -118,6 +118,21 @@ def test_an_encoder_of_a_head_that_slips_ends_the_run(size: float, rate: float) 
     assert len(found) == 18  # for good
 
 
+def test_features_that_leap_to_a_place_that_looks_alike_are_no_slip_of_the_encoder() -> None:
+    """It ended the run: the photograph's poster came into view beside its replica."""
+    check, scene = MotionCheck(), points()
+    began = []
+    for frame in range(1, 30):
+        elsewhere = frame > 15
+        seen = view(frame * PERIOD_S, 0.6 * elsewhere, 0.4 * elsewhere, scene, 1.0)
+        seen = replace(seen, head=HeadView(Joints(0.0), seen.edges, HEAD))
+        evidence = Evidence(seen, NOISE, 0.03)
+        check = check.updated(evidence, CommandsSent(), SETTINGS, drives=True)
+        assert not check.trouble
+        began.append(check.head.previous is None)
+    assert [frame for frame, anew in enumerate(began, 1) if anew] == [16]
+
+
 def test_an_encoder_that_slips_little_by_little_ends_the_run() -> None:
     assert slips(lambda time_s: 0.1 * max(time_s - 1.0, 0.0))
 

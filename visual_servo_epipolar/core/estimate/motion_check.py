@@ -93,8 +93,15 @@ class MotionCheck:
         if observation.joints is None:
             return after
         head = self.head.updated(
-            here, observation.joints.pan, sent, ray_noise=evidence.noise, latency=settings.latency
+            here,
+            observation.joints.pan,
+            sent,
+            ray_noise=evidence.noise,
+            parallax_of_way=evidence.parallax_of_way,
+            latency=settings.latency,
         )
+        if head.previous is None:
+            return replace(self.restarted(), head=head)
         if after.trouble and self.reference is not None:
             head = head.since(self.reference, here, evidence.noise, sent)
         if not head.slip:

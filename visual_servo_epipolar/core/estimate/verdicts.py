@@ -46,6 +46,7 @@ LONGEST_S = 1.0  # between two images that are compared
 LEAST_SLIP = 0.02  # that ends a run [rad]
 STAMPS_S = 0.02  # by which stamps of joints and images may be apart
 LATELY = 0.9  # of the fastest rate, one image later
+LEAP = 3.0  # times the usual parallax: no slip changes it, look-alikes of another place do
 NOISES = 8.0  # of an encoder, of that turn
 TURN_RATIOS = 0.5, 1.2  # of turns over those commanded; of worse wheels the noise is larger
 NOISE, SMOOTHING = 0.004, 0.05  # of an unknown encoder [rad], weight of the newest
@@ -273,7 +274,7 @@ class HeadCheck:
     The pan joint was at ``pan`` then [rad], and had turned at a ``rate``, of late at the
     ``fastest`` [rad/s]. ``slip`` says how a turn contradicts them for good: one view ``suspected``
     a turn [rad], and the next did not turn back, as after a single wrong reading. ``noise`` is the
-    mean size of what turns leave unexplained [rad].
+    mean size of what turns leave unexplained [rad], ``parallax`` that between the last two views.
     """
 
     previous: Reference | None = None
@@ -282,10 +283,18 @@ class HeadCheck:
     fastest: float = 0.0
     suspected: float = 0.0
     noise: float = NOISE
+    parallax: float = 0.0
     slip: str = ''
 
     def updated(
-        self, here: Reference, pan: float, sent: CommandsSent, *, ray_noise: float, latency: float
+        self,
+        here: Reference,
+        pan: float,
+        sent: CommandsSent,
+        *,
+        ray_noise: float,
+        parallax_of_way: float,
+        latency: float,
     ) -> 'HeadCheck':
         """Return the check after one more view, of a base that obeys with a ``latency`` [s]."""
         anew = replace(self, previous=here, pan=pan, rate=0.0, suspected=0.0)
@@ -306,9 +315,12 @@ class HeadCheck:
             back = -left * math.copysign(1.0, self.suspected) > TURNED_BACK * abs(self.suspected)
             lasts = not back and abs(self.suspected) > limit + by_stamps
             slip = _slip(self.suspected) if lasts else ''
-            return HeadCheck(here, pan, rate, fastest, noise=noise, slip=slip)
+            return HeadCheck(here, pan, rate, fastest, 0.0, noise, seen.parallax, slip)
         suspected = left if abs(left) > limit + by_stamps else 0.0
-        return HeadCheck(here, pan, rate, fastest, suspected, noise)
+        usual = self.parallax + parallax_of_way * float(np.abs(window.ways).max())
+        if suspected and seen.parallax > LEAP * usual + MOVED_PARALLAX * seen.noise:
+            return replace(anew, previous=None, parallax=0.0)  # no slip: features of another place
+        return HeadCheck(here, pan, rate, fastest, suspected, noise, seen.parallax)
 
     def since(
         self, before: Reference, here: Reference, ray_noise: float, sent: CommandsSent

@@ -38,7 +38,8 @@ def check_motion(
     evidence = Evidence(observation, measurement.noise, shown)
     drives = state.phase.drives
     motion = state.check.updated(evidence, state.motion.sent, settings, drives=drives)
-    if motion.disturbed(measurement.stamp_ns):
+    leapt = motion.head.previous is None and state.check.head.previous is not None
+    if leapt or motion.disturbed(measurement.stamp_ns):
         return _undone(state.changed(check=motion), measurement)
     if motion.reference is state.check.reference:
         return state.changed(check=motion)
