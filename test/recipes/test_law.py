@@ -6,16 +6,16 @@ import math
 import pytest
 from untold_bases import driven
 
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.machine import PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted, leads_home
 from visual_servo_epipolar.core.laws.registry import phase_colour, phase_row, sentence
+from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.laws.timing import goal_distance
 from visual_servo_epipolar.core.laws.two_steps.two_steps import FULL, TWO_STEPS
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
 
 SPEED = 0.2  # [m/s]
 
@@ -24,13 +24,13 @@ PURSUING = Phase('pursuing', drives=True, closes_in=True)
 CLOSE = Event('close', 'a straight line leads home')
 
 
-def classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+def classify(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
     if is_untrusted(measurement, settings) or measurement.bearings is None:
         return Event.LOST
     return CLOSE if leads_home(measurement, settings) else Event.NOTHING
 
 
-def command(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+def command(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
     """Return the twist of Park and Kuipers (2011), along one curve to the axis of the goal."""
     assert measurement.bearings is not None
     delta = -math.remainder(measurement.bearings.phi + math.pi, 2.0 * math.pi)

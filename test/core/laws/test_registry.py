@@ -16,7 +16,7 @@ from visual_servo_epipolar.core import registry
 from visual_servo_epipolar.core.estimate.settings import ControlSettings, DEPARTURES
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws import registry as law_registry
-from visual_servo_epipolar.core.laws.law import epipole_controls, Law, matching_control
+from visual_servo_epipolar.core.laws.machine import epipole_controls, Law, matching_control
 from visual_servo_epipolar.core.laws.registry import law_named, LAWS
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of

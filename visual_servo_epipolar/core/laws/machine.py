@@ -1,19 +1,27 @@
 """
-State machine of a law: one row for each of its phases, and the events that lead between them.
+A law and its state machine: one row for each of its phases, and the events that lead between them.
 
-A row holds the answers of a phase, as functions of state, measurement and settings. Every
-machine stops, loses its tracks and fails in the same way, whatever phases a law brings.
+A row holds what a step asks of a phase, as functions of state, measurement and settings. Every
+machine stops, loses its tracks and fails in the same way, whatever phases a law brings. A law is
+chosen by an expression: a name of ``registry.LAWS``, then departures to add or to leave out, such
+as ``full-retreat`` or ``paper+true_sigma+speed_ramps``.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
-from visual_servo_epipolar.core.estimate.settings import DriveSettings
+from visual_servo_epipolar.core.estimate.settings import (
+    Departures,
+    DriveSettings,
+    EpipoleControls,
+    MatchingControl,
+)
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.state import DriveState
+from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 Classifier: TypeAlias = Callable[[DriveState, Measurement, DriveSettings], Event]
@@ -96,3 +104,34 @@ def interruption(phase: Phase, event: Event) -> Phase | None:
     if event is Event.LOST and (phase.drives or phase is Phase.WAITING):
         return Phase.HOLDING
     return Phase.FAILED if event in FAILURES and phase.runs else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Law(Departures):
+    """
+    Law of the servo: its departures from the paper, its controls and its phases.
+
+    ``machine`` has phases other than the paper's two steps and what goes with them, None is that
+    of the paper. ``on_arcs`` is the machine on a base that does not turn in place; None of a law
+    that has to.
+    """
+
+    machine: StateMachine | None = None
+    on_arcs: StateMachine | None = None
+
+    def changed(self, departures: Mapping[str, bool]) -> 'Law':
+        """Return this law with some departures taken (True) or left out (False)."""
+        changes: dict[str, Any] = dict(departures)
+        return replace(self, **changes)
+
+
+def epipole_controls(law: Departures, *, finite_time: bool) -> EpipoleControls:
+    """Return the function that gives (nu_1, nu_2): eq. (12), eq. (20), or the law's own."""
+    if law.epipole_controls is not None:
+        return law.epipole_controls
+    return equations.finite_time_controls if finite_time else equations.auxiliary_controls
+
+
+def matching_control(law: Departures) -> MatchingControl:
+    """Return the function that gives the twist of step 2: eqs. (21)-(22), or the law's own."""
+    return law.matching_control or equations.match_features

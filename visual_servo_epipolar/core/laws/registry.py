@@ -5,8 +5,7 @@ from functools import lru_cache
 import re
 
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES
-from visual_servo_epipolar.core.laws.law import Law
-from visual_servo_epipolar.core.laws.machine import PhaseRow, StateMachine
+from visual_servo_epipolar.core.laws.machine import Law, PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.names import LAW_GROUP, OWN_LAWS
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.smooth.on_arcs import SMOOTH

@@ -6,8 +6,7 @@ from typing import ClassVar
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES, DriveSettings
-from visual_servo_epipolar.core.laws.law import Law
-from visual_servo_epipolar.core.laws.machine import StateMachine
+from visual_servo_epipolar.core.laws.machine import Law, StateMachine
 from visual_servo_epipolar.core.laws.registry import law_named, laws_on_arcs, machine_of
 
 

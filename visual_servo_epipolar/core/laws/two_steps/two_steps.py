@@ -23,8 +23,13 @@ from visual_servo_epipolar.core.laws.braking import (
     STEERING_S,
     unfelt_latency,
 )
-from visual_servo_epipolar.core.laws.law import epipole_controls, Law, matching_control
-from visual_servo_epipolar.core.laws.machine import PhaseRow, StateMachine
+from visual_servo_epipolar.core.laws.machine import (
+    epipole_controls,
+    Law,
+    matching_control,
+    PhaseRow,
+    StateMachine,
+)
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import (
     faces_goal,
