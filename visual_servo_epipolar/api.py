@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.estimators.base import Estimator
 from visual_servo_epipolar.core.estimators.registry import ESTIMATORS
 from visual_servo_epipolar.core.laws.registry import LAWS
-from visual_servo_epipolar.core.perception.inspection.judgement import Inspection
+from visual_servo_epipolar.core.perception.inspection import Inspection
 from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog, Sample, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.scenario import load, Scenario
@@ -164,7 +164,7 @@ def inspect(desired: str | Path, current: str | Path, camera: str | Path) -> Ins
         read_photograph,
         scaled_to,
     )
-    from visual_servo_epipolar.core.perception.inspection import photographs
+    from visual_servo_epipolar.core.perception import inspection
 
     paths = Path(desired), Path(current)
     images = [read_photograph(path, turn=True) for path in paths]
@@ -172,7 +172,7 @@ def inspect(desired: str | Path, current: str | Path, camera: str | Path) -> Ins
     same = images[0].shape == images[1].shape
     lens = read_camera(str(camera), size=(width, height) if same else None)
     cameras = [scaled_to(lens, image, path) for image, path in zip(images, paths, strict=True)]
-    return photographs.inspect(images[0], images[1], cameras[0], cameras[1], ServoSettings())
+    return inspection.inspect(images[0], images[1], cameras[0], cameras[1], ServoSettings())
 
 
 def load_route(folder: str | Path) -> 'Route':

@@ -10,7 +10,7 @@ import pytest
 
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Prior
-from visual_servo_epipolar.core.estimators.machinery.search.general_hypotheses import (
+from visual_servo_epipolar.core.estimators.machinery.search import (
     planar_parameters,
 )
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import PHI, PSI

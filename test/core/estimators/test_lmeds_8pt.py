@@ -20,11 +20,11 @@ from strategies import (
 )
 
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
-from visual_servo_epipolar.core.estimators.machinery.eight_point import (
+from visual_servo_epipolar.core.estimators.lmeds_8pt import (
     design_matrix,
     fundamental_from_matches,
     hartley_normalisation,
+    lmeds_8pt,
 )
 from visual_servo_epipolar.core.geometry.epipolar import (
     Bearings,

@@ -23,7 +23,7 @@ from strategies import (
 )
 
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.machinery.eight_point import (
+from visual_servo_epipolar.core.estimators.lmeds_8pt import (
     fundamental_from_matches,
 )
 from visual_servo_epipolar.core.geometry.cheirality import cheirality, oriented_bearings

@@ -9,8 +9,7 @@ from strategies import blurred, seen_from
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
-from visual_servo_epipolar.core.perception.inspection.judgement import Inspection, judged
-from visual_servo_epipolar.core.perception.inspection.photographs import inspect
+from visual_servo_epipolar.core.perception.inspection import inspect, Inspection, judged
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings

@@ -4,21 +4,20 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, NORMAL
+from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior, UNKNOWN_COVARIANCE
-from visual_servo_epipolar.core.estimators.machinery.eight_point import (
-    design_matrix,
-    fundamental_from_matches,
-    hartley_normalisation,
-    MIN_MATCHES,
-    transform,
-)
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import rays_of
 from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
-from visual_servo_epipolar.core.geometry.epipolar import image_sampson_distance
-from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.core.geometry.epipolar import (
+    constraint_rows,
+    image_sampson_distance,
+    rank_two,
+)
+from visual_servo_epipolar.core.geometry.least_squares import deviation_of, samples
+from visual_servo_epipolar.core.geometry.rays import homogeneous, image_points
 
+MIN_MATCHES = 8
 SUBSETS = 560  # one of 26 matches is clean with probability 99 % at 40 % outliers
 INLIER_DEVIATIONS = 2.5
 LEAST_FORWARD = 0.1  # z of a ray that has an image-plane point: 84 deg off the axis
@@ -36,24 +35,11 @@ def lmeds_8pt(
     Estimate F by LMedS over minimal subsets, then by all inliers (section VIII of the paper).
 
     As in the paper, image-plane points are what is fitted, with Hartley's normalisation: only
-    features well in front of both cameras have them, others are no inliers.
+    features well in front of both cameras have them, others are no inliers. Matches are unit rays,
+    (N, 3); ``noise`` serves the cheirality vote alone, ``rng`` draws the subsets, and the paper
+    has no ``prior``.
 
-    Parameters
-    ----------
-    current, desired : arrays, shape (N, 3)
-        Matches as unit rays, at least eight of them in front.
-    noise : float or array, shape (N, 2)
-        Deviations of the angles of rays [rad]; only the cheirality vote uses them.
-    rng : Generator
-        Draws the subsets.
-    prior : Prior, optional
-        Not used: the paper has none.
-
-    Raises
-    ------
-    DegenerateGeometryError
-        With fewer than eight matches in front, or fewer than eight inliers.
-
+    Raises DegenerateGeometryError with fewer than eight matches in front, or eight inliers.
     """
     del prior
     front = np.minimum(current[:, 2], desired[:, 2]) > LEAST_FORWARD
@@ -83,20 +69,60 @@ def _minimal_solutions(
     """Return one F for each subset of eight matches, shape (SUBSETS, 3, 3)."""
     to_current, to_desired = hartley_normalisation(current), hartley_normalisation(desired)
     rows = design_matrix(transform(to_current, current), transform(to_desired, desired))
-    picks = np.argsort(rng.random((SUBSETS, len(current))), axis=1)[:, :MIN_MATCHES]
-    subsets = rows[picks]  # (SUBSETS, 8, 9)
+    subsets = rows[samples(rng, SUBSETS, len(current), MIN_MATCHES)]  # (SUBSETS, 8, 9)
     gram = np.swapaxes(subsets, 1, 2) @ subsets
     solutions = np.linalg.eigh(gram)[1][:, :, 0].reshape(-1, 3, 3)
-    u, singular, vt = np.linalg.svd(solutions)
-    singular[:, 2] = 0.0
-    return np.asarray(to_desired.T @ ((u * singular[:, None, :]) @ vt) @ to_current)
+    return np.asarray(to_desired.T @ rank_two(solutions) @ to_current)
 
 
 def _inliers(squared: FloatArray, median: float) -> BoolArray:
-    """Return the matches within 2.5 robust standard deviations (Rousseeuw and Leroy 1987)."""
-    spare = max(len(squared) - MIN_MATCHES, 1)
-    deviation = NORMAL * (1.0 + 5.0 / spare) * math.sqrt(median)
+    """Return the matches within 2.5 robust standard deviations."""
+    deviation = deviation_of(math.sqrt(median), len(squared) - MIN_MATCHES)
     inliers = squared <= (INLIER_DEVIATIONS * deviation) ** 2
     if int(inliers.sum()) < MIN_MATCHES:
         inliers = squared <= np.sort(squared)[MIN_MATCHES - 1]
     return np.asarray(inliers)
+
+
+def hartley_normalisation(points: FloatArray) -> FloatArray:
+    """Return T, shape (3, 3): centroid to the origin, mean distance to sqrt(2) (Hartley 1995)."""
+    centre = points.mean(axis=0)
+    spread = float(np.sqrt(((points - centre) ** 2).sum(axis=1)).mean())
+    if not spread > 0.0:
+        raise DegenerateGeometryError(
+            f'{len(points)} points coincide at {centre}; track features spread over the image'
+        )
+    scale = math.sqrt(2.0) / spread
+    return np.array(
+        [[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]]
+    )
+
+
+def design_matrix(current: FloatArray, desired: FloatArray) -> FloatArray:
+    """Return the rows a with a . vec(F) = p_d^T F p_a, shape (N, 9), F by rows."""
+    return constraint_rows(homogeneous(current), homogeneous(desired))
+
+
+def fundamental_from_matches(current: FloatArray, desired: FloatArray) -> FloatArray:
+    """
+    Return F of rank 2 by the normalised 8-point algorithm, shape (3, 3), Frobenius norm 1.
+
+    Matches, (N, 2), are in pixels or (x/z, y/z), and F is for the same unit. Raises
+    DegenerateGeometryError with fewer than eight, or where points coincide.
+    """
+    current, desired = as_points(current, 'current'), as_points(desired, 'desired')
+    if len(current) != len(desired) or len(current) < MIN_MATCHES:
+        raise DegenerateGeometryError(
+            f'the 8-point algorithm needs at least {MIN_MATCHES} matches, got {len(current)} '
+            f'current and {len(desired)} desired points; track more features'
+        )
+    to_current, to_desired = hartley_normalisation(current), hartley_normalisation(desired)
+    rows = design_matrix(transform(to_current, current), transform(to_desired, desired))
+    solution = np.linalg.svd(rows, full_matrices=True)[2][-1].reshape(3, 3)
+    fundamental = to_desired.T @ rank_two(solution) @ to_current
+    return np.asarray(fundamental / np.linalg.norm(fundamental))
+
+
+def transform(matrix: FloatArray, points: FloatArray) -> FloatArray:
+    """Return affine ``matrix``, shape (3, 3), applied to ``points``, shape (N, 2)."""
+    return np.asarray(points @ matrix[:2, :2].T + matrix[:2, 2])

@@ -20,9 +20,10 @@ from visual_servo_epipolar.core.estimators.machinery.refinement import (
     problem_of,
     refined_modes,
 )
-from visual_servo_epipolar.core.estimators.machinery.sampson import squared_distances
+from visual_servo_epipolar.core.estimators.machinery.sampson import truncated_costs
 from visual_servo_epipolar.core.geometry.cheirality import cheirality
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.least_squares import samples
 
 MIN_MATCHES = 4
 TRIPLES = 400
@@ -80,7 +81,7 @@ def _three_point_hypotheses(rays: Rays, rng: np.random.Generator) -> FloatArray:
     """Return the null vector of three rows of the constraint each, shape (H, 4), by cofactors."""
     x_a, y_a, z_a, x_d, y_d, z_d, _, _ = rays
     rows = np.stack([y_a * z_d, -y_a * x_d, y_d * x_a, y_d * z_a], axis=1)
-    picks = np.argsort(rng.random((TRIPLES, rays.matches)), axis=1)[:, :3]
+    picks = samples(rng, TRIPLES, rays.matches, 3)
     a, b, c = (rows[picks[:, k]] for k in range(3))
     null_vectors = np.empty((TRIPLES, 4))
     for k in range(4):
@@ -101,8 +102,7 @@ def _best(hypotheses: FloatArray, table: FloatArray) -> FloatArray:
     ratio = np.minimum(np.maximum(ratio, -LARGEST_RATIO), LARGEST_RATIO)
     phasors = pairs / size
     parameters = np.column_stack([np.angle(phasors), ratio])
-    squared = squared_distances(_model(parameters)[:, 0], table)
-    costs = np.minimum(squared / INLIER_DEVIATIONS**2, 1.0).mean(axis=1)
+    costs = truncated_costs(_model(parameters)[:, 0], table)
     return np.asarray(parameters[best_modes(phasors.T, costs, MODES)])
 
 

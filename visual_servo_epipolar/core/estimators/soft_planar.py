@@ -7,7 +7,7 @@ from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery import tilted_planar, wrong_lens
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import rays_of
 from visual_servo_epipolar.core.estimators.machinery.planar import from_last_bearings, PlanarModel
-from visual_servo_epipolar.core.estimators.machinery.search.search import search
+from visual_servo_epipolar.core.estimators.machinery.search import search
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import plausible_matches
 from visual_servo_epipolar.core.geometry.rays import image_axes
 

@@ -193,9 +193,21 @@ def sampson_distance(
     square = residual * residual
     across_current = np.maximum(dot(normal_current, normal_current) - square, 0.0)
     across_desired = np.maximum(dot(normal_desired, normal_desired) - square, 0.0)
-    variance = np.square(np.broadcast_to(noise, (*square.shape, 2)))
+    variance = np.square(noise if np.ndim(noise) else np.full(2, noise))
     gradient = across_current * variance[..., 0] + across_desired * variance[..., 1]
     return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))
+
+
+def constraint_rows(current: FloatArray, desired: FloatArray) -> FloatArray:
+    """Return the rows a with a . vec(F) = p_d^T F p_a, (..., 9), F by rows; points (..., 3)."""
+    rows = desired[..., :, None] * current[..., None, :]
+    return np.asarray(rows.reshape(*desired.shape[:-1], 9))
+
+
+def rank_two(fundamental: FloatArray) -> FloatArray:
+    """Return the closest matrices of rank 2 in Frobenius norm, shape (..., 3, 3)."""
+    u, singular, vt = np.linalg.svd(fundamental)
+    return np.asarray((u[..., :2] * singular[..., None, :2]) @ vt[..., :2, :])
 
 
 def image_sampson_distance(

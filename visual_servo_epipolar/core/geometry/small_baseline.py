@@ -30,15 +30,8 @@ def fundamental_of_small_baseline(
 
     Gauss-Newton on the direction of the motion and on the rotation, reweighted (Geman-McClure),
     from several directions. Where the direction is lost in the noise, distances from F are those
-    of the noise all the same: that is what F is for.
-
-    Parameters
-    ----------
-    rotation : array, shape (3, 3)
-        Best rotation, current -> desired, as in ``fit_rotation``.
-    current, desired : array, shape (N, 3)
-        Unit rays, at least three.
-
+    of the noise all the same: that is what F is for. The best ``rotation``, (3, 3), is that of
+    ``fit_rotation``; unit rays, at least three, have shape (N, 3).
     """
     carried, target = rotation @ current.T, np.ascontiguousarray(desired.T)
     products = (carried[:, None] * target).reshape(9, -1)

@@ -14,6 +14,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, median
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.least_squares import robust_fit
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 
 LEAST_FORWARD = 0.5  # of a ray: 60 deg off the axis
@@ -60,20 +61,23 @@ def aside(current: FloatArray, desired: FloatArray) -> float:
         return 0.0
     seen, points = _points(carried[ahead]), _points(desired[ahead])
     moved = (points - seen).T.ravel()  # of the scene to the photograph: as the camera is aside
-    forms = _forms(points)
-    weights = np.ones(len(points))
-    for _ in range(ITERATIONS):
-        both = np.concatenate([weights, weights])
-        normal = forms.T @ (both[:, None] * forms)
-        if np.linalg.cond(normal) > 1.0 / np.finfo(np.float64).eps:
-            return 0.0
-        solution = np.linalg.solve(normal, forms.T @ (both * moved))
-        residual = (moved - forms @ solution).reshape(2, -1)
-        squares = (residual * residual).sum(0)
-        variance = max(median(squares) / USUAL_MEDIAN, SMALLEST)
-        weights = 1.0 / (1.0 + squares / (9.0 * variance)) ** 2
-    own = float(np.linalg.inv(normal)[0, 0])
-    return float(solution[0]) / math.sqrt(variance * own)
+    fit = robust_fit(_forms(points), moved, _weights, ITERATIONS)
+    if fit is None:
+        return 0.0
+    own = float(fit.covariance()[0, 0])
+    return float(fit.solution[0]) / math.sqrt(_noise(fit.residual)[1] * own)
+
+
+def _noise(residual: FloatArray) -> tuple[FloatArray, float]:
+    """Return squared lengths of what points are off by, (N,), and the variance of a coordinate."""
+    off = residual.reshape(2, -1)
+    squares = (off * off).sum(0)
+    return squares, max(median(squares) / USUAL_MEDIAN, SMALLEST)
+
+
+def _weights(residual: FloatArray) -> FloatArray:
+    squares, variance = _noise(residual)
+    return np.tile(1.0 / (1.0 + squares / (9.0 * variance)) ** 2, 2)
 
 
 def _points(rays: FloatArray) -> FloatArray:

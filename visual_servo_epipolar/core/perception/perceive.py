@@ -44,17 +44,8 @@ def perceive(
     """
     Measure what the servo needs; never raises on degenerate views, the measurement says so.
 
-    Parameters
-    ----------
-    observation : Observation
-        Matches of the current and of the desired view.
-    settings : PerceptionSettings
-        The estimator, and the validation gates.
-    frame : int
-        Number of the observation in its run: with the seed it fixes every random choice.
-    memory : PerceptionMemory, optional
-        What was known before, None before the first view.
-
+    ``frame``, the number of the observation in its run, fixes every random choice together with
+    the seed; ``memory`` is what was known before, None before the first view.
     """
     memory = noise_learnt(memory or fresh_memory(settings))
     if observation.rows is not None and settings.calibrated:  # a wrong lens shears as well

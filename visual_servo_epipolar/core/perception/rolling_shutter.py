@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, frozen, IntArray, median, NORMAL
+from visual_servo_epipolar.core.geometry.least_squares import robust_fit
 from visual_servo_epipolar.core.geometry.rays import dot
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, rotated, rotation_vector
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -285,14 +286,16 @@ def sheared(pair: RowPair, axes: BaseAxes) -> Shear | None:
     # across . (turn x r) = turn . (r x across)
     moved = dot(across, np.cross(rays, axes.up) * pair.rows[:, None])
     columns = np.column_stack([np.cross(rays, across), moved])
-    weights = np.ones(len(rays))
-    for _ in range(ROUNDS):
-        normal = columns.T @ (columns * weights[:, None])
-        if np.linalg.cond(normal) > 1.0 / np.finfo(np.float64).eps:
-            return None
-        solution = np.linalg.solve(normal, columns.T @ (weights * shift))
-        misses = shift - columns @ solution
-        noise = max(NORMAL * median(np.abs(misses)), LEAST_RAD)
-        weights = 1.0 / (1.0 + (misses / (OUTLYING * noise)) ** 2)
-    deviation = noise * math.sqrt(np.linalg.inv(normal)[3, 3])
-    return Shear(float(solution[3]), math.hypot(deviation, ASIDE * pair.parallax))
+    fit = robust_fit(columns, shift, _weights, ROUNDS)
+    if fit is None:
+        return None
+    deviation = _noise(fit.residual) * math.sqrt(fit.covariance()[3, 3])
+    return Shear(float(fit.solution[3]), math.hypot(deviation, ASIDE * pair.parallax))
+
+
+def _noise(misses: FloatArray) -> float:
+    return max(NORMAL * median(np.abs(misses)), LEAST_RAD)
+
+
+def _weights(misses: FloatArray) -> FloatArray:
+    return np.asarray(1.0 / (1.0 + (misses / (OUTLYING * _noise(misses))) ** 2))

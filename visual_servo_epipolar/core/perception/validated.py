@@ -7,6 +7,7 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.registry import estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.least_squares import deviation_of
 from visual_servo_epipolar.core.geometry.rotation import RotationFit
 from visual_servo_epipolar.core.geometry.small_baseline import fundamental_of_small_baseline
 from visual_servo_epipolar.core.perception.leaning_head import with_jitter
@@ -22,7 +23,6 @@ from visual_servo_epipolar.core.perception.validation import (
     FitQuality,
     is_one,
     median_residual,
-    noise_of_residual,
     rejection_reason,
     rolled_over,
     ROUGH_FLOOR,
@@ -145,7 +145,7 @@ def noise_learnt(memory: PerceptionMemory) -> PerceptionMemory:
     seen = still.observation
     fundamental = fundamental_of_small_baseline(still.rotation, seen.current, seen.desired)
     residual = median_residual(fundamental, seen.current, seen.desired, seen.resolution)
-    now = noise_of_residual(float(residual), len(seen))
+    now = deviation_of(float(residual), len(seen) - 2)
     return replace(memory, noise=_noise(now, memory.noise, still.first_noise), unlearnt=None)
 
 

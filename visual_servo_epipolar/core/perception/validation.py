@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians, NORMAL
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
 from visual_servo_epipolar.core.geometry.rays import handedness, rotation_level_camera
@@ -194,11 +194,6 @@ def rejection_reason(
     if quality.deviation > settings.max_deviation * math.sqrt(quality.shared):
         return Reason.UNCERTAIN.of(math.degrees(quality.deviation))
     return _contradiction(estimate, memory, settings)
-
-
-def noise_of_residual(residual: float, matches: int) -> float:
-    """Return the deviation of a coordinate [px] that the median ``residual`` [px] shows."""
-    return NORMAL * (1.0 + 5.0 / max(matches - 2, 1)) * residual
 
 
 def turned_otherwise(bearings: Bearings, heading_error: float) -> str:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, NORMAL
+from visual_servo_epipolar.core.geometry.least_squares import linear_fit
 
 REACH = 6  # samples on either side of the last that are looked at
 HALF_WIDTH = 0.25  # of the way over which a sample is smoothed [m]
@@ -137,8 +138,5 @@ def _fitted(
         reach = max(HALF_WIDTH, float(np.sort(np.abs(apart))[min(LEAST, len(way)) - 1]) * 1.01)
         share = np.maximum(1.0 - (apart / reach) ** 2, 0.0) * weight
         columns = np.stack([np.ones_like(apart), apart, apart * apart], axis=1)
-        normal = columns.T @ (share[:, None] * columns)
-        normal += 1e-9 * np.eye(3)
-        fit = np.linalg.solve(normal, columns.T @ (share[:, None] * values))
-        smooth[k], slopes[k] = fit[0], fit[1]
+        smooth[k], slopes[k], _ = linear_fit(columns, values, share, ridge=1e-9).solution
     return smooth, slopes

@@ -10,8 +10,15 @@ import math
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.geometry.epipolar import cross_matrix, image_sampson_distance
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.geometry.epipolar import (
+    constraint_rows,
+    cross_matrix,
+    image_sampson_distance,
+    rank_two,
+    sampson_distance,
+)
+from visual_servo_epipolar.core.geometry.least_squares import samples
 
 EPIPOLAR_PX = 2.0  # largest distance of an inlier from its epipolar line
 AGREEMENT_PX = 1.0  # less: a fit by least squares bends towards an outlier
@@ -60,7 +67,7 @@ def agree_on_one_geometry(current: FloatArray, desired: FloatArray, pixel: float
     if current.shape[1] == 3:
         return _rays_agree(current, desired, pixel)
     columns, rows, scale = _normalised(current, desired)
-    products = (rows[:, :, None] * columns[:, None, :]).reshape(-1, 9)
+    products = constraint_rows(columns, rows)
     moments = products.T @ products
     if not np.isfinite(moments).all():
         return False
@@ -101,7 +108,7 @@ def _essential(
 ) -> tuple[FloatArray | None, BoolArray]:
     """Return one robust E, (3, 3), of at least eight finite rays, and which fit it, (N,)."""
     nothing = np.zeros(len(current), bool)
-    limit, products = EPIPOLAR_PX * pixel, _products(current, desired)
+    limit, products = EPIPOLAR_PX * pixel, constraint_rows(current, desired)
     # Without a baseline any geometry fits.
     still = np.linalg.norm(current - desired, axis=1) <= limit
     if still.sum() >= max(MIN_MATCHES, len(still) // 2):
@@ -121,25 +128,12 @@ def _essential(
 
 
 def _rays_agree(current: FloatArray, desired: FloatArray, pixel: float) -> bool:
-    products = _products(current, desired)
+    products = constraint_rows(current, desired)
     if not np.isfinite(products).all():
         return False
     essential = _least_squares(products, np.ones(len(products)))
-    return bool((distances(essential, current, desired) <= AGREEMENT_PX * pixel).all())
-
-
-def distances(essential: FloatArray, current: FloatArray, desired: FloatArray) -> FloatArray:
-    """Return the angles of rays, (N, 3) each, from their epipolar planes, (..., N) [rad]."""
-    planes = current @ essential.swapaxes(-1, -2)
-    residual = np.abs((planes * desired).sum(axis=-1))
-    back = desired @ essential
-    gradient = (planes * planes).sum(axis=-1) + (back * back).sum(axis=-1)
-    return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))
-
-
-def _products(current: FloatArray, desired: FloatArray) -> FloatArray:
-    """Return the rows a with a . vec(E) = p_d^T E p_a, shape (N, 9), E by rows."""
-    return np.asarray((desired[:, :, None] * current[:, None, :]).reshape(-1, 9))
+    distance = np.abs(sampson_distance(essential, current, desired))
+    return bool((distance <= AGREEMENT_PX * pixel).all())
 
 
 def _candidates(
@@ -149,19 +143,14 @@ def _candidates(
     rng = np.random.default_rng(len(products))
     best = []
     for size, columns, tolerance in ((3, PLANAR, LEVEL * limit), (8, np.arange(9), limit)):
-        rows = products[_samples(rng, len(products), size)][..., columns]
+        rows = products[samples(rng, SAMPLES, len(products), size)][..., columns]
         vectors = np.zeros((len(rows), 9))
         vectors[:, columns] = np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0]
         hypotheses = vectors.reshape(-1, 3, 3)
-        distance = distances(hypotheses, current, desired)
+        distance = np.abs(sampson_distance(hypotheses, current, desired))
         cost = np.minimum(distance / tolerance, 1.0).sum(axis=1)
         best.append(hypotheses[np.argsort(cost, kind='stable')[:BEST]])
     return np.concatenate(best)
-
-
-def _samples(rng: np.random.Generator, count: int, size: int) -> IntArray:
-    order = rng.random((SAMPLES, count)).argpartition(min(size, count - 1), axis=1)
-    return np.asarray(order[:, :size])
 
 
 def _refined(
@@ -172,19 +161,18 @@ def _refined(
     limit: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Return E, (3, 3), of all that fit it, by ever closer limits, and the distances from it."""
-    distance = distances(essential, current, desired)
+    distance = np.abs(sampson_distance(essential, current, desired))
     for tolerance in np.geomspace(LEVEL * limit, limit, ROUNDS):
         weight = 1.0 / (1.0 + (distance / (0.5 * tolerance)) ** 2) ** 2
         weight[distance > 2.0 * tolerance] = 0.0
         if np.count_nonzero(weight) < MIN_MATCHES:
             break
         essential = _least_squares(products, weight)
-        distance = distances(essential, current, desired)
+        distance = np.abs(sampson_distance(essential, current, desired))
     return essential, distance
 
 
 def _least_squares(products: FloatArray, weight: FloatArray) -> FloatArray:
     """Return E of rank 2, (3, 3), nearest to all ``products``, (N, 9), by ``weight``, (N,)."""
     vector = np.linalg.eigh(products.T @ (products * weight[:, None]))[1][:, 0]
-    u, singular, vt = np.linalg.svd(vector.reshape(3, 3))
-    return np.asarray((u * [singular[0], singular[1], 0.0]) @ vt)
+    return rank_two(vector.reshape(3, 3))

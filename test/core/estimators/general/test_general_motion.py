@@ -18,14 +18,17 @@ from strategies import angles, floats
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.estimators.general.deviation import bearings_of, spread_of
-from visual_servo_epipolar.core.estimators.general.motion import general_motion
-from visual_servo_epipolar.core.estimators.general.steps import Motions, wrong_depths
-from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays, rays_of
-from visual_servo_epipolar.core.estimators.machinery.search.five_point import (
-    essential_matrices,
-    samples,
+from visual_servo_epipolar.core.estimators.general.motion import (
+    general_motion,
+    Motions,
+    wrong_depths,
 )
-from visual_servo_epipolar.core.estimators.machinery.search.general_hypotheses import (
+from visual_servo_epipolar.core.estimators.machinery.five_point import (
+    essential_matrices,
+    samples_of_five,
+)
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays, rays_of
+from visual_servo_epipolar.core.estimators.machinery.search import (
     general_start_parameters,
     planar_parameters,
 )
@@ -45,7 +48,7 @@ from visual_servo_epipolar.core.geometry.rays import (
     normalised,
     rotation_level_camera,
 )
-from visual_servo_epipolar.core.perception.inspection.judgement import Inspection, judged
+from visual_servo_epipolar.core.perception.inspection import Inspection, judged
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.evaluation.benchmarks.estimation.photographs import (
@@ -300,7 +303,7 @@ def distances(found: np.ndarray, essential: np.ndarray) -> np.ndarray:
 def test_every_sample_of_exact_matches_has_the_truth_among_its_solutions(seed: int) -> None:
     rays, essential = rays_of_views(seed)
     assert min(rays.z_a.min(), rays.z_d.min()) < -0.5  # far behind the camera
-    for sample in samples(rays.matches, SAMPLES):
+    for sample in samples_of_five(rays.matches, SAMPLES):
         found = essential_matrices(rays, sample[None])
         assert 1 <= len(found) <= 10
         assert distances(found, essential).min() < 1e-6
@@ -309,7 +312,7 @@ def test_every_sample_of_exact_matches_has_the_truth_among_its_solutions(seed: i
 @pytest.mark.parametrize('seed', range(5))
 def test_solutions_are_essential_matrices_of_unit_norm(seed: int) -> None:
     rays, _ = rays_of_views(seed)
-    found = essential_matrices(rays, samples(rays.matches, SAMPLES))
+    found = essential_matrices(rays, samples_of_five(rays.matches, SAMPLES))
     singular = np.linalg.svd(found, compute_uv=False)
     np.testing.assert_allclose(np.linalg.norm(found, axis=(1, 2)), 1.0, rtol=1e-12)
     expected = np.tile(np.sqrt([0.5, 0.5, 0.0]), (len(found), 1))
@@ -320,7 +323,7 @@ def test_solutions_fit_the_five_matches_of_their_sample() -> None:
     rays, _ = rays_of_views(0)
     current = np.stack([rays.x_a, rays.y_a, rays.z_a], axis=-1)
     desired = np.stack([rays.x_d, rays.y_d, rays.z_d], axis=-1)
-    for sample in samples(rays.matches, SAMPLES):
+    for sample in samples_of_five(rays.matches, SAMPLES):
         found = essential_matrices(rays, sample[None])
         residual = np.einsum('ni,kij,nj->kn', desired[sample], found, current[sample])
         np.testing.assert_allclose(residual, 0.0, atol=1e-12)
@@ -328,7 +331,7 @@ def test_solutions_fit_the_five_matches_of_their_sample() -> None:
 
 def test_samples_side_by_side_have_the_solutions_of_each_alone() -> None:
     rays, _ = rays_of_views(1)
-    chosen = samples(rays.matches, SAMPLES)
+    chosen = samples_of_five(rays.matches, SAMPLES)
     alone = np.concatenate([essential_matrices(rays, sample[None]) for sample in chosen])
     together = essential_matrices(rays, chosen)
     assert len(together) == len(alone)
@@ -337,9 +340,9 @@ def test_samples_side_by_side_have_the_solutions_of_each_alone() -> None:
 
 @pytest.mark.parametrize('count', [5, 6, 26, 400])
 def test_samples_are_the_same_each_time_and_have_no_match_twice(count: int) -> None:
-    chosen = samples(count, 160)
-    samples.cache_clear()
-    np.testing.assert_array_equal(samples(count, 160), chosen)
+    chosen = samples_of_five(count, 160)
+    samples_of_five.cache_clear()
+    np.testing.assert_array_equal(samples_of_five(count, 160), chosen)
     assert chosen.shape == (160, 5)
     assert chosen.min() >= 0
     assert chosen.max() < count
@@ -372,7 +375,7 @@ def test_coinciding_matches_raise_nothing_but_that_they_are_degenerate(
 def test_matches_that_all_coincide_give_nothing(ray: list[float]) -> None:
     same = np.tile(ray, (8, 1))
     rays = rays_of(same, same, NOISE)
-    assert essential_matrices(rays, samples(8, 20)).shape == (0, 3, 3)
+    assert essential_matrices(rays, samples_of_five(8, 20)).shape == (0, 3, 3)
     with pytest.raises(DegenerateGeometryError):
         general_start_parameters(rays, Attitude())
 

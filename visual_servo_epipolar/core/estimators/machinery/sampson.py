@@ -17,7 +17,11 @@ from collections.abc import Callable
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays, TINY
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
+    INLIER_DEVIATIONS,
+    Rays,
+    TINY,
+)
 from visual_servo_epipolar.core.geometry.rays import Axes, tangents
 
 
@@ -52,6 +56,12 @@ def squared_distances(matrices: FloatArray, table: FloatArray) -> FloatArray:
     values = (matrices @ table).reshape(len(matrices), 5, -1)
     squares = values * values
     return np.asarray(squares[:, 0] / (squares[:, 1:].sum(axis=1) + TINY))
+
+
+def truncated_costs(matrices: FloatArray, table: FloatArray) -> FloatArray:
+    """Return the mean truncated squared distances from E by rows, shape (K, 9): 0 to 1, (K,)."""
+    squared = squared_distances(matrices, table) / INLIER_DEVIATIONS**2
+    return np.asarray(np.minimum(squared, 1.0).mean(axis=1))
 
 
 def linearised(stack: FloatArray, table: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image, NORMAL
+from visual_servo_epipolar.core.geometry.least_squares import linear_fit
 
 STILL_PX = 0.1  # motion at the border of the image that blurs less than tracking errs
 DEVIATIONS = 3.0  # beyond STILL_PX at which a motion is none of noise
@@ -51,12 +52,11 @@ def unrest(first: Image, second: Image) -> str:
     difference, columns = _difference(first, second)
     scale = np.maximum(np.abs(columns).max(axis=0), 1e-9)
     rows = columns / scale
-    normal = rows.T @ rows + 1e-6 * len(rows) * np.eye(rows.shape[1])
-    solution = np.linalg.solve(normal, rows.T @ difference)
-    residual = np.abs(difference - rows @ solution)
+    fit = linear_fit(rows, difference, ridge=1e-6 * len(rows))
+    residual = np.abs(fit.residual)
     noise = NORMAL * float(np.median(residual))
-    errors = noise * np.sqrt(np.diag(np.linalg.inv(normal))) / scale
-    motion = _at_border((solution / scale)[:MOTIONS])
+    errors = noise * np.sqrt(np.diag(fit.covariance())) / scale
+    motion = _at_border((fit.solution / scale)[:MOTIONS])
     if motion > STILL_PX + DEVIATIONS * _at_border(errors[:MOTIONS]):
         return f'the view moves by {motion:.2g} px'
     share = float((residual > CHANGED_DEVIATIONS * noise + CHANGED_FLOOR).mean())

@@ -22,10 +22,9 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.estimators.general.deviation import bearings_of
-from visual_servo_epipolar.core.estimators.general.steps import Motions
+from visual_servo_epipolar.core.estimators.general.motion import Motions
 from visual_servo_epipolar.core.geometry.rays import image_points
-from visual_servo_epipolar.core.perception.inspection.judgement import Inspection, judged
-from visual_servo_epipolar.core.perception.inspection.photographs import inspect
+from visual_servo_epipolar.core.perception.inspection import inspect, Inspection, judged
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.evaluation.benchmarks.estimation.photographs import (

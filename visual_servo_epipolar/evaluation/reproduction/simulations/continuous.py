@@ -13,7 +13,7 @@ from operator import attrgetter
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimators.machinery.eight_point import fundamental_from_matches
+from visual_servo_epipolar.core.estimators.lmeds_8pt import fundamental_from_matches
 from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose, Twist

@@ -14,8 +14,11 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, frozen, IntArray
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays
+from visual_servo_epipolar.core.geometry.epipolar import constraint_rows
+from visual_servo_epipolar.core.geometry.least_squares import samples
 
 SAMPLE = 5
+QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 REAL = 1e-7  # imaginary part of an eigenvalue that counts as real
 TINY = 1e-30
 LARGEST_CONDITION = 1e14  # of equations that no rounding makes singular
@@ -51,10 +54,9 @@ X_W, Y_W, Z_W, W_W = (QUADRATIC.index((k, 3)) for k in range(4))
 
 
 @lru_cache(maxsize=64)
-def samples(count: int, limit: int) -> IntArray:
+def samples_of_five(count: int, limit: int) -> IntArray:
     """Return ``limit`` samples of five different matches among ``count``, the same each time."""
-    rng = np.random.default_rng((count, SAMPLE))
-    return frozen(rng.random((limit, count)).argsort(axis=1)[:, :SAMPLE].copy())
+    return frozen(samples(np.random.default_rng((count, SAMPLE)), limit, count, SAMPLE))
 
 
 def essential_matrices(rays: Rays, chosen: IntArray) -> FloatArray:
@@ -65,8 +67,7 @@ def essential_matrices(rays: Rays, chosen: IntArray) -> FloatArray:
     """
     current = np.stack([rays.x_a, rays.y_a, rays.z_a], axis=-1)[chosen]
     desired = np.stack([rays.x_d, rays.y_d, rays.z_d], axis=-1)[chosen]
-    equations = (desired[..., :, None] * current[..., None, :]).reshape(-1, SAMPLE, 9)
-    whole, _ = np.linalg.qr(equations.swapaxes(-1, -2), mode='complete')
+    whole, _ = np.linalg.qr(constraint_rows(current, desired).swapaxes(-1, -2), mode='complete')
     null = whole[..., SAMPLE:].swapaxes(-1, -2).reshape(-1, 4, 3, 3)
     null, action = _action_matrices(null)
     values, vectors = np.linalg.eig(action)
@@ -76,6 +77,14 @@ def essential_matrices(rays: Rays, chosen: IntArray) -> FloatArray:
     essential = np.einsum('ka,kaij->kij', weights, null[sample])
     norm = np.sqrt((essential * essential).sum(axis=(-2, -1)))
     return np.asarray(essential / (norm + TINY)[:, None, None])
+
+
+def decomposed(essential: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return unit baselines, (K, 3), and both rotations, (2, K, 3, 3), of E, shape (K, 3, 3)."""
+    u, _, vt = np.linalg.svd(essential)
+    u[..., 2] *= np.sign(np.linalg.det(u))[:, None]
+    vt[..., 2, :] *= np.sign(np.linalg.det(vt))[:, None]
+    return u[..., 2], np.stack([u @ QUARTER_TURN @ vt, u @ QUARTER_TURN.T @ vt])
 
 
 def _real(values: FloatArray) -> BoolArray:

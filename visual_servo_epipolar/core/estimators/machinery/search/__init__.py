@@ -1,1 +1,0 @@
-"""Search of a geometry without earlier bearings, or where none fit."""

@@ -1,1 +1,0 @@
-"""Inspection of two photographs: their geometry, and whether to trust it."""
