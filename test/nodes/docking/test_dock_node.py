@@ -99,8 +99,7 @@ def test_both_clocks_are_named(bench, ahead: int, words: str) -> None:
 
 
 def test_a_camera_that_is_silent_is_what_is_missing(bench) -> None:
-    rig = Rig(bench)
-    rig.node._camera = None
+    rig = Rig(bench, calibrated=False)
     see_in_vain(rig)
     rig.bench.until(lambda: rig.bench.logged('no usable camera_info yet'), 'what is missing')
     assert not rig.bench.logged('odom')
