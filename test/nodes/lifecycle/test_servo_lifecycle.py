@@ -2,43 +2,27 @@
 
 import random
 
-from geometry_msgs.msg import Twist as TwistMessage
 from lifecycles import change, entities, go
 import pytest
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import CameraInfo, PointCloud2
+from servo_rig import CAMERA, PERIOD_NS, Rig, tracks
 from std_msgs.msg import Bool, String
 
-from visual_servo_epipolar.core.cameras.pinhole import Camera
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import event_log, read, write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
-from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
-CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)
-FEATURES = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0).observe(
-    Pose.from_start(1.0, -3.5, 8.0), 0
-)
-STAMP_NS, PERIOD_NS = 7_000_000_003, 90_909_091
 STEPS = 80
 LABELS = ('configure', 'cleanup', 'activate', 'deactivate')
 
 
-class Rig:
+class Led(Rig):
     """A servo that is led about, its camera, and its tracks one by one."""
 
     def __init__(self, bench, **values) -> None:
-        self.bench, self.stamp_ns = bench, STAMP_NS
-        self.twists = bench.listen(TwistMessage, 'cmd_vel')
-        self.phases = bench.listen(String, 'phase', qos.LATCHED)
         self.events = bench.listen(String, 'servo_node/events')
-        self.send = bench.talk(PointCloud2, 'tracks')
-        self.calibrate = bench.talk(CameraInfo, 'camera_info')
-        values = {'autostart': True, 'stale_timeout': 60.0, 'max_latency': 0.0, **values}
-        self.node = bench.start(ServoNode, **values)
+        super().__init__(bench, calibrated=False, stale_timeout=60.0, **values)
 
     def see(self) -> None:
         """Let the tracks of another image, with its camera_info, arrive."""
@@ -47,55 +31,47 @@ class Rig:
         self.see_tracks()
 
     def see_tracks(self) -> None:
-        self.send(write.features(FEATURES, self.stamp_ns, 'camera'))
+        self.send(tracks(stamp_ns=self.stamp_ns))
         self.stamp_ns += PERIOD_NS
         self.bench.settle()
 
-    def drive(self) -> 'Rig':
-        """See until the robot is told to move."""
-        for _ in range(20):
-            self.see()
-            if self.moving:
-                return self
-        pytest.fail('the robot was never told to move')
-
     @property
     def moving(self) -> bool:
-        return bool(self.twists) and read.twist(self.twists[-1]) != STANDSTILL
+        return self.twist != STANDSTILL
 
 
 @pytest.fixture
 def rig(bench):
-    return Rig(bench)
+    return Led(bench)
 
 
 def test_a_servo_that_is_not_active_commands_nothing(bench) -> None:
-    rig = Rig(bench, autostart_node=False)
+    rig = Led(bench, autostart_node=False)
     rig.see()
     go(bench, rig.node, 'configure')
     rig.see()
-    assert (rig.twists, rig.phases) == ([], [])
+    assert (rig.commands, rig.words) == ([], [])
     go(bench, rig.node, 'activate')
-    assert rig.drive().phases
+    assert rig.drive().words
 
 
 def test_deactivated_in_mid_run_it_stops_the_robot_and_is_silent(rig) -> None:
     rig.drive()
     go(rig.bench, rig.node, 'deactivate')
     rig.bench.until(lambda: not rig.moving, 'the zero twist')
-    told, phases = len(rig.twists), len(rig.phases)
+    told, phases = len(rig.commands), len(rig.words)
     rig.see()
-    assert (len(rig.twists), len(rig.phases)) == (told, phases)
-    assert rig.phases[-1].data == 'waiting'
+    assert (len(rig.commands), len(rig.words)) == (told, phases)
+    assert rig.words[-1].data == 'waiting'
     assert event_log.from_text(rig.events[-1].data).event == 'reset'  # for replays
 
 
 def test_deactivated_while_it_holds_it_tells_the_base_once_more_to_stand(rig) -> None:
     rig.drive().send(write.features(Features(), rig.stamp_ns, 'camera'))
     rig.bench.until(lambda: not rig.moving, 'the zero twist')
-    told = len(rig.twists)
+    told = len(rig.commands)
     go(rig.bench, rig.node, 'deactivate')
-    rig.bench.until(lambda: len(rig.twists) > told, 'another zero twist')
+    rig.bench.until(lambda: len(rig.commands) > told, 'another zero twist')
     assert not rig.moving
 
 
@@ -105,20 +81,20 @@ def test_the_last_twist_of_a_life_is_zero(rig, way) -> None:
     for label in way:
         assert change(rig.bench, rig.node, label=label)
     rig.bench.until(lambda: not rig.moving, 'the zero twist')
-    told = len(rig.twists)
+    told = len(rig.commands)
     rig.see()
-    assert len(rig.twists) == told
+    assert len(rig.commands) == told
 
 
 def test_a_run_never_goes_on_by_itself(bench) -> None:
-    rig = Rig(bench, autostart=False)
+    rig = Led(bench, autostart=False)
     rig.see()
     assert bench.call('servo_node/start').success
     rig.drive()
     go(bench, rig.node, 'deactivate', 'activate')
-    told = len(rig.twists)
+    told = len(rig.commands)
     rig.see()
-    assert (rig.moving, len(rig.twists), rig.phases[-1].data) == (False, told, 'waiting')
+    assert (rig.moving, len(rig.commands), rig.words[-1].data) == (False, told, 'waiting')
     assert bench.call('servo_node/start').success
     rig.drive()
 
@@ -128,7 +104,7 @@ def test_with_autostart_a_new_run_begins(rig, way) -> None:
     rig.drive()
     go(rig.bench, rig.node, 'deactivate', *way, 'activate')
     rig.bench.until(lambda: not rig.moving, 'the zero twist')
-    assert read.phase(rig.phases[-1].data) == 'waiting'
+    assert read.phase(rig.words[-1].data) == 'waiting'
     rig.drive()
 
 
@@ -177,7 +153,7 @@ def test_the_camera_is_kept_while_inactive_and_asked_for_anew_after_a_cleanup(ri
 
 
 def test_a_parameter_that_changes_in_any_state_holds_when_it_is_active(bench) -> None:
-    rig = Rig(bench, autostart_node=False)
+    rig = Led(bench, autostart_node=False)
     settings = bench.listen(String, 'servo_node/settings', qos.LATCHED)
     for value, way in ((0.11, 'configure'), (0.12, 'activate')):
         (answer,) = rig.node.set_parameters([Parameter('max_linear', value=value)])
@@ -191,14 +167,14 @@ def test_led_about_at_random_in_mid_run_it_moves_while_active_alone(rig) -> None
     chance, before, runs = random.Random(5), None, 0
     for _ in range(STEPS):
         rig.see()
-        active, told = rig.node.is_active, len(rig.twists)
+        active, told = rig.node.is_active, len(rig.commands)
         runs += rig.moving
         assert active or not rig.moving
         change(rig.bench, rig.node, label=chance.choice(LABELS))
         if active and not rig.node.is_active:
             rig.bench.until(lambda: not rig.moving, 'the zero twist')  # noqa: B023
         elif not active:
-            assert len(rig.twists) == told
+            assert len(rig.commands) == told
         if rig.node.state == 'unconfigured':
             before = before or entities(rig.node)
             assert entities(rig.node) == before
