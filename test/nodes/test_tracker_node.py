@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import rclpy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from tracker_rig import message, Rig, STAMP_NS
 
 from visual_servo_epipolar.core.cameras.registry import camera_of_size
 from visual_servo_epipolar.core.tracking.tracker import Tracker, TrackerSettings
@@ -19,8 +20,6 @@ from visual_servo_epipolar.nodes.startup.complaints import Complaints, PATIENCE_
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.tracking import reports
-
-STAMP_NS = 5_000_000_007
 
 
 @pytest.fixture(autouse=True)
@@ -33,39 +32,6 @@ def attentive(monkeypatch) -> None:
     monkeypatch.setattr(reports, 'LOOK_PERIOD_S', 0.02)
     monkeypatch.setattr(reports, 'SILENT_S', 0.2)
     monkeypatch.setattr(reports, 'SIMULATED_SILENT_S', 0.2)
-
-
-class Rig:
-    """A running tracker node with a camera in front of it."""
-
-    def __init__(self, bench, simulator, **values) -> None:
-        self.bench, self.camera = bench, simulator.camera
-        self.clouds = bench.listen(PointCloud2, 'tracks')
-        self.send = bench.talk(Image, 'image_raw')
-        self.calibrate = bench.talk(CameraInfo, 'camera_info')
-        self.teach = bench.talk(Image, 'desired/image_raw', qos.LATCHED)
-        self.node = bench.start(TrackerNode, **values)
-
-    def calibrated(self):
-        self.calibrate(write.camera_info(self.camera, 0, 'camera'))
-        self.bench.settle()
-        return self
-
-    def taught(self, photograph):
-        self.teach(message(photograph))
-        self.bench.until(lambda: self.node.ready, 'the photograph to arrive')
-        return self
-
-    def track(self, image, stamp_ns=STAMP_NS):
-        """Send an image and return the features of its cloud."""
-        count = len(self.clouds)
-        self.send(message(image, stamp_ns))
-        self.bench.until(lambda: len(self.clouds) > count, 'tracks')
-        return read.features(self.clouds[-1])
-
-
-def message(image, stamp_ns=STAMP_NS):
-    return write.image(image, 'mono8', stamp_ns, 'camera')
 
 
 def now_ns(rig):

@@ -2,33 +2,23 @@
 
 from lifecycles import change, entities, go
 import pytest
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import Image
+from tracker_rig import Rig, STAMP_NS
 
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup import complaints
-from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 
-STAMP_NS, PERIOD_NS = 5_000_000_007, 90_909_091
+PERIOD_NS = 90_909_091
 
 
-class Rig:
+class Led(Rig):
     """A tracker that is led about, with a camera in front of it."""
 
     def __init__(self, bench, simulator, view, **values) -> None:
-        self.bench, self.camera, self.stamp_ns = bench, simulator.camera, STAMP_NS
-        self.view = view
-        self.clouds = bench.listen(PointCloud2, 'tracks')
+        self.view, self.stamp_ns = view, STAMP_NS
         self.desired = bench.listen(Image, 'tracker_node/desired/image_raw', qos.LATCHED)
-        self.send = bench.talk(Image, 'image_raw')
-        self.calibrate = bench.talk(CameraInfo, 'camera_info')
-        self.teach = bench.talk(Image, 'desired/image_raw', qos.LATCHED)
-        self.node = bench.start(TrackerNode, **values)
-
-    def taught(self, photograph) -> 'Rig':
-        self.teach(write.image(photograph, 'mono8', 0, 'camera'))
-        self.bench.until(lambda: self.node.ready, 'the photograph to arrive')
-        return self
+        super().__init__(bench, simulator, **values)
 
     def see(self, *, calibrated=True) -> int:
         """Let an image arrive, and return how many features came of it; -1 if no cloud did."""
@@ -44,11 +34,11 @@ class Rig:
 
 @pytest.fixture
 def rig(bench, simulator, view):
-    return Rig(bench, simulator, view)
+    return Led(bench, simulator, view)
 
 
 def test_a_tracker_that_is_not_active_is_silent(bench, simulator, view) -> None:
-    rig = Rig(bench, simulator, view, autostart_node=False)
+    rig = Led(bench, simulator, view, autostart_node=False)
     assert rig.see() == -1
     go(bench, rig.node, 'configure')
     assert rig.see() == -1
@@ -123,7 +113,7 @@ def test_a_captured_photograph_outlives_a_cleanup_if_it_is_kept(
     bench, simulator, view, tmp_path, kept
 ) -> None:
     path = str(tmp_path / 'goal.yaml') if kept else ''
-    rig = Rig(bench, simulator, view, photograph=path)
+    rig = Led(bench, simulator, view, photograph=path)
     rig.see()
     assert bench.call('tracker_node/capture_desired').success
     go(bench, rig.node, 'deactivate', 'cleanup', 'configure', 'activate')
@@ -135,7 +125,7 @@ def test_a_photograph_that_is_broken_leaves_it_unconfigured(
     bench, simulator, view, tmp_path
 ) -> None:
     path = tmp_path / 'goal.yaml'
-    rig = Rig(bench, simulator, view, photograph=str(path), autostart_node=False)
+    rig = Led(bench, simulator, view, photograph=str(path), autostart_node=False)
     before = entities(rig.node)
     path.write_text('no photograph')
     assert not change(bench, rig.node, label='configure')
@@ -148,7 +138,7 @@ def test_a_photograph_that_is_broken_leaves_it_unconfigured(
 def test_it_says_what_it_waits_for_while_active_alone(bench, simulator, view, monkeypatch) -> None:
     monkeypatch.setattr(complaints, 'LOOK_PERIOD_S', 0.02)
     monkeypatch.setattr(complaints, 'PATIENCE_S', 0.1)
-    rig = Rig(bench, simulator, view, autostart_node=False)
+    rig = Led(bench, simulator, view, autostart_node=False)
     complaints.watch(rig.node)
     go(bench, rig.node, 'configure')
     bench.pass_time(3 * complaints.PATIENCE_S)

@@ -10,9 +10,11 @@ from durations import few_of
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import Image
 from servo_rig import HandSetClock
 from std_msgs.msg import String
+import tracker_rig
+from tracker_rig import message
 import yaml
 
 from visual_servo_epipolar.core.geometry.motion import Pose
@@ -32,17 +34,13 @@ from visual_servo_epipolar.simulation.light import LightSettings
 HOME = Pose.from_start(0.0, 0.0, 0.0)
 
 
-class Rig:
+class Rig(tracker_rig.Rig):
     """A tracker with a camera that stands at the goal, or is driven about."""
 
     def __init__(self, bench, simulator, *, camera=None, **values) -> None:
-        self.bench, self.simulator, self.stamp_ns = bench, simulator, 0
-        self.clouds = bench.listen(PointCloud2, 'tracks')
-        self._send = bench.talk(Image, 'image_raw')
-        info = bench.talk(CameraInfo, 'camera_info')
-        self.node = bench.start(TrackerNode, **values)
-        info(write.camera_info(camera or simulator.camera, 0, 'camera'))
-        bench.settle()
+        super().__init__(bench, simulator, **values)
+        self.stamp_ns, self.camera = 0, camera or self.camera
+        self.calibrated()
 
     def see(self, pose=HOME, times=1):
         """Send images, each with noise of its own, and return the last features."""
@@ -50,7 +48,7 @@ class Rig:
             self.stamp_ns += 1_000_000
             count = len(self.clouds)
             image = self.simulator.capture(pose, self.stamp_ns // 1_000_000)
-            self._send(write.image(image, 'mono8', self.stamp_ns, 'camera'))
+            self.send(message(image, self.stamp_ns))
             self.bench.until(lambda count=count: len(self.clouds) > count, 'tracks')
         return read.features(self.clouds[-1])
 
@@ -384,20 +382,16 @@ def test_one_view_follows_an_arrival_that_was_seen() -> None:
         assert not renewal.is_due()
 
 
-class RigPhotographer:
+class Asked(tracker_rig.Rig):
     """A tracker that has seen an image, and can be asked for a photograph."""
 
     def __init__(self, bench, simulator, view, **values) -> None:
-        self.bench, self.camera = bench, simulator.camera
-        self._send, self._view = bench.talk(Image, 'image_raw'), view
-        self.calibrate = bench.talk(CameraInfo, 'camera_info')
-        self.node = bench.start(TrackerNode, **values)
-        self.calibrate(write.camera_info(self.camera, 0, 'camera'))
-        bench.settle()
-        self.see()
+        super().__init__(bench, simulator, **values)
+        self._view = view
+        self.calibrated().see()
 
     def see(self) -> None:
-        self._send(write.image(self._view, 'mono8', 7, 'camera'))
+        self.send(message(self._view, 7))
         self.bench.settle()
 
     def capture(self) -> str:
@@ -407,7 +401,7 @@ class RigPhotographer:
 
 @pytest.fixture
 def rig(bench, simulator, view):
-    return RigPhotographer(bench, simulator, view)
+    return Asked(bench, simulator, view)
 
 
 def test_no_photograph_is_captured_while_the_camera_is_uncalibrated(rig) -> None:
@@ -423,7 +417,7 @@ def test_a_photograph_from_elsewhere_is_of_no_other_camera(
 ) -> None:
     path, other = tmp_path / 'goal.yaml', replace(simulator.camera, fx=150.0, fy=150.0)
     keep(path, Photograph(view, other))
-    rig = RigPhotographer(bench, simulator, view, photograph=str(path))
+    rig = Asked(bench, simulator, view, photograph=str(path))
     assert rig.node._photographer.complaint(rig.camera)
     bench.talk(Image, 'desired/image_raw', qos.LATCHED)(write.image(photograph, 'mono8', 7, 'c'))
     bench.until(lambda: bench.logged('px taken'), 'the photograph')
