@@ -10,8 +10,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.docking.dock_pose import DockPose
-from visual_servo_epipolar.core.docking.search import DockSearch, update_search
+from visual_servo_epipolar.core.docking.search import DockPose, DockSearch, update_search
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings, DockTaskSettings
 from visual_servo_epipolar.core.geometry.planar_poses import compose
 from visual_servo_epipolar.core.odometry.path import LONGEST_STEP_S, PathPlace
@@ -20,8 +19,7 @@ from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.messages import docking, read, validation, write
 from visual_servo_epipolar.messages.docking import DockRobotWire
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.docking.reversal import Reversal
-from visual_servo_epipolar.nodes.docking.server import DEACTIVATED, DockServer
+from visual_servo_epipolar.nodes.dock_server import DEACTIVATED, DockServer, Reversal
 from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.lifecycle.gates import serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
@@ -32,12 +30,7 @@ from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 
-WARN_PERIOD_S = 5.0
 MOST_PENDING = 10  # tracks that wait for odometry: more are of a base that is silent
-NO_UNDOCKING = (
-    'dock_robot is served, undock_robot is not, and its clients wait in vain; drive the robot off '
-    "by joystick or Nav2's backup"
-)
 NO_NAV2 = (
     'nav2_msgs cannot be imported, dock_robot is not served; install ros-jazzy-nav2-msgs for it'
 )
@@ -97,7 +90,7 @@ class DockNode(ManagedNode):
 
     def __init__(self, wire: DockRobotWire | None = None, **options: Any) -> None:
         super().__init__('dock_node', **options)
-        self._warn = Complaints(self, WARN_PERIOD_S)
+        self._warn = Complaints(self)
         self._node_settings = parameters.declare(self, DockNodeSettings)
         self._task_settings = parameters.declare(self, DockTaskSettings)
         self._settings = parameters.declare(self, DockPoseSettings)
@@ -172,7 +165,10 @@ class DockNode(ManagedNode):
         if wire is None:
             self.get_logger().error(NO_NAV2)
             return None
-        self.get_logger().info(NO_UNDOCKING)
+        self.get_logger().info(
+            'dock_robot is served, undock_robot is not, and its clients wait in vain; drive the '
+            "robot off by joystick or Nav2's backup"
+        )
         return DockServer(self, wire, settings.servo, self._task_settings, self._refusal)
 
     def _refusal(self) -> str:

@@ -1,5 +1,6 @@
 """Quality-of-service profiles, each with its reason."""
 
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 # What we publish is reliable, as profiles are where they do not say it, so that either kind of
@@ -8,6 +9,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 STREAM = COMMAND = QoSProfile(depth=1)
 # A photograph, or a state, must reach subscribers that come late.
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+ACKNOWLEDGEMENT = Duration(seconds=0.2)  # longest wait until a last message is acknowledged
 # /clock as ROS defines it.
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 DIAGNOSTICS = QoSProfile(depth=10)

@@ -26,8 +26,6 @@ from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import RecorderNodeSettings
 
 DISCOVERY_PERIOD_S = 0.2
-DISCOVERIES_A_REPORT = 5  # one report a second
-WARN_PERIOD_S, MISSING_PERIOD_S = 5.0, 30.0
 PATIENT_DISCOVERIES = 25  # before a topic is missed, five seconds
 
 
@@ -140,7 +138,7 @@ class RecorderNode(ManagedNode):
             self._raw_subscriptions.discover()
             self._miss_topics()
         self._discoveries += 1
-        if self._discoveries % DISCOVERIES_A_REPORT == 0:
+        if self._discoveries % round(1.0 / DISCOVERY_PERIOD_S) == 0:  # once a second
             self._raw_subscriptions.refresh()
             self._report(status)
 
@@ -150,7 +148,7 @@ class RecorderNode(ManagedNode):
         if missing and self._discoveries >= PATIENT_DISCOVERIES:
             self.get_logger().warning(
                 f'waits for {", ".join(missing)} (0 publishers)',
-                throttle_duration_sec=MISSING_PERIOD_S,
+                throttle_duration_sec=30.0,
             )
 
     def _fail(self, status: RecordingStatus) -> None:
@@ -180,7 +178,7 @@ class RecorderNode(ManagedNode):
             self.get_logger().warning(
                 f'the disk does not keep up, {dropped} messages dropped so far: '
                 f'{_counts(status.dropped)}',
-                throttle_duration_sec=WARN_PERIOD_S,
+                throttle_duration_sec=5.0,
             )
         if not self._node_settings.report:
             return

@@ -45,10 +45,6 @@ from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import RouteNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 
-WARN_PERIOD_S = 5.0
-PRESSED = 'the stop button is pressed; release it, then call ~/repeat'
-NAMELESS = 'the parameter route names no folder; set it: ros2 param set {name} route FOLDER'
-
 
 class RouteNode(ManagedNode):
     """
@@ -61,7 +57,7 @@ class RouteNode(ManagedNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('route_node', **options)
-        self._warn = Complaints(self, WARN_PERIOD_S)
+        self._warn = Complaints(self)
         self._node_settings = parameters.declare(self, RouteNodeSettings)
         self._servo: ServoSettings = parameters.declare(self, StationSettings)
         self._follow = parameters.declare(self, FollowSettings)
@@ -71,7 +67,7 @@ class RouteNode(ManagedNode):
         parameters.watch(self, '_teach')
         parameters.watch(self, '_servo', self._use)
         parameters.watch(self, '_follow', self._use)
-        self._stop_button = StopButton(self, self._stop)
+        self._stop_button = StopButton(self, self._stop, again='~/repeat')
         self._begins = self._servo.autostart
         actions: dict[str, Callable[[], str]] = {
             'start_recording': self._start_recording,
@@ -247,7 +243,10 @@ class RouteNode(ManagedNode):
     def _folder(self) -> Path:
         """Return the folder of the route; InputError if none is named."""
         if not self._node_settings.route:
-            raise InputError(NAMELESS.format(name=self.get_fully_qualified_name()))
+            name = self.get_fully_qualified_name()
+            raise InputError(
+                f'the parameter route names no folder; set it: ros2 param set {name} route FOLDER'
+            )
         return Path(self._node_settings.route)
 
     def _start_recording(self) -> str:
@@ -316,7 +315,7 @@ class RouteNode(ManagedNode):
     def _refusal(self) -> str:
         """Return why no repetition may begin now; or ''."""
         if self._stop_button.pressed:
-            return PRESSED
+            return self._stop_button.trouble
         if self._recording is not None:
             return 'a way is being recorded; ~/stop_recording it first'
         trouble = self._missing or self._camera.static_mount.trouble

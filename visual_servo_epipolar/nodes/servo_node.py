@@ -21,21 +21,19 @@ from visual_servo_epipolar.nodes.servoing.admission import Admission
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.driven_path import DrivenPath
+from visual_servo_epipolar.nodes.servoing.freshness import IDLE_PERIOD_S, WATCH_PERIOD_S
 from visual_servo_epipolar.nodes.servoing.head import Head
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
 from visual_servo_epipolar.nodes.servoing.run import Run, WAITS_FOR_END
-from visual_servo_epipolar.nodes.servoing.switches import Enable, PRESSED, StopButton
+from visual_servo_epipolar.nodes.servoing.switches import Enable, StopButton
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 
-WARN_PERIOD_S = 5.0
-WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0
 AHEAD_S = 0.1  # by which an image may be newer than odometry: the base goes on as it did
 MEANWHILE = 'the servo goes by its commands meanwhile'
-BEGINS = 'drives as soon as the next image comes'
 
 
 class ServoNode(ManagedNode):
@@ -50,7 +48,7 @@ class ServoNode(ManagedNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('servo_node', **options)
-        self._warn = Complaints(self, WARN_PERIOD_S)
+        self._warn = Complaints(self)
         self._node_settings = parameters.declare(self, ServoNodeSettings)
         self._settings = parameters.declare(self, ServoSettings)
         parameters.finish(self, options)
@@ -270,7 +268,7 @@ class ServoNode(ManagedNode):
     def _standstill(self) -> tuple[str, bool]:
         """Return why the robot stands, '' if its state says it, and whether that is alarming."""
         if self._stop_button.pressed:
-            return PRESSED, True
+            return self._stop_button.trouble, True
         if not self._run.active:
             lapsed = self._run.lapsed
             return (f'{lapsed}; ' if lapsed else '') + self._not_started, bool(lapsed)
@@ -279,7 +277,9 @@ class ServoNode(ManagedNode):
         if self._state.ended:
             return '', False
         lacking = self._lacking
-        return f'{WAITS_FOR_END}{lacking}' if lacking else BEGINS, bool(lacking)
+        if lacking:
+            return f'{WAITS_FOR_END}{lacking}', True
+        return 'drives as soon as the next image comes', False
 
     @property
     def _lacking(self) -> str:
@@ -292,7 +292,7 @@ class ServoNode(ManagedNode):
     def _refusal(self) -> str:
         """Return why a run may not begin now; or ''."""
         if self._stop_button.pressed:
-            return PRESSED
+            return self._stop_button.trouble
         contested = self._admission.contested()
         if contested or not self._node_settings.watchdog or self._run.is_armed_for_good:
             return contested

@@ -4,7 +4,6 @@ from dataclasses import replace
 import sys
 from typing import Any
 
-from rclpy.duration import Duration
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import String
 
@@ -33,7 +32,6 @@ from visual_servo_epipolar.nodes.tracking.photograph import read_photographs
 from visual_servo_epipolar.nodes.tracking.photographer import Photographer, Renewal
 from visual_servo_epipolar.nodes.tracking.reports import TrackerReports
 
-WARN_PERIOD_S, LAST_WORD_S = 5.0, 0.2
 NO_CAMERA = 'no usable camera_info yet; an image waits for it, the robot stands'
 
 
@@ -49,7 +47,7 @@ class TrackerNode(ManagedNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('tracker_node', **options)
-        self._warn = Complaints(self, WARN_PERIOD_S)
+        self._warn = Complaints(self)
         self._node_settings = parameters.declare(self, TrackerNodeSettings)
         self._settings = parameters.declare(self, TrackerSettings)
         parameters.finish(self, options)
@@ -96,7 +94,7 @@ class TrackerNode(ManagedNode):
                 Features(goal=self._tracker.goal.id), self._stamp_ns + 1, self._frame_id
             )
             self._tracks_pub.publish(nothing)
-            self._tracks_pub.wait_for_all_acked(Duration(seconds=LAST_WORD_S))
+            self._tracks_pub.wait_for_all_acked(qos.ACKNOWLEDGEMENT)
         self._latest = self._pending_image = None
         self._photographer.see(None)
 

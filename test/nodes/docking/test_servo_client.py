@@ -11,9 +11,8 @@ from std_msgs.msg import String
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import diagnostics, write
-from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.docking import servo_client
-from visual_servo_epipolar.nodes.docking.servo_client import ServoClient
+from visual_servo_epipolar.nodes import dock_server, qos
+from visual_servo_epipolar.nodes.dock_server import ServoClient
 
 NO_PATIENCE_S, LONG_S = 0.05, 600.0
 
@@ -48,7 +47,7 @@ def servo(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], Se
     """Return what makes a servo whose client has so much patience [s]."""
 
     def make(patience_s: float) -> Servo:
-        monkeypatch.setattr(servo_client, 'PATIENCE_S', patience_s)
+        monkeypatch.setattr(dock_server, 'PATIENCE_S', patience_s)
         return Servo(bench)
 
     return make

@@ -13,7 +13,7 @@ from dock_requests import Led  # noqa: E402
 
 from visual_servo_epipolar.core.docking.task import Error  # noqa: E402
 from visual_servo_epipolar.core.laws.phase import Phase  # noqa: E402
-from visual_servo_epipolar.nodes.docking.server import DEACTIVATED  # noqa: E402
+from visual_servo_epipolar.nodes.dock_server import DEACTIVATED  # noqa: E402
 
 GIVEN_UP = (GoalStatus.STATUS_ABORTED, [0, int(Error.UNKNOWN), 0])
 DOCKED = (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])

@@ -169,6 +169,7 @@ def test_a_stop_button_stops_and_keeps_from_starting(driving) -> None:
     driving.bench.until(lambda: driving.stands, 'the order to stand')
     driving.see(picture(9))
     assert driving.stands and driving.node.phase == 'waiting'
+    assert driving.bench.logged('release it, then call ~/repeat')
     assert driving.call('repeat') == (
         False,
         'the stop button is pressed; release it, then call ~/repeat',

@@ -1,20 +1,14 @@
 """The search for the dock: views of the photograph along the path become its pose."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.docking.dock_pose import dock_of, DockPose
-from visual_servo_epipolar.core.docking.key_views import (
-    factors_along,
-    KeyView,
-    moved_enough,
-    thin_out,
-    window_of,
-)
+from visual_servo_epipolar.core.arrays import FloatArray, IntArray
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.planar_poses import (
     camera_at,
     compose,
@@ -24,22 +18,27 @@ from visual_servo_epipolar.core.geometry.planar_poses import (
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation, OUTLIER
 from visual_servo_epipolar.core.mapping.adjustment.factors import (
     camera_poses,
+    DIFFERENCE,
     ON_BASE,
     PathFactors,
     views_of,
 )
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
 from visual_servo_epipolar.core.mapping.adjustment.window import (
+    EMPTY,
+    HEADING,
     KeyframeWindow,
     PHOTOGRAPH,
     Unknowns,
+    VIEW,
 )
+from visual_servo_epipolar.core.mapping.feature_observations import FeatureObservations
 from visual_servo_epipolar.core.mapping.initialization import (
     refine_narrowing,
     shared_at,
     triangulate,
 )
-from visual_servo_epipolar.core.odometry.path import PathPlace
+from visual_servo_epipolar.core.odometry.path import PathPlace, uncertainty
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
@@ -52,6 +51,86 @@ LEAST_INLIERS = 0.5  # of the features in the last view, that others explain
 MAX_CONTRADICTIONS = 8  # in a row: then all is begun anew
 # Deviation over the distance, and deviation [m], above which the best guess is looked for anew.
 UNCERTAIN, UNCERTAIN_M = 0.25, 0.03
+MOST_FEATURES = 80  # those seen most often: more cost time, and tell little
+SAME_RAY = 1e-6  # [rad]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DockPose:
+    """
+    Pose of the dock in axes of the base at ``stamp_ns``: x forward, y left [m], turn [rad].
+
+    The dock is the base as it stood at the photograph. ``covariance``, (3, 3), is of all three.
+    """
+
+    stamp_ns: int
+    pose: FloatArray
+    covariance: FloatArray
+
+    @property
+    def deviation(self) -> float:
+        """Deviation of the place along its worst direction [m]."""
+        return math.sqrt(max(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]), 0.0))
+
+    def turned(self, angle: float) -> FloatArray:
+        """Return the covariance in axes in which those of the base are turned by ``angle``."""
+        turn = np.eye(3)
+        turn[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+        return np.asarray(turn @ self.covariance @ turn.T)
+
+    @property
+    def heading_deviation(self) -> float:
+        """Deviation of the heading [rad]."""
+        return math.sqrt(max(float(self.covariance[2, 2]), 0.0))
+
+
+def dock_of(geometry: Geometry, noise_ratio: float, stamp_ns: int) -> DockPose:
+    """Return the dock's pose at the last view, its covariance grown by the ``noise_ratio``."""
+    unknowns, size = geometry.unknowns, geometry.unknowns.views.size
+    view = range(size - VIEW, size - VIEW + HEADING + 1)
+    rows = [*view, *range(size + ON_BASE.start, size + ON_BASE.stop)]
+    values = np.concatenate([unknowns.views[-1, : HEADING + 1], unknowns.shared[ON_BASE]])
+    slopes = np.stack(
+        [
+            (_dock(values + step) - _dock(values - step)) / (2.0 * DIFFERENCE)
+            for step in DIFFERENCE * np.eye(6)
+        ],
+        axis=1,
+    )
+    root = max(noise_ratio, 1.0) * slopes @ geometry.root[rows]
+    return DockPose(stamp_ns, _dock(values), root @ root.T)
+
+
+def _dock(values: FloatArray) -> FloatArray:
+    """Return the dock in the base from view, (3,), and mount, (3,): M C^-1 M^-1."""
+    (camera,), mount = camera_poses(values[None, :3]), values[3:]
+    pose = compose(compose(mount, inverse_pose(camera)), inverse_pose(mount))
+    pose[2] = math.remainder(pose[2], 2.0 * math.pi)
+    return pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeyView:
+    """View along the path: where the base was, what it saw, and the bearings of that pair."""
+
+    place: PathPlace
+    observation: Observation
+    bearings: Bearings | None
+    parallax: float
+
+    @property
+    def ids(self) -> IntArray:
+        """The features by name, (N,)."""
+        ids = self.observation.ids
+        return np.arange(len(self.observation)) if ids is None else ids
+
+    def is_of_another_photograph(self, other: 'KeyView') -> bool:
+        """Return whether features of one name have other rays in the photograph."""
+        _, mine, its = np.intersect1d(self.ids, other.ids, return_indices=True)
+        if not len(mine):
+            return bool(len(self.ids) and len(other.ids))
+        apart = np.abs(self.observation.desired[mine] - other.observation.desired[its])
+        return bool(np.median(apart.max(axis=1)) > SAME_RAY)
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,3 +325,56 @@ def contradiction(solution: Solution) -> str:
         share = 100.0 * solution.inliers
         return f'only {share:.0f} % of the features are where the path puts them'
     return ''
+
+
+def moved_enough(before: KeyView, now: KeyView, settings: DockPoseSettings) -> bool:
+    """Return whether a view shows something new after another."""
+    x, y, turn = relative_pose(before.place.pose, now.place.pose).tolist()
+    return math.hypot(x, y) > settings.key_travel or abs(turn) > settings.key_turn
+
+
+def thin_out(keys: Sequence[KeyView], most: int) -> tuple[KeyView, ...]:
+    """Return ``keys`` less those whose neighbours are nearest each other, at most ``most``."""
+    keys = list(keys)
+    while len(keys) > most:
+        gaps = [_gap(keys[k - 1], keys[k + 1]) for k in range(1, len(keys) - 1)]
+        keys.pop(1 + int(np.argmin(gaps)))
+    return tuple(keys)
+
+
+def _gap(first: KeyView, last: KeyView) -> float:
+    return last.place.way - first.place.way + 0.5 * (last.place.turn - first.place.turn)
+
+
+def window_of(views: Sequence[KeyView], noise_px: float) -> KeyframeWindow:
+    """Return what ``views``, in order of time, show of the features that are seen most often."""
+    window = EMPTY
+    for view in views:
+        seen, noise = view.observation, noise_px * view.observation.resolution
+        features = FeatureObservations.owning(view.ids, seen.current, seen.desired, noise)
+        window = window.with_view(features, view.place.pose[:2])
+    often = np.argsort(-window.seen.sum(0), kind='stable')[:MOST_FEATURES]
+    return window.of_features(np.isin(np.arange(len(window.ids)), often))
+
+
+def factors_along(views: Sequence[KeyView], settings: DockPoseSettings) -> PathFactors:
+    """Return what the path between ``views``, and the settings, tell beside the images."""
+    pairs = list(zip(views[:-1], views[1:], strict=True))
+    motions = [relative_pose(a.place.pose, b.place.pose) for a, b in pairs]
+    weights = [_root(a.place, b.place, settings) for a, b in pairs]
+    return PathFactors(
+        settings.mount,
+        len(views),
+        way=0.0,
+        scale_deviation=math.inf,
+        motions=np.array(motions).reshape(-1, 3),
+        weights=np.array(weights).reshape(-1, 3, 3),
+        prior=np.append(settings.camera_place, 0.0),
+        deviations=settings.path_deviations,
+    )
+
+
+def _root(before: PathPlace, after: PathPlace, settings: DockPoseSettings) -> FloatArray:
+    """Return W, (3, 3), such that W^T W is the information of the motion between two places."""
+    covariance = uncertainty(before, after, settings.path_deviation)
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))

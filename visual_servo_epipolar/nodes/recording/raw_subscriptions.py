@@ -25,12 +25,12 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.startup.executor import hand_out
+from visual_servo_epipolar.nodes.startup.guards import CLOCK
 
 # Messages that may wait in DDS while this process does something else: 3 s of images at 30 Hz,
 # 5 s of small ones at 200 Hz.
 IMAGE_DEPTH, DEPTH = 100, 1000
 IMAGES = 'sensor_msgs/msg/Image'
-CLOCK = '/clock'
 MESSAGE_TYPE = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
 
 

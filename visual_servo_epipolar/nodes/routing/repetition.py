@@ -23,9 +23,8 @@ from visual_servo_epipolar.messages.event_log import FAILED, HELD, STARTED, STOP
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.lifecycle.reports import NodeReports
 from visual_servo_epipolar.nodes.servoing.commands import Commands
-from visual_servo_epipolar.nodes.servoing.freshness import Freshness
+from visual_servo_epipolar.nodes.servoing.freshness import Freshness, IDLE_PERIOD_S, WATCH_PERIOD_S
 
-WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0
 STANDS = RouteStep(STANDSTILL, WAITING)
 
 

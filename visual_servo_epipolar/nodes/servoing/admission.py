@@ -15,8 +15,6 @@ from visual_servo_epipolar.nodes.servoing.run import QUIET_S, Run
 from visual_servo_epipolar.nodes.servoing.switches import Enable
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
-WAITS_FOR_START = 'resume is manual: after a hold the robot stands until ~/start is called'
-
 
 class Admission:
     """
@@ -102,7 +100,8 @@ class Admission:
     def withheld(self) -> str:
         """Return that the robot may not drive, or that it waits for a new start; or ''."""
         trouble = self._enable.withheld() if self._settings().watchdog else ''
-        return trouble or (WAITS_FOR_START if self.waits_for_start else '')
+        waits = 'resume is manual: after a hold the robot stands until ~/start is called'
+        return trouble or (waits if self.waits_for_start else '')
 
     @property
     def waits_for_start(self) -> bool:

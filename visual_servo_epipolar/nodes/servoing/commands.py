@@ -3,7 +3,6 @@
 import math
 
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
@@ -16,7 +15,6 @@ from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servoing.head import Head
 from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings
 
-STOP_TIMEOUT_S = 0.2
 SETTLING_S = 1.0  # zero twists after the end of a run; then others may drive
 
 
@@ -91,7 +89,7 @@ class Commands:
 
     def wait(self) -> None:
         """Wait until the last command is acknowledged."""
-        self._command_pub.wait_for_all_acked(Duration(seconds=STOP_TIMEOUT_S))
+        self._command_pub.wait_for_all_acked(qos.ACKNOWLEDGEMENT)
 
 
 def _just_now(then_ns: int | None, now_ns: int) -> bool:

@@ -5,6 +5,8 @@ from rclpy.clock import Clock, ClockType
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import seconds_between
 
+WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0  # of looks at what drives, and at what stands
+
 
 class Freshness:
     """

@@ -19,26 +19,35 @@ RELEASE_S = 2.0
 # One of the two subscriptions fits; that the other does not is no news.
 NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 ENABLE = 'enable'  # the topic of the heartbeat
-PRESSED = 'the stop button is pressed; release it, then call ~/start'
 
 
 class StopButton:
     """
-    Stop button of the servo ``node``, a std_msgs/Bool; ``on_press`` takes the reason.
+    Stop button of a ``node`` that drives, a std_msgs/Bool; ``on_press`` takes the reason.
+
+    ``again`` is the service by which the robot drives after it.
 
     A true presses it. A false releases it where one button publishes. Of several the one that says
     false is not the one that was pressed: it is released where none has sent true for RELEASE_S,
     nor says so when those that are latched are asked anew.
     """
 
-    def __init__(self, node: ManagedNode, on_press: Callable[[str], None]) -> None:
-        self._node, self._on_press = node, on_press
+    def __init__(
+        self, node: ManagedNode, on_press: Callable[[str], None], again: str = '~/start'
+    ) -> None:
+        self._node, self._on_press, self._again = node, on_press, again
         self._topic = node.resolve_topic_name('stop_button')
         self.pressed, self._said_again = False, False
         self._asking: tuple[Any, Any] | None = None  # subscription and timer of a doubtful release
         # Latched, so that a servo that is started in mid-press learns of it; and any other button.
         for profile in (qos.LATCHED_SWITCH, qos.SWITCH):
             self._subscribe(profile, self._on_button)
+
+    @property
+    def trouble(self) -> str:
+        """That the button is pressed, and what to do; or ''."""
+        again = f'the stop button is pressed; release it, then call {self._again}'
+        return again if self.pressed else ''
 
     @in_every_state
     def _on_button(self, message: Bool) -> None:
@@ -56,13 +65,13 @@ class StopButton:
             return
         was_pressed, self.pressed, self._said_again = self.pressed, True, True
         if not was_pressed:
-            self._node.get_logger().warning(PRESSED)
+            self._node.get_logger().warning(self.trouble)
             self._on_press('the stop button is pressed')
 
     def _release(self) -> None:
         self.pressed = False
         self._node.get_logger().info(
-            'the stop button is released; the robot stands until ~/start is called'
+            f'the stop button is released; the robot stands until {self._again} is called'
         )
 
     def _ask(self) -> None:

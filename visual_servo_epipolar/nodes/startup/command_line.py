@@ -8,15 +8,13 @@ import textwrap
 from visual_servo_epipolar.nodes.startup.table import NODES
 
 USAGE_ERROR, UNREAD = 2, 141
-HELP = ('-h', '--help')
 ROS_ARGUMENTS = '--ros-args -p NAME:=VALUE --params-file FILE'
-WIDTH = 99
 
 
 def answer(node: str, arguments: Sequence[str]) -> int | None:
     """Return the exit code if nothing is left to run, the reason printed; or None."""
     ros, rest = split(arguments)
-    if any(word in HELP for word in (*ros, *rest)):
+    if {'-h', '--help'}.intersection((*ros, *rest)):
         return _print(usage(node))
     if rest:
         print(
@@ -50,7 +48,7 @@ def usage(node: str) -> str:
             row.does,
             '',
             *(
-                textwrap.fill(f'{title + ":":12}{names}', WIDTH, subsequent_indent=' ' * 12)
+                textwrap.fill(f'{title + ":":12}{names}', 99, subsequent_indent=' ' * 12)
                 for title, names in connections.items()
                 if names
             ),

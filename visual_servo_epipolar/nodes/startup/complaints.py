@@ -12,12 +12,12 @@ from rclpy.subscription import Subscription
 
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING, seconds_between
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
+from visual_servo_epipolar.nodes.startup.guards import REPEAT_S
 
 NUMBER = re.compile(r'[-+]?(?:\d[\d.]*(?:e[-+]?\d+)?|\b(?:nan|inf)\b)')
 MOST = 100  # kinds of complaints that are remembered: texts of others may be in them
 LOOK_PERIOD_S = 1.0
 PATIENCE_S = 5.0  # time without a message, or without /clock, before it is logged
-REPEAT_S = 30.0
 COMPRESSED = '/compressed'  # what image_transport puts after the name of the images
 ANY_DRIVER = 'set camera_reliability: auto'
 
@@ -30,7 +30,7 @@ class Complaints:
     one complaint would hide every other that comes from the same line.
     """
 
-    def __init__(self, node: Node, period_s: float) -> None:
+    def __init__(self, node: Node, period_s: float = 5.0) -> None:
         self._node, self._period_s = node, period_s
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._said_ns: dict[str, int] = {}

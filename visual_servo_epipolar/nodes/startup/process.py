@@ -8,7 +8,6 @@ from pathlib import Path
 import signal
 import sys
 
-MALLOPT_MMAP_THRESHOLD, MALLOPT_TRIM_THRESHOLD = -3, -1
 KEEP_BYTES = 2**23  # an image of 8 MB; a match of whole images takes 300 MB for a moment
 DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
 # Ctrl-C, kill, a terminal that is closed, Ctrl-backslash.
@@ -30,8 +29,8 @@ def tune_transport(*, sends_images: bool = True) -> None:
     if sys.platform == 'linux':
         libc = ctypes.CDLL(None)
         if hasattr(libc, 'mallopt'):
-            libc.mallopt(MALLOPT_MMAP_THRESHOLD, KEEP_BYTES)
-            libc.mallopt(MALLOPT_TRIM_THRESHOLD, KEEP_BYTES)
+            for option in (-3, -1):  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD
+                libc.mallopt(option, KEEP_BYTES)
 
 
 @contextmanager

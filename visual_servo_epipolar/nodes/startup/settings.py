@@ -7,21 +7,17 @@ from typing import Any, ClassVar
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 
-RELIABILITIES = ('auto', 'reliable', 'best_effort')  # of images, as in nodes.qos
-RESUMES = ('automatic', 'manual')
-TRANSPORTS = ('raw', 'compressed')
 HEAD_COMMANDS = ('position', 'velocity', 'trajectory')
-PATH_SOURCES = ('odometry', 'commands')
 
 
 def _reliability(what: str) -> Any:
     text = f'Subscribe to {what} as: auto finds out what the driver offers'
-    return fixed('auto', text, choices=RELIABILITIES)
+    return fixed('auto', text, choices=('auto', 'reliable', 'best_effort'))
 
 
 def _path_source(metres: str) -> Any:
     text = f'{metres} come from: odom, or the commands on cmd_vel'
-    return fixed('odometry', text, choices=PATH_SOURCES)
+    return fixed('odometry', text, choices=('odometry', 'commands'))
 
 
 def _mount_from_tf() -> Any:
@@ -63,7 +59,7 @@ class ImageSettings(CalibrationSettings):
     transport: str = fixed(
         'raw',
         'Images come as: compressed are JPEG, PNG, TIFF, on image_raw/compressed',
-        choices=TRANSPORTS,
+        choices=('raw', 'compressed'),
     )
 
     def __post_init__(self) -> None:
@@ -114,7 +110,7 @@ class ServoNodeSettings(DriverNodeSettings):
     resume: str = setting(
         'automatic',
         'After a hold: automatic = continue; manual = only ~/start begins a new run',
-        choices=RESUMES,
+        choices=('automatic', 'manual'),
     )
     pan_joint: str = fixed('pan_joint', 'Joint of joint_states that pans the head to the left')
     tilt_joint: str = fixed(

@@ -7,8 +7,11 @@ from docking_drives import Drive
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.docking.key_views import factors_along, window_of
-from visual_servo_epipolar.core.docking.search import FIRST_DISTANCES
+from visual_servo_epipolar.core.docking.search import (
+    factors_along,
+    FIRST_DISTANCES,
+    window_of,
+)
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.motion import HALF_PI

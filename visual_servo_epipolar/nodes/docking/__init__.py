@@ -1,1 +1,0 @@
-"""Docking over ROS: the action server, the servo as its client, commands turned round."""
