@@ -28,7 +28,6 @@ from visual_servo_epipolar.simulation.light import brightened
 from visual_servo_epipolar.simulation.mounts.sensor import Sensor, SensorSettings
 from visual_servo_epipolar.simulation.rooms.building import fractal_grain
 
-ASPECT = 0.39  # width of a walking person over the height
 PHASES = 8  # silhouettes in one step
 STEPS = 5.0  # steps on the way through the image
 SLIDE = 0.25  # share of its time an obstacle takes to slide in, and out again
@@ -100,7 +99,7 @@ def board(size: tuple[int, int], share: float, slides: bool, rng: np.random.Gene
 def person(size: tuple[int, int], height: float, rng: np.random.Generator) -> Occluder:
     """Return a person who walks through the image from left to right, ``height`` of it tall."""
     tall = round(size[1] * height)
-    wide, high = max(8, round(ASPECT * tall)), max(16, tall)
+    wide, high = max(8, round(0.39 * tall)), max(16, tall)  # as a person walks
     top = size[1] - tall if height < 1.0 else 0
 
     def place(progress: float) -> tuple[int, int]:

@@ -12,9 +12,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 
-OVERHEAD = 1.4  # of the light from everywhere on what faces down: the floor throws it back
 SOFT = 0.05  # of a lamp's size [m^2]: no point is infinitely bright
-SKIN = 0.02  # by which a box that casts a shadow is smaller than it looks [m]
 PANES = 2  # points along each side of a window that its sky is summed up from
 Point = tuple[float, float, float]
 
@@ -31,7 +29,7 @@ class Box:
         """Return which of ``points``, (N, 3), have the box between them and p + ``towards``."""
         start, way = (points - self.middle) @ self.axes.T, towards @ self.axes.T
         way = np.where(np.abs(way) < 1e-9, 1e-9, way)
-        half = np.maximum(self.half - SKIN, 1e-3)
+        half = np.maximum(self.half - 0.02, 1e-3)  # smaller than it looks
         one, two = (-half - start) / way, (half - start) / way
         first, last = np.minimum(one, two).max(axis=1), np.maximum(one, two).min(axis=1)
         return np.asarray((first < last) & (last > 0.0) & (first < 1.0))
@@ -176,7 +174,8 @@ class Light:
         ``ceiling_lamps`` are where the lamps hang, shape (3,) each; ``boxes`` cast shadows.
         """
         shape, faces_down = points.shape[:2], normal[2] < -0.5
-        light = np.full(shape, OVERHEAD * self.ambient if faces_down else self.ambient)
+        # The floor throws light back at what faces down.
+        light = np.full(shape, 1.4 * self.ambient if faces_down else self.ambient)
         for lamp in ceiling_lamps if self.ceiling and not faces_down else ():
             towards = lamp - points
             square = (towards**2).sum(axis=-1) + 0.15
@@ -271,9 +270,7 @@ class LightSettings(Settings):
 
 STOP = 12  # steps in which the exposure is set, a factor of two [1]
 LEAST = -6 * STOP  # the shortest exposure: 1/64 of the fixed one
-HIGHEST = 2 * STOP  # the largest gain: four times the fixed exposure
 MOST_STEPS = STOP // 4  # from one image to the next
-TARGET_GREY = 100.0  # mean grey that it aims at
 HYSTERESIS = 2  # steps off the target at which the exposure begins to follow
 SPACING = 4  # of the pixels that are metered [px]
 WHITE = 255  # of a window: what is drawn so is GLARE times as bright, however short the exposure
@@ -339,11 +336,11 @@ class Exposure:
             return
         metered = np.ascontiguousarray(image[::SPACING, ::SPACING])
         taken = brightened(metered, light * self.factor, glare=glare)
-        off = STOP * math.log2(TARGET_GREY / max(float(cv2.mean(taken)[0]), 1.0))
+        off = STOP * math.log2(100.0 / max(float(cv2.mean(taken)[0]), 1.0))  # mean grey
         if abs(off) < HYSTERESIS:
             return
         step = min(max(round(off), -MOST_STEPS), MOST_STEPS)
-        self._steps = min(max(self._steps + step, LEAST), HIGHEST)
+        self._steps = min(max(self._steps + step, LEAST), 2 * STOP)  # four times the fixed one
 
 
 def brightened(image: Image, factor: float, *, glare: bool = False) -> Image:

@@ -24,14 +24,12 @@ from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import points_of
 
 CLEARANCE = 0.3  # from the middle of the axle to the farthest corner of a Pioneer 3-DX [m]
-HEADROOM = 0.2  # above the camera: what hangs higher is no obstacle [m]
 LEVEL = 1e-9
 Start = tuple[float, float, float]
 Condition = Callable[[Pose], bool]
 PATCH = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))  # of a feature: it, and right and below of it [px]
 LEAST_SCALE = 1.0 / 3.0  # of a feature against the photograph, and of its sides, that matches
 LEAST_FEATURES = 40  # of the goal's, in view from a start anywhere
-DIGITS = 6  # of a start: nothing is lost when it is written down
 TRIES = 5000
 STREAM = 8  # keeps starts apart from other draws of one seed
 
@@ -54,7 +52,7 @@ class Ground:
         lowest = np.array(
             [scene.corners[scene.bodies == k][..., 2].min() for k in scene.bodies.tolist()]
         )
-        reaches_down = lowest < height + HEADROOM
+        reaches_down = lowest < height + 0.2  # what hangs higher is no obstacle
         self._obstacles = scene.corners[level & ~of_room & reaches_down]
 
     def is_free(self, pose: Pose) -> bool:
@@ -103,7 +101,7 @@ def start_in(
     conditions = _conditions(REGIONS[region], scenario, source)
     rng = np.random.default_rng((seed, STREAM, index))
     for _ in range(TRIES):
-        x, y, heading = rng.uniform(*REGIONS[region].box).round(DIGITS).tolist()
+        x, y, heading = rng.uniform(*REGIONS[region].box).round(6).tolist()  # as written
         pose = Pose.from_start(x, y, heading)
         if all(holds(pose) for holds in conditions):
             return x, y, heading

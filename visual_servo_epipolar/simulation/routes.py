@@ -158,9 +158,6 @@ class Driver:
         return float(self._way.length[-1] - self._way.length[self._near]) < 0.03
 
 
-GAMMA = (0.4, 2.5)  # drawn evenly in its logarithm
-
-
 @dataclass(frozen=True, slots=True)
 class ChangedWorld:
     """
@@ -177,7 +174,7 @@ class ChangedWorld:
     def of(self, scenario: Scenario, seed: int) -> Scenario:
         """Return a ``scenario`` in this world, drawn by ``seed``."""
         rng = np.random.default_rng((seed, 13))
-        gamma = math.exp(float(rng.uniform(*np.log(GAMMA)))) if self.tones else 1.0
+        gamma = math.exp(float(rng.uniform(*np.log((0.4, 2.5))))) if self.tones else 1.0
         light = replace(scenario.light, changed=self.changed, changed_seed=seed, gamma=gamma)
         height, since, still = float(rng.uniform(0.5, 1.0)), *rng.integers((20, 22), (70, 45))
         disturbances = replace(

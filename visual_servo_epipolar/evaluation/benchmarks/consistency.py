@@ -28,7 +28,6 @@ from visual_servo_epipolar.sweeping.provenance import commit
 
 SCENARIOS, LAWS = ('nominal', 'realistic', 'harsh', 'cheap'), ('full', 'smooth')
 STARTS, QUICK_STARTS = 12, 1
-FIRST_S = 1.0  # of a run, that does not count
 PARTS = {'nees': [0, 1, 2], 'offset': [0, 1], 'heading': [2]}
 COLUMNS: Columns = {
     'scenario': lambda row: str(row['scenario']),
@@ -65,7 +64,7 @@ def ratios_of_run(settings: Run) -> Iterator[list[float]]:
 
     loop.run(control=control)
     for pose, estimate in found:
-        late = seconds_between(found[0][1].stamp_ns, estimate.stamp_ns) > FIRST_S
+        late = seconds_between(found[0][1].stamp_ns, estimate.stamp_ns) > 1.0  # [s]
         if late and np.isfinite(estimate.covariance).all():
             yield ratios(estimate, pose)
 

@@ -45,7 +45,6 @@ COLUMNS: Columns = {
     ),
     'fewest features': lambda row: f'{row["fewest_features"]:.0f}',
 }
-PEER_PARALLAX_PX = 1.0  # of trusted bearings; ours changes law at its own, larger bound
 
 Run = dict[str, Any]
 
@@ -82,7 +81,7 @@ def one_run(law: str, start: tuple[float, float, float], seed: int) -> Run:
     if law == SMOOTH:
         servo = replace(servo, law=SMOOTH)
     elif law != 'ours':
-        servo = replace(servo, min_parallax=PEER_PARALLAX_PX)
+        servo = replace(servo, min_parallax=1.0)  # of trusted bearings [px]
     scenario = replace(scenario, run=replace(scenario.run, max_duration=LONGEST_S), servo=servo)
     loop, view = scenario.loop(start, seed), points_of(scenario, seed)
     if law in POSE_LAWS:

@@ -84,7 +84,6 @@ WORSE = (
     CameraPlace(tilt=30.0, roll=10.0, yaw=10.0, ahead=0.3, aside=0.1),
     CameraPlace(tilt=-30.0, roll=-10.0, yaw=-10.0, ahead=0.3, aside=-0.1),
 )
-WORN = {'wheel_ratio': 1.01}
 MOUNTS_ON_IMAGES = (
     CameraPlace(tilt=-25.0),
     CameraPlace(tilt=-10.0, roll=8.0),
@@ -142,7 +141,7 @@ def on_features(*, quick: bool = False) -> Iterator[MountCell]:
     for ahead, aside, yaw in product(AHEADS, ASIDES, YAWS):
         yield of_mount('yaw', CameraPlace(yaw=yaw, ahead=ahead, aside=aside))
     for mount in WORSE:
-        yield of_mount('worse', mount, base=WORN)
+        yield of_mount('worse', mount, base={'wheel_ratio': 1.01})
     for (width, height), mount in product(SIZES, (LEVEL, LEANING)):
         name = f'{width}x{height}, {mount}'
         yield MountCell(group='size', name=name, mount=mount, camera=camera_of_size(width, height))

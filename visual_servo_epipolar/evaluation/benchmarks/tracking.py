@@ -30,7 +30,6 @@ from visual_servo_epipolar.simulation.rooms.scene import room
 STANDING = 5  # last frames, at the goal
 BRAKING = 20  # frames before those
 RING = 3 * np.array([(1, 0), (0, 1), (1, 1), (1, -1)])  # where depth around a feature is seen [px]
-DEPTH_STEP = 0.02  # bend of inverse depth that is an edge, relative
 
 
 def approach(start: tuple[float, float], frames: int) -> list[Pose]:
@@ -138,7 +137,7 @@ class TrueFeatures:
         for step in RING:
             both = self._inverse_depth(pixels + step) + self._inverse_depth(pixels - step)
             # Of a plane, inverse depth is linear in the pixel. NaN, no surface, is an edge.
-            on_edge |= ~(np.abs(both - 2.0 * here) <= DEPTH_STEP * here)
+            on_edge |= ~(np.abs(both - 2.0 * here) <= 0.02 * here)  # a bend
         return on_edge
 
     def _inverse_depth(self, pixels: FloatArray) -> FloatArray:

@@ -223,7 +223,6 @@ def _shown(tracks: Any) -> int:
 
 # Phases that nearly every run goes through, where the robot moves; a law without them has its own.
 EVERYWHERE = (Phase.DISPLACING, Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)
-AT_FIRST = (Phase.WAITING,)
 ALWAYS = (Phase.WAITING, *EVERYWHERE, Phase.ARRIVED)
 
 
@@ -349,4 +348,4 @@ class Fault:
 
 
 Faults = Mapping[str, Fault]
-always, at_first = partial(Fault, phases=ALWAYS), partial(Fault, phases=AT_FIRST)
+always, at_first = partial(Fault, phases=ALWAYS), partial(Fault, phases=(Phase.WAITING,))

@@ -151,9 +151,6 @@ class RunListener(Listener):
             self.record.reason = said['reason']
 
 
-SUSPENDING = (signal.SIGSTOP, signal.SIGTSTP)
-
-
 @dataclass(frozen=True, slots=True)
 class ProcessFault:
     """What is done to the process of ``node``: a signal; if it ``resumes``, perhaps for a time."""
@@ -180,7 +177,7 @@ KINDS: Mapping[str, tuple[signal.Signals, str]] = {
 }
 PROCESSES: Mapping[str, ProcessFault] = {
     f'process_{kind}_{node.removesuffix("_node")}': ProcessFault(
-        f'{words}, process of {node}', node, number, number in SUSPENDING
+        f'{words}, process of {node}', node, number, number in (signal.SIGSTOP, signal.SIGTSTP)
     )
     for kind, (number, words) in KINDS.items()
     for node in NODES

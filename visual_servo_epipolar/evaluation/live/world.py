@@ -67,8 +67,6 @@ Filter = Callable[[Envelope], Iterable[Envelope]]
 
 HOP_NS = 2_000_000  # a message is under way that long where nothing is wrong
 BEGIN_NS = 1_000 * NANOSECONDS  # of the steady clock
-WALL_NS = 1_700_000_000 * NANOSECONDS  # of the wall clock, at that moment
-FAR_NS = 2**63  # later than all else
 WARNING = 30  # severity of a log
 
 Delivery = Callable[[Node, Envelope], None]
@@ -86,7 +84,7 @@ class Wire:
     """
 
     def __init__(self) -> None:
-        self.now_ns, self.offset_ns = BEGIN_NS, WALL_NS - BEGIN_NS
+        self.now_ns, self.offset_ns = BEGIN_NS, 1_700_000_000 * NANOSECONDS - BEGIN_NS
         self.nodes: list[Node] = []
         self.filters: dict[str, list[Filter]] = defaultdict(list)
         self.publish_listeners: dict[str, list[Callable[[Envelope], None]]] = defaultdict(list)
@@ -229,7 +227,7 @@ class Wire:
 
     def _next_timer(self) -> tuple[Timer | None, int]:
         """Return the timer that is due first, and when; a new one counts from now."""
-        first, first_ns = None, FAR_NS
+        first, first_ns = None, 2**63  # later than all else
         for node in self.nodes:
             for timer in node.timers:
                 due_ns = self._due.setdefault(timer, self.now_ns + timer.timer_period_ns)
@@ -284,7 +282,6 @@ BASE_RATE = 50.0  # [Hz]
 CLOCK = '/clock'
 FRAME_RATE = CameraSettings.frame_rate
 WIDTH, HEIGHT = 320, 256  # [px], a quarter of the default camera each way
-MAX_RETREAT_M = 1.0  # as in docs/robot.md for first drives
 TIMES = ('stale_timeout', 'max_latency')  # what a servo was given of them at its start [s]
 
 
@@ -342,9 +339,7 @@ class WorldSettings:
     camera: CameraSettings
     base: PioneerSettings = field(default_factory=PioneerSettings)
     servo: ServoSettings = field(
-        default_factory=lambda: ServoSettings(
-            autostart=True, run_timeout=150.0, max_retreat=MAX_RETREAT_M
-        )
+        default_factory=lambda: ServoSettings(autostart=True, run_timeout=150.0, max_retreat=1.0)
     )
     kinds: Mapping[str, type[Any]] = field(default_factory=lambda: NODES)
     more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

@@ -18,7 +18,6 @@ from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, floor_
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
 from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
 
-SUBSTEP_NS = NANOSECONDS // 100  # of joints on their way
 RATE_S = 0.2  # for which a commanded rate holds
 
 
@@ -84,7 +83,7 @@ class SimulatedHead:
     def advance(self, now_ns: int) -> None:
         """Move until ``now_ns`` [ns]."""
         while self.now_ns < now_ns:
-            until_ns = min(self.now_ns + SUBSTEP_NS, now_ns)
+            until_ns = min(self.now_ns + NANOSECONDS // 100, now_ns)
             while self._pending and self._pending[0][0] <= self.now_ns:
                 self._obey(self._pending.popleft()[1])
             dt, self.now_ns = seconds_between(self.now_ns, until_ns), until_ns

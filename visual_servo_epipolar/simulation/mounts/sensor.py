@@ -16,7 +16,6 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.simulation.view import LEVEL, Nod
 
 DESIRED_FRAME = -1  # frame index of the desired photograph
-DRIFT_PERIOD = 97.0  # frames in one slow wave of the gain
 MAX_NOISE = 50.0  # standard deviation [grey levels]
 SPARE = 64  # how far the noise field may be shifted [px]
 # Codes of cv2.flip for how a field of noise may be mirrored: rows, columns.
@@ -65,11 +64,11 @@ class Sensor:
             image = cv2.convertScaleAbs(image, alpha=self._gain(frame_index, rng))
         if self.settings.noise > 0.0:
             image = self._noisy(image, rng)
-        return image if self.settings != PERFECT else image.copy()
+        return image if self.settings != SensorSettings(noise=0.0) else image.copy()
 
     def _gain(self, frame_index: int, rng: np.random.Generator) -> float:
         """Return 1 + drift: a slow wave, three quarters of it, and a little flicker."""
-        wave = math.sin(self._phase + 2.0 * math.pi * frame_index / DRIFT_PERIOD)
+        wave = math.sin(self._phase + 2.0 * math.pi * frame_index / 97.0)  # frames
         return 1.0 + self.settings.gain_drift * (0.75 * wave + 0.25 * rng.uniform(-1.0, 1.0))
 
     def _noisy(self, image: Image, rng: np.random.Generator) -> Image:
@@ -92,12 +91,6 @@ def as_jpeg(image: Image, quality: int) -> Image:
 
 def _mirrored(image: Image, code: int | None) -> Image:
     return image if code is None else np.asarray(cv2.flip(image, code), dtype=np.uint8)
-
-
-PERFECT = SensorSettings(noise=0.0)
-
-
-ENTRIES = 256  # of the history of a base: more than the longest delay takes
 
 
 class Shutter(NamedTuple):
@@ -165,7 +158,7 @@ class PoseHistory:
     """What a base did of late; between two entries it drove an arc."""
 
     def __init__(self) -> None:
-        self._entries: deque[tuple[int, BodyState]] = deque(maxlen=ENTRIES)
+        self._entries: deque[tuple[int, BodyState]] = deque(maxlen=256)  # more than any delay
 
     def add(self, stamp_ns: int, state: BodyState) -> None:
         """Take in the true ``state`` at ``stamp_ns``; time that runs backwards begins anew."""

@@ -218,8 +218,6 @@ def _face(camera: CameraModel, rays: FloatArray, shown: FloatArray, axes: FloatA
     return Face((size[0], size[1]), intrinsics, axes, both, box, masked)
 
 
-TURN_BORDER = 0.06  # of the width: what a turn during the readout brings into the image
-STEP_M = 2e-3  # way from one image that is drawn to the next
 NEAREST_M = 2.0  # distance at which one pixel of blur takes one sample
 
 
@@ -250,7 +248,7 @@ class Exposures:
         opened = shutter.exposure * ((np.arange(samples) + 0.5) / samples - 0.5)
         times = opened[:, None] + np.arange(camera.height) / camera.height * shutter.readout
         first, last = float(times.min()), float(times.max())
-        count = 1 + math.floor(abs(twist.linear) * (last - first) / STEP_M)
+        count = 1 + math.floor(abs(twist.linear) * (last - first) / 2e-3)  # [m] apart
         middles = first + (np.arange(count) + 0.5) / count * (last - first)
         nearest = np.abs(times[..., None] - middles).argmin(axis=2)
         axes = renderer.rig.camera_pose(pose, frame).R_world_camera
@@ -293,7 +291,7 @@ class Exposures:
             return original
         rig: Any = original.rig
         if self._ideal is None:
-            border = math.ceil(TURN_BORDER * camera.width)
+            border = math.ceil(0.06 * camera.width)  # what a turn brings in
             points = self._rays_at(1.0)[..., :2].reshape(-1, 2) * [camera.fx, camera.fy]
             low = np.floor(points.min(axis=0)) - border
             width, height = (np.ceil(points.max(axis=0)) + border - low + 1.0).astype(int).tolist()

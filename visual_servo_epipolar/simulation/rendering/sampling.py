@@ -12,7 +12,6 @@ from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Sheet
 
 FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 WASTE = 12000  # samples beside a strip that cost no more than to look closer
-CACHE_LINE = 64  # bytes that memory gives at a time
 TEXELS_AHEAD = 12  # a box of more texels a sample is mostly not sampled
 
 
@@ -42,7 +41,7 @@ def draw_textures(scene: Scene, raster: Raster, image: Image) -> None:
         size = (right - left) * strip.columns, (bottom - top) * strip.rows
         parts = mean if whole else samples[: size[0] * size[1]].reshape(size[::-1])
         if dense:  # for the cache alone: line by line is faster than in the order of the samples
-            picture[box[1] : box[3], box[0] : box[2] : CACHE_LINE].max(initial=0)
+            picture[box[1] : box[3], box[0] : box[2] : 64].max(initial=0)  # a cache line each
         cv2.warpPerspective(picture, matrix, size, parts, FLAGS, cv2.BORDER_REPLICATE)
         if not whole:
             _average(parts, mean)

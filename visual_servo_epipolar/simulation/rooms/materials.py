@@ -183,7 +183,6 @@ def _book(sheet: Painting, box: tuple[float, float, float, float], grey: float) 
             )
 
 
-WOOD_LENGTH = 12.0  # wood is stretched so much along the grain
 CONTRAST, MEAN = 0.25, 150.0  # share of the contrast that is left of what is faded, its grey
 
 
@@ -191,7 +190,7 @@ def planks(sheet: Painting) -> None:
     """Lay wooden planks along y, each cut, toned and grained for itself."""
     sheet.fill(62.0)
     rng, density = sheet.rng, sheet.density
-    wood = sheet.grain_patch((4 * 1024, 1024), (1.0, WOOD_LENGTH))
+    wood = sheet.grain_patch((4 * 1024, 1024), (1.0, 12.0))  # along the grain
     x = 0.0
     while x < sheet.width:
         width, y = float(rng.uniform(0.13, 0.21)), -float(rng.uniform(0.0, 1.5))

@@ -25,7 +25,6 @@ NEAREST = 0.3  # depth at which a point is no longer seen, of the nearest one
 TAILS = 3.0  # degrees of freedom of Student's distribution of the noise
 ROLLING_PX, FOCUS = 0.4, 0.0005  # at the first and last row; change of the focal length
 STEADY, HELD = 0.25, 2.0  # share of that where nothing is in a hand; the climb of what is [deg]
-PERIODS = (0.25, 0.8)  # of a facade, of the depth of the nearest point
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,7 +197,7 @@ def _repeated(
 ) -> FloatArray:
     """Return current pixels, (N, 2), of what was taken for its neighbour; nan of the others."""
     rotation, baseline = views
-    period = rng.uniform(*PERIODS) * np.array([1.0, 0.0, rng.uniform(-0.4, 0.4)])
+    period = rng.uniform(0.25, 0.8) * np.array([1.0, 0.0, rng.uniform(-0.4, 0.4)])
     pixels, seen = _project((world + period - baseline) @ rotation, camera)
     swapped = seen & (rng.uniform(size=len(world)) < kind.repeated)
     return np.asarray(np.where(swapped[:, None], pixels, np.nan))

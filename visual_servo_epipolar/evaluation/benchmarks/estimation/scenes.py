@@ -13,7 +13,6 @@ from visual_servo_epipolar.core.geometry.rays import image_points, rotation_leve
 FOCAL = 770.0  # [px]
 HALF_VIEW = np.array([635.0, 512.0]) / FOCAL  # tangents of half the field of view
 NEAREST = 0.5  # depth at which a point is no longer seen [m]
-CONE = 40.0  # the robot stands behind the goal within this angle of its axis [deg]
 MAX_HEADING = 15.0  # and looks this much to the side at most [deg]
 DRAWN = 4000  # points, of which the first in view from both poses are taken
 
@@ -94,7 +93,7 @@ def draw_pairs(cell: Cell, count: int, seed: int) -> list[Pair]:
 
 
 def _pose(cell: Cell, rng: np.random.Generator) -> Pose:
-    width = 180.0 if cell.around else CONE
+    width = 180.0 if cell.around else 40.0  # behind the goal [deg]
     angle = math.radians(rng.uniform(-width, width))
     heading = rng.uniform(-MAX_HEADING, MAX_HEADING)
     x, y = cell.baseline * math.sin(angle), -cell.baseline * math.cos(angle)
