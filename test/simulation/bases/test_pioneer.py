@@ -1,6 +1,7 @@
-"""The simulated base: limits, faults of the wheels, odometry, and the watchdog."""
+"""Simulated bases: limits, faults of the wheels, steering, odometry, and the watchdog."""
 
 import math
+from typing import TypeVar
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,11 +11,14 @@ from strategies import floats, twists
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.simulation.bases.ackermann import Ackermann, AckermannSettings
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
 from visual_servo_epipolar.simulation.view import Nod, OVERSHOOT
 
+Base = TypeVar('Base', bound=Pioneer)
 START = Pose(0.0, 0.0, 0.0)
 SUBSTEP = 0.01  # [s] velocities are held this long
+PLAIN = {'command_timeout': 0.0, 'odometry_noise': 0.0}
 
 
 def ns(seconds: float) -> int:
@@ -23,11 +27,10 @@ def ns(seconds: float) -> int:
 
 def base(*, seed: int = 0, **changes: float) -> Pioneer:
     """Return a base without odometry noise that never times out, but for ``changes``."""
-    plain = {'command_timeout': 0.0, 'odometry_noise': 0.0}
-    return Pioneer(PioneerSettings(**(plain | changes)), START, seed=seed)
+    return Pioneer(PioneerSettings(**(PLAIN | changes)), START, seed=seed)
 
 
-def driven(robot: Pioneer, twist: Twist, seconds: float) -> Pioneer:
+def driven(robot: Base, twist: Twist, seconds: float) -> Base:
     """Command ``twist`` once, and let ``seconds`` pass."""
     robot.command(Command(twist))
     robot.advance(robot.now_ns + ns(seconds))
@@ -255,3 +258,30 @@ def test_casters_push_the_base_aside_once_after_a_reversal() -> None:
         driven(robot, Twist(sign * 0.2, 0.0), 4.0)
         turns.add(round(robot.pose.theta - before, 6))
     assert turns == {-0.02, 0.02}
+
+
+def car(**changes: float) -> Ackermann:
+    return Ackermann(AckermannSettings(**(PLAIN | changes)), START, seed=0)
+
+
+def test_a_turn_without_speed_steers_and_moves_nothing() -> None:
+    robot = driven(car(), Twist(0.0, 0.3), 2.0)
+    assert robot.pose == START
+    assert robot.steering == robot.settings.max_steering
+
+
+def test_it_drives_no_tighter_circle_than_its_steering_allows() -> None:
+    robot = driven(car(), Twist(0.2, 1.5), 5.0)
+    tightest = math.tan(robot.settings.max_steering) / robot.settings.wheelbase
+    assert robot.twist.angular / robot.twist.linear == pytest.approx(tightest)
+
+
+def test_its_wheels_take_their_time() -> None:
+    robot = driven(car(steering_rate=0.5), Twist(0.2, 0.2), 0.4)
+    assert robot.steering == pytest.approx(0.2)
+
+
+def test_wheels_that_are_not_straight_pull_aside_unseen_by_odometry() -> None:
+    robot = driven(car(steering_offset=0.05), Twist(0.2, 0.0), 5.0)
+    assert robot.pose.theta > 0.05
+    assert robot.odometry.theta == 0.0
