@@ -221,9 +221,11 @@ def localize(
 
 
 def _views_of(views: KeyframeMap | None, mount: Attitude, by_wheels: bool) -> KeyframeMap:
-    """Return the map by the motion that counts; a new one where the floor has become rough."""
-    if views is None or views.mount.jitter < mount.jitter:
+    """Return the map by the motion that counts, and on the floor as rough as it has become."""
+    if views is None:
         views = KeyframeMap(mount, BY_COMMANDS)
+    if views.mount.jitter < mount.jitter:
+        views = views.with_mount(mount)
     if by_wheels == (views.settings == BY_WHEELS):
         return views
     return views.with_alternative(BY_WHEELS if by_wheels else BY_COMMANDS)

@@ -88,6 +88,16 @@ class KeyframeMap:
         pose = np.concatenate([ratio * before.pose[:HEADING], before.pose[HEADING:]])
         return replace(other, geometry=geometry, pose=pose)
 
+    def with_mount(self, mount: Attitude) -> 'KeyframeMap':
+        """Return the same map of a camera with another ``mount``, or on a rougher floor."""
+        before = self.update_map()
+        if before.geometry is None:
+            return replace(before, mount=mount)
+        at, steps = before.geometry.evaluation, self.settings.steps
+        start = replace(at, factors=replace(at.factors, mount=mount))
+        geometry = refine(start, steps, before.geometry.damping)
+        return replace(before, mount=mount, geometry=geometry, trial=None)
+
     @property
     def wrong(self) -> tuple[int, ...]:
         """The ids of wrong matches, of the features of the map."""
