@@ -4,6 +4,8 @@ from dataclasses import dataclass, replace
 import math
 
 from visual_servo_epipolar.core.estimate.base_model import (
+    FIRST_VARIANCE,
+    FOLLOWED,
     heading_deviation,
     largest_dead_band,
     MOST_CURVATURE,
@@ -17,14 +19,13 @@ LATE_S = 0.5  # by which a base may follow late
 PATIENCE_S = 1.5  # in which it follows if it does at all
 LEAST_ASKED = 0.003  # motion, below which laws and delays make anything of it [m], [rad]
 STANDING = 0.5  # of what was commanded: a base that moved less stands, at least now and then
-OF_PULSES = 0.15  # the same of pulses, most of which a base may spend on speeding up
+OF_PULSES = 0.15  # the same of pulses, most of which a base may spend on speeding up, and on a way
+DISCERNIBLE = 2.0  # pulses, by which wheels of a bend must turn the base, else a dead band may fit
 SMOOTHING = 0.2  # weight of the newest position of a standing robot
 MANY = 4.0  # pulses, of which one may not have acted yet
 DEVIATIONS = 8.0  # of a position, that the motion commanded must be
-# Over the velocity that was not followed, and over one of about what was learnt already: it may be
-# twenty times as fast that is followed.
-MARGIN, MARGIN_AGAIN, LEARNT = 1.3, 1.9, 0.8
-UNLIKE = 0.25  # of a curvature, by which two differ: measured to 1 / DEVIATIONS each
+MARGIN = 2.5  # over the velocity that was not followed: it may be twenty times as fast that is
+UNLIKE = 0.5  # of a curvature, by which two differ: the other may be none
 MOST_HOP = 0.005, math.radians(0.5)  # half a pulse: no end may be wider for it [m], [rad]
 # Up to which speed [m/s], and way of a turn [m/rad], a base at rest may have a dead band;
 # beyond, it is deaf.
@@ -39,12 +40,12 @@ class Threshold:
 
     Commands to one ``side`` (1 or -1, 0 without any) have ``lasted`` [s], and there was none for
     the last ``idle`` [s]; since the position was ``origin`` they ``asked`` for a motion, ``power``
-    the sum of their squares over time. Before that it ``stood`` below such a velocity: once may
-    have been measured wrong, it takes two times. Metres or radians.
+    the sum of their squares over time. Before that it ``stood`` below such a velocity: the value
+    is then the largest one, until pulses of it have shown what the base does. Metres or radians.
 
     Wheels of a curvature ``bend`` [rad/m] would have undone the turn on the ``way`` [m]; inf where
-    there was none. No wheels undo turns of two different curvatures. Of that way the base was seen
-    to have ``gone`` a part.
+    there was none, nan before. They bend the way between pulses as well. Of that way the view
+    moved on a part, ``gone``, 0 of a base that is deaf.
     """
 
     value: float = 0.0
@@ -57,7 +58,7 @@ class Threshold:
     idle: float = 0.0
     way: float = 0.0
     gone: float = 0.0
-    bend: float = math.inf
+    bend: float = math.nan
 
     def updated(
         self,
@@ -79,19 +80,15 @@ class Threshold:
         """
         side = math.copysign(1.0, velocity) if velocity else self.side
         turns = side * self.side < 0.0 and (self.asked != 0.0 or not self.value)
-        if not math.isfinite(deviation) or abs(velocity) > most:
-            return Threshold(self.value)
-        if turns:
+        if turns or not math.isfinite(deviation) or abs(velocity) > most:
             return Threshold(self.value, stood=self.stood, bend=self.bend)
         lasted = self.lasted + dt if side else 0.0
         idle = 0.0 if velocity else self.idle + dt
         if lasted <= LATE_S or math.isnan(self.origin):
-            lasted = min(lasted, LATE_S)
-            begun = Threshold(self.value, side, lasted, position, idle=idle)
+            begun = Threshold(self.value, side, min(lasted, LATE_S), position, idle=idle)
             return replace(begun, stood=self.stood, bend=self.bend)
         asked, power = self.asked + velocity * dt, self.power + velocity * velocity * dt
-        way, gone = self.way + way, self.gone + gone
-        sums = {'asked': asked, 'power': power, 'way': way, 'gone': gone}
+        sums = {'asked': asked, 'power': power, 'way': self.way + way, 'gone': self.gone + gone}
         after = replace(self, side=side, lasted=lasted, idle=idle, **sums)
         if self.value and idle > LATE_S and abs(asked) < self.value * dt:
             # It stands, and no pulse was sent: where it does is known better with every look.
@@ -101,30 +98,33 @@ class Threshold:
         many = lasted >= PATIENCE_S and abs(asked) >= MANY * self.value * dt
         has_acted = many or (self.value > 0.0 and idle + dt > LATE_S)
         enough = abs(asked) >= max(LEAST_ASKED, DEVIATIONS * deviation)
-        return after._judged(position, dt, most) if enough and has_acted else after
+        tells = not (self.stood and abs(self.bend * after.way) < DISCERNIBLE * self.value * dt)
+        return after._judged(position, dt, most) if enough and has_acted and tells else after
 
     def _judged(self, position: float, dt: float, most: float) -> 'Threshold':
         """Return the threshold after what was asked has led to ``position``."""
-        again = Threshold(self.value, self.side, LATE_S, position, idle=self.idle)
-        least = OF_PULSES if self.value else STANDING
-        if self.side * (position - self.origin) >= least * abs(self.asked):
-            return again
+        again = Threshold(self.value, self.side, LATE_S, position, idle=self.idle, bend=self.bend)
         drives = abs(self.way) > max(CREEPING * self.lasted, MOST_WAY * abs(self.asked))
-        if drives and abs(self.gone) < STANDING * abs(self.way):
+        if drives and not self.gone:
             return again  # the base is deaf
-        usual = self.power / abs(self.asked)  # of those commands, by what they asked for
         bend = (position - self.origin - self.asked) / self.way if self.way else math.inf
-        alike = not abs(bend - self.bend) > UNLIKE * max(abs(bend), abs(self.bend))
-        again = replace(again, stood=usual, bend=bend)
-        if abs(bend) <= MOST_CURVATURE and (alike or not self.stood):
-            return again  # unequal wheels undo as much
-        if self.value:  # it was seen twice before that pulses are needed
-            learnt = MARGIN_AGAIN * usual if LEARNT * self.value <= usual else self.value
-        elif self.stood:  # pulses that are too small to be seen would teach nothing
-            learnt = max(MARGIN * min(usual, self.stood), LEAST_ASKED / dt)
-        else:
+        alike = abs(bend - self.bend) <= UNLIKE * max(abs(bend), abs(self.bend))
+        wheels = abs(bend) <= MOST_CURVATURE and alike
+        stood = self.stood or self.power / abs(self.asked)
+        learnt = max(self.value, min(max(MARGIN * stood, LEAST_ASKED / dt), most))
+        if self.stood:  # pulses came since then, that any base follows
+            return replace(
+                again,
+                value=0.0 if wheels else min(max(MARGIN * stood, LEAST_ASKED / dt), most),
+                bend=bend,
+            )
+        part = OF_PULSES if self.value or abs(bend) <= MOST_CURVATURE else STANDING
+        wheels = wheels or bend * bend <= FIRST_VARIANCE  # as those of many a base do
+        if wheels or self.side * (position - self.origin) >= part * abs(self.asked):
             return again
-        return replace(again, value=max(self.value, min(learnt, most)), stood=0.0)
+        if self.value or abs(bend) > MOST_CURVATURE:
+            return replace(again, value=learnt)
+        return Threshold(most, self.side, stood=stood, bend=bend)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,11 +151,12 @@ class DeadBand:
         dt: float,
         settings: DriveSettings,
         slope: float = 0.0,
+        view_moves: bool = True,
     ) -> 'DeadBand':
         """
         Return the dead band after ``twist`` led to a ``measurement`` in ``dt`` [s].
 
-        ``slope`` is that of D [1/m], 0 or less while unknown.
+        ``slope`` is that of D [1/m], 0 or less while unknown; a base that drives ``view_moves``.
         """
         if not learns(settings):
             return DeadBand()
@@ -167,21 +168,16 @@ class DeadBand:
             seen = measurement.difference / slope
             deviation = measurement.difference_deviation / slope
             along += seen - self.seen if math.isfinite(seen - self.seen) else 0.0
+        most = _most(settings.max_linear, MOST_HOP[0], dt)
         return DeadBand(
-            self.linear.updated(
-                along,
-                deviation,
-                twist.linear,
-                dt,
-                most=_most(settings.max_linear, MOST_HOP[0], dt),
-            ),
+            self.linear.updated(along, deviation, twist.linear, dt, most=most),
             self.angular.updated(
                 self._unwrapped(measurement.heading_error),
                 heading_deviation(measurement),
                 twist.angular,
                 dt,
                 way=twist.linear * dt,
-                gone=along - self.along,
+                gone=abs(twist.linear) * dt if view_moves else 0.0,
                 most=_most(settings.max_angular, MOST_HOP[1], dt),
             ),
             along,
@@ -191,8 +187,12 @@ class DeadBand:
 
     def beside(self, settings: SettingsT) -> SettingsT:
         """Return ``settings`` with dead bands at least as wide as those that were learnt."""
-        learnt = min(self.linear.value, largest_dead_band(settings.max_linear))
-        linear = max(settings.dead_band_linear, learnt)
+        learnt = self.linear.value
+        if self.angular.value and not (learnt or settings.dead_band_linear):
+            learnt = FOLLOWED  # what has one dead band has both
+        linear = max(
+            settings.dead_band_linear, min(learnt, largest_dead_band(settings.max_linear))
+        )
         learnt = min(self.angular.value, largest_dead_band(settings.max_angular))
         angular = max(settings.dead_band_angular, learnt)
         if (linear, angular) == (settings.dead_band_linear, settings.dead_band_angular):

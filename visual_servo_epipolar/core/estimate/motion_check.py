@@ -67,6 +67,11 @@ class MotionCheck:
         """Whether it has happened too often for the run to go on, or the heading is unknown."""
         return bool(self.head.slip) or self.contradictions >= MOST_CONTRADICTIONS
 
+    @property
+    def view_moves(self) -> bool:
+        """Whether the last view differs from its reference, unless the robot was to stand."""
+        return self.reference is not None and self.asked.since_ns is None
+
     def disturbed(self, now_ns: int) -> bool:
         """Return whether something contradicts the commands, or did just now."""
         if self.troubled_ns is None:

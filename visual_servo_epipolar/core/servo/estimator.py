@@ -262,7 +262,7 @@ def identify(
     measurement = _without_bias(measurement, bias)
     fusion = fusion._replace(measurement=measurement, rotation_bias=bias)
     moved = fusion.reading, acted.longest, acted.dt
-    band = before.dead_band.updated(measurement, *moved, settings, slope)
+    band = before.dead_band.updated(measurement, *moved, settings, slope, state.check.view_moves)
     # Turns that a dead band swallowed looked like a curvature.
     misled = band.angular.value > before.dead_band.angular.value
     curvature = Curvature() if misled else before.curvature
