@@ -124,7 +124,9 @@ def test_a_settled_robot_is_not_stirred_by_its_dead_band(mode: str) -> None:
     tiny = Twist(0.04, -0.08)
     settled = in_phase(Phase.MATCHING_FEATURES).changed(settled=1)
     assert _beyond_dead_band(tiny, settled, settings) == (STANDSTILL, STANDSTILL)
-    unsettled, _ = _beyond_dead_band(tiny, settled.changed(settled=0), settings)
+    unsettled, _ = _beyond_dead_band(
+        tiny, settled.changed(settled=0, dead_band_residual=tiny), settings
+    )
     assert unsettled == (STANDSTILL if mode == 'zero' else Twist(0.05, -0.1))
 
 

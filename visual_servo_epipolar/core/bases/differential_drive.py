@@ -89,8 +89,9 @@ def modulate_pulses(
     Return velocities beyond the thresholds whose average is the wanted one, and the new residual.
 
     First-order sigma-delta modulation: what is below a threshold [m/s, rad/s] adds up, frame by
-    frame, until it is worth a pulse. Lifting every small command instead turns a proportional law
-    into a switch, and dropping it into one that never gets there.
+    frame, until it is a whole pulse: half of one would ask for a pulse back next. Lifting every
+    small command instead turns a proportional law into a switch, and dropping it into one that
+    never gets there.
     """
     first = pulse(wanted.linear, residual.linear, linear)
     second = pulse(wanted.angular, residual.angular, angular)
@@ -102,5 +103,5 @@ def pulse(wanted: float, residual: float, threshold: float) -> tuple[float, floa
     if wanted == 0.0 or abs(wanted) >= threshold:
         return wanted, 0.0
     residual += wanted
-    speed = math.copysign(threshold, residual) if abs(residual) >= 0.5 * threshold else 0.0
+    speed = math.copysign(threshold, residual) if abs(residual) >= threshold else 0.0
     return speed, residual - speed

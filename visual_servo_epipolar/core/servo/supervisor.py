@@ -339,13 +339,7 @@ def _beyond_dead_band(
     mode = 'zero' if state.settling.settled else settings.dead_band_mode
     if mode == 'pulse' and (move := pulsed_move(limited, state, settings)):
         return move
-    residual, last = state.motion.dead_band_residual, state.twist
-    # What is left of a pulse that was more than enough is no reason for one back.
-    residual = Twist(
-        0.0 if limited.linear * last.linear < 0.0 else residual.linear,
-        0.0 if limited.angular * last.angular < 0.0 else residual.angular,
-    )
-    return settings.drive.beyond_dead_band(limited, residual, mode=mode)
+    return settings.drive.beyond_dead_band(limited, state.motion.dead_band_residual, mode=mode)
 
 
 class Interruption(Enum):
