@@ -56,6 +56,17 @@ def test_a_mean_of_what_is_seen_at_rest_decides_not_each_image() -> None:
     assert not is_settled(stood([1.5 * BOUND] * 8), BANDED)
 
 
+def test_two_views_alone_are_averaged_at_rest_as_well() -> None:
+    state, sent = in_phase(Phase.MATCHING_FEATURES), CommandsSent().after(0, Twist(0.03, 0.0))
+    for frame, difference in enumerate([0.1] * SEEN + [3e-3, -3e-3] * 4, start=1):
+        seen = replace(sight(frame), difference=difference, difference_deviation=1e-6)
+        sent = sent.after(frame * FRAME_NS - 1, STANDSTILL)
+        state = state.changed(measurement=seen, sent=sent)
+        state = settle(state, Perception(seen, fresh_memory(SETTINGS)), None, 0.1, BANDED)
+    assert state.settling.rest is not None
+    assert state.settling.rest.difference == pytest.approx(0.0, abs=1e-12)
+
+
 def test_what_varies_at_rest_is_the_error_of_its_mean() -> None:
     state = stood([1e-3, -1e-3] * 4)
     assert state.settling.rested == 8

@@ -211,6 +211,16 @@ def test_a_traceback_is_worse_than_all_else() -> None:
     ]
 
 
+def test_a_pulse_jumps_to_the_dead_band_and_rises_by_the_ramp_from_there_on() -> None:
+    for speed, word in ((0.07, RunVerdict.ARRIVED), (0.1, RunVerdict.LIMITS)):
+        made, limits = record(drive(0.3, 3.0)), LIMITS._replace(dead_band=Twist(0.04, 0.0))
+        made.orders = [
+            ServoCommand(0.0, STANDSTILL, limits),
+            ServoCommand(0.1, Twist(speed, 0.0), limits),
+        ]
+        assert verdict(made) is word
+
+
 def replace_limits(*, linear: float = 0.4, acceleration: float = 0.25) -> Limits:
     return LIMITS._replace(linear=linear, acceleration=acceleration)
 

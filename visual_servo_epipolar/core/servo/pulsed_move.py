@@ -3,7 +3,8 @@ Moves by pulses: a base with a dead band stands, measures, and moves once onto i
 
 What is slower than a dead band is sent as pulses, each of which is a hop of threshold times frame.
 A move is a train of them, as long as what is left by the mean since the robot stands. Its hops are
-stretched, so that a whole number of them leads there. A turn that is shorter than one hop first
+stretched, so that a whole number of them leads there, as far as ramps from the dead band on allow
+it. A turn that is shorter than one hop first
 leads away by one, where that ends nearer.
 """
 
@@ -24,14 +25,16 @@ class Aim(NamedTuple):
     """
     What is ``left`` to the aim, the ``bound`` within which it is met, and the ``error`` of both.
 
-    ``threshold`` is the dead band, and ``room`` what a move may lead away to come back, to the
-    positive and to the negative side. [m, m/s] or [rad, rad/s]
+    ``threshold`` is the dead band, ``lost`` what speeding up to it takes of a move, and ``room``
+    what a move may lead away to come back, to the positive and to the negative side. [m, m/s] or
+    [rad, rad/s]
     """
 
     left: float
     bound: float
     threshold: float
     error: float = 0.0
+    lost: float = 0.0
     room: tuple[float, float] = (0.0, 0.0)
 
 
@@ -42,30 +45,37 @@ def pulsed_move(
     Return the twist to command for the one ``wanted``, and the rest of the move [m/s, rad/s].
 
     None where the law goes on: the base follows, the aim is farther than it drives while a move
-    is waited for, or no memory of views gives its place.
+    is waited for, or its place is unknown.
     """
     seen, rest = state.settling.rest or state.measurement, state.motion.dead_band_residual
-    known = seen is not None and seen.offset is not None and settings.dead_band_mode == 'pulse'
-    if seen is None or not known or not turns_in_place(settings.drive):
+    if seen is None or settings.dead_band_mode != 'pulse' or not turns_in_place(settings.drive):
         return None
-    if state.phase.turns_in_place:
+    if state.phase.turns_in_place and seen.offset is not None:
         bound = facing_bound(seen, settings, trial_of(state))
         aim = Aim(-seen.heading_error, bound, settings.dead_band_angular, room=seen.view_margins)
         if abs(wanted.angular) >= aim.threshold:
             return None
-        turn, more = _next_pulse(aim, rest.angular, settings.max_angular, state, settings)
+        ramp = settings.max_angular_acceleration * trial_of(state).frame_s
+        most = min(max(aim.threshold, abs(state.twist.angular)) + ramp, settings.max_angular)
+        turn, more = _next_pulse(aim, rest.angular, most, state, settings)
         return Twist(0.0, turn), Twist(0.0, more)
-    slope, settling = seen.difference_slope, state.settling
+    slope, settling = seen.difference_slope or state.motion.slope.value, state.settling
+    if state.phase.turns_in_place or not slope > 0.0:
+        return None
     bound = matched_bound(seen, settings, trial_of(state)) / slope
     error = math.sqrt(settling.rest_square) / max(settling.rested - 1, 1) / slope
-    aim = Aim(-seen.difference / slope, bound, settings.dead_band_linear, error)
+    # It slows down twice as fast as it speeds up; if it is faster than its ramps, less is lost.
+    lost = 0.5 * settings.dead_band_linear**2 / (4.0 * settings.max_acceleration)
+    aim = Aim(-seen.difference / slope, bound, settings.dead_band_linear, error, lost)
     near = state.phase.straight and abs(aim.left) <= aim.threshold * seen_after(settings)
     if abs(wanted.linear) >= aim.threshold or not near:
         return None
     moves = abs(rest.linear) >= aim.threshold * (1.0 - ROUNDING)
     if not moves and abs(aim.left) <= bound:  # there, but it may have to turn
         return settings.drive.beyond_dead_band(Twist(0.0, wanted.angular), rest, mode='pulse')
-    speed, more = _next_pulse(aim, rest.linear, settings.max_linear, state, settings)
+    ramp = settings.max_acceleration * trial_of(state).frame_s
+    most = min(max(aim.threshold, abs(state.twist.linear)) + ramp, settings.max_linear)
+    speed, more = _next_pulse(aim, rest.linear, most, state, settings)
     return Twist(speed, 0.0), Twist(more, 0.0)
 
 
@@ -78,7 +88,7 @@ def _next_pulse(
         measured = state.settling.rested >= settings.arrival_frames and aim.error <= aim.bound
         frame_s = trial_of(state).frame_s
         way = way_of_move(aim.left, aim.bound, aim.threshold * frame_s, aim.room)
-        moving = way / frame_s if measured else 0.0
+        moving = (way + math.copysign(aim.lost, way)) / frame_s if measured and way else 0.0
     pulse = first_pulse(moving, aim.threshold, most)
     return pulse, moving - pulse
 

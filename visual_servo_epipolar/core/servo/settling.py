@@ -89,22 +89,25 @@ def _rest(state: ServoState, settings: ServoSettings) -> dict[str, Any]:
     now, before, rested = state.measurement, state.settling.rest, state.settling.rested + 1
     if (
         now is None
-        or now.offset is None
+        or not math.isfinite(now.difference)
         or not state.phase.drives
         or state.motion.sent.rest_s(now.stamp_ns) < seen_after(settings)
     ):
         return {'rest': None, 'rested': 0, 'rest_square': 0.0}
-    if before is None or before.offset is None:
+    if before is None or (before.offset is None) is not (now.offset is None):
         return {'rest': now, 'rested': 1, 'rest_square': 0.0}
     change = now.difference - before.difference
     turn = math.remainder(now.heading_error - before.heading_error, 2.0 * math.pi)
-    (x, y), (last_x, last_y) = now.offset, before.offset
     mean = replace(
         now,
         difference=before.difference + change / rested,
         heading_error=before.heading_error + turn / rested,
-        offset=(last_x + (x - last_x) / rested, last_y + (y - last_y) / rested),
     )
+    if now.offset is not None and before.offset is not None:
+        (x, y), (last_x, last_y) = now.offset, before.offset
+        mean = replace(
+            mean, offset=(last_x + (x - last_x) / rested, last_y + (y - last_y) / rested)
+        )
     square = state.settling.rest_square + change * (now.difference - mean.difference)
     return {'rest': mean, 'rested': rested, 'rest_square': square}
 

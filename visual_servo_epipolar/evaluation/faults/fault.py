@@ -37,7 +37,6 @@ from visual_servo_epipolar.simulation.run_monitor import LEAST_BASELINE_M, WRONG
 
 SERVO, BASE = 'servo_node', 'unicycle_node'
 LONGEST_STEP_S = 0.5  # between two measurements that count as one drive
-STRETCHED = 2.0  # pulses of a move over the dead band, so that a whole number leads to the aim
 LIMITS = (
     'max_linear',
     'max_angular',
@@ -156,7 +155,7 @@ class Witness:
         except ValueError as error:
             self.record.senseless = str(error)
             return
-        limits = _limits(servo, twist, self._learnt_dead_band)
+        limits = _limits(servo, self._learnt_dead_band)
         self.record.orders.append(ServoCommand(self.now_s, twist, limits))
 
     def _on_phase(self, envelope: Envelope) -> None:
@@ -191,25 +190,25 @@ class Witness:
             self.record.wrong_geometry_s += min(self.now_s - before_s, LONGEST_STEP_S)
 
 
-def _limits(servo: Node, twist: Twist, learnt: Twist) -> Limits:
+def _limits(servo: Node, learnt: Twist) -> Limits:
     """
     Return the limits that a servo obeys.
 
-    Slow commands may jump to a dead band that is configured, or that it says it has ``learnt``;
-    pulses of a measured move are up to twice as fast.
+    Slow commands may jump to a dead band that is configured, or that it says it has ``learnt``.
     """
     said = {name: servo.get_parameter(name).value for name in LIMITS}
     for name, lower in (('max_linear', 'max_speed'), ('max_angular', 'max_turn_rate')):
         if servo.has_parameter(lower):  # of a route
             said[name] = min(said[name], servo.get_parameter(lower).value)
-    ramps = not (said['dead_band_linear'] or said['dead_band_angular'])
-    linear, angular = STRETCHED * learnt.linear, STRETCHED * learnt.angular
-    hops = abs(twist.linear) <= linear, abs(twist.angular) <= angular
     return Limits(
         float(said['max_linear']),
         float(said['max_angular']),
-        float(said['max_acceleration']) if ramps and not hops[0] else math.inf,
-        float(said['max_angular_acceleration']) if ramps and not hops[1] else math.inf,
+        float(said['max_acceleration']),
+        float(said['max_angular_acceleration']),
+        Twist(
+            max(float(said['dead_band_linear']), learnt.linear),
+            max(float(said['dead_band_angular']), learnt.angular),
+        ),
     )
 
 

@@ -31,12 +31,17 @@ class TrueMotion(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Limits of speed [m/s, rad/s] and of its ramps [m/s^2, rad/s^2], inf without one."""
+    """
+    Limits of speed [m/s, rad/s] and of its ramps [m/s^2, rad/s^2], inf without one.
+
+    Ramps count from the ``dead_band`` on, to which slow commands may jump [m/s, rad/s].
+    """
 
     linear: float
     angular: float
     acceleration: float
     angular_acceleration: float
+    dead_band: Twist = STANDSTILL
 
 
 class ServoCommand(NamedTuple):
@@ -328,8 +333,9 @@ def _ramps(record: Record, bounds: SafetyBounds) -> str:
     for before, after in pairwise(record.orders):
         commanded, taken = after.time_s - before.time_s, _taken_s(record, after.time_s)
         dt = max(commanded, taken - _taken_s(record, before.time_s), STEP * bounds.period_s)
-        linear = _rise(before.twist.linear, after.twist.linear)
-        angular = _rise(before.twist.angular, after.twist.angular)
+        band = after.limits.dead_band
+        linear = _rise(before.twist.linear, after.twist.linear, band.linear)
+        angular = _rise(before.twist.angular, after.twist.angular, band.angular)
         if (
             linear > after.limits.acceleration * dt + RAMP_M_S
             or angular > after.limits.angular_acceleration * dt + RAMP_RAD_S
@@ -338,9 +344,9 @@ def _ramps(record: Record, bounds: SafetyBounds) -> str:
     return ''
 
 
-def _rise(before: float, after: float) -> float:
-    """Return by how much a speed has risen; beyond zero all of it."""
-    return abs(after) - (abs(before) if before * after >= 0.0 else 0.0)
+def _rise(before: float, after: float, dead_band: float) -> float:
+    """Return by how much a speed has risen; beyond zero all of it, but for a ``dead_band``."""
+    return abs(after) - max(abs(before) if before * after >= 0.0 else 0.0, dead_band)
 
 
 def _taken_s(record: Record, time_s: float) -> float:
