@@ -79,6 +79,14 @@ def test_who_is_not_has(away: float, deviation: float) -> None:
     assert has_parallax(ServoState(), off, SETTINGS)
 
 
+def test_what_is_left_along_the_axis_is_no_reason_for_an_attempt_that_ends_as_the_last() -> None:
+    short = replace(measurement(), offset=(0.0, -0.003), offset_deviation=1e-4)
+    short = replace(short, difference_slope=0.1, difference_deviation=1e-6, difference=-3e-4)
+    assert has_parallax(ServoState(), short, SETTINGS)
+    banded = replace(SETTINGS, dead_band_linear=0.07)  # half a hop of 7 mm
+    assert not has_parallax(ServoState(), short, banded)
+
+
 @pytest.mark.parametrize(('attempts', 'there'), [(2, False), (3, True), (5, True)])
 def test_a_base_that_misses_by_the_same_again_and_again_is_asked_for_less(attempts, there) -> None:
     beside = replace(measurement(), offset=(0.005, 0.0), offset_deviation=1e-4)
@@ -158,3 +166,19 @@ def test_a_view_of_few_features_that_does_not_count_teaches_nothing() -> None:
     assert said is None
     assert after.views.shrinkage == memory.shrinkage
     assert after.views.pose is memory.pose
+
+
+def test_a_floor_that_becomes_rough_keeps_the_map() -> None:
+    drive = trial(StudySettings(), 3)
+    memory, last = after_drive(drive), len(drive.views) - 1
+    seen = drive.observations(last)
+    observation = Observation(0, seen.current, seen.desired, 769.0, ids=seen.ids)
+    known = fresh_memory(SETTINGS)
+    bumpy = replace(known, attitude=replace(known.attitude, jitter=2.0 * memory.mount.jitter))
+    perception = Perception(Measurement(0, len(seen), 769.0, 0.2), bumpy, observation=observation)
+    nowhere = OdometryIncrement(Motion(), Motion())
+    after, said = localize(MapState(memory), perception, nowhere, SETTINGS)
+    assert after.views.mount.jitter == 2.0 * memory.mount.jitter
+    assert said is not None
+    off = math.hypot(said.lateral - drive.views[last, 0], said.longitudinal - drive.views[last, 1])
+    assert off < 4.0 * math.hypot(said.lateral_deviation, said.longitudinal_deviation)

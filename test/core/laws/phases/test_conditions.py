@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.laws.phases.bounds import (
     engage_bound,
     facing_bound,
     matched_bound,
-    PULSED_PATIENCE_S,
+    PATIENCE_S,
     release_bound,
     trial_of,
 )
@@ -89,21 +89,11 @@ def test_nobody_is_asked_for_less_than_the_base_can_move(mode, frames) -> None:
     assert matched_bound(vague, banded) == pytest.approx(1e-3)
     turning = replace(banded, dead_band_angular=0.05)
     sure = replace(exact, heading_deviation=0.0)
-    impatient = slowly._replace(time_in_tolerance=PULSED_PATIENCE_S + 0.1)
+    impatient = slowly._replace(time_in_tolerance=PATIENCE_S + 0.1)
     assert facing_bound(sure, turning, impatient) == pytest.approx(frames * 0.2 * 0.05)
     # Pulses that are stretched to lead onto the heading end finer than equal ones.
     finer = 0.15 if mode == 'pulse' else frames
     assert facing_bound(sure, turning, slowly) == pytest.approx(finer * 0.2 * 0.05)
-
-
-def test_whose_pulses_are_trimmed_lingers_within_two_of_them() -> None:
-    banded = replace(SETTINGS, dead_band_angular=0.05)
-    known = sight(offset=(0.0, 0.0), heading_deviation=0.0)
-    for hops, lingers in ((1.9, True), (2.1, False)):
-        turned = replace(known, heading_error=hops * 0.1 * 0.05)
-        assert is_close(in_phase(Phase.ORIENTING, measurement=turned), banded) == lingers
-        by_two_views = replace(turned, offset=None)
-        assert not is_close(in_phase(Phase.ORIENTING, measurement=by_two_views), banded)
 
 
 def test_who_lingers_at_the_goal_is_asked_for_no_more_than_usual() -> None:
@@ -121,8 +111,8 @@ def test_who_lingers_at_the_goal_is_asked_for_no_more_than_usual() -> None:
         state = in_phase(phase, measurement=exact)
         assert not is_settled(state, SETTINGS)
         assert is_close(state, SETTINGS)
-        assert is_settled(state.changed(time_in_tolerance=PULSED_PATIENCE_S + 0.1), SETTINGS)
-    turned = in_phase(Phase.ORIENTING, time_in_tolerance=PULSED_PATIENCE_S + 0.1)
+        assert is_settled(state.changed(time_in_tolerance=PATIENCE_S + 0.1), SETTINGS)
+    turned = in_phase(Phase.ORIENTING, time_in_tolerance=PATIENCE_S + 0.1)
     assert is_at_goal(turned, exact, SETTINGS)
     assert not is_at_goal(in_phase(Phase.ORIENTING), exact, SETTINGS)
     assert not is_close(in_phase(Phase.RETREATING, measurement=exact), SETTINGS)

@@ -38,7 +38,10 @@ def has_parallax(state: DriveState, measurement: Measurement, settings: DriveSet
         return True
     if measurement.offset is None:
         return False
-    return not math.hypot(*measurement.offset) <= _offset_bound(state, measurement, settings)
+    x, y = measurement.offset
+    if is_matched(measurement, settings, trial_of(state, spent=True)):
+        y = 0.0  # no attempt comes nearer along the axis
+    return not math.hypot(x, y) <= _offset_bound(state, measurement, settings)
 
 
 def _looks_elsewhere(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:

@@ -3,8 +3,8 @@ Bounds below which a measurement counts as zero: no finer than its noise, nor th
 
 With the offset of a memory of views they are finer than with two views. A base may be
 unable to come as near, and its dead band need not be configured: after 0.8 s within the usual
-tolerance that is enough, after 4 s where each pulse of a dead band has to be seen first. The
-tolerances of the owner make them coarser, less what the measurement may be wrong by.
+tolerance that is enough. The tolerances of the owner make them coarser, less what the measurement
+may be wrong by.
 """
 
 import math
@@ -21,19 +21,14 @@ NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of ar
 PULSE_MISS = 0.15  # of a hop, by which stretched pulses miss: a base slips
 FACING = 6e-4  # heading error that two views leave; what a tolerance is less by, too [rad]
 MOST_HYSTERESIS = 4.0
-PATIENCE_S, PULSED_PATIENCE_S = 0.8, 4.0  # within the usual bounds, after which they are enough
+PATIENCE_S = 0.8  # within the usual bounds, after which they are enough
 
 
 class Trial(NamedTuple):
-    """
-    Time within the usual bounds by now, that from one command to the next, and its jitter [s].
-
-    ``is_brief``: on the way pulses are not waited for.
-    """
+    """Time within the usual bounds by now, that from one command to the next, its jitter [s]."""
 
     time_in_tolerance: float = 0.0
     frame_s: float = USUAL_STEP_S
-    is_brief: bool = False
     jitter_s: float = 0.0
 
 
@@ -79,11 +74,11 @@ def facing_bound(measurement: Measurement, settings: DriveSettings, trial: Trial
     fine = min(tolerance, FACING)
     if measurement.offset is not None:
         deviation = measurement.heading_deviation
-        if _is_patient(settings, trial):
+        if _is_patient(trial):
             fine = min(max(NEGLIGIBLE * deviation, LEAST_HEADING), fine)
     bound = max(fine, tolerance - FACING - NOISE_DEVIATIONS * deviation)
     least = _hop(settings.dead_band_angular, settings, trial)
-    if ends_by_pulses(measurement, settings) and _is_patient(settings, trial):
+    if ends_by_pulses(measurement, settings) and _is_patient(trial):
         # Of two pulses, one away and one back, neither lasts for exactly a frame.
         miss = max(PULSE_MISS * trial.frame_s, 2.0 * trial.jitter_s)
         least = min(least, miss * settings.dead_band_angular)
@@ -94,16 +89,6 @@ def ends_by_pulses(measurement: Measurement, settings: DriveSettings) -> bool:
     """Return whether turns end in place, by pulses: see ``servo.pulsed_move``."""
     known, pulses = measurement.offset is not None, settings.dead_band_mode == 'pulse'
     return known and pulses and max(settings.dead_band_linear, settings.dead_band_angular) > 0.0
-
-
-def pulse_turn_bound(
-    measurement: Measurement, settings: DriveSettings, trial: Trial = FIRST
-) -> float:
-    """Return the heading error [rad] within which patience is spent: two hops with pulses."""
-    usual = facing_bound(measurement, settings, trial._replace(time_in_tolerance=math.inf))
-    if not ends_by_pulses(measurement, settings):
-        return usual
-    return max(usual, 2.0 * trial.frame_s * settings.dead_band_angular)
 
 
 def matched_bound(
@@ -117,7 +102,7 @@ def matched_bound(
     slope = measurement.difference_slope
     hop = _hop(settings.dead_band_linear, settings, trial) * slope
     fine = max(min(least, LEAST_OFFSET * slope), (1.0 if hop else NEGLIGIBLE) * deviation)
-    return max(fine if _is_patient(settings, trial) else usual, hop)
+    return max(fine if _is_patient(trial) else usual, hop)
 
 
 def is_matched(measurement: Measurement, settings: DriveSettings, trial: Trial = FIRST) -> bool:
@@ -125,11 +110,9 @@ def is_matched(measurement: Measurement, settings: DriveSettings, trial: Trial =
     return abs(measurement.difference) <= matched_bound(measurement, settings, trial)
 
 
-def _is_patient(settings: DriveSettings, trial: Trial) -> bool:
+def _is_patient(trial: Trial) -> bool:
     """Return whether the robot still tries for what is finer than usual."""
-    pulsed = max(settings.dead_band_linear, settings.dead_band_angular) > 0.0
-    most = PULSED_PATIENCE_S if pulsed and not trial.is_brief else PATIENCE_S
-    return trial.time_in_tolerance <= most
+    return trial.time_in_tolerance <= PATIENCE_S
 
 
 def _hop(threshold: float, settings: DriveSettings, trial: Trial) -> float:

@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_at_goa
 from visual_servo_epipolar.core.laws.phases.bounds import (
     align_bound,
     engage_bound,
-    pulse_turn_bound,
+    facing_bound,
     trial_of,
 )
 from visual_servo_epipolar.core.laws.phases.conditions import (
@@ -104,7 +104,7 @@ def _orient(state: DriveState, measurement: Measurement, settings: DriveSettings
 
 
 def _nearly_oriented(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
-    bound = pulse_turn_bound(measurement, settings, trial_of(state))
+    bound = facing_bound(measurement, settings, trial_of(state, spent=True))
     return abs(measurement.heading_error) <= bound
 
 

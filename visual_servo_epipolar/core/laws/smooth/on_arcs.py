@@ -23,14 +23,13 @@ from visual_servo_epipolar.core.laws.braking import BRAKING, rate_within
 from visual_servo_epipolar.core.laws.machine import StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_near_enough
-from visual_servo_epipolar.core.laws.phases.bounds import FACING
+from visual_servo_epipolar.core.laws.phases.bounds import FACING, trial_of
 from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted
 from visual_servo_epipolar.core.laws.smooth.smooth import (
     approach,
     APPROACHING,
     is_through,
     missed,
-    motion_trial,
     ONE_MOTION,
     retreating,
     seen_from,
@@ -253,7 +252,7 @@ def _ends(state: DriveState, measurement: Measurement, settings: DriveSettings) 
     """Return whether the motion leads no farther: the heading cannot be turned there."""
     if measurement.offset is None:
         return False
-    through = is_through(state, measurement, settings, motion_trial(state))
+    through = is_through(state, measurement, settings, trial_of(state))
     return through or is_near_enough(state, measurement, settings)
 
 

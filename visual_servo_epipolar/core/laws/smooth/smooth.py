@@ -405,7 +405,7 @@ def _ends(state: DriveState, measurement: Measurement, settings: DriveSettings) 
     """
     if measurement.offset is None:
         return False
-    trial = motion_trial(state)
+    trial = trial_of(state)
     rest = 1.0 / _decay(state, settings, trial)
     turned = abs(measurement.heading_error) > rest * _heading_bound(measurement, settings, trial)
     stands = state.settling.rest is not None and ends_by_pulses(measurement, settings)
@@ -451,11 +451,6 @@ def is_through(
     bound = rest * matched_bound(measurement, settings, trial)
     left = abs(way_left(measurement, state)) * measurement.difference_slope
     return min(abs(measurement.difference), left) <= bound
-
-
-def motion_trial(state: DriveState) -> Trial:
-    """Return how long the robot has tried: what is closer than usual it tries for less long."""
-    return trial_of(state)._replace(is_brief=True)
 
 
 def is_close(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
