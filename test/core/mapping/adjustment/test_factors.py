@@ -141,7 +141,7 @@ STEP = 1e-6
 
 
 @pytest.fixture(scope='module')
-def exact():
+def driven():
     """Return the true geometry of a drive without noise."""
     drive = Drive(
         start=(0.3, -2.0, 4.0),
@@ -173,25 +173,25 @@ def view_at(pose):
     return [-left, forward, turn, TILT, ROLL]
 
 
-def test_the_truth_leaves_no_residuals(exact) -> None:
-    assert exact.cost == pytest.approx(0.0, abs=1e-6)
+def test_the_truth_leaves_no_residuals(driven) -> None:
+    assert driven.cost == pytest.approx(0.0, abs=1e-6)
 
 
-def test_refinement_finds_the_truth_from_the_nearest_guess(exact) -> None:
+def test_refinement_finds_the_truth_from_the_nearest_guess(driven) -> None:
     ratio = math.sqrt(FIRST_DISTANCES[1] / FIRST_DISTANCES[0])  # halfway between two of them
-    true = exact.unknowns
+    true = driven.unknowns
     wrong = true.views * [ratio, ratio, 1.0, 1.0, 1.0] + [0.05, 0.0, 0.01, 0.0, 0.0]
-    near = triangulate(exact.window, replace(true, views=wrong), np.ones(len(wrong), bool))
-    start = replace(exact, unknowns=replace(true, views=wrong, inverse_depth=near))
+    near = triangulate(driven.window, replace(true, views=wrong), np.ones(len(wrong), bool))
+    start = replace(driven, unknowns=replace(true, views=wrong, inverse_depth=near))
     at, damping = refine_narrowing(start)
     geometry = refine(at, 40, damping)
     assert geometry.unknowns.views[:, :3] == pytest.approx(true.views[:, :3], abs=0.03)
-    assert exact.factors.path_ratio(geometry.unknowns) < 0.2
+    assert driven.factors.path_ratio(geometry.unknowns) < 0.2
 
 
-def test_a_scale_of_the_odometry_is_found_where_it_is_free(exact) -> None:
+def test_a_scale_of_the_odometry_is_found_where_it_is_free(driven) -> None:
     # The images and the mount do not tell it apart: only the odometry's own deviation holds it.
-    factors, true = exact.factors, exact.unknowns
+    factors, true = driven.factors, driven.unknowns
     longer = replace(factors, motions=factors.motions * [1.1, 1.1, 1.0])
     shared = true.shared.copy()
     shared[SCALE] = -np.log(1.1)
@@ -199,8 +199,8 @@ def test_a_scale_of_the_odometry_is_found_where_it_is_free(exact) -> None:
     assert residuals == pytest.approx(0.0, abs=1e-6)
 
 
-def test_derivatives_are_those_of_the_residuals(exact) -> None:
-    factors, at = exact.factors, exact.unknowns
+def test_derivatives_are_those_of_the_residuals(driven) -> None:
+    factors, at = driven.factors, driven.unknowns
     slopes, before = factors.slopes(at), factors.residuals(at)
     whole = np.concatenate([at.views.ravel(), at.shared])
     for j in range(len(whole)):
@@ -211,8 +211,8 @@ def test_derivatives_are_those_of_the_residuals(exact) -> None:
         assert change == pytest.approx(slopes[:, j], abs=1e-3 * max(np.abs(change).max(), 1.0))
 
 
-def test_normal_equations_are_the_slope_of_the_cost(exact) -> None:
-    factors, at = exact.factors, exact.unknowns
+def test_normal_equations_are_the_slope_of_the_cost(driven) -> None:
+    factors, at = driven.factors, driven.unknowns
     shared = at.shared.copy()
     shared[ON_BASE] += [0.01, -0.02, 0.01]
     at = replace(at, shared=shared)
