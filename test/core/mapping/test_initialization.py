@@ -14,12 +14,14 @@ from visual_servo_epipolar.core.mapping import initialization
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY
 from visual_servo_epipolar.core.mapping.initialization import (
+    DECISIVE,
     guess_pose,
     held_views,
     initial_geometry,
     is_rival,
     is_sound,
     is_sure,
+    LIKELY,
     orient_ahead,
     Start,
     triangulate,
@@ -162,8 +164,21 @@ def test_before_a_wall_false_bearings_begin_no_false_geometry(seed: int) -> None
 def test_nothing_begins_while_another_geometry_fits_as_well(exact, monkeypatch) -> None:
     starts = [start_at(exact.unknowns.views[1], 1, off) for off in (0.0, 0.05)]
     assert initial_geometry(exact.window, starts, Attitude(), 0.05) is not None
-    monkeypatch.setattr(initialization, 'is_rival', lambda best, other: True)
+    monkeypatch.setattr(initialization, 'is_rival', lambda best, other, margin: True)
     assert initial_geometry(exact.window, starts, Attitude(), 0.05) is None
+
+
+@pytest.mark.parametrize(('times', 'margin'), [(1, LIKELY), (2, DECISIVE)])
+def test_bearings_without_a_rival_tell_as_well(times: int, margin: float, monkeypatch) -> None:
+    places = np.array([[0.9, -3.0, -0.15], [0.7, -2.6, 0.1], [0.5, -2.2, 0.2]])
+    drive, window = trial(StudySettings(points=90, wall=True, wrong=0.0), 0, places), EMPTY
+    for k in range(3):
+        window = window.with_view(drive.observations(k), drive.views[k, :2])
+    starts = [start_at(drive.views[k], k) for k in (0, 1, *[2] * times)]
+    asked = []
+    monkeypatch.setattr(initialization, 'is_rival', lambda *pair: asked.append(pair[2]))
+    initial_geometry(window, starts, drive.mount, 0.05)
+    assert set(asked) == {margin}
 
 
 def test_a_view_is_looked_for_where_it_was_told_as_far_off_as_its_neighbour() -> None:

@@ -40,7 +40,7 @@ ALMOST = 1.5  # times the usual squares: converged but for rounding
 COLD_DAMPING = 1e-3
 VOTE = 3.0  # most deviations of an inverse depth that count for its sign
 MOST_NOISE = 2.0  # of residuals over the noise that is expected: else it is the wrong geometry
-DECISIVE = 16.0  # of cost, by which one geometry must fit better than another
+DECISIVE, LIKELY = 16.0, 4.0  # of cost, by which one geometry must fit better than another
 ALIKE = 0.05  # direction of the last view, up to which they are the same [rad]
 FIRST_TRUSTED = 0.6  # of the features to begin with: a wrong plane fits half of them
 LEAST_AGREEING = 0.5  # of the trusted features in a view
@@ -76,16 +76,19 @@ def initial_geometry(
 
     last = starts[-1]
     tried = [begun(window, start, starts) for start in starts if start.view == last.view]
-    found = [geometry for geometry in tried if geometry is not None and is_sure(geometry)]
+    found = [_settled(each) for each in tried if each is not None and is_sure(each)]
     if not found:
         return None
     best = min(found, key=_cost)
     exchanged = exchanged_starts(best, last.attitude)
     twin = begun(best.window, exchanged[-1], exchanged) if exchanged else None
     # A geometry that needs views left out does not fit as well.
-    fitting = [each for each in (*found, twin) if each and len(each.window) >= len(best.window)]
-    best, *others = sorted(map(_settled, fitting), key=_cost)
-    decided = best.converged and not any(is_rival(best, other) for other in others)
+    fitting = [*found, _settled(twin)] if twin else found
+    fitting = [each for each in fitting if len(each.window) >= len(best.window)]
+    best, *others = sorted(fitting, key=_cost)
+    # Of bearings without a rival two views show that they are true, as well.
+    margin = LIKELY if len(tried) == 1 and best is found[0] else DECISIVE
+    decided = best.converged and not any(is_rival(best, other, margin) for other in others)
     return best if decided else None
 
 
@@ -122,9 +125,9 @@ def _plane(geometry: Geometry) -> FloatArray:
     return np.asarray(np.linalg.lstsq((rays * weight).T, near * weight, rcond=None)[0])
 
 
-def is_rival(best: Geometry, other: Geometry) -> bool:
+def is_rival(best: Geometry, other: Geometry, margin: float = DECISIVE) -> bool:
     """Whether ``other`` fits nearly as well from other places: more views must tell."""
-    if _cost(other) > _cost(best) + DECISIVE:
+    if _cost(other) > _cost(best) + margin:
         return False
     first, second = (it.unknowns.views[-1, :2] for it in (best, other))
     angle = np.arctan2(first[0] * second[1] - first[1] * second[0], first @ second)
