@@ -254,6 +254,13 @@ def test_the_first_look_after_a_gap_is_none() -> None:
         assert threshold.stood == 0.0
 
 
+def test_images_that_hang_teach_nothing() -> None:
+    threshold = Threshold()
+    for dt in [DT] * 12 + [1.0] + [DT] * 5:
+        threshold = threshold.updated(0.0, 1e-3, 0.03, dt, most=0.1)
+    assert threshold.value == threshold.stood == 0.0
+
+
 def test_limits_that_are_lowered_hold_for_what_was_learnt() -> None:
     band = DeadBand(linear=Threshold(0.08), angular=Threshold(0.1))
     settings = band.beside(replace(SETTINGS, max_linear=0.05, max_angular=0.09))
@@ -277,8 +284,8 @@ def test_few_images_a_second_make_long_pulses_so_they_are_slow() -> None:
     threshold = DeadBand()
     for _ in range(20):
         seen = sight(heading_error=0.0, heading_deviation=1e-4)
-        threshold = threshold.updated(seen, None, Twist(0.0, 0.015), 0.9, SETTINGS)
-    assert 0.015 < threshold.angular.value <= 2.0 * MOST_HOP[1] / 0.9
+        threshold = threshold.updated(seen, None, Twist(0.0, 0.015), 0.45, SETTINGS)
+    assert 0.015 < threshold.angular.value <= 2.0 * MOST_HOP[1] / 0.45
 
 
 def test_commands_below_what_was_learnt_come_as_pulses() -> None:
