@@ -11,8 +11,11 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import median
-from visual_servo_epipolar.core.estimate.motion_check import Evidence, MotionCheck
-from visual_servo_epipolar.core.estimate.verdicts import NOISE_OF_PARALLAX
+from visual_servo_epipolar.core.estimate.motion_check import (
+    Evidence,
+    MotionCheck,
+    NOISE_OF_PARALLAX,
+)
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.timing import goal_distance
 from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair

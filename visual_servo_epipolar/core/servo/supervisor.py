@@ -22,7 +22,7 @@ from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.machine import interruption
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.bounds import FACING
+from visual_servo_epipolar.core.laws.phases.arrival import FACING
 from visual_servo_epipolar.core.laws.phases.conditions import (
     excursion_limit,
     sees_too_little,
@@ -47,9 +47,8 @@ from visual_servo_epipolar.core.rigs.rig import Gaze, HeadCommand
 from visual_servo_epipolar.core.servo.admission import Arrival, disorder, FrozenImageCheck, refusal
 from visual_servo_epipolar.core.servo.checking import check_lens, check_motion
 from visual_servo_epipolar.core.servo.estimator import estimate, update_map
-from visual_servo_epipolar.core.servo.pulsed_move import pulsed_move
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.settling import at_rest, row_of, settle
+from visual_servo_epipolar.core.servo.settling import at_rest, pulsed_move, row_of, settle
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features

@@ -8,11 +8,12 @@ from servo_states import BEARINGS, behind, DRIVING, in_phase, ranged, SETTINGS, 
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import has_parallax, is_at_goal
-from visual_servo_epipolar.core.laws.phases.bounds import (
+from visual_servo_epipolar.core.laws.phases.arrival import (
     align_bound,
     engage_bound,
     facing_bound,
+    has_parallax,
+    is_at_goal,
     matched_bound,
     PATIENCE_S,
     release_bound,

@@ -10,7 +10,7 @@ from servo_states import behind, in_phase, SETTINGS, sight
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.bounds import hysteresis
+from visual_servo_epipolar.core.laws.phases.arrival import hysteresis
 from visual_servo_epipolar.core.laws.phases.conditions import offset_ratio
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.laws.two_steps.two_steps import escape_bound, MOST_RESTARTS

@@ -14,11 +14,13 @@ from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import (
     faces_goal,
+    FACING,
+    facing_bound,
+    FIRST,
     has_parallax,
     is_at_goal,
     is_near_enough,
 )
-from visual_servo_epipolar.core.laws.phases.bounds import FACING, facing_bound, FIRST
 from visual_servo_epipolar.core.odometry.ranging import Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings

@@ -15,11 +15,12 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.braking import settled_turn
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_at_goal
-from visual_servo_epipolar.core.laws.phases.bounds import (
+from visual_servo_epipolar.core.laws.phases.arrival import (
     align_bound,
     engage_bound,
+    faces_goal,
     facing_bound,
+    is_at_goal,
     trial_of,
 )
 from visual_servo_epipolar.core.laws.phases.conditions import (

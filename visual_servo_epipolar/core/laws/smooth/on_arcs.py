@@ -22,8 +22,12 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.braking import BRAKING, rate_within
 from visual_servo_epipolar.core.laws.machine import StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_near_enough
-from visual_servo_epipolar.core.laws.phases.bounds import FACING, trial_of
+from visual_servo_epipolar.core.laws.phases.arrival import (
+    faces_goal,
+    FACING,
+    is_near_enough,
+    trial_of,
+)
 from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted
 from visual_servo_epipolar.core.laws.smooth.smooth import (
     approach,

@@ -29,11 +29,12 @@ from visual_servo_epipolar.core.laws.braking import (
 )
 from visual_servo_epipolar.core.laws.machine import Classifier, PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import has_parallax, is_near_enough
-from visual_servo_epipolar.core.laws.phases.bounds import (
+from visual_servo_epipolar.core.laws.phases.arrival import (
     ends_by_pulses,
     FACING,
     facing_bound,
+    has_parallax,
+    is_near_enough,
     matched_bound,
     Trial,
     trial_of,

@@ -10,7 +10,7 @@ import math
 
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
+from visual_servo_epipolar.core.laws.phases.arrival import engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, displacement
 from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.laws.timing import felt_latency

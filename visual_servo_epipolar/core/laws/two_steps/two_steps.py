@@ -32,20 +32,18 @@ from visual_servo_epipolar.core.laws.machine import (
 )
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import (
-    faces_goal,
-    has_parallax,
-    is_in_doubt,
-    is_near_enough,
-    stands_aside,
-    stopping,
-)
-from visual_servo_epipolar.core.laws.phases.bounds import (
     align_bound,
     engage_bound,
+    faces_goal,
     FACING,
+    has_parallax,
     hysteresis,
+    is_in_doubt,
     is_matched,
+    is_near_enough,
     release_bound,
+    stands_aside,
+    stopping,
     trial_of,
 )
 from visual_servo_epipolar.core.laws.phases.conditions import (
