@@ -28,8 +28,11 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.flow import flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView
-from visual_servo_epipolar.core.tracking.photographs.photographs import Photographs, Rematching
-from visual_servo_epipolar.core.tracking.photographs.tied_view import TiedView
+from visual_servo_epipolar.core.tracking.photographs.photographs import (
+    Photographs,
+    Rematching,
+    TiedView,
+)
 from visual_servo_epipolar.core.tracking.reacquisition import (
     among_neighbours,
     Predictions,
