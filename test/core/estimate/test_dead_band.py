@@ -23,6 +23,7 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.supervisor import update
 
 DT = 0.1
@@ -142,7 +143,11 @@ def test_unequal_wheels_that_undo_a_turn_are_not_taken_for_standing() -> None:
 
 
 def at_speed(
-    *turns: float, curvature: float = 0.0, dead_band: float = 0.08, drives: bool = True
+    *turns: float,
+    curvature: float = 0.0,
+    dead_band: float = 0.08,
+    drives: bool = True,
+    settings: ServoSettings = SETTINGS,
 ) -> DeadBand:
     """Return what ``turns`` [rad/s] of 5 s each, at 0.2 m/s, by pulses at last, tell of a base."""
     band, heading, owed = DeadBand(), 0.0, 0.0
@@ -155,7 +160,7 @@ def at_speed(
                 sight(heading_error=heading, heading_deviation=3e-4),
                 Twist(0.2, velocity),
             )
-            band = band.updated(seen, None, twist, DT, SETTINGS, view_moves=drives)
+            band = band.updated(seen, None, twist, DT, settings, view_moves=drives)
     return band
 
 
@@ -166,6 +171,12 @@ def test_a_base_that_goes_nowhere_at_speed_is_deaf_and_has_no_dead_band() -> Non
 def test_turns_that_change_nothing_tell_a_dead_band_at_full_speed_also_without_a_map() -> None:
     assert at_speed(0.04).angular.value >= 0.08
     assert at_speed(0.04, -0.03).angular.value >= 0.08
+
+
+def test_a_base_that_has_one_dead_band_has_both_as_long_as_no_other_is_configured() -> None:
+    assert at_speed(0.04).linear.value == FOLLOWED
+    assert at_speed(0.04, settings=replace(SETTINGS, dead_band_linear=0.01)).linear.value == 0.0
+    assert at_speed(-0.02, curvature=0.1, dead_band=0.0).linear.value == 0.0
 
 
 @pytest.mark.parametrize('curvature', [0.1, -0.2])
@@ -292,11 +303,9 @@ def test_commands_below_what_was_learnt_come_as_pulses() -> None:
     band = DeadBand(angular=Threshold(0.05))
     settings = band.beside(SETTINGS)
     assert settings.dead_band_angular == 0.05
-    assert settings.dead_band_linear == FOLLOWED  # what has one dead band has both
-    told = replace(SETTINGS, dead_band_linear=0.01)
-    assert band.beside(told).dead_band_linear == 0.01
+    assert settings.dead_band_linear == SETTINGS.dead_band_linear
     assert band.beside(settings) is settings
-    wider = replace(SETTINGS, dead_band_angular=0.08, dead_band_linear=0.01)
+    wider = replace(SETTINGS, dead_band_angular=0.08)
     assert band.beside(wider) is wider  # who was told more knows better
     state = in_phase(Phase.ORIENTING, dead_band=band)
     sent = set()

@@ -170,30 +170,25 @@ class DeadBand:
             deviation = measurement.difference_deviation / slope
             along += seen - self.seen if math.isfinite(seen - self.seen) else 0.0
         most = _most(settings.max_linear, MOST_HOP[0], dt)
-        return DeadBand(
-            self.linear.updated(along, deviation, twist.linear, dt, most=most),
-            self.angular.updated(
-                self._unwrapped(measurement.heading_error),
-                heading_deviation(measurement),
-                twist.angular,
-                dt,
-                way=twist.linear * dt,
-                gone=abs(twist.linear) * dt if view_moves else 0.0,
-                most=_most(settings.max_angular, MOST_HOP[1], dt),
-            ),
-            along,
-            place,
-            seen,
+        linear = self.linear.updated(along, deviation, twist.linear, dt, most=most)
+        angular = self.angular.updated(
+            self._unwrapped(measurement.heading_error),
+            heading_deviation(measurement),
+            twist.angular,
+            dt,
+            way=twist.linear * dt,
+            gone=abs(twist.linear) * dt if view_moves else 0.0,
+            most=_most(settings.max_angular, MOST_HOP[1], dt),
         )
+        known = linear.value or settings.dead_band_linear
+        if angular.value and not (angular.stood or known):  # what has one dead band has both
+            linear = replace(linear, value=min(FOLLOWED, most))
+        return DeadBand(linear, angular, along, place, seen)
 
     def beside(self, settings: SettingsT) -> SettingsT:
         """Return ``settings`` with dead bands at least as wide as those that were learnt."""
-        learnt = self.linear.value
-        if self.angular.value and not (learnt or settings.dead_band_linear):
-            learnt = FOLLOWED  # what has one dead band has both
-        linear = max(
-            settings.dead_band_linear, min(learnt, largest_dead_band(settings.max_linear))
-        )
+        learnt = min(self.linear.value, largest_dead_band(settings.max_linear))
+        linear = max(settings.dead_band_linear, learnt)
         learnt = min(self.angular.value, largest_dead_band(settings.max_angular))
         angular = max(settings.dead_band_angular, learnt)
         if (linear, angular) == (settings.dead_band_linear, settings.dead_band_angular):
