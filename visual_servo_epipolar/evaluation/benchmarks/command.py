@@ -34,13 +34,15 @@ BENCHMARKS: Mapping[str, str] = {
     'mounts_images': f'{HERE}.mounts:ON_IMAGES',
     'real': f'{HERE}.estimation.real',
     'routes': f'{HERE}.estimation.routes',
+    'report': f'{HERE}.report',
 }
 # Too long to be run unless they are named.
-ON_REQUEST = ('mounts_images', 'real', 'routes')
-# Functions that read the FOLDER after the name of a benchmark, by the option that it becomes.
+ON_REQUEST = ('mounts_images', 'real', 'routes', 'report')
+# What reads the FOLDER after the name of a benchmark, by the option that it becomes.
 FOLDERS = {
     'real': ('photographs', f'{HERE}.estimation.real:read_pairs'),
     'routes': ('clips', f'{HERE}.estimation.routes:read_clips'),
+    'report': ('out', 'builtins:str'),
 }
 
 
@@ -52,7 +54,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar='WHICH',
         type=expanded,
         help=f'any of {", ".join(BENCHMARKS)} (default all but {", ".join(ON_REQUEST)}); after '
-        'real, else of simulated photographs, and after routes the FOLDER with truth.json',
+        'real, else of simulated photographs, and after routes the FOLDER with truth.json; after '
+        'report the FOLDER that it writes and goes on in (default bench_report)',
     )
     add_flags(parser, {'--quick': 'run a few trials only, to see that it works'})
     add_seed(parser)
