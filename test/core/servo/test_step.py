@@ -479,6 +479,13 @@ def test_what_line_following_makes_up_for_is_no_escape() -> None:
     assert after(outside, state=near).phase is Phase.DISPLACING
 
 
+def test_law_full_brakes_before_the_desired_epipole_is_zero() -> None:
+    running = in_phase(Phase.ZEROING_EPIPOLES, measurement=measurement(0.0, desired=-0.05))
+    slow = after(measurement(0.1, desired=-0.0499), state=running)
+    fast = after(measurement(0.1, desired=-0.03), state=running)
+    assert abs(fast.twist.linear) < abs(slow.twist.linear)
+
+
 def test_a_desired_epipole_that_runs_away_ends_the_run() -> None:
     state = after(measurement(0.1, desired=-1.55), state=in_phase(Phase.ZEROING_EPIPOLES))
     assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
