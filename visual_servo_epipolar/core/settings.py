@@ -83,9 +83,8 @@ class Settings:
 
     ``RENAMED`` has the names of earlier versions, which files and bags may still use; a kind has
     those of all its bases, too. ``GONE`` has names that mean nothing any more, each with the
-    value by which it was off, or that and the default where it was on: a file that has neither is
-    refused, a bag that was recorded with another than the first is replayed with a note.
-    ``INTERNAL`` names inherited fields that are no parameters of this kind.
+    value by which it was off: a file is refused, a bag that was recorded with another is replayed
+    with a note. ``INTERNAL`` names inherited fields that are no parameters of this kind.
     """
 
     INTERNAL: ClassVar[frozenset[str]] = frozenset()
@@ -102,11 +101,6 @@ class Settings:
         for item in fields(self):
             value = getattr(self, item.name)
             object.__setattr__(self, item.name, _checked(item.name, value, item))
-
-
-def values_off(off: Any) -> tuple[Any, ...]:
-    """Return what a file may give a name that is gone: off, then the default, if that was on."""
-    return off if isinstance(off, tuple) else (off,)
 
 
 def names_of(settings: Settings | type[Settings]) -> list[str]:

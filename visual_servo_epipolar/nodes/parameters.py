@@ -17,13 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 import yaml
 
-from visual_servo_epipolar.core.settings import (
-    alike,
-    parameters_of,
-    range_of,
-    Settings,
-    values_off,
-)
+from visual_servo_epipolar.core.settings import alike, parameters_of, range_of, Settings
 from visual_servo_epipolar.nodes.startup import command_line, table
 from visual_servo_epipolar.nodes.startup.guards import GuardedNode, wrong_type
 
@@ -58,11 +52,11 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     """
     given = node.given
     for name, off in kind.GONE.items():
-        if name in given and given[name].value in values_off(off):
+        if name in given and given[name].value == off:
             del given[name]
     old = [f'{name} -> {kind.RENAMED[name]}' for name in given if name in kind.RENAMED]
     gone = given.keys() & kind.GONE.keys() - kind.RENAMED.keys()
-    old += [f'{name}: gone, {values_off(kind.GONE[name])[0]!r} holds' for name in sorted(gone)]
+    old += [f'{name}: gone, {kind.GONE[name]!r} holds' for name in sorted(gone)]
     if old:
         lines = '\n  '.join(['rename or delete them in your file', *old])
         raise ValueError(f'{node.get_name()} is given names of earlier versions; {lines}')

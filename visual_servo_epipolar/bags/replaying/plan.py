@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.servo.telemetry import telemetry
-from visual_servo_epipolar.core.settings import Settings, updated, values_off
+from visual_servo_epipolar.core.settings import Settings, updated
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -143,8 +143,7 @@ def settings_in_time(
 
 
 def _note_gone(settings: Settings, recorded: NodeSettings, notes: list[str]) -> None:
-    for name, values in settings.GONE.items():
-        off = values_off(values)[0]
+    for name, off in settings.GONE.items():
         note = f'recorded with {name} {recorded.values.get(name)}: this version replays without it'
         if recorded.values.get(name, off) != off and note not in notes:
             notes.append(note)

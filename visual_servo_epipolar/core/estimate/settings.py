@@ -58,6 +58,7 @@ class Departures:
         'turn e_au to the side where the distance shrinks, and hold it there in step 1'
     )
     retreat: bool = departure("back off at the goal's heading where it lies beside or behind")
+    contact_braking: bool = departure('slow down by the time to contact at the end of step 1')
     compensate_rotation: bool = departure('take D from features turned to the desired heading')
     line_following: bool = departure("steer along the goal's axis in step 2, not u_2 = 0")
     slope_gain: bool = departure('scale the gain of step 2 by the measured slope of D')
@@ -99,12 +100,12 @@ class ControlSettings(Settings):
         'room': 'spiral_ratio',
         'least_room': 'least_spiral_ratio',
     }
-    GONE: ClassVar[Mapping[str, Any]] = {'contact_braking': (False, True), 'braking': 0.2}
 
     law: str = setting(DEFAULT_LAW, TEXT)
     true_sigma: bool = departure_setting('true_sigma')
     discordant_turn: bool = departure_setting('discordant_turn')
     retreat: bool = departure_setting('retreat')
+    contact_braking: bool = departure_setting('contact_braking')
     line_following: bool = departure_setting('line_following')
     slope_gain: bool = departure_setting('slope_gain')
     speed_ramps: bool = departure_setting('speed_ramps')
@@ -201,6 +202,9 @@ class ControlSettings(Settings):
         'Speed ramps: change of the angular acceleration; 0 = off [rad/s^3]',
         low=0.0,
         high=999,
+    )
+    braking: float = internal(
+        0.2, 'Step 1: deceleration to end it with [m/s^2]', low=0.01, high=20.0
     )
     spiral_ratio: float = internal(
         0.4, 'Step 1: fraction of the distance that remains after the spiral', low=0.05, high=0.95

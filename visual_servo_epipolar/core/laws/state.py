@@ -117,13 +117,15 @@ class LawState:
 
     ``target``, the abscissa at unit focal length at which e_au is held while e_du is zeroed;
     ``side``, the sign of e_du when that began; ``latched``, whether e_du counts as zero since;
-    ``gains``, those derived when the phase began (that of step 2 as well), None where they are
-    given; ``backing``, the arc on which a base that does not turn in place backs off, None else.
+    ``desired_rate``, the rate of its bearing [rad/s], smoothed; ``gains``, those derived when the
+    phase began (that of step 2 as well), None where they are given; ``backing``, the arc on which
+    a base that does not turn in place backs off, None without.
     """
 
     target: float = 0.0
     side: float = 1.0
     latched: bool = False
+    desired_rate: float = 0.0
     gains: Gains | None = None
     backing: Backing | None = None
 

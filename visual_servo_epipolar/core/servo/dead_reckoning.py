@@ -16,7 +16,8 @@ from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Identification, ServoState
 
-RANGE_SMOOTHING = 0.2  # weight of the newest value in an exponential mean, as the next
+RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next two
+RANGE_SMOOTHING = 0.2
 PERIOD_SMOOTHING = 0.1
 MIN_SPEED = 0.05  # below which the path says nothing about the range [m/s]
 TURN_DEVIATIONS = 8.0  # least turn of the line of sight, in deviations of a bearing
@@ -190,3 +191,12 @@ def jitter(view: ViewState, dt: float) -> float:
     if dt == 0.0 or math.isnan(view.period):
         return view.jitter
     return view.jitter + PERIOD_SMOOTHING * (abs(dt - view.period) - view.jitter)
+
+
+def desired_rate(state: ServoState, measurement: Measurement, dt: float) -> float:
+    """Return the rate of the bearing of e_du [rad/s], smoothed; 0 where it is unknown."""
+    previous = state.measurement
+    if previous is None or previous.bearings is None or measurement.bearings is None or dt == 0.0:
+        return 0.0
+    rate = (measurement.bearings.chi - previous.bearings.chi) / dt
+    return state.law.desired_rate + RATE_SMOOTHING * (rate - state.law.desired_rate)

@@ -38,6 +38,7 @@ from visual_servo_epipolar.core.perception.validated import noise_learnt
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.servo.dead_reckoning import (
+    desired_rate,
     drive_since,
     DrivenInterval,
     jitter,
@@ -80,6 +81,7 @@ def estimate(
         goal=replace(state.goal, map=fusion.map),
         identified=identified,
         motion=reckon(state, measurement, identified, drive, settings),
+        desired_rate=desired_rate(state, measurement, dt),
     )
 
 

@@ -459,3 +459,20 @@ def test_the_adaptive_gain_runs_from_one_value_to_the_other(
 
 def test_an_adaptive_gain_of_equal_ends_is_constant() -> None:
     assert equations.adaptive_gain(0.3, at_zero=2.0, far=2.0, slope=0.0) == 2.0
+
+
+@given(floats(0.05, 5.0), floats(0.001, 0.5), SIGNS, floats(0.05, 2.0), floats(0.05, 1.5))
+def test_the_braking_speed_is_just_enough_to_stop_in_time(
+    way: float, bearing: float, sign: float, speed: float, deceleration: float
+) -> None:
+    # The bearing closes in proportion to the remaining distance, by a scale that nobody knows.
+    rate = -sign * bearing * speed / way
+    limit = equations.braking_speed(sign * bearing, rate, deceleration=deceleration)
+    # At the speed v itself v^2 / (2 a) = way: the bound on v is 2 a way / v.
+    assert limit == pytest.approx(2.0 * deceleration * way / speed)
+    assert (limit >= speed * (1.0 - 1e-9)) == (speed**2 / (2.0 * deceleration) <= way * (1 + 1e-9))
+
+
+@pytest.mark.parametrize(('bearing', 'rate'), [(0.1, 0.2), (-0.1, -0.2), (0.1, 0.0), (0.0, 0.3)])
+def test_nothing_brakes_a_robot_that_is_not_closing_in(bearing: float, rate: float) -> None:
+    assert equations.braking_speed(bearing, rate, deceleration=0.2) == math.inf

@@ -172,6 +172,20 @@ def displaced_epipole(
     return -math.copysign(focal * math.tan(min(max(alpha, low), high)), e_desired)
 
 
+def braking_speed(bearing: float, rate: float, *, deceleration: float) -> float:
+    """
+    Return the largest speed [m/s] from which the robot can stop before ``bearing`` is zero.
+
+    ``bearing`` [rad] changes at ``rate`` [rad/s], and the robot brakes with ``deceleration``
+    [m/s^2]. The remaining distance is v tau, tau = |bearing / rate| the time to contact, and
+    stopping takes v^2 / (2 a): hence v <= 2 a tau, without knowing any distance. Infinite where
+    the bearing does not close in.
+    """
+    if bearing * rate >= 0.0:
+        return math.inf  # not closing in
+    return 2.0 * deceleration * abs(bearing / rate)
+
+
 def match_features(difference: float, *, k_t: float) -> Twist:
     """
     Return the twist of the second step: u_1 = -k_t D, u_2 = 0 (eqs. 21 and 22).

@@ -10,7 +10,7 @@ import math
 
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES, DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.braking import (
     braked,
     braked_turn,
@@ -72,6 +72,7 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.reasons import Reason
 
 MOST_RESTARTS = 12  # of step 1 in an attempt: it goes to and fro
+CREEP = 0.02  # least speed under contact braking, lest noise in the rate stop the robot [m/s]
 YAW_FOR_NEW_START = math.radians(1.5)  # that the camera may be learnt to differ by in this phase
 RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
 LARGEST_ESCAPE = 0.1  # [rad]
@@ -210,20 +211,25 @@ def leads_away(measurement: Measurement, settings: DriveSettings, *, factor: flo
 
 
 def _zero_epipoles(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
-    """Return eqs. (16)-(17)."""
-    bearings = measurement.bearings
+    """Return eqs. (16)-(17), braked before contact if the law says so."""
+    bearings, law = measurement.bearings, settings.options
     if bearings is None:
         return STANDSTILL
     if state.law.latched and _turns_back(state, settings):
         return Twist(0.0, braked_turn(-bearings.alpha, state, settings))
     nu = _auxiliary_controls(bearings, state, measurement, settings)
-    return equations.linearizing_control(
+    twist = equations.linearizing_control(
         bearings.epipole_current,
         bearings.epipole_desired,
         sigma=_sigma(bearings, settings),
         distance=state.motion.distance,
         nu=(nu[0], 0.0) if state.law.latched else nu,
     )
+    if not law.contact_braking:
+        return twist
+    rate, braking = state.law.desired_rate, settings.braking
+    speed = equations.braking_speed(bearings.chi, rate, deceleration=braking)
+    return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
 
 
 def _turns_back(state: DriveState, settings: DriveSettings) -> bool:
