@@ -272,6 +272,13 @@ def test_images_that_hang_teach_nothing() -> None:
     assert threshold.value == threshold.stood == 0.0
 
 
+def test_stamps_that_leap_teach_nothing() -> None:
+    threshold = Threshold()
+    for dt, deviation in [(DT, 0.05)] * 30 + [(0.0, 1e-3)]:  # surer where no time has passed
+        threshold = threshold.updated(0.0, deviation, 0.02, dt, most=0.1)
+    assert threshold == Threshold()
+
+
 def test_limits_that_are_lowered_hold_for_what_was_learnt() -> None:
     band = DeadBand(linear=Threshold(0.08), angular=Threshold(0.1))
     settings = band.beside(replace(SETTINGS, max_linear=0.05, max_angular=0.09))

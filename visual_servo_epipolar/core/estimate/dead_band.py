@@ -76,12 +76,13 @@ class Threshold:
 
         ``position`` is where that led, as it was measured to ``deviation``; nan begins anew, as
         does a command of more than ``most``, or to the other side before the last one was seen,
-        or a gap between images, in which a command may have been withdrawn.
+        or a gap between images, in which a command may have been withdrawn, or stamps that leap.
         None at all is a pause. What a base does first may be what was commanded before.
         """
         side = math.copysign(1.0, velocity) if velocity else self.side
         turns = side * self.side < 0.0 and (self.asked != 0.0 or not self.value)
-        if turns or dt > LATE_S or not math.isfinite(deviation) or abs(velocity) > most:
+        gap = not 0.0 < dt <= LATE_S
+        if turns or gap or not math.isfinite(deviation) or abs(velocity) > most:
             return Threshold(self.value, stood=self.stood, bend=self.bend)
         lasted = self.lasted + dt if side else 0.0
         idle = 0.0 if velocity else self.idle + dt

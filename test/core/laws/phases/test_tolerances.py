@@ -215,6 +215,13 @@ def test_a_tolerance_finer_than_the_noise_is_held_as_measured() -> None:
         assert classify(ending(near(x=x, deviation=8e-4)), fine) is event
 
 
+def test_a_base_that_comes_no_nearer_than_the_tolerance_has_missed() -> None:
+    short = near(y=-3e-3)  # within half a hop of its dead band
+    for tolerance, event in ((0.0, Event.MATCHED), (4e-3, Event.MATCHED), (1e-3, Event.MISSED)):
+        coarse = replace(SETTINGS, arrival_position=tolerance, dead_band_linear=0.07)
+        assert classify(ending(short), coarse) is event
+
+
 @pytest.mark.parametrize('law', ['paper', 'corrected', 'full-final_turn'])
 def test_a_law_without_a_final_turn_has_missed_where_it_is_turned(law: str) -> None:
     turned = near(heading_error=0.02)

@@ -147,7 +147,8 @@ def has_parallax(state: DriveState, measurement: Measurement, settings: DriveSet
     if measurement.offset is None:
         return False
     x, y = measurement.offset
-    if is_matched(measurement, settings, trial_of(state, spent=True)):
+    matched = is_matched(measurement, settings, trial_of(state, spent=True))
+    if matched and settings.arrival_position == 0.0:  # a tolerance of the owner's is a promise
         y = 0.0  # no attempt comes nearer along the axis
     return not math.hypot(x, y) <= _offset_bound(state, measurement, settings)
 
