@@ -26,35 +26,33 @@ NODES = (
 )
 SCENARIO = (RunSettings, PointSettings)  # sections run and points
 DECLARATION = re.compile(r'parameters\.declare\(self, (\w+)\)')
-HEADER = ('| parameter | default | range | what |', '|---|---|---|---|')
-ALONE = 'Scenario files and replay alone:'
+HEADER = ('| parameter | default, range | what |', '|---|---|---|')
+ALONE = 'Scenarios and replay alone:'
 HEAD = """\
 # Parameters
 
 All parameters of all nodes, in the order of [`config/*.yaml`](../config), under the class that
-declares them. `python docs/parameters.py` writes this page from the classes.
-[Upgrading](upgrading.md) has the names of earlier versions.
+declares them: each with its default, then its range or the other choices. `python
+docs/parameters.py` writes this page; [upgrading](upgrading.md) has earlier names.
 
-* Write a double with a point: `1.0`, not `1`. A node refuses values out of range and names that
-  it does not have. A file under `/**:` may hold the parameters of several nodes, as
-  [`robot.yaml`](../config/robot.yaml) does.
+* Write a double with a point: `1.0`. A node refuses values out of range and unknown names. A file
+  under `/**:` may hold the parameters of several nodes, as [`robot.yaml`](../config/robot.yaml).
 * *fixed* parameters can be set at the start only; the others while the robot drives: `ros2 param
   set /servo_node max_linear 0.3`.
 * *Step 1*, *Step 2*: of laws `paper`, `corrected` and `full`; law `smooth` ends by step 2 only
   without its memory.
 * Scenario files take these names in sections `servo`, `tracker`, `base`, `camera` and
-  `disturbances`, and those under *scenario files and replay alone*; `visual_servo replay --set
+  `disturbances`, and those under *scenarios and replay alone*; `visual_servo replay --set
   servo.look_ahead=0.3` those of servo and tracker.
-* Every node also takes `use_sim_time`. `~` stands for the home folder in names of files and
-  folders.
+* Every node also takes `use_sim_time`. In names of files `~` stands for the home folder.
 """
 UPGRADING = """\
 # Upgrading from 0.1
 
 `python docs/parameters.py` writes this page from the settings.
 
-* **Parameters.** The tables name what was renamed or is gone. Names under *scenario files and
-  replay alone* of [parameters](parameters.md) are settings that no robot needs: a parameter file
+* **Parameters.** The tables name what was renamed or is gone. Names under *scenarios and replay
+  alone* of [parameters](parameters.md) are settings that no robot needs: a parameter file
   may keep their defaults, and is refused in one line if it gives another value; scenario files,
   `replay --set` and Python keep them. A node that is given an old name says which one replaces
   it. Bags and scenarios with old names are read; a bag that was recorded with a setting that is
@@ -106,12 +104,16 @@ def _module(node: str) -> ModuleType:
 
 
 def _chapter(title: str, kinds: Sequence[type[Settings]], shown: dict[str, str]) -> str:
-    parts = [part for kind in kinds for part in _sections(kind, title, shown)]
-    return '\n'.join([f'## {title}\n', *parts])
+    same: dict[str, list[str]] = {}
+    parts = [part for kind in kinds for part in _sections(kind, title, shown, same)]
+    likewise = [f'As for {node}: {", ".join(names)}.\n' for node, names in same.items()]
+    return '\n'.join([f'## {title}\n', *likewise, *parts])
 
 
-def _sections(kind: type[Settings], title: str, shown: dict[str, str]) -> Iterator[str]:
-    """Yield a section for each class that declares fields of ``kind``."""
+def _sections(
+    kind: type[Settings], title: str, shown: dict[str, str], same: dict[str, list[str]]
+) -> Iterator[str]:
+    """Yield a section for each class with new fields; ``same`` takes those of earlier nodes."""
     owners: dict[type, list[Field[Any]]] = {}
     for item in fields(kind):
         owners.setdefault(_owner(kind, item.name), []).append(item)
@@ -122,13 +124,13 @@ def _sections(kind: type[Settings], title: str, shown: dict[str, str]) -> Iterat
         new = [row for name, row in rows.items() if name not in earlier]
         others = [item.name for item in items if item.name not in known]
         alone = [name for name in others if name not in shown]
-        parts = [_title(owner), *([*HEADER, *new, ''] if new else [])]
-        for node in dict.fromkeys(earlier.values()):
-            same = ', '.join(f'`{name}`' for name, of in earlier.items() if of == node)
-            parts.append(f'As those of {node}: {same}.\n')
+        for name, node in earlier.items():
+            same.setdefault(node, []).append(f'`{name}`')
+        parts = [*HEADER, *new, ''] if new else []
         if alone:
             parts.append(f'{ALONE} {", ".join(f"`{name}`" for name in alone)}.\n')
-        yield '\n'.join(parts)
+        if parts:
+            yield '\n'.join([_title(owner), *parts])
         shown |= dict.fromkeys([*new, *others], title)
 
 
@@ -139,16 +141,14 @@ def _owner(kind: type, name: str) -> type:
 
 def _title(owner: type) -> str:
     path = Path(inspect.getfile(owner)).resolve().relative_to(ROOT.resolve())
-    summary = (inspect.getdoc(owner) or '').split('\n\n')[0].replace('\n', ' ')
-    return f'### [`{owner.__name__}`](../{path})\n\n{summary}\n'
+    return f'### [`{owner.__name__}`](../{path})\n'
 
 
 def _row(item: 'Field[Any]') -> str:
     limits = range_of(item)
     cells = (
         f'`{item.name}`',
-        f'`{_written(item.default)}`',
-        _range(limits.low, limits.high, limits.choices, 'fixed' if limits.read_only else ''),
+        _range(item.default, limits),
         limits.text.replace('|', r'\|'),
     )
     return f'| {" | ".join(cells)} |'
@@ -165,11 +165,12 @@ def _written(value: Any) -> str:
     return f'{value:.6g}' if isinstance(value, float) and value != int(value) else repr(value)
 
 
-def _range(low: float | None, high: float | None, choices: tuple[str, ...], fixed: str) -> str:
-    parts = [f'`{choice}`' for choice in choices]
-    if not choices and low is not None and high is not None:
-        parts = [f'{_short(low)}..{_short(high)}']
-    return ', '.join([*parts, fixed] if fixed else parts)
+def _range(default: Any, limits: Any) -> str:
+    """Return the default, then the range or the other choices."""
+    parts = [f'`{value}`' for value in limits.choices if value != default]
+    if not parts and limits.low is not None and limits.high is not None:
+        parts = [f'{_short(limits.low)}..{_short(limits.high)}']
+    return ', '.join([f'`{_written(default)}`', *parts, *(['fixed'] if limits.read_only else [])])
 
 
 def _short(value: float) -> str:
