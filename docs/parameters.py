@@ -1,6 +1,6 @@
 """Writes docs/parameters.md and docs/upgrading.md from the settings: python docs/parameters.py."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import Field, fields
 from importlib import import_module
 import inspect
@@ -104,34 +104,30 @@ def _module(node: str) -> ModuleType:
 
 
 def _chapter(title: str, kinds: Sequence[type[Settings]], shown: dict[str, str]) -> str:
+    rows: list[str] = []
+    alone: list[str] = []
     same: dict[str, list[str]] = {}
-    parts = [part for kind in kinds for part in _sections(kind, title, shown, same)]
-    likewise = [f'As for {node}: {", ".join(names)}.\n' for node, names in same.items()]
-    return '\n'.join([f'## {title}\n', *likewise, *parts])
+    known = {item for kind in kinds for item in parameters_of(kind)}
+    for owner, items in _owners(kinds).items():
+        new = {item.name: _row(item) for item in items if item in known}
+        internal = [f'`{item.name}`' for item in items if item not in known]
+        for name in [name for name, row in new.items() if row in shown]:
+            same.setdefault(shown[new.pop(name)], []).append(f'`{name}`')
+        rows += [_title(owner), *new.values()] if new else []
+        alone += [name for name in internal if name not in shown]
+        shown |= dict.fromkeys([*new.values(), *internal], title)
+    parts = [f'## {title}\n', *([*HEADER, *rows, ''] if rows else [])]
+    parts += [f'As for {node}: {", ".join(names)}.\n' for node, names in same.items()]
+    return '\n'.join([*parts, *([f'{ALONE} {", ".join(alone)}.\n'] if alone else [])])
 
 
-def _sections(
-    kind: type[Settings], title: str, shown: dict[str, str], same: dict[str, list[str]]
-) -> Iterator[str]:
-    """Yield a section for each class with new fields; ``same`` takes those of earlier nodes."""
+def _owners(kinds: Sequence[type[Settings]]) -> dict[type, list['Field[Any]']]:
+    """Return the fields of all ``kinds`` by the class that declares them."""
     owners: dict[type, list[Field[Any]]] = {}
-    for item in fields(kind):
-        owners.setdefault(_owner(kind, item.name), []).append(item)
-    for owner, items in owners.items():
-        known = {item.name for item in parameters_of(kind)}
-        rows = {item.name: _row(item) for item in items if item.name in known}
-        earlier = {name: shown[row] for name, row in rows.items() if row in shown}
-        new = [row for name, row in rows.items() if name not in earlier]
-        others = [item.name for item in items if item.name not in known]
-        alone = [name for name in others if name not in shown]
-        for name, node in earlier.items():
-            same.setdefault(node, []).append(f'`{name}`')
-        parts = [*HEADER, *new, ''] if new else []
-        if alone:
-            parts.append(f'{ALONE} {", ".join(f"`{name}`" for name in alone)}.\n')
-        if parts:
-            yield '\n'.join([_title(owner), *parts])
-        shown |= dict.fromkeys([*new, *others], title)
+    for kind in kinds:
+        for item in fields(kind):
+            owners.setdefault(_owner(kind, item.name), []).append(item)
+    return owners
 
 
 def _owner(kind: type, name: str) -> type:
@@ -141,7 +137,7 @@ def _owner(kind: type, name: str) -> type:
 
 def _title(owner: type) -> str:
     path = Path(inspect.getfile(owner)).resolve().relative_to(ROOT.resolve())
-    return f'### [`{owner.__name__}`](../{path})\n'
+    return f'| [**{owner.__name__}**](../{path}) | | |'
 
 
 def _row(item: 'Field[Any]') -> str:
