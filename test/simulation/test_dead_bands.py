@@ -6,7 +6,7 @@ from durations import few_of
 import pytest
 import untold_bases
 
-from visual_servo_epipolar.core.estimate.dead_band import LEAST_ASKED
+from visual_servo_epipolar.core.estimate.dead_band import LEAST_ASKED, MARGIN
 from visual_servo_epipolar.core.servo.state import ServoState
 
 SEED = 303
@@ -40,8 +40,8 @@ def test_a_dead_band_that_nobody_told_is_found(name, zone, rate) -> None:
     assert summary['outcome'] == 'arrived', summary['reason']
     assert float(str(summary['position_error_m'])) < 0.004
     learnt = state.identified.dead_band
-    # Twice as much at most, or what hops by 3 mm and 3 mrad.
-    most = max(2.0 * zone, 1.05 * LEAST_ASKED * rate)
+    # Of a command below the zone, or what hops by 3 mm and 3 mrad.
+    most = max(MARGIN * zone, 1.05 * LEAST_ASKED * rate)
     assert zone <= max(learnt.linear.value, learnt.angular.value) <= most
 
 

@@ -182,8 +182,9 @@ class DeadBand:
             most=_most(settings.max_angular, MOST_HOP[1], dt),
         )
         known = linear.value or settings.dead_band_linear
-        if angular.value and not (angular.stood or known):  # what has one dead band has both
-            linear = replace(linear, value=min(FOLLOWED, most))
+        if angular.value and not (angular.stood or known):
+            # What has one dead band has both, and its wheels have a lever of less than a metre.
+            linear = replace(linear, value=min(angular.value, FOLLOWED, most))
         return DeadBand(linear, angular, along, place, seen)
 
     def beside(self, settings: SettingsT) -> SettingsT:
