@@ -131,6 +131,13 @@ def test_few_or_bad_rays_are_no_error(count: int) -> None:
     assert not agree_on_one_geometry(rays, rays, PIXEL)
 
 
+@pytest.mark.parametrize('count', [9, 10])
+def test_a_geometry_is_that_of_eight_rays_at_least(count: int) -> None:
+    for seed in range(12):
+        geometry, inliers = epipolar_geometry(*matches(seed, count, count - 8), PIXEL)
+        assert inliers.sum() >= 8 if geometry is not None else not inliers.any()
+
+
 def test_chance_is_told_from_a_place_that_is_seen_again() -> None:
     rng = np.random.default_rng(0)
     for wrong, low, high in ((20, -math.inf, -30.0), (60, -2.0, math.inf)):

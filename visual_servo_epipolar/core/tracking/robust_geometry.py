@@ -116,7 +116,8 @@ def _essential(
     essential = _least_squares(products, np.ones(len(products)))
     essential, distance = _refined(essential, current, desired, products, limit)
     inliers = distance <= limit
-    if int(inliers.sum()) > len(inliers) - MIN_MATCHES:  # the others have no geometry of their own
+    # More than that, and the others have no geometry of their own.
+    if int(inliers.sum()) >= max(MIN_MATCHES, len(inliers) - MIN_MATCHES + 1):
         return essential, inliers
     best, inliers, least = None, nothing, math.inf
     for essential in _candidates(current, desired, products, limit):
