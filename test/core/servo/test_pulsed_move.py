@@ -127,7 +127,7 @@ def test_moves_are_for_the_end_of_what_a_memory_knows_and_no_base_follows() -> N
     assert not does(settings=SETTINGS)
     assert not does(TURN, settings=SETTINGS)
     assert not does(settings=replace(BANDED, dead_band_mode='raise'))
-    assert not does(offset=None, difference_slope=0.0) and not does(TURN, offset=None)
+    assert not does(offset=None, difference_slope=math.nan) and not does(TURN, offset=None)
     assert not does(difference=-20.0 * HOP * SLOPE)
     assert not does(wanted=Twist(-0.2, -1e-4))
     assert not does(TURN, wanted=Twist(0.0, -0.3))
@@ -135,7 +135,7 @@ def test_moves_are_for_the_end_of_what_a_memory_knows_and_no_base_follows() -> N
 
 
 def test_where_two_views_know_the_slope_of_d_they_tell_the_way_as_well() -> None:
-    seen = replace(at(2.0), offset=None, difference_slope=0.0)
+    seen = replace(at(2.0), offset=None, difference_slope=math.nan)
     pulses = commanded(seen, DRIVE, slope=Slope(SLOPE, 1.0))
     assert sum(pulses) * FRAME_S == pytest.approx(-2.0 * HOP - LOST)
 

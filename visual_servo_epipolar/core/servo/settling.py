@@ -192,7 +192,8 @@ def pulsed_move(
         most = min(max(aim.threshold, abs(state.twist.angular)) + ramp, settings.max_angular)
         turn, more = _next_pulse(aim, rest.angular, most, state, settings)
         return Twist(0.0, turn), Twist(0.0, more)
-    slope, settling = seen.difference_slope or state.motion.slope.value, state.settling
+    slope, settling = seen.difference_slope, state.settling
+    slope = slope if slope > 0.0 else state.motion.slope.value  # nan by two views
     if state.phase.turns_in_place or not slope > 0.0:
         return None
     bound = matched_bound(seen, settings, trial_of(state)) / slope
