@@ -117,6 +117,12 @@ def test_no_pulse_rises_faster_than_the_ramp_allows_from_the_dead_band_on() -> N
     assert max(commanded(at(-1.2), DRIVE, settings=gentle)) == pytest.approx(most)
 
 
+def test_a_base_that_is_faster_than_gentle_ramps_ends_nearer_with_each_move() -> None:
+    gentle = replace(BANDED, max_acceleration=0.02)
+    sent = commanded(at(-2.0), DRIVE, 9, gentle)
+    assert 2.0 * HOP <= sum(sent) * FRAME_S <= 3.0 * HOP * (1.0 + 1e-9)
+
+
 def test_moves_are_for_the_end_of_what_a_memory_knows_and_no_base_follows() -> None:
     def does(phase=DRIVE, wanted=None, settings=BANDED, **changes) -> bool:
         seen = at(2.0, **changes)

@@ -198,9 +198,12 @@ def pulsed_move(
         return None
     bound = matched_bound(seen, settings, trial_of(state)) / slope
     error = math.sqrt(settling.rest_square) / max(settling.rested - 1, 1) / slope
-    # It slows down twice as fast as it speeds up; if it is faster than its ramps, less is lost.
+    # It slows down twice as fast as it speeds up. If it is faster than its ramps, less is lost:
+    # where a move leads past the aim, it is to end nearer.
+    left = -seen.difference / slope
     lost = 0.5 * settings.dead_band_linear**2 / (4.0 * settings.max_acceleration)
-    aim = Aim(-seen.difference / slope, bound, settings.dead_band_linear, error, lost)
+    lost = min(lost, 0.5 * abs(left))
+    aim = Aim(left, bound, settings.dead_band_linear, error, lost)
     near = state.phase.straight and abs(aim.left) <= aim.threshold * seen_after(settings)
     if abs(wanted.linear) >= aim.threshold or not near:
         return None
