@@ -127,10 +127,10 @@ def run_badly(name: str, *more: str) -> subprocess.CompletedProcess[str]:
     ('text', 'reason'),
     few_of(
         [
-            ('{k1: 99.0}', 'k1 out of range'),
-            ('{k1: 2}', 'k1 must be a double, write 2.0, got the integer 2$'),
-            ('{k1: .nan}', 'k1'),
-            ('{kk1: 0.1}', 'no parameter kk1; did you mean k1'),
+            ('{max_linear: 99.0}', 'max_linear out of range'),
+            ('{max_linear: 2}', 'max_linear must be a double, write 2.0, got the integer 2$'),
+            ('{max_linear: .nan}', 'max_linear'),
+            ('{max_linea: 0.1}', 'no parameter max_linea; did you mean max_linear'),
             ('{law: other}', 'law must be one of paper, corrected, full'),
             ('{latch_engage: 0.1}', 'latch_engage must not exceed latch_release'),
         ],

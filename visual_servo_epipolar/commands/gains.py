@@ -9,9 +9,9 @@ from typing import Any
 from visual_servo_epipolar.commands.outputs import publish
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.two_steps.circumstances import Circumstances
 from visual_servo_epipolar.core.laws.two_steps.derived_gains import enough
 from visual_servo_epipolar.core.laws.two_steps.gains import (
-    Circumstances,
     derive,
     Gains,
     longest_convergence,

@@ -121,9 +121,9 @@ def _section(name: str, words: str, out: Path) -> str:
             f'{monotonic() - began:.0f} s; commit {commit() or "unknown"}; {versions}; '
             f'{platform.machine()}, {os.cpu_count()} processors.',
             '',
-            '```text',
+            '~~~text',
             ended.stdout.strip(),
-            '```',
+            '~~~',
             '',
         ]
     )

@@ -13,8 +13,8 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, saturate, STANDSTILL
 from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.laws.two_steps import gains as rules
+from visual_servo_epipolar.core.laws.two_steps.circumstances import Circumstances
 from visual_servo_epipolar.core.laws.two_steps.gains import (
-    Circumstances,
     derive,
     Gains,
     LAST_DISTANCE,

@@ -14,8 +14,8 @@ from visual_servo_epipolar.core.laws.phases.arrival import engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, displacement
 from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.laws.timing import felt_latency
+from visual_servo_epipolar.core.laws.two_steps.circumstances import Circumstances
 from visual_servo_epipolar.core.laws.two_steps.gains import (
-    Circumstances,
     derive,
     Gains,
     longest_convergence,
