@@ -16,7 +16,7 @@ class RecordSettings(Settings):
     split_size: float = fixed(
         0.0, 'Size of a file at which the next one begins; 0 = never [MB]', low=0.0, high=1e7
     )
-    split_duration: float = internal(
+    split_duration: float = fixed(
         0.0, 'Time in a file after which the next one begins; 0 = never [s]', low=0.0, high=1e7
     )
     queue_size: float = internal(
