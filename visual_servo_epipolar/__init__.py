@@ -1,3 +1,3 @@
 """Drive a unicycle robot to the pose from which a photograph was taken, by epipolar geometry."""
 
-__version__ = '0.1.0'
+__version__ = '1.0.0'

@@ -90,7 +90,9 @@ def scenes(text: str) -> tuple[int, ...]:
         first, dash, last = part.partition('-')
         ends = seed(first), seed(last if dash else first)
         if not 0 <= ends[1] - ends[0] < MAX_SCENES:
-            raise argparse.ArgumentTypeError(f'{part!r} is not a range of up to {MAX_SCENES}')
+            raise argparse.ArgumentTypeError(
+                f'{part!r} is not a range, the smaller number first, of up to {MAX_SCENES}'
+            )
         seeds += range(ends[0], ends[1] + 1)
     return tuple(seeds)
 

@@ -253,7 +253,7 @@ def _read(path: Path) -> Any:
     try:
         return yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or error
+        reason = getattr(error, 'strerror', None) or 'not text'
         raise InputError(f'{path}: scenario cannot be read: {reason}') from None
     except (yaml.YAMLError, ValueError) as error:
         raise InputError(f'{path}: scenario is not YAML: {" ".join(str(error).split())}') from None

@@ -218,7 +218,9 @@ def read_truth(folder: str, kind: type, words: str) -> tuple[Path, Any]:
     try:
         truth = json.loads(path.read_text())
     except OSError as error:
-        raise InputError(f'{path} cannot be read: {error.strerror}; name its folder') from None
+        raise InputError(
+            f'{path} cannot be read: {error.strerror}; give the folder that has it'
+        ) from None
     except ValueError:
         raise InputError(f'{path} must be JSON; see docs/commands/bench.md') from None
     if not isinstance(truth, kind) or not truth:
