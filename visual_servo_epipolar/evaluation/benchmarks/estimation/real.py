@@ -219,7 +219,7 @@ def read_truth(folder: str, kind: type, words: str) -> tuple[Path, Any]:
         truth = json.loads(path.read_text())
     except OSError as error:
         raise InputError(
-            f'{path} cannot be read: {error.strerror}; give the folder that has it'
+            f'{path} cannot be read: {error.strerror}; give the folder of that file'
         ) from None
     except ValueError:
         raise InputError(f'{path} must be JSON; see docs/commands/bench.md') from None
