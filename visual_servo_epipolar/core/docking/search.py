@@ -351,7 +351,7 @@ def window_of(views: Sequence[KeyView], noise_px: float) -> KeyframeWindow:
     window = EMPTY
     for view in views:
         seen, noise = view.observation, noise_px * view.observation.resolution
-        features = FeatureObservations.owning(view.ids, seen.current, seen.desired, noise)
+        features = FeatureObservations(view.ids, seen.current, seen.desired, noise)
         window = window.with_view(features, view.place.pose[:2])
     often = np.argsort(-window.seen.sum(0), kind='stable')[:MOST_FEATURES]
     return window.of_features(np.isin(np.arange(len(window.ids)), often))

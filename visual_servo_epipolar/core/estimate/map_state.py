@@ -201,7 +201,7 @@ def localize(
     few_s = max(before.few_s + (dt if is_few else -dt), 0.0)
     few_s = min(few_s, settings.few_features_timeout)
     noise = np.maximum(perception.memory.noise * observation.resolution, LEAST_NOISE)
-    observations = FeatureObservations.owning(
+    observations = FeatureObservations(
         observation.ids, observation.current, observation.desired, noise
     )
     after, said = _localized(views, observations, perception, increment, learns=not is_few)

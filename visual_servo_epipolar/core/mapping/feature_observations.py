@@ -46,17 +46,6 @@ class FeatureObservations:
                 'pass the deviation of the angle of each ray [rad]'
             )
 
-    @classmethod
-    def owning(
-        cls, ids: IntArray, current: FloatArray, desired: FloatArray, noise: FloatArray
-    ) -> 'FeatureObservations':
-        """Return those of columns that fit and stay unchanged: neither copied nor checked."""
-        observations = object.__new__(cls)
-        columns = (ids, current, desired, noise)
-        for name, values in zip(cls.__slots__, columns, strict=True):
-            object.__setattr__(observations, name, values)
-        return observations
-
     def __len__(self) -> int:
         return len(self.ids)
 
