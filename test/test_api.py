@@ -72,3 +72,24 @@ def test_photographs_are_inspected_from_files(tmp_path: Path) -> None:
 def test_a_folder_without_a_route_is_refused(tmp_path: Path) -> None:
     with pytest.raises(api.InputError, match='no folder of a route'):
         api.load_route(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'region': 'nowhere'}, 'region must be one of front, beside'),
+        ({'source': 'video'}, "source must be one of features, images, got 'video'"),
+        ({'runs': 0}, 'a sweep needs a run and a law, got 0 runs of 1 laws'),
+        ({'laws': ()}, 'a sweep needs a run and a law, got 1 runs of 0 laws'),
+    ],
+)
+def test_a_sweep_that_cannot_be_is_refused_before_it_writes(tmp_path, changes, words) -> None:
+    asked = {'region': 'front', 'runs': 1, 'folder': tmp_path / 'sweep', **changes}
+    with pytest.raises(api.InputError, match=words):
+        api.sweep(**asked)
+    assert not asked['folder'].exists()
+
+
+def test_a_run_sees_features_or_images() -> None:
+    with pytest.raises(api.InputError, match="source must be one of features, images, got 'vid"):
+        api.simulate(START, source='video')

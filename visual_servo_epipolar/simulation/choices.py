@@ -1,8 +1,10 @@
 """Names that a command line offers at once: what the servo sees, and regions of starts."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
+
+from visual_servo_epipolar.core.errors import InputError
 
 SOURCES = ('features', 'images')
 
@@ -32,3 +34,9 @@ REGIONS: Mapping[str, StartRegion] = MappingProxyType(
 )
 WORLDS = ('same', 'light', 'pictures', 'furniture', 'people', 'all', 'dim')  # of repetitions
 WAYS = ('short', 'loop', 'rooms', 'ring', 'long')  # through the storey, for routes
+
+
+def refuse_unknown(name: str, value: str, known: Collection[str]) -> None:
+    """Raise InputError if ``value`` is none of the ``known`` ones, which ``name`` must be."""
+    if value not in known:
+        raise InputError(f'{name} must be one of {", ".join(known)}, got {value!r}')

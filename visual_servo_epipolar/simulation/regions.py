@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.matching import desired_view
-from visual_servo_epipolar.simulation.choices import REGIONS, StartRegion
+from visual_servo_epipolar.simulation.choices import refuse_unknown, REGIONS, StartRegion
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
@@ -96,8 +96,7 @@ def start_in(
 
     Raises InputError if there is no such region, or no such start.
     """
-    if region not in REGIONS:
-        raise InputError(f'region must be one of {", ".join(REGIONS)}, got {region!r}')
+    refuse_unknown('region', region, REGIONS)
     conditions = _conditions(REGIONS[region], scenario, source)
     rng = np.random.default_rng((seed, STREAM, index))
     for _ in range(TRIES):

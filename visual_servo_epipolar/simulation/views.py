@@ -6,6 +6,7 @@ from dataclasses import replace
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
+from visual_servo_epipolar.simulation.choices import refuse_unknown, SOURCES
 from visual_servo_epipolar.simulation.closed_loop import Control, run
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
@@ -15,7 +16,8 @@ from visual_servo_epipolar.simulation.view import View
 
 
 def view_of(scenario: Scenario, source: str, seed: int) -> View:
-    """Return what stands between world and servo; ``source`` is one of choices.SOURCES."""
+    """Return what stands between world and servo; InputError for a ``source`` that is none."""
+    refuse_unknown('source', source, SOURCES)
     if source == 'features':
         return points_of(scenario, seed)
     simulator = CameraSimulator(scenario.camera, scenario.disturbances, scenario.light)

@@ -15,6 +15,8 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.simulation.choices import refuse_unknown, REGIONS, SOURCES
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.regions import start_in
@@ -58,6 +60,14 @@ class SweepPlan:
     scenes: tuple[int, ...] = ()
     scenario_name: str | None = None
     rig_name: str | None = None
+
+    def __post_init__(self) -> None:
+        refuse_unknown('region', self.region, REGIONS)
+        refuse_unknown('source', self.source, SOURCES)
+        if self.runs < 1 or not self.laws:
+            raise InputError(
+                f'a sweep needs a run and a law, got {self.runs} runs of {len(self.laws)} laws'
+            )
 
     def run_seed(self, index: int) -> int:
         """Return the seed of run number ``index``, from 0 to 2^31 - 1, which all laws share."""
