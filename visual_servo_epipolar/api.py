@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.estimators.base import Estimator
 from visual_servo_epipolar.core.estimators.registry import ESTIMATORS
 from visual_servo_epipolar.core.laws.registry import LAWS
 from visual_servo_epipolar.core.perception.inspection import Inspection
-from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog, Sample, summarise
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.scenario import load, Scenario
 from visual_servo_epipolar.simulation.views import drive
@@ -137,7 +137,6 @@ def replay(
     from visual_servo_epipolar.bags.reading.topics import assign_roles, namespace_of
     from visual_servo_epipolar.bags.replaying import plan as planning
     from visual_servo_epipolar.bags.replaying import replay as replaying
-    from visual_servo_epipolar.bags.replaying.replay import run_log
 
     with Bag(Path(bag)) as opened:
         namespace = namespace_of(opened)
@@ -147,9 +146,7 @@ def replay(
         )
         plan, _ = planning.plan(opened, run, overrides)
         steps = replaying.replay(opened, run, plan)
-    settings = plan.servo[-1][1]
-    limits = MotionLimits.of(settings, backward=settings.retreat_speed)
-    return run_log(run, steps, seed=settings.seed, law=settings.law_expression, limits=limits)
+    return replaying.record(run, steps, plan)
 
 
 def inspect(desired: str | Path, current: str | Path, camera: str | Path) -> Inspection:
@@ -159,20 +156,11 @@ def inspect(desired: str | Path, current: str | Path, camera: str | Path) -> Ins
     ``camera`` is a calibration file as ``visual_servo inspect --camera`` reads it. Raises
     InputError if a file cannot be read.
     """
-    from visual_servo_epipolar.commands.camera_files import (
-        read_camera,
-        read_photograph,
-        scaled_to,
-    )
+    from visual_servo_epipolar.commands.camera_files import read_pair
     from visual_servo_epipolar.core.perception import inspection
 
-    paths = Path(desired), Path(current)
-    images = [read_photograph(path, turn=True) for path in paths]
-    height, width = images[1].shape
-    same = images[0].shape == images[1].shape
-    lens = read_camera(str(camera), size=(width, height) if same else None)
-    cameras = [scaled_to(lens, image, path) for image, path in zip(images, paths, strict=True)]
-    return inspection.inspect(images[0], images[1], cameras[0], cameras[1], ServoSettings())
+    images, cameras = read_pair(Path(desired), Path(current), str(camera))
+    return inspection.inspect(*images, *cameras, ServoSettings())
 
 
 def load_route(folder: str | Path) -> 'Route':

@@ -15,7 +15,7 @@ import pytest
 from visual_servo_epipolar.commands.ending import terminable, Terminated
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.files import write_whole
-from visual_servo_epipolar.simulation import closed_loop
+from visual_servo_epipolar.simulation import views
 
 ROOT = Path(__file__).parents[2]
 TIMEOUT_SEC = 120.0
@@ -48,7 +48,7 @@ def test_a_signal_ends_a_command_with_one_line(
     before = [signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)]
     signal.signal(signal.SIGINT, signal.default_int_handler)  # background shells ignore it
     try:
-        monkeypatch.setattr(closed_loop, 'run', signalled)
+        monkeypatch.setattr(views, 'run', signalled)
         assert main(['simulate', *START, '--out', str(tmp_path / 'out')]) == code
     finally:
         signal.signal(signal.SIGINT, before[1])

@@ -55,6 +55,17 @@ def read_photograph(path: Path, *, turn: bool = False) -> Image:
         raise InputError(str(error)) from None
 
 
+def read_pair(
+    desired: Path, current: Path, camera: str, *, rectified: bool = False, cropped: bool = False
+) -> tuple[tuple[Image, Image], tuple[CameraModel, CameraModel]]:
+    """Return both photographs of one ``camera`` file, and the camera of each; or InputError."""
+    goal, view = read_photograph(desired, turn=True), read_photograph(current, turn=True)
+    height, width = view.shape
+    size = (width, height) if goal.shape == view.shape else None
+    lens = read_camera(camera, size=size, rectified=rectified, cropped=cropped)
+    return (goal, view), (scaled_to(lens, goal, desired), scaled_to(lens, view, current))
+
+
 def scaled_to(camera: CameraModel, image: Image, path: Path) -> CameraModel:
     """Return ``camera`` for an image that it took, then scaled as a whole, turned by its tag."""
     height, width = image.shape

@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.commands.camera_files import read_camera, read_photograph, scaled_to
+from visual_servo_epipolar.commands.camera_files import read_pair
 from visual_servo_epipolar.commands.outputs import publish
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
@@ -23,24 +23,19 @@ def inspect_and_report(options: argparse.Namespace) -> int:
     """Inspect, write, print; return 0 if the result can be trusted."""
     if options.out and not cv2.haveImageWriter(options.out):
         raise InputError(f'{options.out}: unknown image format; use .png or .jpg')
-    desired = read_photograph(Path(options.desired), turn=True)
-    current = read_photograph(Path(options.current), turn=True)
-    height, width = current.shape
-    camera = read_camera(
+    (desired, current), (desired_camera, current_camera) = read_pair(
+        Path(options.desired),
+        Path(options.current),
         options.camera,
-        size=(width, height) if desired.shape == current.shape else None,
         rectified=options.rectified,
         cropped=options.cropped,
     )
-    desired_camera = scaled_to(camera, desired, Path(options.desired))
-    current_camera = scaled_to(camera, current, Path(options.current))
-    cameras = desired_camera, current_camera
     try:
         settings = _settings(options)
         matcher = matcher_of(options.matcher, options.matcher_model)
     except ValueError as error:
         raise InputError(str(error)) from None
-    inspection = inspect(desired, current, *cameras, settings, matcher)
+    inspection = inspect(desired, current, desired_camera, current_camera, settings, matcher)
     yaw = math.radians(options.yaw or 0.0)
     result = document(inspection, current_camera, desired_camera, yaw)
     if options.out:

@@ -46,9 +46,9 @@ from visual_servo_epipolar.bags.replaying.replay import (
     document,
     has_truth,
     Plan,
+    record,
     replay,
     ReplayedStep,
-    run_log,
     TrackedImage,
     Watch,
 )
@@ -59,7 +59,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.settings import FollowSettings
-from visual_servo_epipolar.core.servo.run_log import end_s, MotionLimits, RunLog
+from visual_servo_epipolar.core.servo.run_log import end_s, RunLog
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint, names_of, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
@@ -186,14 +186,7 @@ class ReplayedBag:
     @cached_property
     def log(self) -> RunLog:
         """The record of the replayed run."""
-        servo = self.plan.servo[-1][1]
-        return run_log(
-            self.run,
-            self.steps,
-            seed=servo.seed,
-            law=servo.law_expression,
-            limits=MotionLimits.of(servo, backward=servo.retreat_speed),
-        )
+        return record(self.run, self.steps, self.plan)
 
     @cached_property
     def history(self) -> list[Happening]:

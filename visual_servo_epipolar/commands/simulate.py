@@ -16,11 +16,10 @@ from visual_servo_epipolar.files import made_folder
 from visual_servo_epipolar.messages.settings_text import installed_versions
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.report.run_file import RunFile, save_run
-from visual_servo_epipolar.simulation import closed_loop
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.run_monitor import verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.views import view_of
+from visual_servo_epipolar.simulation.views import drive
 
 
 def simulate(options: argparse.Namespace) -> int:
@@ -28,11 +27,10 @@ def simulate(options: argparse.Namespace) -> int:
     if options.out is not None:
         require('matplotlib', otherwise='leave out --out')
     scenario = scenario_of(options)
-    settings = scenario.loop(tuple(options.start), options.seed)
     with closing(Progress()) as progress:
         progress.say('preparing the world ...')
-        view = view_of(scenario, options.source, options.seed)
-        log = closed_loop.run(settings, view, scenario.camera.nominal_camera, watch=progress)
+        start = tuple(options.start)
+        log = drive(scenario, start, options.seed, options.source, watch=progress)
     result = verdict(log, new_rig(scenario.camera))
     text = summary(result)
     if options.out is not None:

@@ -107,7 +107,7 @@ class RunMonitor:
             reason,
             self._attempts,
             self.settings.servo.law_expression,
-            MotionLimits.of(self.settings.servo, backward=self.settings.servo.retreat_speed),
+            MotionLimits.of(self.settings.servo),
             self.settings.field_of_view,
         )
 

@@ -303,7 +303,7 @@ def test_on_the_axle_alone_the_heading_ends_at_the_goals(law: str) -> None:
 
 
 def test_the_least_time_is_that_of_the_straight_way_where_it_leads_to_the_goal() -> None:
-    limits = MotionLimits.of(SETTINGS, backward=SETTINGS.retreat_speed)
+    limits = MotionLimits.of(SETTINGS)
     straight = limits.time(3.0, limits.speed)
     assert least_time(Pose(0.0, -3.0, 0.5 * math.pi), SETTINGS) == pytest.approx(
         straight, rel=0.01
@@ -313,6 +313,6 @@ def test_the_least_time_is_that_of_the_straight_way_where_it_leads_to_the_goal()
 
 @pytest.mark.parametrize('y', [0.4, 0.0, -0.3])
 def test_beside_the_goal_the_least_way_begins_with_one_back(y: float) -> None:
-    limits = MotionLimits.of(SETTINGS, backward=SETTINGS.retreat_speed)
+    limits = MotionLimits.of(SETTINGS)
     least = least_time(Pose(0.5, y, 0.5 * math.pi), SETTINGS)
     assert limits.time(max(y, 0.1), limits.backward) < least < 30.0

@@ -279,6 +279,13 @@ def run_log(
     )
 
 
+def record(run: Recording, steps: Sequence[ReplayedStep], plan: Plan) -> RunLog:
+    """Return the replay by a ``plan`` as a record, with law and limits of its last settings."""
+    servo = plan.servo[-1][1]
+    limits = MotionLimits.of(servo)
+    return run_log(run, steps, seed=servo.seed, law=servo.law_expression, limits=limits)
+
+
 def document(log: RunLog, *, truth: bool) -> dict[str, Any]:
     """Return the run JSON; what only ground truth could tell is null where there is none."""
     result = summarise(log)

@@ -43,10 +43,8 @@ LINEAR, CONVERGED, LONGEST_STEP, MOST_ITERATIONS = 0.1, 0.02, 0.7, 8
 # Deviation of the logarithm of a distance that is known: at first, and after a missed attempt.
 RANGED = (0.25, 0.5)
 MAX_CONTRADICTIONS = 12  # beyond which bearings contradict what was driven
-SIGNIFICANT = (
-    4.0,
-    3.5,
-)  # deviations from the configured one, until believed: at first, after a miss
+# Deviations from the configured one, until believed: at first, after a miss.
+SIGNIFICANT = 4.0, 3.5
 # Below which little is gained [rad, m, m]; an offset aside alone is never certain.
 LEAST = (math.radians(2.0), 0.1, math.inf)
 # Of a yaw that legs by a memory of views tell, and its deviations from the configured one.

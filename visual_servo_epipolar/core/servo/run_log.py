@@ -6,14 +6,12 @@ from itertools import groupby, pairwise
 import math
 from typing import Any
 
-from visual_servo_epipolar.core.estimate.settings import ControlSettings
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
-BESIDE = (
-    0.65  # bearing off the goal's axis from which no way straight ahead keeps it in view [rad]
-)
+BESIDE = 0.65  # bearing off the goal's axis: no way straight ahead keeps it in view [rad]
 MOST_TURNED = 0.5  # heading error with which a robot beside the goal moves aside at most [rad]
 SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
 # A robot stands on its way below this speed [m/s], for longer than a cusp takes [s], farther
@@ -33,10 +31,10 @@ class MotionLimits:
     deceleration: float
 
     @classmethod
-    def of(cls, settings: ControlSettings, *, backward: float) -> 'MotionLimits':
-        """Return the limits that the servo keeps, with its speed ``backward`` [m/s]."""
+    def of(cls, settings: DriveSettings) -> 'MotionLimits':
+        """Return the limits that the servo keeps."""
         speed, faster = settings.max_linear * settings.max_speed_ratio, settings.max_acceleration
-        return cls(speed, min(backward, speed), faster, 2.0 * faster)
+        return cls(speed, min(settings.retreat_speed, speed), faster, 2.0 * faster)
 
     def time(self, way: float, speed: float) -> float:
         """Return the least time of a straight ``way`` [m] from standstill to standstill [s]."""

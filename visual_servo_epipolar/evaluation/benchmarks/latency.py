@@ -160,10 +160,8 @@ class PlayedCamera(Listener):
         self.drive.took(message)
 
 
-LEAD, LEAD_RATE = (
-    10,
-    10.0,
-)  # images at rest before the run, in which the tracker finds the photograph
+# Images at rest before the run, in which the tracker finds the photograph.
+LEAD, LEAD_RATE = 10, 10.0
 
 
 class DrivenRun(NamedTuple):

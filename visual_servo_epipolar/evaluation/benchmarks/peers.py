@@ -357,7 +357,7 @@ def least_time(start: Pose, settings: ServoSettings) -> float:
         -back,
         bend,
     )
-    limits = MotionLimits.of(settings, backward=settings.retreat_speed)
+    limits = MotionLimits.of(settings)
     before = np.array([limits.time(way, limits.backward) for way in back])
     ahead = behind.y < 0.0
     ways = [

@@ -287,12 +287,18 @@ def _are_zero(state: DriveState, measurement: Measurement, settings: DriveSettin
     return abs(measurement.bearings.alpha) <= align_bound(measurement, settings)
 
 
+def _with_gains(
+    state: DriveState, measurement: Measurement, settings: DriveSettings
+) -> DriveState:
+    """Return ``state`` with its derived gains, if any; ValueError if none is legal."""
+    return with_gains_of_now(state, measurement, settings) if settings.derives else state
+
+
 def _begin_zeroing(
     state: DriveState, measurement: Measurement, settings: DriveSettings
 ) -> DriveState:
     """Return ``state`` with a new leg, and its derived gains; ValueError if none is legal."""
-    state = with_new_leg(state, measurement)
-    return with_gains_of_now(state, measurement, settings) if settings.derives else state
+    return _with_gains(with_new_leg(state, measurement), measurement, settings)
 
 
 def _observe(state: DriveState, measurement: Measurement, settings: DriveSettings) -> DriveState:
@@ -442,13 +448,6 @@ def _nearly_matched(state: DriveState, measurement: Measurement, settings: Drive
     return is_matched(measurement, settings, trial_of(state, spent=True))
 
 
-def _begin_matching(
-    state: DriveState, measurement: Measurement, settings: DriveSettings
-) -> DriveState:
-    """Return ``state`` with its derived gains, if any; ValueError if none is legal."""
-    return with_gains_of_now(state, measurement, settings) if settings.derives else state
-
-
 MATCHING_FEATURES = PhaseRow(
     phase=Phase.MATCHING_FEATURES,
     words='drives straight until the features match (step 2)',
@@ -457,7 +456,7 @@ MATCHING_FEATURES = PhaseRow(
     command=_match,
     is_settled=_is_matched,
     is_close=_nearly_matched,
-    begin=_begin_matching,
+    begin=_with_gains,
 )
 
 
