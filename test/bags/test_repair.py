@@ -75,9 +75,7 @@ def test_metadata_that_is_missing_or_broken_is_written_as_it_was(tmp_path, kind,
 
 
 @pytest.mark.parametrize('compression', ['none', 'zstd'])
-def test_of_a_file_that_was_cut_off_what_is_whole_is_written_beside_it(
-    tmp_path, compression
-) -> None:
+def test_of_a_file_cut_off_what_is_whole_is_written_beside_it(tmp_path, compression) -> None:
     bag = recorded(tmp_path, compression=compression)
     sent = read_back(bag)
     (bag / 'metadata.yaml').unlink()
@@ -167,9 +165,7 @@ def test_qos_of_earlier_distributions_is_written_in_words() -> None:
 
 @pytest.mark.parametrize('compression', COMPRESSIONS)
 @pytest.mark.parametrize('number', [0, 3, -1])
-def test_behind_a_damaged_chunk_all_is_lost_and_that_is_said(
-    tmp_path, compression, number
-) -> None:
+def test_behind_a_damaged_chunk_all_is_lost_and_is_said_so(tmp_path, compression, number) -> None:
     file = write_mixed(tmp_path / 'a.mcap', compression=compression)
     whole = content(file)['messages']
     data = bytearray(file.read_bytes())

@@ -249,9 +249,7 @@ def test_a_route_comes_all_the_same_of(name: str, tmp_path: Path) -> None:
     assert way.notes == [note] * bool(note)
 
 
-def test_a_way_is_written_or_refused_whole(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_way_is_written_or_refused_whole(tmp_path, capsys) -> None:
     out = tmp_path / 'out'
     bag = recorded(tmp_path, TAKEN['odometry begins late'][0])
     assert main(['route', 'teach', str(bag), '--out', str(out), '--json', '-']) == 0

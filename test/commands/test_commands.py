@@ -157,7 +157,7 @@ def test_a_bad_scenario_is_refused(capsys, tmp_path, content, reason) -> None:
 
 
 @pytest.mark.parametrize('target', ['', '.', 'tiny.yaml/result.json'])
-def test_a_result_that_cannot_be_written_is_bad_input(
+def test_a_bad_place_of_results_is_refused(
     capsys, scenario, tmp_path, monkeypatch, target
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -190,7 +190,7 @@ NEEDED = {
 
 @pytest.mark.parametrize('option', ['--out', '--json', '--table'])
 @pytest.mark.parametrize('name', subcommands())
-def test_what_cannot_be_written_is_refused_before_anything_is_read(
+def test_what_is_not_writable_is_refused_first(
     capsys, tmp_path, monkeypatch, name, option
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -208,9 +208,7 @@ def test_what_cannot_be_written_is_refused_before_anything_is_read(
 
 @pytest.mark.parametrize('action', ['teach', 'demo'])
 @pytest.mark.parametrize('option', ['', '=~/mine'])
-def test_a_folder_of_something_else_is_no_place_for_a_route(
-    capsys, tmp_path, monkeypatch, action, option
-) -> None:
+def test_a_folder_is_no_place_for_a_route(capsys, tmp_path, monkeypatch, action, option) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv('HOME', str(tmp_path))
     folder = tmp_path / (
@@ -314,9 +312,7 @@ def test_descriptions_of_parameters_are_plain_text() -> None:
                 assert '`' not in range_of(item).text, (kind, item.name)
 
 
-def test_the_gains_are_driven_with_as_they_are_printed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_gains_are_driven_with_as_they_are_printed(tmp_path, capsys) -> None:
     assert main(['gains', '--farthest', '5', '--rate', '30']) == 0
     lines = capsys.readouterr().out.partition('\n\n')[2]
     path = tmp_path / 'mine.yaml'
@@ -334,9 +330,7 @@ def test_scenarios_leave_out_what_tells_a_node_how_it_is_connected() -> None:
     assert CONNECTION == {'use_sim_time', *(name for kind in kinds for name in names_of(kind))}
 
 
-def test_a_scenario_and_a_setting_without_its_section_are_answered_by_what_is_meant(
-    capsys,
-) -> None:
+def test_a_scenario_and_a_setting_without_its_section_are_answered(capsys) -> None:
     assert main(['simulate', '--start', '1', '-3', '0', '--scenario', 'smal']) == 2
     assert 'did you mean small?' in capsys.readouterr().err
     assert main(['replay', 'no_bag', '--set', 'look_ahead=0.3']) == 2

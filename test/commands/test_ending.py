@@ -1,6 +1,6 @@
 """Commands that are ended early: one line, nothing half written; a pipe that nobody reads."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 import json
 import os
 from pathlib import Path
@@ -34,13 +34,7 @@ def environment(**more: str) -> dict[str, str]:
 @pytest.mark.parametrize(
     ('number', 'code'), [(signal.SIGTERM, 143), (signal.SIGINT, 130)], ids=['TERM', 'INT']
 )
-def test_a_signal_ends_a_command_with_one_line(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    number: signal.Signals,
-    code: int,
-) -> None:
+def test_a_signal_ends_a_command_in_one_line(tmp_path, monkeypatch, capsys, number, code) -> None:
     def signalled(*_: object, **__: object) -> None:
         os.kill(os.getpid(), number)
         time.sleep(TIMEOUT_SEC)  # the signal ends it
@@ -76,9 +70,7 @@ def test_an_interrupt_is_not_lost_in_a_destructor(hears_interrupts: None) -> Non
 
 
 @pytest.mark.parametrize('made', [ImportError('half loaded'), SystemExit(3), None])
-def test_whatever_a_library_makes_of_an_interrupt_the_command_ends_by_it(
-    hears_interrupts: None, made: BaseException | None
-) -> None:
+def test_whatever_a_library_makes_of_an_interrupt_it_ends(hears_interrupts, made) -> None:
     with pytest.raises(KeyboardInterrupt), terminable():
         try:
             os.kill(os.getpid(), signal.SIGINT)
@@ -119,9 +111,7 @@ LOADED_ON_THE_WAY = (
         keep=(0, 3, 8),
     ),
 )
-def test_a_signal_while_modules_are_loaded_ends_a_command_with_one_line(
-    tmp_path: Path, number: signal.Signals, code: int, module: str
-) -> None:
+def test_a_signal_while_modules_load_ends_it_in_one_line(tmp_path, number, code, module) -> None:
     (tmp_path / 'sitecustomize.py').write_text(STRIKE.format(module=module, number=int(number)))
     path = os.pathsep.join([str(tmp_path), environment()['PYTHONPATH']])
     ended = subprocess.run(
@@ -155,9 +145,7 @@ def test_a_second_sigterm_does_not_cut_off_the_tidying_up() -> None:
         pytest.param(os.killpg, id='with its processes'),
     ],
 )
-def test_a_demo_that_is_terminated_closes_its_bag_and_leaves_no_half_video(
-    tmp_path: Path, signalled: Callable[[int, int], None]
-) -> None:
+def test_a_terminated_demo_closes_its_bag_and_leaves_no_half_video(tmp_path, signalled) -> None:
     pytest.importorskip('rclpy')
     from bag_reading import read_back
 
@@ -212,9 +200,7 @@ def piped(arguments: Sequence[str], *, unbuffered: str, errors_too: bool) -> tup
     [('gains',), pytest.param(('gains', '--json', '-'), marks=pytest.mark.long)],
     ids=['text', 'json'],
 )
-def test_a_pipe_that_nobody_reads_ends_a_command_without_a_word(
-    arguments: tuple[str, ...], unbuffered: str
-) -> None:
+def test_a_pipe_that_nobody_reads_ends_a_command_without_a_word(arguments, unbuffered) -> None:
     assert piped(arguments, unbuffered=unbuffered, errors_too=False) == (141, '')
 
 
@@ -248,9 +234,7 @@ def test_output_that_cannot_be_written_is_said_once() -> None:
     assert ended.stderr == ('visual_servo: output cannot be written: No space left on device\n')
 
 
-def test_folders_on_the_way_to_a_json_file_are_made_once_there_is_a_result(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_folders_of_a_json_file_are_made_once_there_is_a_result(tmp_path, capsys) -> None:
     path = tmp_path / 'new/folder/result.json'
     assert main(['gains', '--rate', '0', '--json', str(path)]) == 2
     assert list(tmp_path.iterdir()) == []
@@ -259,9 +243,7 @@ def test_folders_on_the_way_to_a_json_file_are_made_once_there_is_a_result(
     assert json.loads(path.read_text())['k1'] > 0.0
 
 
-def test_a_pipe_or_a_link_is_written_to_and_not_replaced(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_pipe_or_a_link_is_written_to_and_not_replaced(tmp_path, capsys) -> None:
     (tmp_path / 'link').symlink_to(tmp_path / 'file')
     assert main(['gains', '--json', str(tmp_path / 'link')]) == 0
     assert (tmp_path / 'link').is_symlink()
@@ -275,9 +257,7 @@ def test_a_pipe_or_a_link_is_written_to_and_not_replaced(
         os.close(reader)
 
 
-def test_a_file_that_cannot_be_finished_leaves_no_part_of_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_cannot_be_finished_leaves_no_part_of_it(tmp_path, monkeypatch) -> None:
     def terminated(*_: object) -> None:
         raise Terminated
 
@@ -287,9 +267,7 @@ def test_a_file_that_cannot_be_finished_leaves_no_part_of_it(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_only_what_this_run_wrote_is_listed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_only_what_this_run_wrote_is_listed(tmp_path, capsys) -> None:
     (tmp_path / 'old.png').touch()
     (tmp_path / 'short.yaml').write_text('run: {max_duration: 1.0}')
     scenario = ('--scenario', str(tmp_path / 'short.yaml'))

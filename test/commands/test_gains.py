@@ -90,9 +90,7 @@ def test_the_document_has_everything(capsys: pytest.CaptureFixture) -> None:
         ),
     ],
 )
-def test_gains_that_are_too_slow_for_a_phase_are_a_warning(
-    options: list[str], phase: str, remedy: str, capsys: pytest.CaptureFixture
-) -> None:
+def test_gains_that_are_too_slow_for_a_phase_are_a_warning(options, phase, remedy, capsys) -> None:
     assert main(['gains', *options]) == 0
     output = capsys.readouterr()
     assert output.err.startswith('visual_servo gains: warning: ')
@@ -126,9 +124,7 @@ def test_gains_that_are_quick_enough_are_no_warning(capsys: pytest.CaptureFixtur
         (['--rate', '0'], 'rate must lie in [0.5, 1000], got 0; it is: Images a second [Hz]'),
     ],
 )
-def test_where_no_gain_is_legal_one_line_says_why(
-    options: list[str], message: str, capsys: pytest.CaptureFixture
-) -> None:
+def test_where_no_gain_is_legal_one_line_says_why(options, message, capsys) -> None:
     assert main(['gains', *options]) == 2
     output = capsys.readouterr()
     assert output.out == ''

@@ -71,9 +71,7 @@ def test_a_camera_is_named_after_the_file(photographs: Path, capsys) -> None:
     assert 'cam2.camera_model must be pinhole' in capsys.readouterr().err
 
 
-def test_the_size_is_that_of_the_photographs_where_the_file_has_none(
-    photographs: Path, tmp_path: Path, capsys
-) -> None:
+def test_the_size_is_that_of_the_photographs_by_default(photographs, tmp_path, capsys) -> None:
     text = f'K: {TRUE.matrix.tolist()}\n'
     code, result = inspect(photographs, text)
     assert code == 0
@@ -87,9 +85,7 @@ def test_the_size_is_that_of_the_photographs_where_the_file_has_none(
 
 
 @pytest.mark.parametrize('scale', [0.5, 2.0])
-def test_a_focal_length_that_the_matches_contradict_is_not_trusted(
-    photographs: Path, scale: float
-) -> None:
+def test_a_focal_length_that_the_matches_contradict_is_not_trusted(photographs, scale) -> None:
     wrong = Camera(640, 480, scale * TRUE.fx, scale * TRUE.fy, TRUE.cx, TRUE.cy)
     code, result = inspect(photographs, wrong)
     assert (code, result['trusted']) == (1, False)
@@ -103,9 +99,7 @@ TILTED = 'is what a level camera seems to have where K is of another image'
     ('scale', 'words'),
     few_of([(0.9, ''), (1.1, '')]) + few_of([(1.25, TILTED), (1.4, TILTED), (2.0, TILTED)]),
 )
-def test_a_k_that_is_off_is_not_trusted_though_it_were_a_crop(
-    photographs: Path, scale: float, words: str
-) -> None:
+def test_a_k_that_is_off_is_not_trusted_though_it_were_a_crop(photographs, scale, words) -> None:
     code, result = inspect(photographs, scaled(TRUE, (640, 480), scale, scale), '--cropped')
     assert (code, result['trusted']) == (1, False)
     assert words in result['reason']
@@ -155,9 +149,7 @@ def photographs_of_inspect_lenses(tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize('kind', ['raw', 'rectified'])
-def test_the_bearings_are_those_of_the_true_poses(
-    photographs_of_inspect_lenses: Path, kind: str
-) -> None:
+def test_the_bearings_are_those_of_the_true_poses(photographs_of_inspect_lenses, kind) -> None:
     result, overlay = (
         photographs_of_inspect_lenses / f'{kind}.json',
         photographs_of_inspect_lenses / f'{kind}_overlay.png',

@@ -156,14 +156,7 @@ def test_what_a_command_needs_at_once_is_said_in_one_line(folder: Path) -> None:
         ),
     ],
 )
-def test_what_is_missing_is_said_before_anything_runs(
-    folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    package: str,
-    arguments: tuple[str, ...],
-    line: str,
-) -> None:
+def test_what_lacks_is_said_first(folder, monkeypatch, capsys, package, arguments, line) -> None:
     if arguments is DEMO:
         pytest.importorskip('rclpy')
     monkeypatch.chdir(folder)

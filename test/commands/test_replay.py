@@ -152,9 +152,7 @@ def rounded(run: list, folder: Path, difference: float, numpy: str = '1.21.5') -
     return str(write_bag(folder / 'rounded', messages))
 
 
-def test_another_numpy_that_rounds_otherwise_is_told_from_a_difference(
-    small_run, tmp_path, capsys
-) -> None:
+def test_another_numpy_that_rounds_is_told_from_a_difference(small_run, tmp_path, capsys) -> None:
     path = rounded(small_run, tmp_path, 3e-10)
     assert main(['replay', path, '--tracks']) == 1
     shown = capsys.readouterr().out
@@ -170,9 +168,7 @@ def test_another_numpy_that_rounds_otherwise_is_told_from_a_difference(
     assert result['versions']['replayed']['numpy'] == np.__version__
 
 
-def test_what_is_more_than_rounding_or_asked_for_is_not_called_so(
-    small_run, bag, tmp_path, capsys
-) -> None:
+def test_more_than_rounding_is_not_called_so(small_run, bag, tmp_path, capsys) -> None:
     path = rounded(small_run, tmp_path, 1e-4)
     assert main(['replay', path, '--tracks']) == 1
     shown = capsys.readouterr().out
@@ -186,18 +182,14 @@ def test_what_is_more_than_rounding_or_asked_for_is_not_called_so(
     assert 'rounding' not in capsys.readouterr().out
 
 
-def test_the_same_numpy_that_rounds_otherwise_runs_on_another_machine(
-    small_run, tmp_path, capsys
-) -> None:
+def test_the_same_numpy_that_rounds_is_of_another_machine(small_run, tmp_path, capsys) -> None:
     assert main(['replay', rounded(small_run, tmp_path, 3e-10, np.__version__), '--tracks']) == 1
     shown = capsys.readouterr().out
     assert 'rounding only' in shown
     assert 'numpy and OpenCV are the same, so another processor' in shown
 
 
-def test_a_bag_with_broken_metadata_and_a_lost_file_is_replayed_after_repair(
-    bag, tmp_path, capsys
-) -> None:
+def test_a_bag_with_broken_metadata_is_replayed_after_repair(bag, tmp_path, capsys) -> None:
     path = shutil.copytree(bag, tmp_path / 'run')
     (path / 'metadata.yaml').write_text('')
     error = refused(capsys, str(path))
@@ -212,7 +204,7 @@ def test_a_bag_with_broken_metadata_and_a_lost_file_is_replayed_after_repair(
     ('where', 'ending'),
     [('replay_bag', KeyboardInterrupt), ('write_json', OSError(28, 'No space left on device'))],
 )
-def test_nothing_is_left_of_a_replay_that_was_cut_off(
+def test_nothing_is_left_of_a_replay_cut(
     bag, tmp_path, capsys, monkeypatch, ending, where
 ) -> None:
     def end(*_: object, **__: object) -> None:
@@ -261,9 +253,7 @@ def test_a_driver_with_a_photograph_out_of_the_bag_and_a_camera_file(
     assert 'nothing was recorded to compare with' in capsys.readouterr().out
 
 
-def test_a_bag_cut_short_is_refused_and_replayed_once_it_is_repaired(
-    bag, tmp_path, capsys
-) -> None:
+def test_a_bag_cut_short_is_refused_and_replayed_once_repaired(bag, tmp_path, capsys) -> None:
     path = shutil.copytree(bag, tmp_path / 'cut')
     (path / 'metadata.yaml').unlink()
     file = next(path.glob('*.mcap'))
@@ -327,9 +317,7 @@ def two_cameras(small_run, folder, image_frame: str, info_frame: str) -> str:
     return str(write_bag(folder / 'two', made, kinds=kinds))
 
 
-def test_a_camera_info_of_another_camera_is_asked_about(
-    small_run, tmp_path, capsys, photograph
-) -> None:
+def test_a_camera_info_of_another_is_asked_about(small_run, tmp_path, capsys, photograph) -> None:
     path = two_cameras(small_run, tmp_path, 'color', 'depth')
     goal, topic = ('--desired', photograph), 'camera_info=/cam/depth/camera_info'
     assert (
@@ -347,9 +335,7 @@ def test_a_camera_info_of_another_camera_is_asked_about(
         (('color', '/color'), 'by their frame_id alone'),
     ],
 )
-def test_one_that_nothing_tells_apart_is_noted(
-    small_run, tmp_path, capsys, photograph, frames, noted
-) -> None:
+def test_what_looks_alike_is_noted(small_run, tmp_path, capsys, photograph, frames, noted) -> None:
     path = two_cameras(small_run, tmp_path, *frames)
     _, result = shown_json(capsys, path, '--desired', photograph)
     assert any(noted in note and '/cam/depth/camera_info' in note for note in result['notes'])

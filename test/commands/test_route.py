@@ -33,17 +33,13 @@ def test_worlds_have_one_set_of_names() -> None:
 
 
 @pytest.mark.parametrize(('option', 'limits'), [('laps', '1 to 1000'), ('renewals', '0 to 10')])
-def test_numbers_have_the_limits_of_the_node(
-    option: str, limits: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_numbers_have_the_limits_of_the_node(option: str, limits: str, capsys) -> None:
     with pytest.raises(SystemExit):
         main(['route', 'demo', f'--{option}', '1001'])
     assert f"'1001' is not a whole number from {limits}" in capsys.readouterr().err
 
 
-def test_an_epipole_behind_the_robot_is_refused_at_once(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_an_epipole_behind_the_robot_is_refused_at_once(capsys) -> None:
     assert main(['route', 'demo', '--steering', 'epipole', '--reverse']) == 2
     assert 'steering epipole must go forward, got reverse' in capsys.readouterr().err
 
@@ -55,9 +51,7 @@ def test_a_report_shows_the_map_and_every_photograph(tmp_path: Path) -> None:
     assert page.count('data:image/jpeg') == 3 and 'Route hall' in page
 
 
-def test_a_report_on_a_damaged_route_says_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_report_on_a_damaged_route_says_so(tmp_path, capsys) -> None:
     (tmp_path / 'route.yaml').write_text('version: 1')
     assert main(['report', str(tmp_path)]) == 2
     assert 'route.yaml is cut off or damaged' in capsys.readouterr().err

@@ -136,9 +136,7 @@ def test_images_are_swept_too(tmp_path: Path, capsys: Any) -> None:
     assert json.loads(capsys.readouterr().out) == single
 
 
-def test_without_a_folder_each_sweep_gets_one_of_its_own(
-    tmp_path: Path, capsys: Any, brief: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_folder_each_sweep_gets_its_own(tmp_path, capsys, brief, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     common = ('--runs', '1', '--jobs', '1', '--scenario', brief)
     for seed in ('1', '2'):
@@ -171,9 +169,7 @@ def test_a_sweep_killed_goes_on_where_it_was(tmp_path: Path, capsys: Any, brief:
     ('number', 'code'),
     [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.long)],
 )
-def test_an_interrupted_sweep_ends_with_one_line_and_without_its_workers(
-    tmp_path: Path, brief: str, number: signal.Signals, code: int
-) -> None:
+def test_an_interrupted_sweep_ends_with_its_workers(tmp_path, brief, number, code) -> None:
     folder = tmp_path / 'out'
     arguments = ('--runs', MANY, '--jobs', '2', '--scenario', brief, '--out', str(folder))
     with started(*SWEEP, *arguments) as process:
@@ -188,9 +184,7 @@ def test_an_interrupted_sweep_ends_with_one_line_and_without_its_workers(
 
 
 @pytest.mark.long
-def test_a_worker_that_was_killed_is_said_and_what_ended_is_kept(
-    tmp_path: Path, brief: str
-) -> None:
+def test_a_worker_that_was_killed_is_said_and_what_ended_is_kept(tmp_path, brief: str) -> None:
     folder = tmp_path / 'out'
     arguments = ('--runs', MANY, '--jobs', '1', '--scenario', brief, '--out', str(folder))
     with started(*SWEEP, *arguments) as process:
@@ -216,9 +210,7 @@ def test_a_sweep_grows(tmp_path: Path, capsys: Any, brief: str, two_runs: Path) 
     assert f'2 of 3 runs are in {tmp_path / FILE} already' in shown.err
 
 
-def test_a_run_that_raised_is_named_and_the_sweep_ends_with_1(
-    tmp_path: Path, capsys: Any, brief: str, two_runs: Path
-) -> None:
+def test_a_run_that_raised_is_named_and_it_ends_with_1(tmp_path, capsys, brief, two_runs) -> None:
     arguments = (*SWEEP, '--runs', '2', '--jobs', '1', '--scenario', brief)
     # A defect is what the store says it is: no other code can be put into the workers.
     header, first, second = (two_runs / FILE).read_text().splitlines()
@@ -256,13 +248,7 @@ def test_a_run_that_raised_is_named_and_the_sweep_ends_with_1(
         (['--runs', '1', '--estimator', 'other'], 'estimator must be one of'),
     ],
 )
-def test_bad_usage_is_refused(
-    tmp_path: Path,
-    capsys: Any,
-    options: list[str],
-    reason: str,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_bad_usage_is_refused(tmp_path, capsys, options, reason, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert reason in refused(capsys, *SWEEP, *options)
     assert list(tmp_path.iterdir()) == []

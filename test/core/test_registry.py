@@ -75,7 +75,7 @@ def test_a_broken_variant_is_named(variants: Registry[float], name: str, message
     ],
     ids=['runtime', 'syntax', 'name', 'key', 'import'],
 )
-def test_whatever_a_foreign_module_raises_is_one_sentence(
+def test_what_foreign_modules_raise_is_a_line(
     code: str,
     reason: str,
     tmp_path: Path,

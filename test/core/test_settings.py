@@ -84,9 +84,7 @@ def test_a_bad_value_is_refused_by_name(name: str, value: Any, message: str) -> 
         ('names', [], ()),
     ],
 )
-def test_the_ends_of_a_range_are_allowed_and_types_settled(
-    name: str, value: Any, kept: Any
-) -> None:
+def test_the_ends_of_a_range_are_allowed_and_types_settled(name, value, kept) -> None:
     found = getattr(Sample(**{name: value}), name)
     assert found == kept
     assert type(found) is type(kept)
@@ -178,9 +176,7 @@ def test_an_empty_mapping_gives_the_defaults() -> None:
         ({'dead_band_angular': 0.5, 'max_angular': 0.4}, 'got 0 m/s and 0.5 rad/s'),
     ],
 )
-def test_servo_settings_that_contradict_each_other_are_refused(
-    changes: dict[str, Any], message: str
-) -> None:
+def test_servo_settings_that_contradict_each_other_are_refused(changes, message) -> None:
     with pytest.raises(ValueError, match=message):
         ServoSettings(**changes)
 
@@ -212,9 +208,7 @@ def test_a_name_of_an_earlier_version_still_works_in_files_and_bags() -> None:
 
 
 @pytest.mark.parametrize('names', [('room', 'spiral_ratio'), ('spiral_ratio', 'room')])
-def test_a_setting_is_not_given_by_its_old_and_its_new_name_at_once(
-    names: tuple[str, str],
-) -> None:
+def test_a_setting_is_not_given_by_its_old_and_its_new_name_at_once(names) -> None:
     message = f'^a bag must give spiral_ratio once, got {names[0]} and {names[1]}, .*; keep spiral'
     with pytest.raises(ValueError, match=message):
         from_mapping(ServoSettings, dict.fromkeys(names, 0.5), 'a bag')
@@ -249,9 +243,7 @@ def test_a_setting_that_is_gone_is_refused_in_one_line(name: str) -> None:
         from_mapping(TrackerSettings, {'levels': 3, name: 0}, 'a file')
 
 
-def test_a_broken_estimator_is_refused_before_there_is_an_image(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_broken_estimator_is_refused_before_there_is_an_image(monkeypatch) -> None:
     group = 'visual_servo_epipolar.estimators'
     points = [EntryPoint('broken', 'math:no_such_thing', group)]
     monkeypatch.setattr(registry, 'entry_points', lambda group: points)

@@ -75,9 +75,7 @@ def test_the_way_has_its_files_and_no_more_than_one_sits_down_to_read() -> None:
 
 
 @pytest.mark.parametrize('place', range(1, len(WAY)))
-def test_each_file_calls_or_is_called_by_one_above_it(
-    place: int, published: Topics, subscribed: Topics
-) -> None:
+def test_each_file_calls_or_is_called_by_one_above_it(place, published, subscribed) -> None:
     path, above = WAY[place], WAY[:place]
     assert any(
         reaches(other, path)
@@ -87,9 +85,7 @@ def test_each_file_calls_or_is_called_by_one_above_it(
     ), path
 
 
-def test_the_way_begins_with_an_image_and_ends_with_a_twist(
-    published: Topics, subscribed: Topics
-) -> None:
+def test_the_way_begins_with_an_image_and_ends_with_a_twist(published, subscribed) -> None:
     tracker, servo = (path for path in WAY if path.parts[-2] == 'nodes')
     assert tracker == WAY[0]
     assert 'image_raw' in subscribed(tracker)

@@ -39,17 +39,13 @@ def source(node: str) -> Path:
     return ROOT / 'visual_servo_epipolar' / 'nodes' / f'{node}.py'
 
 
-def test_what_a_node_is_drawn_to_publish_it_publishes(
-    figure: ModuleType, published: Topics
-) -> None:
+def test_what_a_node_is_drawn_to_publish_it_publishes(figure, published) -> None:
     for node, topics in figure.OUTPUTS.items():
         assert set(topics.split()) <= published(source(node)), node
 
 
 @pytest.mark.parametrize('topic', LOOP)
-def test_an_arrow_of_the_loop_leads_from_a_publisher_to_its_subscribers(
-    topic: str, published: Topics, subscribed: Topics
-) -> None:
+def test_an_arrow_leads_from_a_publisher_to_its_subscribers(topic, published, subscribed) -> None:
     start, ends = LOOP[topic]
     assert topic in published(source(start))
     assert [node for node in ends if topic not in subscribed(source(node))] == []

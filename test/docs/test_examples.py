@@ -89,9 +89,7 @@ def test_an_estimator_of_ones_own_finds_the_goal(environment: dict[str, str]) ->
     assert result['path_length_m'] != run(environment, *start)['path_length_m']
 
 
-def test_a_matcher_of_ones_own_finds_the_photograph(
-    environment: dict[str, str], tmp_path: Path
-) -> None:
+def test_a_matcher_of_ones_own_finds_the_photograph(environment: dict[str, str], tmp_path) -> None:
     scenario = tmp_path / 'orb.yaml'
     camera = {
         'width': 320,

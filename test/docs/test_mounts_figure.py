@@ -53,16 +53,12 @@ def test_each_camera_has_a_cell_with_arrivals_and_error(figure: ModuleType) -> N
 
 
 @pytest.mark.parametrize('unsafe', [{'max_distance_ratio': 1.3}, {'wrong_geometry_s': 1.0}])
-def test_a_camera_with_an_unsafe_run_is_framed(
-    figure: ModuleType, unsafe: dict[str, float]
-) -> None:
+def test_a_camera_with_an_unsafe_run_is_framed(figure, unsafe) -> None:
     drawn = figure.draw(document(**unsafe))
     assert frames(figure, drawn) == len(texts(drawn))
 
 
-def test_a_result_that_was_written_is_drawn(
-    figure: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_result_that_was_written_is_drawn(figure: ModuleType, tmp_path, capsys) -> None:
     source, target = tmp_path / 'mounts.json', tmp_path / 'mounts.png'
     source.write_text(json.dumps({'mounts': document()}))
     figure.main([str(source), str(target)])

@@ -32,9 +32,7 @@ def test_the_pages_are_what_the_settings_say(generator: ModuleType) -> None:
         )
 
 
-def test_every_group_of_settings_of_a_node_is_on_the_page(
-    generator: ModuleType,
-) -> None:
+def test_every_group_of_settings_of_a_node_is_on_the_page(generator: ModuleType) -> None:
     for name in generator.NODES:
         module = importlib.import_module(f'visual_servo_epipolar.nodes.{name}')
         kinds = generator.settings_of(module)
@@ -45,9 +43,7 @@ def test_every_group_of_settings_of_a_node_is_on_the_page(
             assert row in PAGE.read_text(encoding='utf-8'), item.name
 
 
-def test_an_inherited_setting_stands_under_the_class_that_declares_it(
-    generator: ModuleType,
-) -> None:
+def test_an_inherited_setting_stands_under_the_class_that_declares_it(generator) -> None:
     class Base:
         gain: float = 1.0
 

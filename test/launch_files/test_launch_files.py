@@ -218,9 +218,7 @@ def test_topics_go_where_they_are_sent(name) -> None:
 
 @pytest.mark.parametrize(('dock', 'last'), [('none', []), ('pose', ['dock_node'])])
 @pytest.mark.parametrize(('record', 'first'), [('', []), ('/bags/one', ['recorder_node'])])
-def test_the_lifecycle_manager_of_nav2_leads_all_nodes_without_a_bond(
-    record, first, dock, last
-) -> None:
+def test_the_manager_of_nav2_leads_all_nodes_without_a_bond(record, first, dock, last) -> None:
     launch = Launch('robot.launch.py', namespace='r', lifecycle='nav2', record=record, dock=dock)
     *led, manager = launch.nodes
     assert (manager.executable, manager.namespace) == ('lifecycle_manager', 'r')

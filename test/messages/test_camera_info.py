@@ -86,9 +86,7 @@ def test_a_tiny_skew_of_an_optimiser_is_no_reason_to_refuse() -> None:
 @pytest.mark.parametrize(
     ('binning', 'region'), [(2, None), (4, None), (0, (320, 240, 640, 480)), (2, (0, 0, 640, 480))]
 )
-def test_k_of_the_image_that_is_sent_is_not_taken_for_that_of_the_full_one(
-    binning, region
-) -> None:
+def test_k_of_the_image_sent_is_not_taken_for_that_of_the_full_one(binning, region) -> None:
     message = info()
     message.binning_x = message.binning_y = binning
     if region is not None:

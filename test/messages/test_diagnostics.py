@@ -27,9 +27,7 @@ STEP_1 = 'zeroing_epipoles: the robot drives onto the axis of the photograph (st
         ),
     ],
 )
-def test_too_few_features_are_a_warning_while_the_memory_carries_on(
-    carried: bool, level: bytes, words: str
-) -> None:
+def test_too_few_features_are_a_warning_while_the_memory_carries_on(carried, level, words) -> None:
     state = in_phase(
         Phase.ZEROING_EPIPOLES, measurement=sight(features=8, carried=carried), memory=MEMORY
     )

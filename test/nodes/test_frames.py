@@ -126,9 +126,7 @@ def test_a_frame_that_tf2_refuses_is_refused_at_the_start(bench, kind, values) -
     ('static', 'topic', 'profile'),
     [(False, '/tf', qos.TRANSFORMS), (True, '/tf_static', qos.LATCHED)],
 )
-def test_with_tf2_msgs_transforms_are_published_as_one_message(
-    monkeypatch, static, topic, profile
-) -> None:
+def test_with_tf2_msgs_transforms_are_one_message(monkeypatch, static, topic, profile) -> None:
     monkeypatch.setattr(transforms, 'tf_message_class', lambda: SimpleNamespace)
     made, published = [], []
 

@@ -1,6 +1,6 @@
 """The last word of a node: it waits until that is acknowledged, but not for who hangs."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import Any
 
@@ -47,9 +47,7 @@ def hall(monkeypatch: pytest.MonkeyPatch) -> Iterator[Hall]:
     few_of([lambda node: node.stop, lambda node: node.trigger_deactivate], keep=(1,)),
     ids=['stop', 'deactivate'],
 )
-def test_a_servo_waits_for_the_base_to_hear_of_its_end(
-    hall: Hall, end: Callable[[Any], Callable[[], object]]
-) -> None:
+def test_a_servo_waits_for_the_base_to_hear_of_its_end(hall, end) -> None:
     rig = Rig(hall.bench, stale_timeout=60.0)
     hall.freeze(TwistMessage, 'cmd_vel', rig.node)
     rig.drive()
@@ -65,9 +63,7 @@ def test_a_dock_node_waits_for_a_base_that_it_drives_backward(hall: Hall) -> Non
     assert_waits(node.stop)
 
 
-def test_a_tracker_waits_for_the_servo_to_hear_of_its_end(
-    hall: Hall, simulator: Any, view: Any
-) -> None:
+def test_a_tracker_waits_for_the_servo_to_hear_of_its_end(hall, simulator, view) -> None:
     bench = hall.bench
     node = bench.start(TrackerNode)
     hall.freeze(PointCloud2, 'tracks', node)

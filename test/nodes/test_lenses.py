@@ -116,9 +116,7 @@ def test_skew_of_camera_info_is_taken(bench, camera) -> None:
 
 
 @pytest.mark.parametrize('rectified', [False, True])
-def test_images_that_sound_rectified_and_are_not_said_to_be_are_complained_of(
-    bench, rectified
-) -> None:
+def test_images_that_sound_rectified_are_complained_of(bench, rectified) -> None:
     from rclpy.node import Node
 
     class Remapped(TrackerNode):

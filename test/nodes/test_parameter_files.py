@@ -75,9 +75,7 @@ KEYS = [
 
 @pytest.mark.parametrize('keys', KEYS, ids=str)
 @pytest.mark.parametrize('namespace', ['/', '/robot1', '/a/robot1'])
-def test_a_section_reaches_the_nodes_that_rcl_gives_it_to(
-    bench, tmp_path, keys, namespace
-) -> None:
+def test_a_section_reaches_the_nodes_rcl_gives_it_to(bench, tmp_path, keys, namespace) -> None:
     path = file(tmp_path, **keys)
     node = Node(
         'dock',
@@ -98,9 +96,7 @@ def test_nested_parameters_have_points(tmp_path) -> None:
 
 
 @pytest.mark.parametrize('name', KINDS)
-def test_the_files_of_the_package_hold_in_a_namespace_and_under_another_name(
-    bench, tmp_path, monkeypatch, name
-) -> None:
+def test_the_files_of_the_package_hold_in_a_namespace(bench, tmp_path, monkeypatch, name) -> None:
     monkeypatch.chdir(tmp_path)  # the recorder begins a bag where it is started
     text = (CONFIG / f'{name}.yaml').read_text()
     changes = {
@@ -183,9 +179,7 @@ def test_a_file_may_hold_the_parameters_of_all_nodes(bench, tmp_path, kind) -> N
         (DockNode, 'zzz', 'it has .*publish_deviation'),
     ],
 )
-def test_a_name_that_no_node_has_is_refused_in_a_shared_file(
-    bench, tmp_path, monkeypatch, kind, name, hint
-) -> None:
+def test_a_name_of_no_node_is_refused(bench, tmp_path, monkeypatch, kind, name, hint) -> None:
     monkeypatch.chdir(tmp_path)  # a recorder that started would begin a bag here
     path = file(tmp_path, **under('/**', **{name: 1.0}))
     with pytest.raises(ValueError, match=f'has no parameter {name}; {hint}'):
@@ -205,9 +199,7 @@ def test_a_name_of_another_node_is_refused_on_the_command_line(bench, tmp_path) 
     ('kind', 'name', 'value'),
     [(ServoNode, 'look_ahead', 0.5), (TrackerNode, 'window', 31), (CameraNode, 'person', 0.5)],
 )
-def test_what_belongs_to_an_experiment_is_no_parameter_but_programs_may_give_it(
-    bench, tmp_path, kind, name, value
-) -> None:
+def test_what_belongs_to_an_experiment_is_of_programs(bench, tmp_path, kind, name, value) -> None:
     path = file(tmp_path, **under('/**', **{name: value}))
     for words in (('-p', f'{name}:={value}'), given(path)):
         with pytest.raises(ValueError, match=f'has no parameter {name} any more: .* replay --set'):
@@ -230,9 +222,7 @@ def test_a_shared_file_may_give_another_node_what_is_internal_here(bench, tmp_pa
 
 
 @pytest.mark.parametrize('node', [name for name in KINDS if name != 'route_node'])
-def test_a_file_of_an_earlier_version_with_its_defaults_is_taken(
-    bench, tmp_path, monkeypatch, node
-) -> None:
+def test_a_file_of_an_earlier_version_is_taken(bench, tmp_path, monkeypatch, node) -> None:
     monkeypatch.chdir(tmp_path)  # the recorder begins a bag where it is started
     start(bench, KINDS[node], *given(Path(__file__).parents[1] / f'earlier/config/{node}.yaml'))
 
@@ -247,9 +237,7 @@ SERVO, TRACKER, DOCK = (
 @pytest.mark.parametrize(
     ('kind', 'known'), [(ServoNode, SERVO), (TrackerNode, TRACKER), (DockNode, DOCK)]
 )
-def test_a_real_robot_takes_its_file_in_a_namespace_under_another_name(
-    bench, tmp_path, kind, known
-) -> None:
+def test_a_real_robot_takes_its_file_in_a_namespace(bench, tmp_path, kind, known) -> None:
     text = (CONFIG / 'robot.yaml').read_text()
     edited = text.replace('max_linear: 0.2', 'max_linear: 0.125').replace("''", "'goal.png'")
     (tmp_path / 'robot.yaml').write_text(edited if kind is ServoNode else text)
@@ -290,9 +278,7 @@ def test_the_tracker_of_a_small_computer_takes_its_file_after_the_robots(bench) 
         (ServoNode, 'recorder_node', 'autostart'),
     ],
 )
-def test_the_file_of_another_node_is_refused_where_it_would_mean_something_else(
-    bench, kind, other, name
-) -> None:
+def test_the_file_of_another_node_is_refused_where_it_means_else(bench, kind, other, name) -> None:
     with pytest.raises(ValueError, match=f'is of {other} alone, .* would set {name} of'):
         start(bench, kind, *given(CONFIG / f'{other}.yaml'))
 

@@ -183,9 +183,7 @@ def test_a_refused_photograph_is_said_so_even_amid_other_complaints(rig, view) -
     rig.bench.until(lambda: rig.bench.logged('desired image refused'), 'the refusal')
 
 
-def test_the_photograph_may_be_a_file(
-    bench, simulator, photograph, view, tmp_path, monkeypatch
-) -> None:
+def test_a_file_may_be_given(bench, simulator, photograph, view, tmp_path, monkeypatch) -> None:
     path = tmp_path / 'goal ä.png'
     path.write_bytes(cv2.imencode('.png', photograph)[1].tobytes())
     monkeypatch.setenv('HOME', str(tmp_path))
@@ -256,9 +254,7 @@ def age_told(heard: list[DiagnosticArray], words: str) -> float:
 
 
 @pytest.mark.parametrize('simulated', [False, True])
-def test_a_camera_that_falls_silent_is_told_with_the_age(
-    bench, simulator, photograph, view, attentive, simulated
-) -> None:
+def test_a_silent_camera_is_told(bench, simulator, photograph, view, attentive, simulated) -> None:
     heard = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, simulator, use_sim_time=simulated)
     bench.until(lambda: age_told(heard, 'no image has come yet') >= 0.3, 'that none came')
@@ -337,9 +333,7 @@ def test_the_same_photograph_again_changes_nothing(rig, photograph, view) -> Non
     assert read.goal(rig.clouds[-1]) == goal
 
 
-def test_the_process_of_the_tracker_takes_one_thread_of_opencv_and_has_room_for_images(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_tracker_takes_one_thread_of_opencv_and_has_room_for_images(monkeypatch) -> None:
     threads, during, tuned = cv2.getNumThreads(), [], []
 
     def init(**_: object) -> None:
@@ -393,9 +387,7 @@ def test_a_panorama_needs_no_camera_info_and_the_tracker_publishes_it(
         assert len(read.features(clouds[-1])) == 0
 
 
-def test_an_image_that_is_no_panorama_and_a_camera_info_of_another_lens_stop_the_robot(
-    bench, simulator, photograph, view
-) -> None:
+def test_no_panorama_or_another_lens_stop_the_robot(bench, simulator, photograph, view) -> None:
     rig = Rig(bench, simulator, projection='equirectangular')
     rig.taught(photograph)
     assert len(rig.track(view)) == 0  # it is too high

@@ -55,9 +55,7 @@ class Workspace:
 
 
 @pytest.fixture(scope='module', params=['copied', 'symlinked'])
-def workspace(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Workspace:
+def workspace(request, tmp_path_factory) -> Workspace:
     path = tmp_path_factory.mktemp(request.param)
     colcon(path, 'build', *(['--symlink-install'] if request.param == 'symlinked' else []))
     return Workspace(path, sourced(path))
@@ -167,9 +165,7 @@ def test_all_of_a_folder_is_shared(folder: str, workspace: Workspace) -> None:
     assert files(workspace.share / NAME / folder) == files(ROOT / folder)
 
 
-def test_the_whole_package_is_imported_from_the_workspace(
-    workspace: Workspace, tmp_path: Path
-) -> None:
+def test_the_whole_package_is_imported_from_the_workspace(workspace: Workspace, tmp_path) -> None:
     completed = subprocess.run(
         [sys.executable, '-c', f'import {NAME}; print({NAME}.__path__[0])'],
         cwd=tmp_path,
@@ -196,9 +192,7 @@ def test_the_installed_command_lists_its_subcommands(workspace: Workspace, tmp_p
 
 
 @pytest.mark.parametrize('name', NODES)
-def test_a_node_of_a_namespace_starts_with_its_shared_settings_and_ends_on_sigint(
-    name: str, workspace: Workspace, neighbour: Node, tmp_path: Path
-) -> None:
+def test_a_node_of_a_namespace_starts_and_ends(name, workspace, neighbour, tmp_path) -> None:
     settings = workspace.share / NAME / 'config' / f'{name}.yaml'
     command = [str(workspace.executables / name), '--ros-args', '-r', '__ns:=/robot1']
     command += ['--params-file', str(settings)]

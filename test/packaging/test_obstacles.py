@@ -112,9 +112,7 @@ def test_all_take_the_same_message_and_frame() -> None:
         ('collision_monitor', 'stop_zone.points', MONITOR['stop_zone']['points']),
     ],
 )
-def test_the_file_reaches_its_nodes_in_a_namespace_too(
-    namespace: str, node: str, name: str, value: str
-) -> None:
+def test_the_file_reaches_its_nodes_in_a_namespace_too(namespace, node, name, value) -> None:
     rclpy = pytest.importorskip('rclpy')
     context = rclpy.Context()
     rclpy.init(args=['--ros-args', '--params-file', str(FILE)], context=context)

@@ -142,9 +142,7 @@ def test_velocities_show_the_log(log: RunLog, label: str, field: str) -> None:
         (0.0, 0.0, [0]),
     ],
 )
-def test_ticks_of_the_difference_are_few_and_inside(
-    log: RunLog, first: float, last: float, ticks: list[float]
-) -> None:
+def test_ticks_of_the_difference_are_few_and_inside(log, first, last, ticks) -> None:
     differences = np.linspace(first, last, len(log.samples)).tolist()
     samples = [
         replace(sample, feature_difference=it)
@@ -187,9 +185,7 @@ def test_robust_limit_ignores_what_runs_off_and_what_is_not_there() -> None:
 
 
 @pytest.mark.parametrize('draw', [trajectory, signals])
-def test_figure_is_written_as_png_and_leaves_nothing_else(
-    draw: Draw, log: RunLog, tmp_path: Path
-) -> None:
+def test_figure_is_written_as_png_and_leaves_nothing_else(draw, log, tmp_path) -> None:
     figure = draw(log)
     path = save(figure, tmp_path / 'figure.png')
     assert list(tmp_path.iterdir()) == [path]

@@ -87,9 +87,7 @@ def moment(place: Place, state: ServoState) -> Moment:
         pytest.param(UP, RIGHT, id='12 deg up, 4 deg to the left', marks=pytest.mark.long),
     ],
 )
-def test_the_robot_arrives_and_never_drives_on_a_wrong_geometry(
-    painter: Painter, mast: Mast, start: tuple[float, float, float]
-) -> None:
+def test_the_robot_arrives_and_never_drives_on_a_wrong_geometry(painter, mast, start) -> None:
     drive = driven(painter, mast, start)
     assert wrong_geometry_s(drive.moments, mast, 1e-9 * PERIOD_NS) < 1.0
     assert excursion(drive.moments) <= 1.2

@@ -89,9 +89,7 @@ def test_pictures_follow_from_seed_place_and_frame_alone() -> None:
 
 
 @given(poses_behind_the_goal(), floats(-0.5, 0.5), floats(-0.2, 0.2))
-def test_the_mast_holds_a_camera_that_looks_down_and_rolls_clockwise(
-    pose: Pose, tilt: float, roll: float
-) -> None:
+def test_the_mast_holds_a_camera_that_looks_down_and_rolls_clockwise(pose, tilt, roll) -> None:
     axes, centre = Mast(tilt=tilt, roll=roll).camera((pose.x, pose.y, pose.theta))
     np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1.0)

@@ -27,9 +27,7 @@ def afresh(settings: CameraSettings, pose: Pose, frame: int, **disturbances) -> 
     [{}, {'noise': 0.0}, {'jitter': 0.01}, {'gain_drift': 0.1}],
 )
 @pytest.mark.parametrize('disturbances', few_of([DisturbanceSettings(), PERSON], keep=(1,)))
-def test_a_camera_that_stands_takes_the_images_of_one_that_came(
-    changes: dict[str, float], disturbances: DisturbanceSettings
-) -> None:
+def test_a_camera_that_stands_takes_the_images_of_one_that_came(changes, disturbances) -> None:
     settings = replace(SMALL, **changes)
     camera = CameraSimulator(settings, disturbances)
     for frame, pose in enumerate([HERE, HERE, HERE, THERE, HERE]):

@@ -56,18 +56,14 @@ FARTHEST = [(2.5, 1.6, 99.4), (5.008, 3.255, 99.4), (-4.62, 3.69, -78.0)]
 
 @pytest.mark.long
 @pytest.mark.parametrize('start', FARTHEST)
-def test_law_full_arrives_from_far_aside_and_past_the_goal(
-    start: tuple[float, float, float],
-) -> None:
+def test_law_full_arrives_from_far_aside_and_past_the_goal(start) -> None:
     summary = summarise(driven(start))
     assert summary['outcome'] == 'arrived'
     assert summary['position_error_m'] < 0.005
 
 
 @pytest.mark.parametrize('start', [*STARTS[:2], *map(in_long, STARTS[2:])])
-def test_law_full_arrives_within_its_limits_by_the_phases_of_the_paper(
-    start: tuple[float, float, float],
-) -> None:
+def test_law_full_arrives_within_its_limits_by_the_phases_of_the_paper(start) -> None:
     summary, limits = summarise(driven(start)), ServoSettings()
     assert summary['outcome'] == 'arrived'
     # 0.2 px of noise on 60 features: half a millimetre and 0.1 deg are typical.

@@ -163,9 +163,7 @@ def test_a_joystick_that_turns_the_robot_away_does_not_make_it_drive() -> None:
 
 
 @pytest.mark.parametrize('mirrored', few_of([False, True]))
-def test_a_camera_the_wrong_way_round_stops_the_robot_after_some_degrees(
-    mirrored: bool,
-) -> None:
+def test_a_camera_the_wrong_way_round_stops_the_robot_after_some_degrees(mirrored: bool) -> None:
     loop = DisturbedLoop(obeyed, 30.0, (True, not mirrored))
     first = next(state for state in loop.states if state.phase is Phase.HOLDING)
     assert 'the image turns against the command: upside down or mirrored' in first.reason

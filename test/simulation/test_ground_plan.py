@@ -30,9 +30,7 @@ def ground() -> Ground:
         ((4.0, 3.0), -np.sqrt(2.0)),
     ],
 )
-def test_depth_in_a_rectangle_is_the_distance_to_its_edge(
-    place: tuple[float, float], depth: float
-) -> None:
+def test_depth_in_a_rectangle_is_the_distance_to_its_edge(place, depth) -> None:
     assert inside(np.array([place]), SQUARE)[0, 0] == pytest.approx(depth)
 
 

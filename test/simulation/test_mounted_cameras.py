@@ -44,9 +44,7 @@ TOLD = {
     ],
     ids=['down and rolled', 'up', 'aside and not told', 'aside and told'],
 )
-def test_a_camera_mounted_otherwise_arrives_and_never_leads_away(
-    mount: dict[str, float], servo: dict[str, float], count: int
-) -> None:
+def test_a_camera_mounted_otherwise_arrives_and_never_leads_away(mount, servo, count) -> None:
     nominal = Scenario()
     scenario = replace(nominal, camera=replace(nominal.camera, **mount)).with_servo(servo)
     for start, seed in list(zip(STARTS, SEEDS, strict=True))[:count]:

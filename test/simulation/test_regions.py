@@ -104,9 +104,7 @@ def simulator() -> CameraSimulator:
     return CameraSimulator(SMALL.camera)
 
 
-def test_in_images_anywhere_is_inside_the_room_and_off_the_furniture(
-    simulator: CameraSimulator,
-) -> None:
+def test_in_images_anywhere_is_inside_the_room_and_off_the_furniture(simulator) -> None:
     for start in room_starts('anywhere', 80):
         pose = Pose.from_start(*start)
         # Half a robot's size around it, at the height of its camera, all is air.

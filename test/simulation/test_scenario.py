@@ -158,9 +158,7 @@ def test_the_nominal_file_is_the_defaults() -> None:
 
 
 @pytest.mark.parametrize('path', SCENARIOS, ids=lambda path: path.stem)
-def test_the_servo_knows_the_dead_zone_of_its_base_but_for_those_it_has_to_learn(
-    path: Path,
-) -> None:
+def test_the_servo_knows_the_dead_zone_of_its_base_but_for_those_it_has_to_learn(path) -> None:
     servo, base = load(path).servo, load(path).base
     if path.stem in ('cheap', 'rough'):
         assert servo.dead_band_linear == servo.dead_band_angular == 0.0 < base.dead_zone_angular

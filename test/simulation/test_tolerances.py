@@ -43,9 +43,7 @@ def time_in(log: RunLog, phase: str) -> float:
         keep=(0, 6),
     ),
 )
-def test_who_asks_for_5_mm_and_half_a_degree_has_them_sooner(
-    law: str, start: Start, sooner: float
-) -> None:
+def test_who_asks_for_5_mm_and_half_a_degree_has_them_sooner(law, start, sooner) -> None:
     finest = summarise(driven(law, start))
     coarse = summarise(driven(law, start, POSITION, HEADING))
     assert (finest['outcome'], coarse['outcome']) == ('arrived', 'arrived')
@@ -68,9 +66,7 @@ def test_a_turn_in_place_is_not_begun_within_the_tolerance() -> None:
 
 
 @pytest.mark.parametrize(('law', 'sooner'), [('full', 0.9), ('full-memory', 0.9)])
-def test_a_pure_rotation_is_turned_back_no_farther_than_the_tolerance_asks(
-    law: str, sooner: float
-) -> None:
+def test_a_pure_rotation_is_turned_back_no_farther_than_the_tolerance_asks(law, sooner) -> None:
     """Each tolerance for itself: that of the heading alone takes the last of the turn away."""
     finest, coarse = driven(law, TURNED), driven(law, TURNED, heading=HEADING)
     assert time_in(coarse, 'orienting') < time_in(finest, 'orienting') - sooner

@@ -49,9 +49,7 @@ WRONG = driven(bearing_current=TRUE.current + math.radians(11.0))
         (driven(pose=Pose.from_start(0.0, -0.021, 0.0), bearing_current=1.0), 0.5),
     ],
 )
-def test_time_counts_while_driving_on_bearings_more_than_ten_degrees_off(
-    sample: Sample, seconds: float
-) -> None:
+def test_time_counts_while_driving_on_bearings_more_than_ten_degrees_off(sample, seconds) -> None:
     assert wrong_geometry_s(log_of(sample, driven()), LEVEL) == seconds
 
 

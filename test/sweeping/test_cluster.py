@@ -124,9 +124,7 @@ def test_a_real_cluster_gives_the_results_of_processes(tmp_path: Path, real: Clu
 
 
 @pytest.mark.long
-def test_a_cluster_is_refused_unless_it_can_work(
-    tmp_path: Path, real: Cluster, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cluster_is_refused_unless_it_can_work(tmp_path, real: Cluster, monkeypatch) -> None:
     monkeypatch.setattr(cluster, 'CONNECT_S', 0.5)
     with pytest.raises(InputError, match='has no workers; start some with "dask worker tcp:'):
         swept_on(real.address, tmp_path)
@@ -140,9 +138,7 @@ def test_a_cluster_is_refused_unless_it_can_work(
 
 
 @pytest.mark.long
-def test_a_sweep_outlives_a_worker_but_not_the_last_one(
-    tmp_path: Path, real: Cluster, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_sweep_outlives_a_worker_but_not_the_last_one(tmp_path, real, monkeypatch) -> None:
     monkeypatch.setattr(store_module, 'PATIENCE_S', 0.5)
     crew, seen = [real.worker(), real.worker()], []
 
@@ -165,9 +161,7 @@ def test_a_scheduler_that_dies_is_said(tmp_path: Path, real: Cluster) -> None:
 
 
 @pytest.mark.parametrize('address', ['nonsense', 'http://127.0.0.1:80', 'tcp://127.0.0.1:1', ''])
-def test_an_address_at_which_nobody_answers_is_refused(
-    tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch, address: str
-) -> None:
+def test_an_address_without_answer_is_refused(tmp_path, capsys, monkeypatch, address: str) -> None:
     monkeypatch.setattr(cluster, 'CONNECT_S', 0.5)
     scenario = tmp_path / 'scenario.yaml'
     scenario.write_text(f'run: {{max_duration: {BRIEF.run.max_duration}}}')
@@ -177,9 +171,7 @@ def test_an_address_at_which_nobody_answers_is_refused(
     assert len(said.splitlines()) == 1, said
 
 
-def test_without_dask_the_way_to_install_it_is_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_dask_the_way_to_install_it_is_said(tmp_path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, 'distributed', None)
     with pytest.raises(InputError, match=r'pip install "visual_servo_epipolar\[dask\]"'):
         swept_on('tcp://127.0.0.1:1', tmp_path)

@@ -3,7 +3,6 @@
 import argparse
 import json
 import shlex
-from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -37,9 +36,7 @@ def parsed(command: str) -> argparse.Namespace:
     st.sampled_from(['features', 'images']),
     st.data(),
 )
-def test_chunks_hold_each_missing_run_once(
-    runs: int, laws: tuple[str, ...], workers: int, source: str, data: Any
-) -> None:
+def test_chunks_hold_each_missing_run_once(runs, laws, workers, source, data) -> None:
     plan = plan_of(runs, laws=laws, source=source)
     done = data.draw(st.sets(st.sampled_from(plan.keys())))
     chunks = plan.chunks(done, workers)
@@ -102,9 +99,7 @@ def test_the_command_of_a_sweep_asks_for_this_sweep(laws: tuple[str, ...]) -> No
 
 @settings(max_examples=8)
 @given(st.tuples(*[st.floats(-9.0, 9.0)] * 3), st.integers(0, 999), st.sampled_from([(), (4, 8)]))
-def test_the_command_of_a_run_asks_for_this_run(
-    start: tuple[float, float, float], index: int, scenes: tuple[int, ...]
-) -> None:
+def test_the_command_of_a_run_asks_for_this_run(start, index, scenes) -> None:
     plan = plan_of(1000, scenes=scenes, scenario=Scenario())
     options = parsed(plan.command_of_run('corrected', index, start))
     assert tuple(options.start) == start

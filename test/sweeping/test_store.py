@@ -97,9 +97,7 @@ def test_time_adds_up_over_sessions(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         ({'laws': ('paper', 'full')}, r"laws \['full'\] there, \['paper', 'full'\] here"),
     ],
 )
-def test_another_sweep_is_refused_and_left_alone(
-    tmp_path: Path, changes: dict[str, object], reason: str
-) -> None:
+def test_another_sweep_is_refused_and_left_alone(tmp_path, changes, reason) -> None:
     filled(tmp_path, plan_of(), RESULTS).close()
     before = (tmp_path / FILE).read_bytes()
     with pytest.raises(InputError, match=f'holds another sweep: .*{reason}.*give another --out'):
@@ -114,9 +112,7 @@ def test_another_scenario_is_named_setting_by_setting(tmp_path: Path) -> None:
     assert 'scenario.servo.k1 0.08 there, 0.09 here' in said
 
 
-def test_runs_of_other_code_are_not_mixed_in(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_runs_of_other_code_are_not_mixed_in(tmp_path, monkeypatch) -> None:
     filled(tmp_path, plan_of(), RESULTS).close()
     monkeypatch.setattr(store_module, 'digest', lambda: 'abcdef')
     assert 'abcdef' in refused(tmp_path, plan_of())
@@ -201,9 +197,7 @@ def test_reasons_are_counted_whatever_their_numbers(tmp_path: Path) -> None:
         ({'position_error_m': 0.051, 'outcome': 'failed'}, False),
     ],
 )
-def test_wrong_is_who_says_arrived_and_is_not(
-    tmp_path: Path, changes: dict[str, Any], is_wrong: bool
-) -> None:
+def test_wrong_is_who_says_arrived_and_is_not(tmp_path, changes, is_wrong) -> None:
     assert wrong(result(**changes)) is is_wrong
     assert summary(tmp_path, [result(**changes)])['arrived_but_wrong'] == is_wrong
 
@@ -255,9 +249,7 @@ def test_nothing_is_known_without_a_trial() -> None:
 
 
 @given(VALUES, st.sampled_from([0.5, 0.95]))
-def test_an_interval_lies_within_the_data_and_is_repeatable(
-    values: list[float], share: float
-) -> None:
+def test_an_interval_lies_within_the_data_and_is_repeatable(values, share) -> None:
     low, high = quantile_interval(values, share)
     assert min(values) <= low <= high <= max(values)
     assert (low, high) == quantile_interval(values, share)

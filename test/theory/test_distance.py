@@ -17,9 +17,7 @@ LAWS = st.builds(Law, k1=floats(0.01, 0.15), k2=floats(0.3, 3.0), exponent=EXPON
 
 @settings(max_examples=60)
 @given(floats(0.2, 1.2), floats(0.05, 1.0), SIGNS, SIGNS, floats(1.0, 6.0), LAWS)
-def test_both_bounds_hold_as_ratios_and_ours_is_the_tighter_one(
-    e_au: float, e_du: float, side: float, sigma: float, ratio: float, law: Law
-) -> None:
+def test_both_bounds_hold_as_ratios_ours_is_tighter(e_au, e_du, side, sigma, ratio, law) -> None:
     start = Start(
         e_current=side * e_au, e_desired=side * e_du, sigma=sigma, distance=3.0, ratio=ratio
     )
@@ -39,9 +37,7 @@ def test_both_bounds_hold_as_ratios_and_ours_is_the_tighter_one(
 
 @settings(max_examples=30)
 @given(floats(0.3, 1.2), floats(0.05, 0.4), SIGNS, SIGNS, floats(1.0, 6.0), LAWS)
-def test_a_discordant_start_never_comes_nearer_than_the_inverse(
-    e_au: float, e_du: float, side: float, sigma: float, ratio: float, law: Law
-) -> None:
+def test_a_discordant_start_keeps_beyond_the_inverse(e_au, e_du, side, sigma, ratio, law) -> None:
     start = Start(e_current=side * e_au, e_desired=-side * e_du, sigma=sigma, ratio=ratio)
     run = drive(start, law)
     least = float(np.abs(run.e_current).min())
@@ -60,9 +56,7 @@ def test_the_increment_is_not_bounded_by_delta_as_printed() -> None:
 
 @settings(max_examples=15)
 @given(floats(0.3, 1.2), floats(0.05, 1.0), SIGNS, floats(1.0, 4.0))
-def test_the_exponent_matters_only_through_k1(
-    e_au: float, e_du: float, side: float, ratio: float
-) -> None:
+def test_the_exponent_matters_only_through_k1(e_au, e_du, side, ratio) -> None:
     # The paper: beta/gamma "should be chosen close to zero in order to reduce Delta". The path
     # does not know it: with k1 = 0, d_end / d_0 is the same for all.
     start = Start(e_current=side * e_au, e_desired=side * e_du, ratio=ratio)
@@ -75,9 +69,7 @@ def test_the_exponent_matters_only_through_k1(
 
 @settings(max_examples=15)
 @given(floats(0.3, 1.2), floats(0.1, 1.0), SIGNS)
-def test_with_k1_zero_and_the_true_distance_the_path_is_a_logarithmic_spiral(
-    e_au: float, e_du: float, other: float
-) -> None:
+def test_with_k1_0_and_the_true_distance_the_path_is_a_log_spiral(e_au, e_du, other) -> None:
     run = drive(Start(e_current=e_au, e_desired=other * e_du), Law(k1=0.0, k2=1.0))
     turned = math.atan(e_du) - np.abs(np.arctan(run.e_desired))
     np.testing.assert_allclose(np.log(run.distance), other * turned / e_au, atol=1e-6)

@@ -43,9 +43,7 @@ def test_what_is_named_is_in_the_code(name: str, path: str) -> None:
 
 
 @pytest.mark.parametrize(('equations', 'name', 'path', 'test'), ROWS)
-def test_an_equation_is_named_where_it_is_computed_and_held(
-    equations: str, name: str, path: str, test: str
-) -> None:
+def test_an_equation_is_named_where_it_is_computed_and_held(equations, name, path, test) -> None:
     text = resolve(name, path).__doc__
     for equation in equations.split(', '):
         number = equation.strip('()')

@@ -40,16 +40,7 @@ def abscissae(seen: Bearings) -> tuple[float, float]:
 
 @all_cases
 @given(a=MAGNITUDES, e=MAGNITUDES, distance=DISTANCES, focal=floats(0.005, 800.0))
-def test_5_and_6_are_the_images_of_the_other_centre(
-    current: float,
-    desired: float,
-    sigma: float,
-    ahead: bool,
-    a: float,
-    e: float,
-    distance: float,
-    focal: float,
-) -> None:
+def test_5_and_6_are_other_centres(current, desired, sigma, ahead, a, e, distance, focal) -> None:
     pose = pose_with(current * a, desired * e, sigma=sigma, distance=distance, ahead=ahead)
     matrix = np.diag([focal, focal, 1.0])  # eq. (2)
     goal_in_current = matrix @ seen_from(pose, np.zeros((1, 3)))[0]
@@ -71,16 +62,7 @@ def test_5_and_6_are_the_images_of_the_other_centre(
 
 @all_cases
 @given(a=MAGNITUDES, e=MAGNITUDES, distance=DISTANCES, twist=twists())
-def test_7_to_10_are_the_derivatives_in_every_sign_case(
-    current: float,
-    desired: float,
-    sigma: float,
-    ahead: bool,
-    a: float,
-    e: float,
-    distance: float,
-    twist: Twist,
-) -> None:
+def test_7_to_10_are_derivatives(current, desired, sigma, ahead, a, e, distance, twist) -> None:
     pose = pose_with(current * a, desired * e, sigma=sigma, distance=distance, ahead=ahead)
     seen = Bearings.from_pose(pose)
     found = derivatives(pose, twist, abscissae)
@@ -94,7 +76,7 @@ def test_7_to_10_are_the_derivatives_in_every_sign_case(
 
 @all_cases
 @given(a=MAGNITUDES, e=MAGNITUDES, distance=DISTANCES, twist=twists())
-def test_9_and_10_as_printed_hold_exactly_where_the_two_signs_agree(
+def test_printed_9_and_10_hold_if_signs_agree(
     current: float,
     desired: float,
     sigma: float,
@@ -126,9 +108,7 @@ def test_9_and_10_as_printed_hold_exactly_where_the_two_signs_agree(
 
 
 @given(MAGNITUDES, MAGNITUDES, st.sampled_from(CASES), DISTANCES, floats(0.2, 5.0))
-def test_the_epipoles_do_not_change_along_the_baseline(
-    a: float, e: float, case: tuple[float, float, float, bool], distance: float, scale: float
-) -> None:
+def test_the_epipoles_do_not_change_along_the_baseline(a, e, case, distance, scale) -> None:
     current, desired, sigma, ahead = case
     near, far = (
         pose_with(current * a, desired * e, sigma=sigma, distance=d, ahead=ahead)
@@ -141,9 +121,7 @@ def test_the_epipoles_do_not_change_along_the_baseline(
 
 
 @given(floats(-1.5, 1.5), floats(-5.0, -2.0), floats(-15.0, 15.0), floats(0.5, 8.0))
-def test_the_goal_ahead_is_seen_under_sigma_minus_one(
-    x: float, y: float, heading: float, behind: float
-) -> None:
+def test_the_goal_ahead_is_seen_under_sigma_minus_one(x, y, heading, behind) -> None:
     # The everyday start: the printed sign is right there only for discordant epipoles, and then
     # alone does the robot come nearer.
     seen = Bearings.from_pose(Pose.from_start(x, y, heading))

@@ -32,15 +32,7 @@ def test_20_has_the_odd_power_of_both(e_au: float, e_du: float, exponent: float)
 
 @RUNS
 @given(floats(0.3, 0.8), floats(0.05, 0.6), SIGNS, SIGNS, SIGNS, EXPONENTS, floats(0.1, 0.8))
-def test_with_the_true_distance_the_printed_bound_is_right(
-    e_au: float,
-    e_du: float,
-    side: float,
-    other: float,
-    sigma: float,
-    exponent: float,
-    part: float,
-) -> None:
+def test_at_the_true_distance_it_is_right(e_au, e_du, side, other, sigma, exponent, part) -> None:
     k2 = 0.5
     most = theory.largest_finite_time_gain(e_au, e_du, k2=k2, exponent=exponent)
     assert most == pytest.approx(k2 * (e_au / e_du) ** (1.0 - exponent))
@@ -56,7 +48,7 @@ def test_with_the_true_distance_the_printed_bound_is_right(
 
 @RUNS
 @given(floats(0.3, 0.8), floats(0.05, 0.6), SIGNS, SIGNS, EXPONENTS, floats(1.0, 6.0))
-def test_with_an_overestimate_the_corrected_bound_is_enough(
+def test_if_overestimated_the_corrected_is_enough(
     e_au: float, e_du: float, side: float, sigma: float, exponent: float, ratio: float
 ) -> None:
     k2, rest = 0.5, 1.0 - exponent

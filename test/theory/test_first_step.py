@@ -106,9 +106,7 @@ def test_the_reserve_falls_by_k1_alone(start: Start, law: Law) -> None:
 
 @RUNS
 @given(starts(concordant=True), gains(k2_low=0.3), floats(1.0, 50.0), floats(1.0, 20.0))
-def test_no_gain_makes_the_current_epipole_cross_zero(
-    start: Start, law: Law, faster: float, ratio: float
-) -> None:
+def test_no_gain_makes_the_current_epipole_cross_zero(start, law, faster, ratio) -> None:
     # Proposition 1 asks for a small k2; the reserve shows that any will do, even far from small.
     law = Law(k1=law.k1, k2=faster * law.k2, exponent=law.exponent)
     start = Start(**{**vars(start), 'ratio': ratio})
@@ -141,9 +139,7 @@ def test_it_is_a_small_k2_that_sends_the_robot_away() -> None:
 
 @RUNS
 @given(starts(concordant=False), gains())
-def test_discordant_epipoles_bring_the_goal_nearer_and_the_heading_error_falls(
-    start: Start, law: Law
-) -> None:
+def test_discordant_epipoles_bring_the_goal_nearer_and_the_heading_error_falls(start, law) -> None:
     assert theory.stays_finite(start.e_current, start.e_desired)
     run = drive(start, law)
     bearings = np.abs(np.arctan(run.e_current)) + np.abs(np.arctan(run.e_desired))
@@ -190,9 +186,7 @@ def final_pose(start: Start, law: Law) -> Pose:
 
 
 @given(floats(-1.2, 1.2), SIGNS, floats(0.3, 6.0), floats(-1.0, 1.0))
-def test_the_zero_dynamics_is_the_way_along_the_axis(
-    e_au: float, sigma: float, distance: float, speed: float
-) -> None:
+def test_the_zero_dynamics_is_the_way_along_the_axis(e_au, sigma, distance, speed) -> None:
     # With e_du zero, (16) is zero and so is d': the law turns in place.
     nu = equations.auxiliary_controls(e_au, 0.0, k1=0.3, k2=0.5, exponent=5.0 / 9.0)
     twist = equations.linearizing_control(e_au, 0.0, sigma=sigma, distance=9.0, nu=nu)
@@ -210,9 +204,7 @@ def test_the_zero_dynamics_is_the_way_along_the_axis(
 
 @RUNS
 @given(starts(), gains(), floats(0.1, 10.0))
-def test_one_common_factor_on_both_speeds_leaves_the_path(
-    start: Start, law: Law, factor: float
-) -> None:
+def test_one_common_factor_on_both_speeds_leaves_the_path(start, law, factor) -> None:
     # (4), (13) and the law hold no time: saturation by one factor costs time alone.
     run = drive(start, law)
     scaled = Law(k1=factor * law.k1, k2=factor * law.k2, exponent=law.exponent)

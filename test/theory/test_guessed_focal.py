@@ -81,9 +81,7 @@ def test_26_to_30_hold_along_a_run(start: Start, law: Law) -> None:
 
 @RUNS
 @given(starts(), LAWS)
-def test_proposition_3_holds_and_d_hat_over_d_never_falls_below_the_guess(
-    start: Start, law: Law
-) -> None:
+def test_proposition_3_holds_and_d_hat_over_d_never_falls_below_the_guess(start, law) -> None:
     run = drive(start, law)
     assume(run.ended != 'infinite')  # the paper does not exclude it; see the test below
     assert run.ended == 'zeroed'
@@ -141,9 +139,7 @@ def test_a_discordant_start_is_pulled_inwards_where_the_guess_is_too_short() -> 
 
 
 @given(floats(0.02, 3.0), GUESSES, floats(0.02, 0.5))
-def test_the_rate_after_26_is_at_least_k1_inside_sqrt_f_f_hat_only(
-    e_au: float, guess: float, k1: float
-) -> None:
+def test_the_rate_after_26_is_at_least_k1_inside_sqrt_f_f_hat_only(e_au, guess, k1) -> None:
     rate = -theory.closed_loop_rates(e_au, 0.0, (-k1 * e_au, 0.0), ratio=1.0, guess=guess)[0]
     rate /= e_au
     # "At least equal to k1" forgets the factor f_hat / f: it holds for e_au^2 <= f f_hat. The

@@ -47,9 +47,7 @@ def seen_bearing(angle: float, lens: float) -> float:
 
 @pytest.mark.parametrize('start', STARTS)
 @pytest.mark.parametrize('ratio', [0.3, 0.5, 1.0, 2.0, 3.0])
-def test_bearings_and_distance_vanish_for_a_constant_error_of_the_distance(
-    start: tuple[float, float, float], ratio: float
-) -> None:
+def test_bearings_and_distance_vanish_for_a_constant_error_of_the_distance(start, ratio) -> None:
     end = driven(*start, ratio=ratio, end=1e-4)[-1]
     assert end.distance < 2e-4 * math.hypot(*start[:2])
     assert max(abs(end.delta), abs(end.phi)) < 0.02
@@ -65,9 +63,7 @@ def test_the_interval_of_the_ratio_ends_at_one_plus_both_gains(ratio: float) -> 
 
 
 @given(delta=angles, phi=angles, distance=st.floats(0.3, 8.0))
-def test_the_heading_off_its_aim_falls_by_the_gain(
-    delta: float, phi: float, distance: float
-) -> None:
+def test_the_heading_off_its_aim_falls_by_the_gain(delta, phi, distance) -> None:
     # z = delta - aim(phi): z' = -(v / d) k2 z, exactly.
     pose, h = PolarPose(distance, delta, phi), 1e-6
     turn, sight = curvature(pose, GAINS), math.sin(delta) / distance
@@ -91,9 +87,7 @@ def test_angles_stay_below_their_bounds(start: tuple[float, float, float]) -> No
 
 @pytest.mark.parametrize('start', STARTS)
 @pytest.mark.parametrize('lens', [0.5, 0.7, 1.4, 2.0])
-def test_a_wrong_focal_length_is_as_a_wrong_distance(
-    start: tuple[float, float, float], lens: float
-) -> None:
+def test_a_wrong_focal_length_is_as_a_wrong_distance(start, lens) -> None:
     end = driven(*start, lens=lens, end=1e-4)[-1]
     assert max(abs(end.delta), abs(end.phi)) < 0.02
     pose = PolarPose(1.0, 1e-4, -3e-4)
@@ -103,9 +97,7 @@ def test_a_wrong_focal_length_is_as_a_wrong_distance(
 
 
 @pytest.mark.parametrize('start', [(1.0, -2.5, -0.2), *STARTS[2:]])
-def test_features_stay_in_view_and_the_way_ends_at_the_goal(
-    start: tuple[float, float, float],
-) -> None:
+def test_features_stay_in_view_and_the_way_ends_at_the_goal(start) -> None:
     # As if features left the view 0.6 rad off the heading of the goal.
     x, y, heading = start
     least = most = heading

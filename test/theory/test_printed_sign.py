@@ -19,9 +19,7 @@ TRUE = Law(k1=0.05, k2=0.5)
 
 @settings(max_examples=30)
 @given(floats(0.3, 1.0), floats(0.05, 0.6), SIGNS, SIGNS, SIGNS, floats(1.0, 3.0))
-def test_the_printed_law_zeroes_e_du_exactly_where_the_signs_agree(
-    e_au: float, e_du: float, side: float, other: float, sigma: float, ratio: float
-) -> None:
+def test_the_printed_law_zeroes_e_du_if_signs_agree(e_au, e_du, side, other, sigma, ratio) -> None:
     start = Start(
         e_current=side * e_au, e_desired=other * e_du, sigma=sigma, distance=2.0, ratio=ratio
     )
@@ -56,9 +54,7 @@ def test_a_counterexample_to_proposition_1_as_printed() -> None:
 
 
 @given(poses_behind_the_goal())
-def test_behind_the_goal_the_printed_sign_is_right_for_discordant_epipoles_alone(
-    pose: Pose,
-) -> None:
+def test_behind_the_goal_the_printed_sign_is_right_for_discordant_epipoles_alone(pose) -> None:
     seen = Bearings.from_pose(pose)
     if seen.epipole_current * seen.epipole_desired == 0.0:
         return

@@ -51,9 +51,7 @@ def test_on_the_axis_the_map_is_lost(depth: float, behind: float, k_t: float) ->
 
 @settings(max_examples=30)
 @given(FEATURES, BEHIND, floats(0.5, 20.0))
-def test_proposition_2_the_lyapunov_function_falls_at_the_rate_of_the_least_slope(
-    rows: list[tuple[float, float, float]], behind: float, k_t: float
-) -> None:
+def test_proposition_2_the_lyapunov_function_falls_at_the_least_slope(rows, behind, k_t) -> None:
     points = np.array(rows)
     # The least slope on the way: it falls with depth, so it is at one of the two ends.
     least = min(slope(points, behind), slope(points, 0.0))
@@ -77,9 +75,7 @@ def test_proposition_2_the_lyapunov_function_falls_at_the_rate_of_the_least_slop
 
 
 @given(FEATURES, st.lists(BEHIND, min_size=2, max_size=2, unique=True))
-def test_the_map_is_monotonic_for_any_number_of_features(
-    rows: list[tuple[float, float, float]], pair: list[float]
-) -> None:
+def test_the_map_is_monotonic_for_any_number_of_features(rows, pair) -> None:
     points = np.array(rows)
     near, far = sorted(pair)
     if far - near > 1e-6:

@@ -64,9 +64,7 @@ def read(path: Path) -> tuple[list[tuple[str, int]], list[str]]:
 
 @pytest.mark.parametrize('compression', list(CompressionType))
 @pytest.mark.parametrize('profile', ['ros2', ''])
-def test_topics_of_ros_are_read_and_others_are_left(
-    ros, expected, tmp_path, compression, profile
-) -> None:
+def test_topics_of_ros_are_read_others_left(ros, expected, tmp_path, compression, profile) -> None:
     file = write_mixed(tmp_path / 'a.mcap', ros, compression=compression, profile=profile)
     assert read(file) == (expected, NO_ROS)
 
@@ -88,9 +86,7 @@ def test_each_part_of_an_index_may_be_missing(ros, expected, tmp_path, options) 
 
 
 @pytest.mark.parametrize('chunked', [True, False])
-def test_without_any_index_messages_are_read_in_the_order_of_time(
-    ros, expected, tmp_path, chunked
-) -> None:
+def test_without_an_index_messages_are_read_in_order(ros, expected, tmp_path, chunked) -> None:
     assert read(without_index(tmp_path / 'a.mcap', ros, use_chunking=chunked))[0] == expected
     mixed_up = [*ros[20:], *ros[:20]]
     assert read(without_index(tmp_path / 'b.mcap', mixed_up, use_chunking=chunked))[0] == expected
@@ -130,9 +126,7 @@ def undefined_sqlite(folder: Path, tiny: list[Message], schema: str) -> Path:
 
 
 @pytest.mark.parametrize('schema', ['unknown', ''])
-def test_a_topic_whose_definition_was_not_found_is_left_out_with_a_note(
-    tiny, ros, expected, tmp_path, schema, capsys
-) -> None:
+def test_a_topic_not_defined_is_left_out(tiny, ros, expected, tmp_path, schema, capsys) -> None:
     bag = undefined_sqlite(tmp_path, tiny, schema)
     for path in (undefined_mcap(tmp_path, ros, schema), bag, bag / 'bag.db3'):
         assert read(path) == (expected, [NOT_FOUND])
@@ -149,9 +143,7 @@ def test_ros_1_in_mcap_gives_the_same_commands(tiny, expected, tmp_path, capsys)
 
 @pytest.mark.parametrize('storage', [SQLITE3, MCAP])
 @pytest.mark.parametrize('mode', [CompressionMode.MESSAGE, CompressionMode.FILE])
-def test_compressed_by_rosbag2_it_is_read_with_and_without_metadata(
-    tiny, expected, tmp_path, storage, mode
-) -> None:
+def test_compressed_by_rosbag2_it_is_read_whole(tiny, expected, tmp_path, storage, mode) -> None:
     bag = write_bag(tmp_path / 'bag', tiny, storage=storage, compression=mode)
     file = next(item for item in bag.iterdir() if item.name != 'metadata.yaml')
     assert read(bag) == read(file) == (expected, [])
@@ -198,9 +190,7 @@ def renamed_to(name: str) -> Callable[[Path], None]:
         lambda bag: (bag / 'metadata.yaml').unlink(),
     ],
 )
-def test_bytes_tell_what_metadata_and_names_do_not(
-    tiny, expected, tmp_path, storage, change
-) -> None:
+def test_bytes_tell_what_metadata_do_not(tiny, expected, tmp_path, storage, change) -> None:
     bag = write_bag(tmp_path / 'bag', tiny, storage=storage)
     change(bag)
     before = {item: item.read_bytes() for item in bag.iterdir()}
@@ -368,9 +358,7 @@ def test_a_topic_that_is_left_out_is_not_denied(ros, tmp_path, capsys) -> None:
     assert "no topic '/poses'; it has /camera_info" in shown and NO_ROS[0] in shown
 
 
-def test_a_damaged_definition_of_a_type_without_topics_does_no_harm(
-    tiny, expected, tmp_path
-) -> None:
+def test_a_damaged_definition_without_topics_does_no_harm(tiny, expected, tmp_path) -> None:
     bag = write_bag(tmp_path / 'bag', tiny, storage=SQLITE3)
     db = sqlite3.connect(bag / 'bag.db3')
     db.execute(

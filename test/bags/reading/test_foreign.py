@@ -76,18 +76,14 @@ def as_png(message: Message) -> CompressedImage:
 FRONT = {'/front/camera_info': 'sensor_msgs/msg/CameraInfo'}
 
 
-def test_a_camera_driver_and_a_photograph_in_a_file_give_the_commands_of_the_robot(
-    driver, small_run, photograph, tmp_path
-) -> None:
+def test_driver_and_photograph_give_the_commands(driver, small_run, photograph, tmp_path) -> None:
     path = write_bag(tmp_path / 'driver', driver)
     steps = commands(path, desired=photograph)
     assert twists(steps) == recorded(small_run)[: len(steps)]
     assert len(steps) == 20
 
 
-def test_compressed_images_of_another_robot_give_them_as_well(
-    driver, small_run, photograph, tmp_path
-) -> None:
+def test_compressed_images_give_them_as_well(driver, small_run, photograph, tmp_path) -> None:
     kinds = {**FRONT, '/front/picture': 'sensor_msgs/msg/CompressedImage'}
     path = write_bag(tmp_path / 'png', renamed(driver, as_png), kinds=kinds)
     for topics in ({}, {'image': '/front/picture', 'camera_info': 'front/camera_info'}):
@@ -118,9 +114,7 @@ def compressed(messages: list[Message], photograph: np.ndarray) -> list[Message]
     return made
 
 
-def test_a_run_of_compressed_images_is_replayed_by_their_names(
-    driver, small_run, photograph, tmp_path
-) -> None:
+def test_compressed_images_are_replayed_by_name(driver, small_run, photograph, tmp_path) -> None:
     kinds = dict.fromkeys(
         ('/image_raw/compressed', '/desired/image_raw/compressed'),
         'sensor_msgs/msg/CompressedImage',
@@ -133,7 +127,7 @@ def test_a_run_of_compressed_images_is_replayed_by_their_names(
 
 
 @pytest.mark.parametrize('transport', ['raw', 'compressed'])
-def test_of_raw_and_compressed_images_those_that_the_tracker_took_are_replayed(
+def test_of_two_transports_that_taken_is_replayed(
     driver, small_run, photograph, tmp_path, transport
 ) -> None:
     jpegs = [item for item in compressed(driver, photograph) if item[0] != '/camera_info']
@@ -210,9 +204,7 @@ def test_a_bag_of_humble_gives_the_same_commands(small_run, tmp_path) -> None:
     assert twists(steps) == recorded(small_run)[: len(steps)]
 
 
-def test_stamped_commands_of_another_robot_are_compared(
-    driver, small_run, photograph, tmp_path
-) -> None:
+def test_stamped_commands_of_others_are_compared(driver, small_run, photograph, tmp_path) -> None:
     stamps = [read.stamp_ns(decoded(item).header) for item in driver if item[0] == '/image_raw']
     sent = zip(stamps, recorded(small_run), strict=False)
     more = [

@@ -119,9 +119,7 @@ def test_silence_is_replayed_where_it_fell(bench, small_run, tmp_path) -> None:
     assert comparison.equal, comparison.divergence
 
 
-def test_a_photograph_taken_on_the_way_and_redetection_are_replayed(
-    bench, small_run, tmp_path
-) -> None:
+def test_a_photograph_on_the_way_and_redetection_are_replayed(bench, small_run, tmp_path) -> None:
     robot = Robot(
         bench,
         small_run,
@@ -190,9 +188,7 @@ def compared(path: Path, **overrides):
     return steps, compare(run, steps, 0.0)
 
 
-def test_a_camera_that_changed_in_mid_run_holds_in_the_replay_as_well(
-    bench, tmp_path, monkeypatch
-) -> None:
+def test_a_camera_changed_in_mid_run_holds_in_the_replay(bench, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(camera, 'DISTRUST_S', 1.5e-9 * PERIOD_NS)  # the first image is refused
     messages = recorded(bench, [info(TRUE, 0)] * 4 + [info(OTHER, 0)] * 4 + [info(TRUE, 0)] * 4)
     steps, comparison = compared(write_bag(tmp_path / 'bag', messages))

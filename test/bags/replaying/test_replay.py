@@ -57,9 +57,7 @@ def bag(small_run, tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize('from_tracks', [False, True])
-def test_the_same_parameters_give_the_same_commands_to_the_last_bit(
-    bag, small_run, from_tracks
-) -> None:
+def test_the_same_parameters_give_the_same_commands_to_a_bit(bag, small_run, from_tracks) -> None:
     _, steps, comparison = replayed(bag, from_tracks=from_tracks)
     commands = [
         TYPES.deserialize_cdr(raw, kind_of(t)) for t, _, raw in small_run if t == '/cmd_vel'
@@ -125,9 +123,7 @@ def test_another_phase_is_never_forgiven(bag) -> None:
     assert comparison.divergence.values.keys() == {'phase'}
 
 
-def test_a_setting_changed_on_the_way_is_replayed_from_the_stamp_it_held_from(
-    small_run, tmp_path
-) -> None:
+def test_a_setting_changed_on_the_way_is_replayed_from_its_stamp(small_run, tmp_path) -> None:
     remaining = without(small_run, '/servo_node/settings')
     (settings,) = (
         TYPES.deserialize_cdr(raw, kind_of(topic)).data
@@ -232,9 +228,7 @@ def test_a_bag_of_another_version_is_noted(small_run, tmp_path) -> None:
 
 
 @pytest.mark.parametrize('value', [0, 20])
-def test_a_recorded_setting_that_is_gone_is_noted_where_it_was_on(
-    small_run, tmp_path, value
-) -> None:
+def test_a_setting_that_is_gone_is_noted_where_it_was_on(small_run, tmp_path, value) -> None:
     settings = _recorded(small_run, TRACKER_SETTINGS)
     more = settings.replace('matcher: sift', f'auxiliary_features: {value}\n  matcher: sift')
     indent = settings.partition('matcher: sift')[0].rpartition('\n')[2]
@@ -305,9 +299,7 @@ def test_a_servo_at_work_is_known_by_its_first_step(small_run, tmp_path, frames)
     assert notes_on(path) == notes_on(path, from_tracks=True) == [SERVO]
 
 
-def test_a_servo_that_fails_when_recording_begins_is_known_by_its_phase(
-    small_run, tmp_path
-) -> None:
+def test_a_servo_that_fails_as_recording_begins_is_known_by_phase(small_run, tmp_path) -> None:
     messages = [item for item in small_run if item[0] != '/tracks']
     path = write_bag(tmp_path / 'bag', [_failing(item) for item in messages])
     assert SERVO in notes_on(path)
@@ -445,9 +437,7 @@ def test_a_run_that_had_not_ended_lasts_as_long_as_its_bag() -> None:
     assert log.reason == 'the bag ends in displacing: in displacing'
 
 
-def test_replay_and_report_tell_the_end_of_the_run_from_that_of_the_recording(
-    small_run, tmp_path, capsys
-) -> None:
+def test_the_end_of_the_run_is_told_from_that_of_the_bag(small_run, tmp_path, capsys) -> None:
     bag = str(write_bag(tmp_path / 'bag', small_run))
     early = ('--tracks', '--set', 'servo.run_timeout=2')
     assert main(['replay', bag, *early, '--json', '-']) == 1

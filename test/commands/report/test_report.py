@@ -87,9 +87,7 @@ def test_a_page_loads_nothing_from_anywhere(kind, request) -> None:
 
 @needs_browser
 @pytest.mark.parametrize(('kind', 'figures'), [('run_page', 2), ('bag_page', 6)])
-def test_a_browser_shows_it_without_errors_and_without_network(
-    kind, figures, request, tmp_path
-) -> None:
+def test_a_browser_shows_it_without_errors_or_network(kind, figures, request, tmp_path) -> None:
     page = request.getfixturevalue(kind)
     _, logged = open_in_browser(page, tmp_path)
     assert 'CONSOLE' not in logged
@@ -177,9 +175,7 @@ def test_a_page_goes_beside_the_run_unless_told_otherwise(run_page, capsys) -> N
 
 
 @pytest.mark.long
-def test_a_page_on_a_bag_goes_beside_it_and_not_into_it(
-    bag, tmp_path, monkeypatch, capsys
-) -> None:
+def test_a_page_on_a_bag_goes_beside_it_not_into_it(bag, tmp_path, monkeypatch, capsys) -> None:
     copy = shutil.copytree(bag, tmp_path / 'mine')
     before = sorted(copy.iterdir())
     monkeypatch.chdir(copy)
@@ -232,9 +228,7 @@ def test_versions_of_the_recording_stand_beside_those_of_the_report(bag_page) ->
 
 
 @pytest.mark.parametrize('ending', [KeyboardInterrupt, OSError(28, 'No space left on device')])
-def test_nothing_is_left_of_a_report_that_was_cut_off(
-    bag, run_page, tmp_path, monkeypatch, capsys, ending
-) -> None:
+def test_nothing_is_left_of_a_cut(bag, run_page, tmp_path, monkeypatch, capsys, ending) -> None:
     from visual_servo_epipolar.commands import report as command
 
     def end(*_: object, **__: object) -> None:
@@ -350,9 +344,7 @@ def test_a_large_video_is_linked_from_where_it_lies(run_folder, tmp_path, monkey
 
 @needs_pyav
 @needs_browser
-def test_the_policy_of_the_page_lets_a_browser_load_a_linked_one(
-    run_folder, tmp_path, monkeypatch
-) -> None:
+def test_the_policy_of_the_page_allows_a_linked_one(run_folder, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(on_page, 'EMBEDDED_BYTES', 100)
     page = page_with(CODECS[0], run_folder, tmp_path)
     _, logged = open_in_browser(page, tmp_path)

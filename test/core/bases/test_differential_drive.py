@@ -119,9 +119,7 @@ def followed(wanted: Twist, *, linear: float, angular: float, steps: int = 80) -
 
 
 @given(linear=speeds, angular=speeds, jerk=st.floats(0.2, 20.0))
-def test_jerk_stays_within_its_limit_and_the_speed_is_reached(
-    linear: float, angular: float, jerk: float
-) -> None:
+def test_jerk_stays_within_its_limit_and_the_speed_is_reached(linear, angular, jerk) -> None:
     twists = followed(Twist(linear, angular), linear=jerk, angular=jerk)
     for name in ('linear', 'angular'):
         speed = [getattr(twist, name) for twist in twists]

@@ -150,9 +150,7 @@ def test_what_is_behind_is_not_in_the_image() -> None:
 
 @pytest.mark.parametrize('name', CAMERAS)
 @given(pixel=st.tuples(floats(10.0, 1269.0), floats(10.0, 1013.0)))
-def test_the_resolution_is_the_root_of_the_solid_angle_of_a_pixel(
-    name: str, pixel: tuple[float, float]
-) -> None:
+def test_the_resolution_is_the_root_of_the_solid_angle_of_a_pixel(name, pixel) -> None:
     camera = CAMERAS[name]
     corners = np.array(pixel) + [[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]
     ray, *sides = camera.rays(corners)
@@ -240,9 +238,7 @@ OPENCV = ('ideal, 180 deg', 'of a calibration', 'of a calibration, skewed')
 
 @pytest.mark.parametrize('name', OPENCV)
 @given(theta=floats(0.0, math.radians(85.0)), turn=floats(-math.pi, math.pi))
-def test_it_is_the_lens_of_opencv_where_that_is_right(
-    name: str, theta: float, turn: float
-) -> None:
+def test_it_is_the_lens_of_opencv_where_that_is_right(name, theta, turn) -> None:
     camera, seen = LENSES[name], ray(theta, turn)
     coefficients = np.array(camera.distortion or (0.0,) * 4)
     theirs, _ = cv2.fisheye.projectPoints(
@@ -291,9 +287,7 @@ def test_directions_that_no_pixel_tells_have_none() -> None:
 
 @pytest.mark.parametrize('name', LENSES)
 @given(share=floats(0.0, 0.97), turn=floats(-math.pi, math.pi))
-def test_the_resolution_is_the_root_of_the_solid_angle_of_a_pixel_in_equidistant(
-    name: str, share: float, turn: float
-) -> None:
+def test_the_resolution_is_the_root_of_the_solid_angle_of_wide_lenses(name, share, turn) -> None:
     camera = LENSES[name]
     pixel = camera.pixels(ray(share * camera.reach, turn))
     step = 0.02

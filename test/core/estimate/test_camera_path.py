@@ -46,9 +46,7 @@ def moving(psi: float, rho: float, mount: FloatArray, heading: float, travel: fl
     turn=floats(-0.4, 0.4),
     travel=floats(-0.3, 0.3),
 )
-def test_the_covariance_moves_by_the_derivatives_of_the_mean(
-    psi: float, rho: float, yaw: float, forward: float, heading: float, turn: float, travel: float
-) -> None:
+def test_the_covariance_moves_by_its_slopes(psi, rho, yaw, forward, heading, turn, travel) -> None:
     mount = np.array([yaw, forward, 0.1])
     before = moving(psi, rho, mount, heading, travel)
     after = moved(before, heading + turn)
@@ -70,9 +68,7 @@ def test_the_covariance_moves_by_the_derivatives_of_the_mean(
 
 
 @given(poses(min_baseline=0.3), floats(-0.3, 0.3), floats(-0.3, 0.3), floats(-0.5, 0.5))
-def test_moved_is_the_exact_path_of_the_camera(
-    base: Pose, yaw: float, forward: float, travel: float
-) -> None:
+def test_moved_is_the_exact_path_of_the_camera(base, yaw, forward, travel) -> None:
     mount = np.array([yaw, forward, 0.1])
     camera = camera_pose(base, mount)
     then = camera_pose(integrate(base, Twist(travel, 0.0), 1.0), mount)
@@ -112,9 +108,7 @@ def test_a_turn_in_place_swings_the_camera(base: Pose, yaw: float, turn: float) 
     floats(-0.5, 0.5),
     floats(-0.5, 0.5),
 )
-def test_the_bearings_of_the_camera_give_those_of_the_axle(
-    base: Pose, yaw: float, forward: float, left: float
-) -> None:
+def test_the_bearings_of_the_camera_give_those_of_the_axle(base, yaw, forward, left) -> None:
     mount = np.array([yaw, forward, left])
     camera = camera_pose(base, mount)
     assume(camera.distance > 0.05)

@@ -333,9 +333,7 @@ def test_a_law_may_not_learn_it() -> None:
 
 
 @pytest.mark.parametrize(('follows', 'learnt'), [(0.0, True), (1.0, False)])
-def test_without_a_memory_the_difference_of_features_tells_whether_the_base_drives(
-    follows: float, learnt: bool
-) -> None:
+def test_without_a_memory_features_tell_whether_the_base_drives(follows, learnt) -> None:
     band, error, slope = DeadBand(), -0.1, 0.14
     for _ in range(60):
         error += follows * 0.02 * DT

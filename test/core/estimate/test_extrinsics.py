@@ -191,9 +191,7 @@ def test_from_two_views_to_a_memory_the_robot_has_not_moved() -> None:
 
 @pytest.mark.parametrize('aside', [0.15, 0.2, 0.25, 0.3, 0.5])
 @pytest.mark.parametrize('step', [0.02, 0.03])
-def test_a_goal_far_nearer_than_thought_makes_no_false_certainty(
-    aside: float, step: float
-) -> None:
+def test_a_goal_far_nearer_than_thought_makes_no_false_certainty(aside, step) -> None:
     """Of bearings alone, backing off past it on an arc: of which a mount was made, of 13 deg."""
     base, belief, travel = Pose.from_start(aside, -0.01, -9.0), unknown(), 0.0
     for _ in range(12):
@@ -274,9 +272,7 @@ def is_believed(yaw: float, *, deviation: float, log_distance: float, missed: bo
         (4.1, 1.0, 0.51, (False, False)),  # the distance is not known: nor is the rest
     ],
 )
-def test_what_is_believed_is_certain_and_matters_and_sooner_after_a_miss(
-    yaw: float, deviation: float, log_distance: float, believed: tuple[bool, bool]
-) -> None:
+def test_what_is_believed_is_certain_and_matters(yaw, deviation, log_distance, believed) -> None:
     for missed in (False, True):
         answer = is_believed(yaw, deviation=deviation, log_distance=log_distance, missed=missed)
         assert answer is believed[missed]
@@ -298,9 +294,7 @@ def test_so_many_contradictions_are_borne_and_no_more() -> None:
 
 @pytest.mark.parametrize('at_fault', [YAW, YAW + 1, YAW + 2])
 @pytest.mark.parametrize(('deviations', 'kept'), [(4.9, True), (5.1, False)])
-def test_a_mount_that_cannot_be_is_forgotten_and_learnt_anew(
-    at_fault: int, deviations: float, kept: bool
-) -> None:
+def test_a_mount_that_cannot_be_is_forgotten_and_learnt_anew(at_fault, deviations, kept) -> None:
     measurement, travel, _ = next(frames(ON_AXLE))
     before = placed(unknown(), measurement.bearings, 0.01)
     mean = before.mean.copy()

@@ -94,9 +94,7 @@ def test_a_base_that_misses_by_the_same_again_and_again_is_asked_for_less(attemp
 
 
 @pytest.mark.parametrize('mount', [(0.0, 0.3, 0.0), (0.1, 0.2, -0.1), (-0.4, 0.0, 0.05)])
-def test_the_offset_of_the_axle_lies_where_its_bearing_points(
-    mount: tuple[float, float, float],
-) -> None:
+def test_the_offset_of_the_axle_lies_where_its_bearing_points(mount) -> None:
     bearings, distance = Bearings(-1.3, 0.5), 1.7
     seen = distance * math.cos(bearings.psi), distance * math.sin(bearings.psi)
     x, y = offset_at_axle(seen, bearings.heading_error, np.array(mount))

@@ -173,9 +173,7 @@ def late(rate: float, delay: float) -> Motion:
 
 @pytest.mark.parametrize('delay', [0.0, 0.3, 0.8, 1.5])
 @pytest.mark.parametrize('share', [0.5, 0.8, 1.0, 1.5])
-def test_a_base_that_obeys_late_or_with_worn_wheels_is_not_held(
-    delay: float, share: float
-) -> None:
+def test_a_base_that_obeys_late_or_with_worn_wheels_is_not_held(delay, share) -> None:
     assert troubles(lambda time_s: TURN, late(0.3 * share, delay), seconds=4.0) == []
     ways = late(0.3 * share, delay)
     assert troubles(lambda time_s: AHEAD, lambda time_s: 0.0, ways, seconds=4.0) == []
@@ -290,9 +288,7 @@ def test_who_is_carried_while_it_is_to_stand_is_found_out() -> None:
 
 
 @pytest.mark.parametrize('rate', [0.1, 0.3, -0.5])
-def test_an_image_that_turns_against_the_command_is_found_out_after_some_degrees(
-    rate: float,
-) -> None:
+def test_an_image_that_turns_against_the_command_is_found_out_after_some_degrees(rate) -> None:
     found = troubles(
         lambda time_s: Twist(0.0, rate), lambda time_s: rate * time_s, flip=-1.0, seconds=3.0
     )

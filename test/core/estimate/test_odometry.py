@@ -137,9 +137,7 @@ def test_a_way_that_a_memory_does_not_see_refutes_it(wheels: Twist) -> None:
     ],
     ids=['frozen', 'backwards', 'twice', 'a slow base', 'nearly'],
 )
-def test_without_a_memory_commands_say_what_a_base_does_at_most(
-    wheels: Twist, wrong: bool
-) -> None:
+def test_without_a_memory_commands_say_what_a_base_does_at_most(wheels, wrong) -> None:
     for drive in (Drive(), proven()):
         assert ('were commanded' in drive.drive(AHEAD, wheels=wheels).refuted) == wrong
 

@@ -66,9 +66,7 @@ def test_headings_by_a_noisy_encoder_average_out_and_are_known_as_such() -> None
         (Motion(turn=0.02), 0.0, (0.0, 0.0, 0.02)),
     ],
 )
-def test_a_place_moves_as_the_robot(
-    motion: Motion, heading: float, step: tuple[float, float, float]
-) -> None:
+def test_a_place_moves_as_the_robot(motion, heading, step) -> None:
     before = first_pose(np.array([0.1, 0.2, heading]), OWN[:3, :3], STILL)
     after = before.after(motion)
     assert (after.mean - before.mean)[:3] == pytest.approx(step, abs=1e-12)

@@ -22,9 +22,7 @@ from visual_servo_epipolar.core.servo.supervisor import compensate_curvature
     heading=st.floats(-0.8, 0.8),
     travel=st.floats(0.1, 2.0),
 )
-def test_two_bearings_and_the_path_between_give_the_distance(
-    x: float, y: float, heading: float, travel: float
-) -> None:
+def test_two_bearings_and_the_path_between_give_the_distance(x, y, heading, travel) -> None:
     start = Pose(x, y, math.pi / 2 + heading)
     end = integrate(start, Twist(travel, 0.0), 1.0)
     assume(end.distance > 0.05)  # at the goal there are no bearings
@@ -41,9 +39,7 @@ def test_a_straight_approach_says_nothing_about_the_distance() -> None:
 
 
 @pytest.mark.parametrize('speed', [0.4, -0.4])
-def test_following_the_line_removes_offset_and_heading_at_either_sign_of_speed(
-    speed: float,
-) -> None:
+def test_following_the_line_removes_offset_and_heading_at_either_sign_of_speed(speed) -> None:
     pose = Pose(0.05, -4.0 if speed > 0 else 0.0, math.pi / 2 - 0.03)
     for _ in range(900):
         twist = equations.follow_line(speed, pose.x, pose.heading_error, look_ahead=0.5)

@@ -162,9 +162,7 @@ def in_pixels_to_rays(fundamental: np.ndarray) -> np.ndarray:
 
 
 @given(poses_behind_the_goal(), floats(0.01, 100.0), floats(-1000.0, 1000.0))
-def test_the_8_point_algorithm_does_not_depend_on_the_unit_of_pixels(
-    pose: Pose, scale: float, shift: float
-) -> None:
+def test_the_8_point_algorithm_does_not_depend_on_the_unit_of_pixels(pose, scale, shift) -> None:
     noise = 1e-3 * np.random.default_rng(1).standard_normal((2, 40, 2))
     current, desired = np.array(matched_points(pose)) + noise
     unit = np.array([[scale, 0.0, shift], [0.0, scale, -shift], [0.0, 0.0, 1.0]])
@@ -212,9 +210,7 @@ def test_the_rows_of_the_design_matrix_are_the_constraint() -> None:
 
 
 @given(poses_behind_the_goal(), floats(1e-6, 1e-4), angles(), angles(), angles())
-def test_the_image_distance_is_the_offset_across_the_constraint(
-    pose: Pose, size: float, turn: float, first: float, second: float
-) -> None:
+def test_the_image_distance_is_across_the_constraint(pose, size, turn, first, second) -> None:
     current, desired = (points[:8] for points in matched_points(pose))
     fundamental = fundamental_from_bearings(Bearings.from_pose(pose))
     p_current, p_desired = (np.column_stack([each, np.ones(8)]) for each in (current, desired))

@@ -57,9 +57,7 @@ def worst_error(found: Bearings, true: Bearings) -> float:
 
 @ALL
 @given(pose=poses(min_baseline=0.3))
-def test_exact_matches_give_the_oriented_bearings_from_anywhere(
-    estimator: Estimator, pose: Pose
-) -> None:
+def test_exact_matches_give_the_oriented_bearings_from_anywhere(estimator, pose) -> None:
     found = solve(estimator, *matches(pose))
     # The last step is below 4e-5 rad and the one after it quadratically smaller.
     assert worst_error(found.bearings, Bearings.from_pose(pose)) < 1e-6

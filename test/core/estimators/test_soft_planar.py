@@ -35,9 +35,7 @@ def solve(cell: Cell, trial: int, prior: Prior) -> tuple[Estimate, float]:
 
 
 @given(floats(-0.5, 0.5), floats(-0.5, 0.5), floats(-0.1, 0.1), floats(-0.1, 0.1))
-def test_the_derivatives_are_those_of_the_matrix(
-    psi: float, phi: float, tilt: float, roll: float
-) -> None:
+def test_the_derivatives_are_those_of_the_matrix(psi, phi, tilt, roll) -> None:
     at = np.array([[psi, phi, tilt, 0.3 * tilt, roll, -0.2 * roll]])
     stack = matrices(at)
     for k in range(6):
@@ -118,9 +116,7 @@ UNKNOWN = Prior(lens=unknown_lens(1.0))
 
 
 @given(floats(-0.5, 0.5), floats(-1.8, 1.0), floats(-0.05, 0.05), floats(-0.05, 0.05))
-def test_the_derivatives_are_those_of_the_matrix_in_wrong_lens(
-    psi: float, log_ratio: float, rest: float, shift_slope: float
-) -> None:
+def test_the_derivatives_are_those_of_a_wrong_lens(psi, log_ratio, rest, shift_slope) -> None:
     at = np.array([[psi, 0.3, 0.02, -0.01, 0.03, 0.01, log_ratio, rest, shift_slope]])
     stack = wrong_lens.matrices(at)
     for k in range(8):

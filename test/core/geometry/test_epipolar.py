@@ -84,9 +84,7 @@ def test_epipoles_are_the_null_vectors_of_f(pose: Pose) -> None:
 
 
 @given(poses(), floats(1e-6, 1e6), st.sampled_from([1.0, -1.0]))
-def test_epipoles_do_not_depend_on_scale_and_sign_of_f(
-    pose: Pose, scale: float, sign: float
-) -> None:
+def test_epipoles_do_not_depend_on_scale_and_sign_of_f(pose, scale, sign) -> None:
     fundamental = fundamental_from_pose(K, pose)
     for one, other in zip(
         epipoles(fundamental), epipoles(sign * scale * fundamental), strict=True
@@ -186,9 +184,7 @@ def test_exact_matches_have_no_sampson_distance(pose: Pose) -> None:
 
 
 @given(poses_behind_the_goal(), floats(1e-6, 1e-4), angles(), angles(), angles())
-def test_the_sampson_distance_is_the_turn_of_the_rays_across_the_constraint(
-    pose: Pose, size: float, share: float, first: float, second: float
-) -> None:
+def test_the_sampson_distance_is_across_the_constraint(pose, size, share, first, second) -> None:
     current, desired = (rays[:8] for rays in matches(pose))
     fundamental = fundamental_from_bearings(Bearings.from_pose(pose))
     slopes, turned = [], []
@@ -221,9 +217,7 @@ def test_in_a_narrow_field_the_angle_is_the_distance_in_the_image(pose: Pose) ->
 
 
 @given(poses(min_baseline=0.3), floats(0.2, 5.0), floats(0.2, 5.0))
-def test_the_noise_of_each_ray_weighs_its_gradient(
-    pose: Pose, current_noise: float, desired_noise: float
-) -> None:
+def test_the_noise_of_each_ray_weighs_its_gradient(pose, current_noise, desired_noise) -> None:
     current, desired = matches(pose)
     desired = desired[::-1]
     fundamental = fundamental_from_bearings(Bearings.from_pose(pose))

@@ -127,9 +127,7 @@ def test_what_is_known_together_is_not_forgotten() -> None:
 
 
 @pytest.mark.parametrize(('ratio', 'shift'), [(1.1, 0.0), (0.9, 0.0), (1.0, 0.02)])
-def test_a_wrong_lens_feigns_as_much_parallax_in_a_turn_as_is_said(
-    ratio: float, shift: float
-) -> None:
+def test_a_wrong_lens_feigns_as_much_parallax_in_a_turn_as_is_said(ratio, shift) -> None:
     rng = np.random.default_rng(2)
     desired = rng.uniform(-1.0, 1.0, (200, 2)) * [0.8, 0.6]
     for turn in TURNS.tolist():

@@ -108,9 +108,7 @@ def test_a_pose_that_is_not_finite_is_refused(bad: float, place: int) -> None:
 
 
 @given(angles(), floats(0.01, 100.0), st.sampled_from([1.0, -1.0]))
-def test_a_quaternion_keeps_its_yaw_whatever_its_norm_and_sign(
-    yaw: float, norm: float, sign: float
-) -> None:
+def test_a_quaternion_keeps_its_yaw_whatever_its_norm_and_sign(yaw, norm, sign) -> None:
     scaled = [sign * norm * component for component in quaternion_from_yaw(yaw)]
     assert wrap_angle(yaw_from_quaternion(*scaled) - yaw) == pytest.approx(0.0, abs=1e-14)
 

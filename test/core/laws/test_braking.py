@@ -105,9 +105,7 @@ def closing_in(x: float, *, heading: float = 0.0, y: float = -0.2) -> Twist:
     return FULL.machine.row(state.phase).command(state, seen, FULL)
 
 
-def test_step_2_closes_in_slower_where_more_is_aside_or_unknown(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_step_2_closes_in_slower_where_more_is_aside_or_unknown(monkeypatch) -> None:
     usual = closing_in(0.0).linear
     assert 0.02 < closing_in(0.02).linear < 0.7 * usual
     monkeypatch.setattr(braking, 'place_deviation', lambda _: 3e-4)

@@ -36,9 +36,7 @@ DETOURS = [
 
 
 @pytest.mark.parametrize(('phase', 'event', 'then'), ROAD + DETOURS)
-def test_the_machine_goes_where_the_design_sends_it(
-    phase: Phase, event: Event, then: Phase
-) -> None:
+def test_the_machine_goes_where_the_design_sends_it(phase, event, then) -> None:
     assert TWO_STEPS.next_phase(phase, event) is then
 
 

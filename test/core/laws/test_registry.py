@@ -113,9 +113,7 @@ def test_a_law_that_nothing_is_left_out_of_is_named_as_written(law: str) -> None
         ('paper+retreat', ['retreat'], 'paper+retreat-retreat'),
     ],
 )
-def test_what_a_setting_leaves_out_is_left_out_of_the_expression(
-    law: str, out: list[str], expression: str
-) -> None:
+def test_what_a_setting_leaves_out_is_left_out_of_the_expression(law, out, expression) -> None:
     assert ServoSettings(law=law, **dict.fromkeys(out, False)).law_expression == expression
 
 
@@ -131,9 +129,7 @@ def test_what_a_setting_leaves_out_is_left_out_of_the_expression(
         ('my-new_attempts', replace(MY_LAW, new_attempts=False)),
     ],
 )
-def test_a_name_that_another_package_gives_may_hold_signs(
-    foreign: None, law: str, options: Law
-) -> None:
+def test_a_name_that_another_package_gives_may_hold_signs(foreign, law, options) -> None:
     assert ServoSettings(law=law).options == options
     assert ServoSettings(law=law, final_turn=False).options == replace(options, final_turn=False)
 

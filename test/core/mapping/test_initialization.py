@@ -97,9 +97,7 @@ def test_a_geometry_is_unsound_where_a_view_is_held_by_nothing(exact) -> None:
 
 
 @pytest.mark.parametrize(('apart', 'expected'), [(0.4, True), (0.02, False)])
-def test_a_geometry_is_sure_where_its_views_are_apart_whatever_its_scale(
-    truth_of, apart: float, expected: bool
-) -> None:
+def test_a_geometry_is_sure_where_its_views_are_apart(truth_of, apart, expected) -> None:
     """From views side by side depths may be anything, and with them the place of the next view."""
     places = np.array([[0.9, -3.0, -0.15], [0.9, -3.0 + apart, -0.15]])
     for scale_deviation in (0.05, 1.0):

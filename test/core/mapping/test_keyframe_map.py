@@ -96,9 +96,7 @@ def test_what_a_view_shows_is_not_counted_twice(drive, memory) -> None:
     assert one.covariance.tolist() == other.covariance.tolist()
 
 
-def test_what_is_said_of_a_view_does_not_wait_for_what_is_learnt_from_it(
-    drive, memory, monkeypatch
-) -> None:
+def test_an_answer_does_not_wait_for_learning_from_a_view(drive, memory, monkeypatch) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError('the window is refined')
 
@@ -112,9 +110,7 @@ def test_what_is_said_of_a_view_does_not_wait_for_what_is_learnt_from_it(
     assert after.update_map().trial is not None
 
 
-def test_a_view_that_nobody_let_it_learn_from_is_learnt_from_before_the_next(
-    drive, memory
-) -> None:
+def test_a_view_not_learnt_from_is_learnt_from_before_the_next(drive, memory) -> None:
     moved = replace(memory, settings=MapSettings(keyframe_spacing=1e-6))
     after, _ = moved.after(drive.observations(14))
     late, soon = (each.after(drive.observations(14))[1] for each in (after, after.update_map()))
@@ -168,9 +164,7 @@ def test_a_wrong_match_does_not_count_where_it_happens_to_agree(drive, memory) -
     assert number in said.dropped
 
 
-def test_a_geometry_that_new_keyframes_contradict_again_and_again_is_forgotten(
-    drive, memory
-) -> None:
+def test_a_geometry_that_keyframes_contradict_again_is_forgotten(drive, memory) -> None:
     """One alone may be a view of who passes by: it is not kept, and all else is."""
     window = memory.window
     louder = replace(window, tangent_basis=5.0 * window.tangent_basis)  # noise was told too small

@@ -201,9 +201,7 @@ def test_wrong_matches_are_dropped_and_hardly_any_other(errors: TrialErrors) -> 
 @pytest.mark.long
 @pytest.mark.parametrize('wall', [False, True], ids=['room', 'wall'])
 @pytest.mark.parametrize('seen', [{'noise': 0.03}, {'slips': 0.05}], ids=['hundredths', 'slips'])
-def test_as_well_where_images_are_tracked_to_hundredths_of_a_pixel_and_where_some_slip(
-    wall: bool, seen: dict[str, float]
-) -> None:
+def test_as_well_where_tracks_are_exact_and_where_some_slip(wall, seen) -> None:
     errors = errors_of(StudySettings(wall=wall, **seen), range(FEW))
     assert errors.silent == 0
     assert (errors.rms <= 1.5 * errors.bound).all()  # luck of few trials

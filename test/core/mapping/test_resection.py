@@ -98,9 +98,7 @@ def test_own_noise_is_a_part_of_the_whole(drive, memory) -> None:
 
 
 @pytest.mark.parametrize('turn', [-0.6, 0.5, 2.5])
-def test_after_a_push_the_keyframe_most_alike_is_where_to_start(
-    exact_drive, exact, last, turn: float
-) -> None:
+def test_after_a_push_it_starts_at_the_keyframe_most_alike(exact_drive, exact, last, turn) -> None:
     _, anchors, seen = last
     lost = exact.unknowns.views + [0.2, 0.3, turn, 0.0, 0.0]
     start = nearest_view(anchors, seen, lost)

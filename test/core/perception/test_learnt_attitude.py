@@ -81,9 +81,7 @@ def test_a_singular_covariance_is_rounded_to_a_regular_one(sign: float) -> None:
 
 
 @given(deviations(4e-3, 0.05), floats(-0.8, 0.8))
-def test_the_same_pair_again_and_again_tells_twice_what_it_does_once(
-    deviation: float, correlation: float
-) -> None:
+def test_the_same_pair_again_and_again_tells_twice_at_most(deviation, correlation) -> None:
     information = information_of(deviation, 2.0 * deviation, correlation)
     found = told(WIDE, information).covariance
     # In units of what one pair tells; the floor of the deviations is far below.
@@ -93,9 +91,7 @@ def test_the_same_pair_again_and_again_tells_twice_what_it_does_once(
 
 
 @given(attitudes(ABOVE), information_matrices(ABOVE))
-def test_no_number_of_pairs_tells_more_than_twice_what_one_does(
-    before: Attitude, information: np.ndarray
-) -> None:
+def test_no_number_of_pairs_tells_more_than_twice_what_one_does(before, information) -> None:
     found = told(before, information).covariance
     bound = np.linalg.inv(np.linalg.inv(before.covariance) + 2.0 * information)
     # What is known before counts too: no direction is known better than by both.
@@ -124,18 +120,14 @@ def test_what_a_pair_does_not_tell_stays_as_it_was_known(angle: float) -> None:
 
 
 @given(attitudes(), deviations(1e-6, 1e-2), deviations(1e-6, 1e-2), floats(-0.99, 0.99))
-def test_no_attitude_is_known_better_than_the_floor_leaves_it(
-    before: Attitude, first: float, second: float, correlation: float
-) -> None:
+def test_no_attitude_is_known_better_than_the_floor(before, first, second, correlation) -> None:
     found = told(before, information_of(first, second, correlation), times=5)
     assert min(found.tilt_deviation, found.roll_deviation) >= KNOWN_DEVIATION * (1.0 - 1e-12)
     assert_positive_definite(found.covariance)
 
 
 @given(attitudes(), information_matrices(), information_matrices())
-def test_the_correlation_stays_that_of_a_covariance(
-    before: Attitude, first: np.ndarray, second: np.ndarray
-) -> None:
+def test_the_correlation_stays_that_of_a_covariance(before, first, second) -> None:
     for information in (first, second, first):
         before = learnt_attitude(before, informed(before, information))
         assert abs(before.correlation) <= MOST_CORRELATED

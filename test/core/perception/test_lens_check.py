@@ -66,9 +66,7 @@ def doubts(start: tuple[float, float, float], **camera: float) -> list[str]:
         keep=(0,),
     ),
 )
-def test_a_wrong_focal_length_is_said_with_the_right_one(
-    ratio: float, start: tuple[float, float, float]
-) -> None:
+def test_a_wrong_focal_length_is_said_with_the_right_one(ratio, start) -> None:
     told = doubts(start, believed_focal_ratio=ratio)
     numbers = [int(text) for text in re.findall(r'(\d+) px', told[-1])]
     assert numbers[0] == pytest.approx(ratio * 769.2, rel=0.01)
@@ -82,9 +80,7 @@ def test_a_wrong_focal_length_is_said_with_the_right_one(
         keep=(4, 10),
     ),
 )
-def test_a_right_one_is_never_doubted(
-    start: tuple[float, float, float], camera: dict[str, float]
-) -> None:
+def test_a_right_one_is_never_doubted(start, camera) -> None:
     assert doubts(start, **camera) == []
 
 
@@ -104,9 +100,7 @@ def said(current: np.ndarray, desired: np.ndarray, scale: float) -> str:
 
 @pytest.mark.parametrize('start', STARTS_CONTRADICTED_PAIR)
 @pytest.mark.parametrize('scale', [0.5, 2.0])
-def test_a_wrong_focal_length_is_said_with_the_right_one_in_contradicted_pair(
-    start: tuple[float, float, float], scale: float
-) -> None:
+def test_a_wrong_focal_length_of_a_pair_is_said_with_the_right_one(start, scale) -> None:
     doubt = said(*matches(Pose.from_start(*start), count=COUNT), scale)
     assert doubt.startswith(
         f'the matches contradict the camera: a focal length of {scale * 769:.0f}'

@@ -206,9 +206,7 @@ def test_the_first_turn_shows_the_readout(true: float) -> None:
 
 
 @pytest.mark.parametrize(('true', 'told'), [(0.0, 0.0), (0.02, 0.02)])
-def test_a_readout_that_images_do_not_contradict_is_the_configured_one(
-    true: float, told: float
-) -> None:
+def test_a_readout_that_images_do_not_contradict_is_the_configured_one(true, told) -> None:
     shutter, _ = driven(1.2, true, told=told)
     assert shutter.estimate[1] < 0.004
     assert shutter.readout(told) == told

@@ -324,9 +324,7 @@ def test_every_ray_has_a_resolution(distortion: tuple[float, ...]) -> None:
 
 
 @pytest.mark.parametrize(('turned', 'trusted'), [(0.0, True), (math.pi, False)])
-def test_a_geometry_that_turns_otherwise_than_the_features_is_not_trusted(
-    turned: float, trusted: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_geometry_at_odds_with_the_features_is_not_trusted(turned, trusted, monkeypatch) -> None:
     """In mirrored images one is found by chance now and then."""
     seen = noisy(Pose(0.3, -2.0, HALF_PI + 0.1))
     fit = fit_rotation(seen.current, seen.desired)
@@ -338,9 +336,7 @@ def test_a_geometry_that_turns_otherwise_than_the_features_is_not_trusted(
 
 
 @pytest.mark.parametrize(('apart', 'shared'), [(100.0, 1.0), (0.0, 30.0)])
-def test_features_whose_patches_overlap_make_bearings_as_much_less_certain(
-    apart: float, shared: float
-) -> None:
+def test_features_whose_patches_overlap_make_bearings_as_much_less_certain(apart, shared) -> None:
     pixels = 100.0 + apart * np.stack(np.divmod(np.arange(30.0), 6.0), axis=1)
     nothing = np.zeros(30, np.int64)
     features = Features(np.arange(30), pixels, pixels, nothing, np.zeros(30))
@@ -390,9 +386,7 @@ def test_few_features_or_wrong_ones_mislead_nobody(kind: str) -> None:
 @pytest.mark.parametrize(
     ('kind', 'seed'), [('few', 18), ('elsewhere', 16), ('elsewhere', 6), ('noisy', 11)]
 )
-def test_a_match_with_which_none_other_agrees_makes_no_bearing_certain(
-    kind: str, seed: int
-) -> None:
+def test_a_match_with_which_none_other_agrees_makes_no_bearing_certain(kind, seed) -> None:
     """
     An epipole came to lie on one wrong match, or between its images: 2.7 deg off, 0.1 said.
 

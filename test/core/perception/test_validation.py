@@ -85,9 +85,7 @@ def test_every_doubt_is_named(changes: dict[str, object], said: str) -> None:
 
 
 @pytest.mark.parametrize(('deviations', 'doubted'), [(11.5, False), (12.5, True)])
-def test_the_camera_may_tilt_by_twelve_deviations_of_the_floor(
-    deviations: float, doubted: bool
-) -> None:
+def test_the_camera_may_tilt_by_twelve_deviations_of_the_floor(deviations, doubted) -> None:
     said = reason(jump=deviations * SETTINGS.floor_jitter)
     assert said.startswith('the camera tilted') == doubted
 
@@ -138,9 +136,7 @@ def test_a_rival_counts_again_once_the_last_bearings_are_given_up() -> None:
 
 
 @pytest.mark.parametrize(('count', 'doubted'), [(30, False), (12, True)])
-def test_few_matches_have_a_larger_deviation_than_their_noise_makes(
-    count: int, doubted: bool
-) -> None:
+def test_few_matches_have_a_larger_deviation_than_their_noise_makes(count, doubted) -> None:
     variance = (0.9 * SETTINGS.max_deviation) ** 2 * np.eye(2)
     said = reason(inliers=some(count), covariance=variance)
     assert said.startswith('the bearings are uncertain by') == doubted
@@ -183,9 +179,7 @@ def test_a_leap_is_doubted_until_it_is_seen_three_times() -> None:
 
 
 @given(bearings(), floats(-1.0, 1.0), floats(-1.0, 1.0))
-def test_a_leap_is_the_larger_change_and_knows_of_full_turns(
-    before: Bearings, psi: float, phi: float
-) -> None:
+def test_a_leap_is_the_larger_change_and_knows_of_full_turns(before, psi, phi) -> None:
     after = Bearings(before.psi + psi + 2.0 * math.pi, before.phi + phi - 2.0 * math.pi)
     assert innovation(after, before) == pytest.approx(max(abs(psi), abs(phi)), abs=1e-12)
 

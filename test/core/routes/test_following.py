@@ -92,9 +92,7 @@ def follower_on(path: TaughtPath, view: RouteView) -> Follower:
 @pytest.mark.parametrize(
     ('ahead', 'is_believed'), [(0.04, True), (0.14, False), (-0.08, True), (-0.24, False)]
 )
-def test_a_place_farther_along_the_way_than_the_base_can_be_is_not_believed(
-    ahead: float, is_believed: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_place_beyond_what_it_drives_is_not_believed(ahead, is_believed, monkeypatch) -> None:
     """As by a cabinet that was moved along the wall; the base may have stood, though."""
     follower = follower_on(straight(0.0), key_view(0))
     follower.halt(0, unsent=False)

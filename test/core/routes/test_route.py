@@ -42,9 +42,7 @@ def test_a_pose_that_is_not_finite_is_refused() -> None:
     ('station', 'reverse', 'match'),
     [(0, False, 'begins forward'), (1, True, 'begins in reverse'), (2, False, 'one of 0 to 1')],
 )
-def test_a_station_that_the_direction_cannot_reach_is_refused(
-    station: int, reverse: bool, match: str
-) -> None:
+def test_a_station_that_the_direction_cannot_reach_is_refused(station, reverse, match) -> None:
     route = route_of(replace(key_view(0), is_station=True), *map(key_view, range(1, 3)))
     with pytest.raises(InputError, match=match):
         RouteRun(route, FollowSettings(station=station, reverse=reverse), ServoSettings())
@@ -103,9 +101,7 @@ def test_a_view_that_was_placed_wrongly_does_not_bend_the_path() -> None:
 
 @pytest.mark.parametrize('way', [0.3, 0.62, 1.1])
 @pytest.mark.parametrize('offset', [-0.05, 0.0, 0.08])
-def test_offset_and_turn_are_those_beside_the_arc(
-    path: TaughtPath, way: float, offset: float
-) -> None:
+def test_offset_and_turn_are_those_beside_the_arc(path, way, offset) -> None:
     turn = way / RADIUS
     reach = RADIUS - offset
     pose = np.array([reach * math.sin(turn), RADIUS - reach * math.cos(turn), turn + 0.1])
@@ -161,9 +157,7 @@ def across(pose: FloatArray, path: FloatArray) -> float:
 
 
 @pytest.mark.parametrize(('offset', 'turn'), [(0.0, 0.0), (0.1, -0.05), (-0.2, 0.1)])
-def test_the_end_leads_onto_the_beginning_in_its_direction_and_curvature(
-    offset: float, turn: float
-) -> None:
+def test_the_end_leads_onto_the_beginning_in_its_direction_and_curvature(offset, turn) -> None:
     closing = closing_beside(offset, turn)
     last = closing.lap(ROUTE.views, begin=False, end=True)[-1].path
     end, begin = compose(closing.pose, last.pose_at(last.way[-1])), on_circle(OVERLAP)
@@ -212,9 +206,7 @@ def find_there(
     return asked
 
 
-def test_the_last_photograph_is_looked_for_where_the_way_begins(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_last_photograph_is_looked_for_where_the_way_begins(monkeypatch) -> None:
     asked = find_there(monkeypatch, OVERLAP, 0.1, 0.05)
     closing = closing_of(ROUTE, PlaceFinder(ROUTE))
     assert asked == [range(5)]
@@ -226,9 +218,7 @@ def test_the_last_photograph_is_looked_for_where_the_way_begins(
 @pytest.mark.parametrize(
     ('way', 'offset', 'turn'), [(-0.5, 0.0, 0.0), (0.4, 0.6, 0.0), (0.4, 0.0, -0.5)]
 )
-def test_a_way_that_ends_elsewhere_does_not_close_and_says_where_it_ends(
-    way: float, offset: float, turn: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_way_that_ends_elsewhere_is_open_and_says_so(way, offset, turn, monkeypatch) -> None:
     find_there(monkeypatch, way, offset, turn)
     finder = PlaceFinder(ROUTE)
     assert closing_of(ROUTE, finder) is None
@@ -297,9 +287,7 @@ def test_witnesses_far_away_do_not_tell_the_position() -> None:
 
 
 @pytest.mark.parametrize(('unaided', 'is_believed'), [(0.04, True), (0.06, False)])
-def test_a_place_that_one_object_alone_tells_is_not_believed(
-    unaided: float, is_believed: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_place_that_one_object_tells_is_not_believed(unaided, is_believed, monkeypatch) -> None:
     place = ViewPose(THERE, 1e-6 * np.eye(3), 40, 20, unaided)
     monkeypatch.setattr(KeyViewTracker, 'match', lambda *_: Features())
     monkeypatch.setattr(KeyViewTracker, 'place', lambda *_: place)

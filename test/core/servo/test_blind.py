@@ -41,9 +41,7 @@ def at_full_speed(phase: Phase) -> ServoState:
 
 @pytest.mark.parametrize('phase', [phase for phase in DRIVING if phase is not Phase.ORIENTING])
 @pytest.mark.parametrize('what', BLIND)
-def test_the_first_blind_image_stops_the_robot_and_no_blind_one_moves_it(
-    phase: Phase, what: str
-) -> None:
+def test_the_first_blind_image_stops_the_robot_and_no_blind_one_moves_it(phase, what) -> None:
     state = at_full_speed(phase)
     for frame in range(1, 100):
         state = then(state, at(0.1 * frame, what))
@@ -65,9 +63,7 @@ def test_orienting_stops_without_features_and_never_drives_off() -> None:
         st.tuples(st.floats(0.02, 3.0), st.sampled_from(['good', *BLIND])), min_size=1, max_size=20
     ),
 )
-def test_what_is_driven_between_trusted_sight_and_the_stop_is_bounded(
-    phase: Phase, images: list[tuple[float, str]]
-) -> None:
+def test_what_is_driven_between_trusted_sight_and_the_stop_is_bounded(phase, images) -> None:
     """The watchdog of the node stands beside: it stops where ``stale_timeout`` is over."""
     state, now, driven = in_phase(phase), 0.0, 0.0
     for gap, what in images:
@@ -111,9 +107,7 @@ def test_only_trusted_sight_moves_a_robot_that_holds() -> None:
         (-0.1, 1),
     ],
 )
-def test_silence_and_repeated_images_begin_the_count_of_who_holds_anew(
-    gap: float, counts: int
-) -> None:
+def test_silence_and_repeated_images_begin_the_count_of_who_holds_anew(gap, counts) -> None:
     holding = in_phase(Phase.HOLDING, settled=RESUMING_FRAMES - 2, measurement=at(3.0))
     state = then(holding, at(3.0 + gap))
     assert (state.phase, state.settling.settled) == (Phase.HOLDING, counts)

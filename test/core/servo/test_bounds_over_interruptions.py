@@ -37,9 +37,7 @@ def test_who_backs_off_begins_a_way_of_his_own() -> None:
 
 
 @pytest.mark.parametrize(('attempts', 'event'), [(1, Event.MISSED), (5, Event.MATCHED)])
-def test_a_yaw_just_learnt_asks_for_an_attempt_but_never_fails(
-    attempts: int, event: Event
-) -> None:
+def test_a_yaw_just_learnt_asks_for_an_attempt_but_never_fails(attempts, event) -> None:
     there = sight(parallax=1e-5, difference=0.0, heading_error=0.0)
     state = in_phase(
         Phase.MATCHING_FEATURES,

@@ -29,9 +29,7 @@ STEPS = (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)
     max_linear=floats(0.01, 0.4),
     max_angular=floats(0.01, 0.5),
 )
-def test_a_limit_lowered_while_driving_holds_at_once(
-    phase: Phase, last: Twist, max_linear: float, max_angular: float
-) -> None:
+def test_a_limit_lowered_while_driving_holds_at_once(phase, last, max_linear, max_angular) -> None:
     lowered = replace(SETTINGS, max_linear=max_linear, max_angular=max_angular)
     twist = then(in_phase(phase, command=Command(last)), settings=lowered).twist
     assert abs(twist.linear) <= max_linear * (1.0 + 1e-15)

@@ -50,9 +50,7 @@ def test_who_is_in_doubt_allows_for_no_such_luck_at_first() -> None:
 
 
 @pytest.mark.parametrize(('degrees', 'known'), [(2.2, False), (2.4, True)])
-def test_a_distance_shows_once_the_line_of_sight_has_turned_enough(
-    degrees: float, known: bool
-) -> None:
+def test_a_distance_shows_once_the_line_of_sight_has_turned_enough(degrees, known) -> None:
     # 0.04 rad are 2.29 deg.
     leg = Leg(BEARINGS.psi, 0.1, 0.1)
     turned = (leg.distance(BEARINGS.psi + math.radians(s * degrees)) for s in (-1, 1))
@@ -131,9 +129,7 @@ def test_a_settled_robot_is_not_stirred_by_its_dead_band(mode: str) -> None:
 
 
 @pytest.mark.parametrize(('count', 'contradicts'), [(12, False), (13, True)])
-def test_more_than_twelve_contradictions_disprove_a_geometry(
-    count: int, contradicts: bool
-) -> None:
+def test_more_than_twelve_contradictions_disprove_a_geometry(count, contradicts) -> None:
     assert ranged(contradictions=count).contradicts == contradicts
 
 

@@ -68,9 +68,7 @@ def test_another_phase_measures_for_itself() -> None:
 
 
 @pytest.mark.parametrize(('difference', 'phase'), [(-0.01, 'retreating'), (-0.07, 'displacing')])
-def test_a_baseline_found_too_near_the_goal_is_made_longer_first(
-    difference: float, phase: str
-) -> None:
+def test_a_baseline_found_too_near_the_goal_is_made_longer_first(difference, phase) -> None:
     # A displacement there would lose it again, for ever.
     facing = replace(
         sight(bearings=Bearings(-math.pi / 2.0 - 0.15, math.pi - 0.15), difference=difference),

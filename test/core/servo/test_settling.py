@@ -92,9 +92,7 @@ def test_a_mean_at_the_goal_is_no_miss_for_the_swing_of_one_image() -> None:
 
 
 @pytest.mark.parametrize(('turned', 'event'), [(0.05, Event.TURNED), (1e-3, Event.MATCHED)])
-def test_one_motion_ends_with_a_turn_in_place_where_it_stands_and_does_not_face(
-    turned, event
-) -> None:
+def test_one_motion_ends_with_a_turn_in_place_where_it_does_not_face(turned, event) -> None:
     smooth = ServoSettings(law='smooth', dead_band_linear=0.03, dead_band_angular=0.05)
     here = sight(offset=(0.0, 0.0), offset_deviation=1e-4, heading_error=turned, parallax=0.0)
     here = replace(here, heading_deviation=1e-4, difference=0.0, difference_slope=0.1)

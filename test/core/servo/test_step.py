@@ -175,9 +175,7 @@ def test_a_servo_that_waits_says_for_what_and_does_not_give_up() -> None:
 @example(in_phase(Phase.ZEROING_EPIPOLES), INFINITE, 'full', False)
 @example(in_phase(Phase.ORIENTING, settled=9), NOTHING_AHEAD, 'paper', False)
 @example(in_phase(Phase.ZEROING_EPIPOLES, settled=9), ALIGNED_BLINDLY, 'full', False)
-def test_no_sight_makes_the_servo_exceed_its_limits_or_raise(
-    state: ServoState, sight: Measurement, law: str, finite_time: bool
-) -> None:
+def test_no_sight_makes_it_exceed_its_limits_or_raise(state, sight, law, finite_time) -> None:
     settings = replace(SETTINGS, law=law, finite_time=finite_time)
     twist = advance(state, sight, settings).twist  # a Twist is finite, or does not exist
     assert abs(twist.linear) <= settings.max_linear * (1.0 + 1e-15)
@@ -191,9 +189,7 @@ def test_a_quiet_phase_stands_still(state: ServoState, sight: Measurement, law: 
 
 
 @given(states(), sights(), LAWS)
-def test_d_hat_never_falls_below_its_floor(
-    state: ServoState, sight: Measurement, law: str
-) -> None:
+def test_d_hat_never_falls_below_its_floor(state, sight, law) -> None:
     then = advance(state, sight, replace(SETTINGS, law=law))
     assert then.motion.distance >= SETTINGS.min_distance
 

@@ -1,6 +1,5 @@
 """Whatever images come: the tracker goes on, with features that are finite, or with none."""
 
-from collections.abc import Sequence
 from functools import cache
 
 from hypothesis import given, settings
@@ -65,9 +64,7 @@ def assert_sound(features) -> None:
     period=st.sampled_from([0, 1, 2]),
     correlation=st.sampled_from([0.0, 0.85]),
 )
-def test_any_stream_of_images_is_survived(
-    stream: Sequence[tuple[str, int]], period: int, correlation: float
-) -> None:
+def test_any_stream_of_images_is_survived(stream, period, correlation) -> None:
     tracking = Tracker(
         TrackerSettings(anchor_period=period, min_correlation=correlation, rematch_period=1)
     )
@@ -80,9 +77,7 @@ def test_any_stream_of_images_is_survived(
 
 @settings(max_examples=60, deadline=None)
 @given(kind=kinds, height=sides, width=sides, seed=st.integers(0, 99))
-def test_a_photograph_of_any_size_is_a_view_or_refused(
-    kind: str, height: int, width: int, seed: int
-) -> None:
+def test_a_photograph_of_any_size_is_a_view_or_refused(kind, height, width, seed) -> None:
     picture = image(kind, seed, (height, width))
     tracking = Tracker(TrackerSettings())
     try:
@@ -152,9 +147,7 @@ def test_the_flow_of_no_point_is_none() -> None:
     assert (len(moved), len(valid)) == (0, 0)
 
 
-def test_what_opencv_cannot_cope_with_is_a_reason_and_the_next_image_is_tracked(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_opencv_cannot_do_is_a_reason_and_the_next_image_is_tracked(monkeypatch) -> None:
     tracking = Tracker(TrackerSettings())
     tracking.set_desired(scene())
     usual = len(tracking.track(scene()))

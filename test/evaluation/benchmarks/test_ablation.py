@@ -47,9 +47,7 @@ def test_paper_with_the_true_sigma_is_named_corrected() -> None:
     assert 'paper+true_sigma' not in ablation.laws()
 
 
-def test_laws_of_other_packages_neither_load_nor_name_a_row(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_laws_of_other_packages_neither_load_nor_name_a_row(monkeypatch) -> None:
     before = ablation.laws()
     points = [
         EntryPoint('broken', 'math:no_such_thing', GROUP),
@@ -84,9 +82,7 @@ def test_the_table_has_a_line_for_each_row(document: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize('missing', NAN_AND_NONE, ids=str)
-def test_a_law_of_which_no_run_arrived_has_dashes(
-    document: dict[str, Any], missing: float | None
-) -> None:
+def test_a_law_of_which_no_run_arrived_has_dashes(document, missing) -> None:
     row = {'law': 'paper', 'region': 'front'} | summary_of([FAILURE, FAILURE])
     assert math.isnan(row['position_error_m']['median'])
     for name in ('position_error_m', 'heading_error_deg', 'max_distance_ratio', 'duration_s'):

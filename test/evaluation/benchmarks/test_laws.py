@@ -86,9 +86,7 @@ def test_close_to_the_goal_the_pose_is_read_to_first_order(pose: Pose) -> None:
 
 
 @given(floats(-3.0, 3.0), floats(-3.0, 3.0), floats(-3.0, 3.0))
-def test_a_reading_says_where_the_goal_is_in_the_frame_of_the_robot(
-    x: float, y: float, theta: float
-) -> None:
+def test_a_reading_says_where_the_goal_is_in_the_frame_of_the_robot(x, y, theta) -> None:
     pose = Pose(x, y, theta)
     estimated = reading_of(pose, 1.0)
     ahead = -(x * math.cos(theta) + y * math.sin(theta))
@@ -98,9 +96,7 @@ def test_a_reading_says_where_the_goal_is_in_the_frame_of_the_robot(
 
 @settings(max_examples=25)
 @given(floats(-2.0, 2.0), floats(-4.0, 3.0), floats(-40.0, 40.0), floats(0.5, 2.0))
-def test_the_polar_law_parks_from_everywhere_with_a_wrong_depth_too(
-    x: float, y: float, heading: float, wrong: float
-) -> None:
+def test_the_polar_law_parks_from_everywhere_with_a_wrong_depth_too(x, y, heading, wrong) -> None:
     pose, dt = Pose.from_start(x, y, heading), 0.02
     backwards = reading_of(pose, 1.0).ahead < 0.0
     for _ in range(6000):
@@ -112,9 +108,7 @@ def test_the_polar_law_parks_from_everywhere_with_a_wrong_depth_too(
 
 
 @given(floats(0.05, 3.0), floats(-3.0, 3.0), floats(-1.0, 1.0))
-def test_the_polar_law_decreases_its_lyapunov_function(
-    distance: float, psi: float, heading: float
-) -> None:
+def test_the_polar_law_decreases_its_lyapunov_function(distance, psi, heading) -> None:
     pose = Pose(distance * math.cos(psi), distance * math.sin(psi), heading + math.pi / 2.0)
 
     def lyapunov(at: Pose) -> float:
@@ -129,9 +123,7 @@ def test_the_polar_law_decreases_its_lyapunov_function(
 
 
 @given(floats(-1.0, 1.0), floats(-3.0, 1.0), floats(-20.0, 20.0), floats(0.0, 20.0))
-def test_the_law_that_never_rests_never_takes_the_robot_away(
-    x: float, y: float, heading: float, elapsed: float
-) -> None:
+def test_the_law_that_never_rests_never_takes_the_robot_away(x, y, heading, elapsed) -> None:
     pose, dt = Pose.from_start(x, y, heading), 1e-4
     if pose.distance < 1e-3:
         return
@@ -155,9 +147,7 @@ def test_the_law_that_never_rests_comes_nearer_sideways_but_ever_more_slowly() -
 
 
 @given(floats(-0.3, 0.3), floats(-15.0, 15.0))
-def test_the_classical_law_is_right_along_what_the_robot_can_do(
-    ahead: float, heading: float
-) -> None:
+def test_the_classical_law_is_right_along_what_the_robot_can_do(ahead, heading) -> None:
     rng = np.random.default_rng(5)
     desired = rng.uniform(-0.6, 0.6, (30, 2))
     u, v = desired.T

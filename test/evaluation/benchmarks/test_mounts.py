@@ -51,9 +51,7 @@ def test_names_of_a_group_are_unique() -> None:
 
 
 @pytest.mark.parametrize('drives', [mounts.on_features, mounts.on_images])
-def test_every_cell_is_a_scenario_that_tells_the_servo_nothing(
-    drives: Callable[..., Any],
-) -> None:
+def test_every_cell_is_a_scenario_that_tells_the_servo_nothing(drives: Callable[..., Any]) -> None:
     for cell in (*drives(), *drives(quick=True)):
         scenario, at = cell.scenario(BRIEF_S), cell.mount
         mount = scenario.camera.mount
@@ -109,9 +107,7 @@ def test_a_camera_with_which_no_run_arrived_has_dashes(document: dict[str, Any])
     assert line == '| level | 0 % | 0 | - / - | - | 5.00 / 5.00 | 30.0 | - |'
 
 
-def test_the_bench_on_images_runs_only_if_it_is_named(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_bench_on_images_runs_only_if_it_is_named(monkeypatch, capsys) -> None:
     ran: list[str] = []
 
     class Fake:

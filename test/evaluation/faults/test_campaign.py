@@ -1,6 +1,5 @@
 """The campaign of faults: when one strikes, what is refused, real processes."""
 
-from pathlib import Path
 import signal
 
 import numpy as np
@@ -42,9 +41,7 @@ def test_a_law_that_there_is_not_is_refused_before_any_run() -> None:
         plan(['none'], 1, 0, 'smoth')
 
 
-def test_a_table_that_cannot_be_written_is_refused_before_any_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_table_that_cannot_be_written_is_refused_first(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.setattr(campaign, 'drive', lambda *_: pytest.fail('runs were driven'))
     assert main(['faults', '--only', 'none', '--table', str(tmp_path)]) == 2
     assert 'cannot be written' in capsys.readouterr().err
@@ -52,9 +49,7 @@ def test_a_table_that_cannot_be_written_is_refused_before_any_run(
 
 @pytest.mark.long
 @pytest.mark.parametrize('checked', [True, False])
-def test_a_route_taught_by_odometry_that_leaps_is_refused(
-    checked: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_route_taught_by_odometry_that_leaps_is_refused(checked: bool, monkeypatch) -> None:
     if not checked:
         monkeypatch.setattr(DrivenPath, '_rupture', lambda *_: '')
     result = campaign.one(FaultRun('teaching_odometry', 0))
@@ -65,9 +60,7 @@ def test_a_route_taught_by_odometry_that_leaps_is_refused(
 
 @pytest.mark.long
 @pytest.mark.parametrize('reaches', [True, False])
-def test_a_limit_lowered_in_mid_route_is_safe_where_it_reaches_the_run(
-    reaches: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_limit_lowered_in_mid_route_is_safe_if_it_is_taken(reaches: bool, monkeypatch) -> None:
     if not reaches:
         monkeypatch.setattr(RouteRun, 'use', lambda run, settings, servo: None)
     result = campaign.one(FaultRun('route_limits_lowered', 3))

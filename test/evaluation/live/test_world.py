@@ -98,9 +98,7 @@ def test_eight_features_for_four_seconds_are_no_harm() -> None:
     assert result['blind_s'] == 0.0
 
 
-def test_a_servo_whose_stop_was_removed_moves_without_sight(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_servo_whose_stop_was_removed_moves_without_sight(monkeypatch) -> None:
     monkeypatch.setattr(ServoNode, '_on_watch', lambda self: None)
     monkeypatch.setattr(campaign, 'LONGEST_S', 5.0)
     fault = Fault(what='', strike=images_end, prepare=without_a_base_that_stops_by_itself)
@@ -137,9 +135,7 @@ def test_a_servo_that_ignores_its_limits_is_condemned(monkeypatch: pytest.Monkey
     assert any('limits exceeded' in charge for charge in result['charges'])
 
 
-def test_a_node_that_raises_is_a_traceback_and_its_world_goes_on(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_node_that_raises_is_a_traceback_and_its_world_goes_on(monkeypatch) -> None:
     def strike(scene: StruckRun) -> None:
         monkeypatch.setattr(ServoNode, '_drive_by', lambda *_: {}['nothing'])
 
@@ -169,9 +165,7 @@ def test_messages_reach_nodes_through_cdr_and_hooks_do_not_stay() -> None:
 
 
 @pytest.mark.long
-def test_a_base_that_stands_is_watched_until_the_run_fails_for_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_base_that_stands_is_watched_until_the_run_fails_for_it(monkeypatch) -> None:
     monkeypatch.setattr(campaign, '_world', DRAWN_WORLD)
 
     def strike(scene: StruckRun) -> None:
@@ -254,9 +248,7 @@ def test_what_comes_after_an_order_to_start_sets_nothing_moving(name: str, soon:
     assert (result['verdict'], result['phase']) == ('at rest', 'waiting'), result['charges']
 
 
-def test_a_servo_that_obeys_an_old_order_is_condemned(
-    monkeypatch: pytest.MonkeyPatch, soon: None
-) -> None:
+def test_a_servo_that_obeys_an_old_order_is_condemned(monkeypatch, soon: None) -> None:
     monkeypatch.setattr(Arming, 'has_expired', False)
     result = campaign.drive_one('arming_clock', FAULTS['arming_clock'], SEED)
     assert any('moved after stop' in charge for charge in result['charges'])

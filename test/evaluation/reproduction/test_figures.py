@@ -69,9 +69,7 @@ def test_data_are_what_is_drawn_and_keep_both_ends() -> None:
     np.testing.assert_allclose(current['0: a'], np.stack([x, x**2], axis=1)[::100])
 
 
-def test_a_chapter_is_titled_by_its_simulation_and_what_its_camera_knows(
-    chapters: dict[str, Chapter],
-) -> None:
+def test_a_chapter_is_titled_by_its_simulation_and_what_its_camera_knows(chapters) -> None:
     assert [chapter.title for chapter in chapters.values()] == [
         'Simulation 1: calibrated camera',
         'Simulation 2: partially calibrated camera',

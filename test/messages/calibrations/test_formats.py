@@ -335,9 +335,7 @@ def test_whoever_has_another_format_gets_the_list() -> None:
 
 
 @pytest.mark.parametrize(('program', 'text'), [('COLMAP', COLMAP), ('nerfstudio', TRANSFORMS)])
-def test_files_with_another_first_pixel_are_named_with_the_way_to_convert_them(
-    program, text
-) -> None:
+def test_files_with_another_first_pixel_are_named_with_the_remedy(program, text) -> None:
     message = refusal(text)
     assert f'is of {program}, which is not read; write it as YAML' in message
     assert 'cx - 0.5' in message

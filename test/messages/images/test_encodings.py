@@ -267,9 +267,7 @@ def mosaic_of(pattern: str, bits: int) -> np.ndarray:
 @pytest.mark.parametrize('suffix', ['.png', '.tiff'])
 @pytest.mark.parametrize('bits', [8, 16])
 @pytest.mark.parametrize('pattern', PATTERNS)
-def test_a_mosaic_compressed_without_loss_is_that_which_is_sent_raw(
-    pattern, bits, suffix, target
-) -> None:
+def test_a_mosaic_compressed_without_loss_is_the_raw_one(pattern, bits, suffix, target) -> None:
     mosaic, encoding = mosaic_of(pattern, bits), f'bayer_{pattern}{bits}'
     sent = message(mosaic.view(np.uint8).reshape(24, 32, bits // 8), encoding)
     raw = compressed(suffix, mosaic)

@@ -140,9 +140,7 @@ def without_hashes(folder: Path) -> None:
     (folder / 'route.yaml').write_text(text[:begin] + text[end:])
 
 
-def test_a_folder_of_an_earlier_version_is_read_and_gets_hashes_when_it_is_written(
-    folder: Path,
-) -> None:
+def test_a_folder_of_an_earlier_version_is_read_and_gets_hashes_when_it_is_written(folder) -> None:
     route = read_route(folder)
     without_hashes(folder)
     earlier = read_route(folder)
@@ -300,9 +298,7 @@ def test_a_panorama_cut_off_its_middle_comes_back(tmp_path: Path) -> None:
     assert read_route(tmp_path / 'cut').camera == panorama
 
 
-def test_a_disk_that_is_full_leaves_the_earlier_route(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_is_full_leaves_the_earlier_route(folder: Path, monkeypatch) -> None:
     before = {file.name: file.read_bytes() for file in folder.iterdir()}
 
     def full(*_: object, **__: object) -> None:

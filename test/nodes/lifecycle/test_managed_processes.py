@@ -27,9 +27,7 @@ def wide_open(monkeypatch) -> None:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
-def test_a_process_survives_impossible_transitions_and_ends_in_any_state(
-    wide_open, tmp_path
-) -> None:
+def test_a_process_survives_the_impossible_and_ends_in_any_state(wide_open, tmp_path) -> None:
     domain = next_domain()
     with ExitStack() as stack:
         bench, processes = stack.enter_context(Bench(domain)), {}

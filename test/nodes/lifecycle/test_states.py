@@ -167,9 +167,7 @@ def test_what_others_take_care_of_outlives_a_cleanup(bench, parrot) -> None:
 
 
 @pytest.mark.parametrize('number', [IDS['activate'], IDS['configure'], 5, 10, 99, 255])
-def test_an_impossible_transition_by_id_is_refused_and_the_node_lives_on(
-    bench, parrot, number
-) -> None:
+def test_an_impossible_transition_is_refused_and_the_node_lives_on(bench, parrot, number) -> None:
     node = parrot(autostart_node=True)
     assert not change(bench, node, number)
     assert node.state == 'active'

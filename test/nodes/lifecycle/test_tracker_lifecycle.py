@@ -109,9 +109,7 @@ def test_after_a_cleanup_it_asks_anew_for_camera_and_photograph(rig, photograph)
 
 
 @pytest.mark.parametrize('kept', [True, False])
-def test_a_captured_photograph_outlives_a_cleanup_if_it_is_kept(
-    bench, simulator, view, tmp_path, kept
-) -> None:
+def test_a_photograph_outlives_a_cleanup_if_kept(bench, simulator, view, tmp_path, kept) -> None:
     path = str(tmp_path / 'goal.yaml') if kept else ''
     rig = Led(bench, simulator, view, photograph=path)
     rig.see()
@@ -121,9 +119,7 @@ def test_a_captured_photograph_outlives_a_cleanup_if_it_is_kept(
     assert (rig.see() > 40) == kept
 
 
-def test_a_photograph_that_is_broken_leaves_it_unconfigured(
-    bench, simulator, view, tmp_path
-) -> None:
+def test_a_broken_photograph_leaves_it_unconfigured(bench, simulator, view, tmp_path) -> None:
     path = tmp_path / 'goal.yaml'
     rig = Led(bench, simulator, view, photograph=str(path), autostart_node=False)
     before = entities(rig.node)

@@ -261,9 +261,7 @@ def test_images_that_are_not_those_of_camera_info_stop_the_robot(driving) -> Non
     assert 'image has 32x24 px' in driving.reason
 
 
-def test_a_folder_of_something_else_is_refused_before_the_way_is_driven(
-    bench, tmp_path, monkeypatch
-) -> None:
+def test_another_folder_is_refused_before_the_way_is_driven(bench, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv('HOME', str(tmp_path))
     (tmp_path / 'mine').mkdir()
     (tmp_path / 'mine' / 'thesis.tex').touch()

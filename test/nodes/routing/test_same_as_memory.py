@@ -84,9 +84,7 @@ def test_a_whole_way_is_the_one_of_memory_up_to_its_station(bench, tmp_path, tau
     compare(bench, tmp_path, taught, 10_000)
 
 
-def test_a_repetition_in_a_bag_replays_to_the_last_bit(
-    bench, tmp_path: Path, taught, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_repetition_in_a_bag_replays_to_the_last_bit(bench, tmp_path, taught, capsys) -> None:
     """Also where it was stopped by an image of another size, or slowed down by a parameter."""
     write_route(taught.route, tmp_path / 'hall')
     scenario, start = SCENARIO.seeded(5), taught.stations[0]

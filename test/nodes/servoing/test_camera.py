@@ -89,7 +89,7 @@ def test_a_camera_info_that_was_latched_before_is_heard(bench, attentive, word) 
     'profile',
     [QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT), qos.STREAM, qos.LATCHED],
 )
-def test_a_driver_that_comes_later_is_heard_in_the_way_it_offers(
+def test_a_driver_that_comes_late_is_heard_as_it_offers(
     bench, attentive, profile, watchdog
 ) -> None:
     node = bench.start(ServoNode, watchdog=watchdog)

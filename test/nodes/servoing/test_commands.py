@@ -74,9 +74,7 @@ def test_who_stands_steers_straight() -> None:
 
 
 @pytest.mark.parametrize(('values', 'steers'), [(CAR, True), ({}, False)])
-def test_a_base_that_steers_is_sent_it_where_its_package_is_installed(
-    bench, values, steers
-) -> None:
+def test_a_base_that_steers_is_sent_it_if_its_package_is_there(bench, values, steers) -> None:
     installed = find_spec('ackermann_msgs') is not None
     names = {item.topic_name for item in bench.start(ServoNode, **values).publishers}
     assert ('/ackermann_cmd' in names) is (steers and installed)
@@ -88,9 +86,7 @@ def test_the_parameter_that_asked_for_it_is_answered_by_the_base(bench) -> None:
     bench.start(ServoNode, ackermann=False)  # as files of earlier versions have it
 
 
-def test_the_twist_goes_out_before_the_reports_and_before_anything_is_learnt(
-    bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_twist_goes_out_before_reports_and_before_learning(bench, monkeypatch) -> None:
     calls: list[str] = []
     for owner, name in ((Commands, 'answer'), (Reports, 'step'), (Session, 'update_map')):
         kept = getattr(owner, name)

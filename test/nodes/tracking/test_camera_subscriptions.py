@@ -147,9 +147,7 @@ def test_compressed_images_are_tracked_as_raw_ones(bench, simulator, photograph,
 
 
 @pytest.mark.parametrize('damage', ['truncated', 'no picture', 'another size', 'empty', 'huge'])
-def test_a_broken_picture_is_one_line_and_nothing_is_lost(
-    bench, simulator, photograph, view, damage
-) -> None:
+def test_a_broken_picture_is_one_line_no_loss(bench, simulator, photograph, view, damage) -> None:
     clouds = bench.listen(PointCloud2, 'tracks')
     info = bench.talk(CameraInfo, 'camera_info')
     send = bench.talk(CompressedImage, 'image_raw/compressed')
@@ -193,7 +191,7 @@ COLOR, DEPTH = '/cam/color', '/cam/depth'
         (COLOR, COLOR, ('', ''), ''),
     ],
 )
-def test_a_camera_info_of_another_camera_is_noted_once(
+def test_info_of_another_camera_is_noted(
     bench, simulator, view, image, info, frames, doubt
 ) -> None:
     clouds = bench.listen(PointCloud2, 'tracks')
@@ -219,9 +217,7 @@ def test_a_camera_info_of_another_camera_is_noted_once(
         ('compressed', Image, 'image_raw', 'raw'),
     ],
 )
-def test_images_by_the_other_transport_are_pointed_out(
-    bench, monkeypatch, transport, kind, topic, other
-) -> None:
+def test_the_other_transport_is_named(bench, monkeypatch, transport, kind, topic, other) -> None:
     monkeypatch.setattr(complaints, 'PATIENCE_S', 0.2)
     bench.talk(kind, topic)
     complaints.watch(bench.start(TrackerNode, transport=transport))

@@ -213,9 +213,7 @@ def changed(key, value):
         keep=(0, 1, 2, 3, 7, 9, 13, 22),
     ),
 )
-def test_a_broken_photograph_is_one_line_at_the_start(
-    bench, simulator, tmp_path, damage, reason
-) -> None:
+def test_a_broken_one_is_one_line_at_the_start(bench, simulator, tmp_path, damage, reason) -> None:
     path = tmp_path / 'goal.yaml'
     keep(path, Photograph(simulator.photograph(), simulator.camera))
     damage(path)
@@ -412,9 +410,7 @@ def test_no_photograph_is_captured_while_the_camera_is_uncalibrated(rig) -> None
     assert rig.capture() == NO_IMAGE
 
 
-def test_a_photograph_from_elsewhere_is_of_no_other_camera(
-    bench, simulator, view, photograph, tmp_path
-) -> None:
+def test_one_of_elsewhere_is_of_this_camera(bench, simulator, view, photograph, tmp_path) -> None:
     path, other = tmp_path / 'goal.yaml', replace(simulator.camera, fx=150.0, fy=150.0)
     keep(path, Photograph(view, other))
     rig = Asked(bench, simulator, view, photograph=str(path))

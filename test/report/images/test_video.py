@@ -82,9 +82,7 @@ def test_file_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
         writer(tmp_path / 'no' / 'run.mp4')
 
 
-def test_missing_encoder_is_told_in_one_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_encoder_is_told_in_one_sentence(tmp_path, monkeypatch) -> None:
     codecs = Codec('none such', {'g': '110'}), Codec('zzzz')
     monkeypatch.setattr('visual_servo_epipolar.report.images.video.CODECS', codecs)
     with pytest.raises(InputError, match='needs one of the encoders none such, zzzz'):
@@ -174,9 +172,7 @@ def played(path: Path, folder: Path) -> dict[str, object]:
 
 
 @needs_pyav
-def test_the_video_has_all_frames_its_rate_its_codec_and_is_small(
-    log: RunLog, tmp_path: Path
-) -> None:
+def test_the_video_has_all_frames_its_rate_its_codec_and_is_small(log: RunLog, tmp_path) -> None:
     video = film(tmp_path / 'run.mp4', log)
     assert (video.codec.name, video.advice) == ('libx264', '')
     capture = cv2.VideoCapture(str(tmp_path / 'run.mp4'))
@@ -202,9 +198,7 @@ def test_the_index_stands_before_the_frames(log: RunLog, tmp_path: Path) -> None
 @needs_pyav
 @needs_browser
 @pytest.mark.parametrize('name', few_of(['libx264', 'libvpx-vp9', 'mp4v']))
-def test_a_browser_plays_what_is_said_to_play_there(
-    log: RunLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
+def test_a_browser_plays_what_is_said_to_play_there(log, tmp_path, monkeypatch, name) -> None:
     (codec,) = (each for each in CODECS if each.name == name)
     monkeypatch.setattr(module, 'CODECS', (codec,))
     try:
@@ -219,9 +213,7 @@ def test_a_browser_plays_what_is_said_to_play_there(
         assert np.abs(np.array(result['pixel'][:3]) - 40).max() < 12
 
 
-def test_without_pyav_opencv_writes_and_one_line_says_what_to_install(
-    log: RunLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_pyav_opencv_writes_and_says_what_to_install(log, tmp_path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, 'av', None)
     video = film(tmp_path / 'run.mp4', log)
     assert video.codec == Codec('mp4v')

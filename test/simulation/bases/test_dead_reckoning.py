@@ -90,9 +90,7 @@ def test_a_time_that_is_not_later_changes_nothing() -> None:
 
 
 @given(before=poses, linear=st.floats(-1.0, 1.0), angular=st.floats(-3.0, 3.0))
-def test_the_motion_between_two_poses_is_the_arc_that_was_driven(
-    before: Pose, linear: float, angular: float
-) -> None:
+def test_the_motion_between_two_poses_is_the_arc_that_was_driven(before, linear, angular) -> None:
     after = integrate(before, Twist(linear, angular), 1.0)
     assert motion_between(before, after) == pytest.approx((linear, angular), abs=1e-9)
 

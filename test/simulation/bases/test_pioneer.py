@@ -73,9 +73,7 @@ def test_a_command_beyond_the_limits_keeps_its_curve() -> None:
 
 @given(floats(-1.0, 1.0), floats(-1.7, 1.7), floats(0.001, 3.0))
 @settings(max_examples=30)
-def test_at_constant_speed_the_path_is_the_exact_arc(
-    linear: float, angular: float, seconds: float
-) -> None:
+def test_at_constant_speed_the_path_is_the_exact_arc(linear, angular, seconds) -> None:
     robot = driven(base(), Twist(linear, angular), 5.0)
     start = robot.pose
     robot.advance(robot.now_ns + ns(seconds))

@@ -50,9 +50,7 @@ def test_tilt_looks_down_and_roll_lowers_the_right_side() -> None:
 
 
 @given(poses(), floats(-0.8, 0.8))
-def test_yaw_turns_the_camera_to_the_left_as_a_turn_of_the_robot_does(
-    pose: Pose, yaw: float
-) -> None:
+def test_yaw_turns_the_camera_to_the_left_as_a_turn_of_the_robot_does(pose, yaw) -> None:
     leaning = {'tilt': 0.3, 'roll': -0.1}
     turned = CameraMount(**leaning).R_world_camera(replace(pose, theta=pose.theta + yaw))
     np.testing.assert_array_equal(CameraMount(**leaning, yaw=yaw).R_world_camera(pose), turned)
@@ -64,9 +62,7 @@ def test_yaw_leaves_the_camera_where_it_is() -> None:
 
 
 @given(st.integers(0, 2**31 - 1), st.integers(-1, 10**6))
-def test_an_even_floor_shakes_nothing_and_an_uneven_one_always_the_same(
-    seed: int, frame: int
-) -> None:
+def test_an_even_floor_shakes_nothing_and_an_uneven_one_always_the_same(seed, frame) -> None:
     assert floor_jitter(0.0, seed, frame) == (0.0, 0.0)
     once = floor_jitter(0.01, seed, frame)
     assert floor_jitter(0.01, seed, frame) == once

@@ -21,9 +21,7 @@ def rig(**mount: float) -> FixedRig:
 
 
 @given(poses_behind_the_goal(), floats(-0.5, 0.5), floats(-0.3, 0.3))
-def test_bearings_are_those_of_the_paper_whatever_tilt_and_roll(
-    pose: Pose, tilt: float, roll: float
-) -> None:
+def test_bearings_are_those_of_the_paper_whatever_tilt_and_roll(pose, tilt, roll) -> None:
     truth, expected = true_geometry(rig(tilt=tilt, roll=roll), pose), Bearings.from_pose(pose)
     assert truth.error(expected.current, expected.desired) == pytest.approx(0.0, abs=1e-12)
     assert truth.baseline == pytest.approx(pose.distance)
@@ -53,9 +51,7 @@ def test_no_baseline_at_the_goal() -> None:
     ('current', 'desired', 'error'),
     [(0.1, math.pi, 0.1), (0.0, 0.2 - math.pi, 0.2), (math.pi, 0.0, math.pi)],
 )
-def test_the_error_is_the_larger_one_around_the_circle(
-    current: float, desired: float, error: float
-) -> None:
+def test_the_error_is_the_larger_one_around_the_circle(current, desired, error) -> None:
     assert true_geometry(rig(), BEHIND).error(current, desired) == pytest.approx(error)
 
 

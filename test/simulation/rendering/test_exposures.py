@@ -28,9 +28,7 @@ def taken(
 
 @pytest.mark.parametrize('settings', [SMALL, BARREL, FISHEYE], ids=['pinhole', 'barrel', 'wide'])
 @pytest.mark.parametrize('twist', [Twist(0.0, 1.0), Twist(0.5, -0.7)], ids=['turn', 'arc'])
-def test_each_row_is_what_is_seen_as_it_is_read_out(
-    settings: CameraSettings, twist: Twist
-) -> None:
+def test_each_row_is_what_is_seen_as_it_is_read_out(settings, twist) -> None:
     image = taken(replace(settings, readout=READOUT), twist)
     misses = {
         readout: sum(
@@ -69,9 +67,7 @@ def test_a_shutter_that_is_open_blurs_along_the_motion() -> None:
 
 
 @pytest.mark.parametrize('changes', [{}, {'readout': READOUT, 'shutter': 0.02}])
-def test_at_rest_or_in_an_instant_the_image_is_the_same_to_the_bit(
-    changes: dict[str, float],
-) -> None:
+def test_at_rest_or_in_an_instant_the_image_is_the_same_to_the_bit(changes) -> None:
     twist = STANDSTILL if changes else Twist(0.3, 1.0)
     np.testing.assert_array_equal(taken(replace(SMALL, **changes), twist), taken(SMALL))
 

@@ -36,9 +36,7 @@ def long_pixel(length: float, breadth: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize('turned', (False, True))
-def test_a_slanted_sliver_is_cut_along_its_length_until_it_is_blurred_little(
-    turned: bool,
-) -> None:
+def test_a_slanted_sliver_is_cut_along_its_length_until_it_is_blurred_little(turned: bool) -> None:
     slopes, area = long_pixel(16.0, 2.0)
     slopes = slopes[:, :, ::-1] if turned else slopes
     columns, rows = _subdivisions(slopes, area)

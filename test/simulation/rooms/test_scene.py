@@ -87,9 +87,7 @@ def test_the_goal_sees_features_at_many_depths(rooms: dict[int, Scene], seed: in
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_the_goal_sees_features_in_every_part_of_the_image(
-    rooms: dict[int, Scene], seed: int
-) -> None:
+def test_the_goal_sees_features_in_every_part_of_the_image(rooms, seed) -> None:
     pixels, _ = keypoint_places(rooms[seed])
     counts, _, _ = np.histogram2d(*pixels.T, bins=(4, 3), range=((0, 1280), (0, 1024)))
     assert (counts > 20).all()

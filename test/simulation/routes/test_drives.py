@@ -111,9 +111,7 @@ def test_a_robot_that_is_carried_along_the_route_finds_itself_again(taught: Taug
     assert step.progress.lateral == pytest.approx(offset, abs=0.02)
 
 
-def test_a_view_far_off_is_not_believed_however_long_nothing_else_is_seen(
-    taught: Taught, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_view_far_off_is_not_believed_however_long_it_is_seen(taught, monkeypatch) -> None:
     """Somebody walks along, and what moves with him agrees on a place that is none."""
     run = RouteRun(taught.route, SETTINGS, SCENARIO.servo, way=0.0)
     image = CameraSimulator(SCENARIO.camera).capture(taught.stations[0], 0)
@@ -204,9 +202,7 @@ def commands(
         ({}, replace(SETTINGS, max_speed=0.1), 0.1),
     ],
 )
-def test_the_lowest_limit_of_speed_holds_on_the_way(
-    taught: Taught, servo: dict[str, float], settings: FollowSettings, limit: float
-) -> None:
+def test_the_lowest_limit_of_speed_holds_on_the_way(taught, servo, settings, limit) -> None:
     speeds = [twist.linear for _, twist in commands(taught, settings, 15, **servo)]
     assert max(speeds) == pytest.approx(limit)
 
@@ -222,9 +218,7 @@ def test_a_speed_within_the_dead_band_is_driven_by_pulses(taught: Taught) -> Non
 @pytest.mark.parametrize(
     ('changed', 'servo'), few_of([({'max_speed': 0.1}, {}), ({}, {'max_speed_ratio': 0.2})])
 )
-def test_a_limit_lowered_on_the_way_holds_from_the_next_image_on(
-    taught: Taught, changed: dict[str, float], servo: dict[str, float]
-) -> None:
+def test_a_limit_lowered_on_the_way_holds_from_the_next_image_on(taught, changed, servo) -> None:
     speeds, offsets = [], []
     for k, (run, twist) in enumerate(commands(taught, SETTINGS, 45)):
         speeds.append(twist.linear)
@@ -238,9 +232,7 @@ def test_a_limit_lowered_on_the_way_holds_from_the_next_image_on(
 
 
 @pytest.mark.parametrize('moved', few_of([0.15, 0.0]))
-def test_a_station_whose_photograph_was_moved_is_no_arrival(
-    taught: Taught, moved: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_station_whose_photograph_was_moved_is_no_arrival(taught, moved, monkeypatch) -> None:
     """As by a cabinet that fills it: the servo ends where the photograph looks reached."""
     station = taught.stations[len(taught.route.views) - 1]
     photograph = CameraSimulator(SCENARIO.camera).capture(replace(station, x=station.x + moved), 0)
@@ -282,9 +274,7 @@ def test_a_way_that_closes_is_driven_in_laps() -> None:
     assert log.turn_jump(SETTINGS.max_turn_rate) < 0.05
 
 
-def test_where_two_places_look_alike_it_turns_to_either_side_and_back(
-    taught: Taught, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_two_places_look_alike_it_turns_to_either_side_and_back(taught, monkeypatch) -> None:
     def find(finder: PlaceFinder, image: Image, among: range | None = None) -> Place | None:
         finder.is_ambiguous, finder.reason = not found, 'two places look alike'
         return found[0] if found else None
@@ -325,9 +315,7 @@ def test_where_a_way_closes_both_of_its_ends_are_one_place() -> None:
         assert length < log.length < length + 3.0
 
 
-def test_a_lap_begins_in_the_half_of_the_route_where_the_way_begins(
-    taught: Taught, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lap_begins_in_the_half_of_the_route_where_the_way_begins(taught, monkeypatch) -> None:
     looked: list[range | None] = []
 
     def find(finder: PlaceFinder, image: Image, among: range | None = None) -> None:

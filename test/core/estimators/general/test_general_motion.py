@@ -360,9 +360,7 @@ COINCIDING: dict[str, Callable[[Rays], Rays]] = {
 
 @pytest.mark.parametrize('kind', COINCIDING)
 @pytest.mark.parametrize('seed', range(4))
-def test_coinciding_matches_raise_nothing_but_that_they_are_degenerate(
-    kind: str, seed: int
-) -> None:
+def test_coinciding_matches_raise_nothing_but_that_they_are_degenerate(kind, seed) -> None:
     rays = COINCIDING[kind](rays_of_views(seed)[0])
     # What rounding leaves of such matches may be a hypothesis: nothing that is no number.
     with contextlib.suppress(DegenerateGeometryError):
@@ -411,9 +409,7 @@ def assert_axes(found: np.ndarray, psi: float, phi: float, tolerance: float) -> 
 
 
 @given(angles(), headings(), tilts(), rolls(), SIGNS)
-def test_an_exact_planar_motion_is_recovered(
-    psi: float, heading: float, tilt: float, roll: float, sign: float
-) -> None:
+def test_an_exact_planar_motion_is_recovered(psi, heading, tilt, roll, sign) -> None:
     phi = psi - heading - HALF_PI
     essential = planar(psi, phi, tilt, roll)
     found = planar_parameters(sign * essential, WIDE)[0]
@@ -426,9 +422,7 @@ def test_an_exact_planar_motion_is_recovered(
 
 
 @given(angles(), headings(), tilts(), rolls(), SIGNS)
-def test_the_rotation_is_never_that_of_the_twin(
-    psi: float, heading: float, tilt: float, roll: float, sign: float
-) -> None:
+def test_the_rotation_is_never_that_of_the_twin(psi, heading, tilt, roll, sign) -> None:
     essential = planar(psi, psi - heading - HALF_PI, tilt, roll)
     found = planar_parameters(sign * essential, WIDE)[0]
     turn = math.remainder(found[PSI] - found[PHI] - HALF_PI - heading, math.tau)
@@ -456,9 +450,7 @@ def closest_vertical(psi: float, tilt: float, roll: float, prior: Attitude) -> n
     ids=['ahead', 'aside'],
 )
 @pytest.mark.parametrize('sign', [-1.0, 1.0])
-def test_a_translation_tells_one_angle_and_leaves_the_other_to_the_prior(
-    way: tuple[float, ...], tilt: float, roll: float, sign: float
-) -> None:
+def test_a_translation_tells_one_angle_the_prior_the_other(way, tilt, roll, sign) -> None:
     essential = sign * planar(*way)
     prior = replace(WIDE, tilt=math.radians(5.0), roll=math.radians(4.0))
     found = planar_parameters(essential, prior)[0]
@@ -467,9 +459,7 @@ def test_a_translation_tells_one_angle_and_leaves_the_other_to_the_prior(
 
 
 @given(angles(), tilts(), rolls(), SIGNS)
-def test_a_pure_translation_leaves_the_rest_to_a_prior_equal_in_both(
-    psi: float, tilt: float, roll: float, sign: float
-) -> None:
+def test_a_pure_translation_leaves_the_rest_to_an_equal_prior(psi, tilt, roll, sign) -> None:
     prior = Attitude(0.1, 0.05, 0.1, 0.1)
     found = planar_parameters(sign * planar(psi, psi - HALF_PI, tilt, roll), prior)[0]
     expected = closest_vertical(psi, tilt, roll, prior)
@@ -477,9 +467,7 @@ def test_a_pure_translation_leaves_the_rest_to_a_prior_equal_in_both(
 
 
 @given(angles(), tilts(), rolls())
-def test_a_translation_of_the_right_attitude_is_recovered(
-    psi: float, tilt: float, roll: float
-) -> None:
+def test_a_translation_of_the_right_attitude_is_recovered(psi, tilt, roll) -> None:
     phi = psi - HALF_PI
     found = planar_parameters(planar(psi, phi, tilt, roll), replace(WIDE, tilt=tilt, roll=roll))
     np.testing.assert_allclose(found[0, [TILT, ROLL]], [tilt, roll], atol=1e-6)

@@ -194,9 +194,7 @@ def test_an_excursion_refers_to_half_a_metre_at_least(first: float, led: bool) -
         (1.6, -1.6, True),  # a metre is left out at most
     ],
 )
-def test_what_the_leg_leads_backward_is_no_excursion(
-    away: float, travel: float, led: bool
-) -> None:
+def test_what_the_leg_leads_backward_is_no_excursion(away, travel, led) -> None:
     psi = BEARINGS.psi
     leg = Leg(psi, away * math.cos(psi), away * math.sin(psi), travel)
     state = in_phase(Phase.MATCHING_FEATURES, leg=leg, extrinsics=ranged(1.0 + away))

@@ -121,9 +121,7 @@ def test_no_way_is_longer_than_the_distance_allows(phase: Phase, sign: float) ->
 @pytest.mark.parametrize(
     ('left', 'travel', 'ends'), [(2.0, 6.01, False), (3.1, 6.01, True), (2.0, 12.01, True)]
 )
-def test_who_nears_the_goal_by_its_memory_may_have_begun_twice_as_far_away(
-    left: float, travel: float, ends: bool
-) -> None:
+def test_by_its_memory_it_may_have_begun_twice_as_far_away(left, travel, ends) -> None:
     settings = replace(SETTINGS, initial_distance=4.0)
     seen = replace(sight(), offset=(0.1, math.sqrt(left**2 - 0.01)))
     limit = excursion_limit(in_phase(Phase.ZEROING_EPIPOLES, travel=travel), seen, settings)

@@ -65,9 +65,7 @@ DEVIATIONS = floats(0.0, 0.01)
 
 
 @given(OFFSETS, OFFSETS, DEVIATIONS, floats(1e-3, 0.02), floats(-0.05, 0.05))
-def test_who_is_near_enough_is_within_the_tolerance_with_all_that_may_be_wrong(
-    x: float, y: float, deviation: float, tolerance: float, speed: float
-) -> None:
+def test_near_enough_is_within_the_tolerance_at_worst(x, y, deviation, tolerance, speed) -> None:
     settings = replace(SETTINGS, arrival_position=tolerance)
     measurement = near(x, y, deviation=deviation)
     state = ending(measurement, command=Command(Twist(speed, 0.0)))
@@ -77,9 +75,7 @@ def test_who_is_near_enough_is_within_the_tolerance_with_all_that_may_be_wrong(
 
 
 @given(OFFSETS, OFFSETS, DEVIATIONS, floats(1e-3, 0.02), floats(1.0, 3.0))
-def test_a_coarser_tolerance_lets_pass_what_a_finer_one_does(
-    x: float, y: float, deviation: float, tolerance: float, factor: float
-) -> None:
+def test_a_coarser_tolerance_passes_what_a_finer_does(x, y, deviation, tolerance, factor) -> None:
     measurement = near(x, y, deviation=deviation)
     state = ending(measurement)
     finer = replace(SETTINGS, arrival_position=tolerance)

@@ -48,9 +48,7 @@ def test_the_mirrored_motion_misses_as_much(x: float, y: float, heading: float) 
 
 
 @given(floats(-1.2, 1.2), floats(-1.5, 0.5), floats(-0.25, 0.25))
-def test_after_the_way_back_one_motion_ends_at_the_goal(
-    x: float, y: float, heading: float
-) -> None:
+def test_after_the_way_back_one_motion_ends_at_the_goal(x, y, heading) -> None:
     backing = way_back((x, y, heading), 0.0, BOUNDS)
     assert abs(backing.curvature) <= BOUNDS.curvature
     there = moved(at(x, y, heading), np.array([-backing.way]), np.array([backing.curvature]))

@@ -79,9 +79,7 @@ def test_who_looks_aside_at_the_goal_backs_off_again() -> None:
         (1, 0.03, 0.02, Event.MATCHED),
     ],
 )
-def test_the_tolerance_of_the_heading_is_the_owners_in_every_attempt(
-    attempts: int, tolerance: float, heading: float, expected: Event
-) -> None:
+def test_the_tolerance_of_the_heading_is_given(attempts, tolerance, heading, expected) -> None:
     known = {'offset': (0.0, 0.0), 'difference': 0.0, 'difference_slope': 0.3}
     known |= {'offset_deviation': 1e-3, 'heading_deviation': 1e-4, 'parallax': 0.0}
     seen = sight(heading_error=heading, **known)
@@ -118,9 +116,7 @@ def test_its_transitions_are_those_of_one_motion_less_turns() -> None:
 
 
 @pytest.mark.parametrize('law', ['paper', 'corrected', 'full', 'full-retreat'])
-def test_a_law_that_turns_in_place_is_refused_and_the_one_that_does_not_is_named(
-    law: str,
-) -> None:
+def test_a_law_that_turns_in_place_is_refused_and_the_one_that_does_not_is_named(law: str) -> None:
     with pytest.raises(ValueError, match=r'choose a law that drives arcs \(smooth\)'):
         ServoSettings(**{**CAR, 'law': law})
 

@@ -305,9 +305,7 @@ UNDERFLOW = [
     floats(0.3, 500.0),
     floats(0.0, 2.0),
 )
-def test_no_sight_makes_derived_gains_raise_or_exceed_the_limits(
-    sights: list[Measurement], phase: Phase, law: str, distance: float, latency: float
-) -> None:
+def test_no_sight_makes_them_raise_or_exceed_limits(sights, phase, law, distance, latency) -> None:
     settings = replace(DERIVED, law=law, latency=latency)
     state = ServoState().changed(phase=phase, distance=distance)
     for measurement in sights:
@@ -326,8 +324,6 @@ def test_no_sight_makes_derived_gains_raise_or_exceed_the_limits(
         ({'gains': 'guessed'}, 'gains must be one of given, derived'),
     ],
 )
-def test_settings_that_cannot_be_derived_from_are_refused(
-    changes: dict[str, Any], message: str
-) -> None:
+def test_settings_that_cannot_be_derived_from_are_refused(changes, message) -> None:
     with pytest.raises(ValueError, match=message):
         replace(DERIVED, **changes)

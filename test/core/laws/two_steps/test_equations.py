@@ -120,9 +120,7 @@ def test_the_distance_rate_is_the_derivative_of_the_distance(pose: Pose, twist: 
 
 
 @given(ABSCISSAE, ABSCISSAE, SIGMAS, DISTANCES, DISTANCES, FOCALS, floats(0.01, 2.0))
-def test_the_closed_loop_is_14_and_15(
-    e_au: float, e_du: float, sigma: float, d: float, d_hat: float, f: float, k1: float
-) -> None:
+def test_the_closed_loop_is_14_and_15(e_au, e_du, sigma, d, d_hat, f, k1) -> None:
     k2 = 0.5
     nu = equations.auxiliary_controls(e_au, e_du, k1=k1, k2=k2, exponent=EXPONENT)
     twist = equations.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=f)
@@ -137,9 +135,7 @@ def test_the_closed_loop_is_14_and_15(
 
 
 @given(ABSCISSAE, ABSCISSAE, SIGMAS, DISTANCES, FOCALS)
-def test_the_inputs_are_16_and_17(
-    e_au: float, e_du: float, sigma: float, d_hat: float, f: float
-) -> None:
+def test_the_inputs_are_16_and_17(e_au, e_du, sigma, d_hat, f) -> None:
     k1, k2 = 0.08, 1.0
     nu = equations.auxiliary_controls(e_au, e_du, k1=k1, k2=k2, exponent=EXPONENT)
     twist = equations.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=f)
@@ -153,9 +149,7 @@ def test_the_inputs_are_16_and_17(
 
 
 @given(ABSCISSAE, ABSCISSAE, SIGMAS, DISTANCES, FOCALS, floats(0.01, 2.0))
-def test_velocities_do_not_depend_on_the_unit_of_the_image(
-    e_au: float, e_du: float, sigma: float, d_hat: float, scale: float, rate: float
-) -> None:
+def test_velocities_need_no_unit_of_the_image(e_au, e_du, sigma, d_hat, scale, rate) -> None:
     def control(unit: float) -> Twist:
         nu = (-rate * e_au * unit, rate * e_du * unit)
         return equations.linearizing_control(
@@ -168,9 +162,7 @@ def test_velocities_do_not_depend_on_the_unit_of_the_image(
 
 
 @given(ABSCISSAE, ABSCISSAE, SIGMAS, DISTANCES, FOCALS)
-def test_the_update_by_the_applied_speed_is_13_and_25(
-    e_au: float, e_du: float, sigma: float, d_hat: float, f: float
-) -> None:
+def test_the_update_by_the_applied_speed_is_13_and_25(e_au, e_du, sigma, d_hat, f) -> None:
     k2 = 0.7
     nu = equations.auxiliary_controls(e_au, e_du, k1=0.1, k2=k2, exponent=EXPONENT)
     twist = equations.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=f)
@@ -181,9 +173,7 @@ def test_the_update_by_the_applied_speed_is_13_and_25(
 
 
 @given(ABSCISSAE, ABSCISSAE, SIGMAS, DISTANCES)
-def test_the_goal_comes_nearer_if_and_only_if_the_epipoles_are_discordant(
-    e_au: float, e_du: float, sigma: float, d_hat: float
-) -> None:
+def test_the_goal_comes_nearer_iff_the_epipoles_are_discordant(e_au, e_du, sigma, d_hat) -> None:
     nu = equations.auxiliary_controls(e_au, e_du, k1=0.1, k2=0.5, exponent=EXPONENT)
     twist = equations.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu)
     assert (equations.distance_rate(twist.linear, e_au, sigma=sigma) < 0.0) == (e_au * e_du < 0.0)
@@ -209,7 +199,7 @@ SIGNS = st.sampled_from([-1.0, 1.0])
 
 @settings(max_examples=20)
 @given(CURRENT, DESIRED, SIGNS, SIGNS, SIGMAS, floats(0.5, 5.0))
-def test_with_the_true_distance_both_epipoles_follow_their_closed_forms(
+def test_at_the_true_distance_they_follow_closed_forms(
     e_au: float, e_du: float, sign_au: float, sign_du: float, sigma: float, d: float
 ) -> None:
     e_au, e_du, k1, k2 = sign_au * e_au, sign_du * e_du, 0.1, 0.5
@@ -229,9 +219,7 @@ def test_with_the_true_distance_both_epipoles_follow_their_closed_forms(
 
 @settings(max_examples=20)
 @given(CURRENT, DESIRED, SIGNS, SIGMAS, floats(0.5, 5.0), floats(1.0, 4.0))
-def test_d_hat_keeps_its_lead_over_the_distance(
-    e_au: float, e_du: float, sign: float, sigma: float, d: float, over: float
-) -> None:
+def test_d_hat_keeps_its_lead_over_the_distance(e_au, e_du, sign, sigma, d, over) -> None:
     pose = pose_with(discordant(e_au, sign), sign * e_du, sigma=sigma, distance=d)
     run = drive(pose, over * d, first_step(k1=0.1, k2=0.5), duration=20.0)
     # (19): both obey the same equation, whatever the lead was.
@@ -241,9 +229,7 @@ def test_d_hat_keeps_its_lead_over_the_distance(
 
 @settings(max_examples=20)
 @given(CURRENT, DESIRED, SIGNS, SIGMAS, floats(0.5, 5.0), floats(1.0, 4.0))
-def test_an_overestimated_distance_only_hastens_the_desired_epipole(
-    e_au: float, e_du: float, sign: float, sigma: float, d: float, over: float
-) -> None:
+def test_an_overestimate_but_hastens_the_desired_epipole(e_au, e_du, sign, sigma, d, over) -> None:
     k2, rest = 0.5, 1.0 - EXPONENT
     pose = pose_with(discordant(e_au, sign), sign * e_du, sigma=sigma, distance=d)
     run = drive(pose, over * d, first_step(k1=0.1, k2=k2), duration=20.0)
@@ -253,9 +239,7 @@ def test_an_overestimated_distance_only_hastens_the_desired_epipole(
 
 
 @given(floats(-1.2, 1.2), SIGMAS, floats(0.3, 5.0), floats(0.05, 1.0))
-def test_once_the_desired_epipole_is_zero_the_robot_turns_exponentially(
-    e_au: float, sigma: float, d: float, k1: float
-) -> None:
+def test_once_the_desired_epipole_is_0_the_robot_turns_exponentially(e_au, sigma, d, k1) -> None:
     start = pose_with(e_au, 0.0, sigma=sigma, distance=d)
     pose, dt = start, 1e-3
     for _ in range(500):
@@ -270,9 +254,7 @@ def test_once_the_desired_epipole_is_zero_the_robot_turns_exponentially(
 
 
 @given(floats(-1.2, 1.2), floats(-1.2, 1.2), floats(-2.0, 2.0), SIGMAS, floats(0.05, 1.0))
-def test_the_preliminary_turn_leads_the_current_epipole_exponentially_to_its_target(
-    e_au: float, target: float, e_du: float, sigma: float, k1: float
-) -> None:
+def test_the_preliminary_turn_is_exponential_to_its_target(e_au, target, e_du, sigma, k1) -> None:
     pose = pose_with(e_au, e_du, sigma=sigma, distance=2.0)
     dt = 1e-3
     for _ in range(500):
@@ -287,9 +269,7 @@ def test_the_preliminary_turn_leads_the_current_epipole_exponentially_to_its_tar
 
 @settings(max_examples=20)
 @given(CURRENT, DESIRED, SIGNS, SIGNS, SIGMAS)
-def test_with_20_both_epipoles_are_zeroed_in_finite_time(
-    e_au: float, e_du: float, sign_au: float, sign_du: float, sigma: float
-) -> None:
+def test_20_zeroes_both_epipoles_in_finite_time(e_au, e_du, sign_au, sign_du, sigma) -> None:
     k2, rest = 0.5, 1.0 - EXPONENT
     k1 = 0.5 * k2 * (e_au / e_du) ** rest  # half of what the paper allows: e_du is first
     pose = pose_with(sign_au * e_au, sign_du * e_du, sigma=sigma, distance=2.0)
@@ -301,9 +281,7 @@ def test_with_20_both_epipoles_are_zeroed_in_finite_time(
 
 
 @given(ABSCISSAE, ABSCISSAE, SIGMAS, DISTANCES, DISTANCES, FOCALS, floats(0.2, 1.0))
-def test_with_a_guessed_focal_length_the_closed_loop_is_26_and_27(
-    e_au: float, e_du: float, sigma: float, d: float, d_hat: float, f: float, part: float
-) -> None:
+def test_with_a_guessed_focal_length_it_is_26_and_27(e_au, e_du, sigma, d, d_hat, f, part) -> None:
     k1, k2, g = 0.3, 0.5, part * f  # g stands for f_hat
     nu = equations.auxiliary_controls(e_au, e_du, k1=k1, k2=k2, exponent=EXPONENT)
     twist = equations.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=g)
@@ -319,9 +297,7 @@ def test_with_a_guessed_focal_length_the_closed_loop_is_26_and_27(
 
 
 @given(ABSCISSAE, SIGMAS, FOCALS, floats(0.2, 1.0))
-def test_the_distance_changes_mu_times_as_fast_as_d_hat(
-    e_au: float, sigma: float, f: float, part: float
-) -> None:
+def test_the_distance_changes_mu_times_as_fast_as_d_hat(e_au, sigma, f, part) -> None:
     guess = part * f
     true = equations.distance_rate(1.0, e_au, sigma=sigma, focal=f)
     mu = true / equations.distance_rate(1.0, e_au, sigma=sigma, focal=guess)
@@ -332,9 +308,7 @@ def test_the_distance_changes_mu_times_as_fast_as_d_hat(
 
 @settings(max_examples=20)
 @given(CURRENT, DESIRED, SIGNS, SIGMAS, floats(0.5, 5.0), floats(0.5, 1.0))
-def test_both_epipoles_converge_with_a_focal_length_guessed_too_short(
-    e_au: float, e_du: float, sign: float, sigma: float, d: float, guess: float
-) -> None:
+def test_both_epipoles_converge_with_a_focal_too_short(e_au, e_du, sign, sigma, d, guess) -> None:
     k1, k2 = 0.3, 0.5
     control = first_step(k1=k1, k2=k2, focal=guess)
     pose = pose_with(discordant(e_au, sign), sign * e_du, sigma=sigma, distance=d)
@@ -356,9 +330,7 @@ def test_both_epipoles_converge_with_a_focal_length_guessed_too_short(
 
 
 @given(floats(0.02, 3.0), floats(0.3, 0.95))
-def test_the_rate_of_26_falls_below_k1_where_the_epipole_is_far_out(
-    e_au: float, guess: float
-) -> None:
+def test_the_rate_of_26_falls_below_k1_where_the_epipole_is_far_out(e_au, guess) -> None:
     k1 = 0.3
     twist = equations.linearizing_control(
         e_au, 0.0, sigma=-1.0, distance=1.0, nu=(-k1 * e_au, 0.0), focal=guess
@@ -375,9 +347,7 @@ def test_the_rate_of_26_falls_below_k1_where_the_epipole_is_far_out(
     FOCALS,
     floats(0.05, 0.5),
 )
-def test_the_displaced_epipole_is_discordant_and_within_its_bounds(
-    e_du: float, room: float, focal: float, low: float
-) -> None:
+def test_the_displaced_epipole_is_discordant_and_within_its_bounds(e_du, room, focal, low) -> None:
     target = equations.displaced_epipole(e_du, ratio=room, low=low, high=low + 0.2, focal=focal)
     assert target * e_du < 0.0
     assert low - 1e-12 <= math.atan(abs(target) / focal) <= low + 0.2 + 1e-12
@@ -385,9 +355,7 @@ def test_the_displaced_epipole_is_discordant_and_within_its_bounds(
 
 @settings(max_examples=20)
 @given(floats(0.1, 0.8), SIGNS, SIGMAS, floats(0.3, 0.7), st.booleans())
-def test_holding_the_displaced_epipole_is_a_spiral_that_leaves_the_room_asked_for(
-    e_du: float, sign: float, sigma: float, room: float, ahead: bool
-) -> None:
+def test_holding_the_displaced_epipole_spirals_with_room(e_du, sign, sigma, room, ahead) -> None:
     target = equations.displaced_epipole(sign * e_du, ratio=room, low=0.05, high=1.2)
     start = pose_with(target, sign * e_du, sigma=sigma, distance=3.0, ahead=ahead)
 
@@ -441,9 +409,7 @@ def test_the_difference_decreases_exponentially_near_the_goal(y: float) -> None:
 
 
 @given(floats(0.1, 20.0), floats(0.1, 20.0), floats(0.1, 50.0))
-def test_the_adaptive_gain_runs_from_one_value_to_the_other(
-    at_zero: float, far: float, slope: float
-) -> None:
+def test_the_adaptive_gain_runs_from_one_value_to_the_other(at_zero, far, slope) -> None:
     def gain(size: float) -> float:
         return equations.adaptive_gain(size, at_zero=at_zero, far=far, slope=slope)
 
@@ -462,9 +428,7 @@ def test_an_adaptive_gain_of_equal_ends_is_constant() -> None:
 
 
 @given(floats(0.05, 5.0), floats(0.001, 0.5), SIGNS, floats(0.05, 2.0), floats(0.05, 1.5))
-def test_the_braking_speed_is_just_enough_to_stop_in_time(
-    way: float, bearing: float, sign: float, speed: float, deceleration: float
-) -> None:
+def test_the_braking_speed_is_enough_to_stop(way, bearing, sign, speed, deceleration) -> None:
     # The bearing closes in proportion to the remaining distance, by a scale that nobody knows.
     rate = -sign * bearing * speed / way
     limit = equations.braking_speed(sign * bearing, rate, deceleration=deceleration)

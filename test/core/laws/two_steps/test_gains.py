@@ -120,9 +120,7 @@ def slow_base() -> tuple[Circumstances, Pose]:
 @settings(max_examples=150)
 @given(concordant_cases())
 @example(slow_base())
-def test_concordant_epipoles_under_the_derived_gains_never_meet_the_singularity(
-    case: tuple[Circumstances, Pose],
-) -> None:
+def test_concordant_epipoles_under_the_derived_gains_never_meet_the_singularity(case) -> None:
     circumstances, pose = case
     gains = derive(circumstances)
     longest = longest_convergence(circumstances, gains)
@@ -162,9 +160,7 @@ def test_discordant_epipoles_land_without_passing_zero_or_infinity(data: st.Data
 @pytest.mark.parametrize(
     ('current', 'desired', 'ratio'), [(0.5, 0.3, 1.0), (0.9, 0.6, 1.5), (0.6, 0.2, 2.0)]
 )
-def test_the_longest_landing_time_is_met_by_the_worst_of_the_starts_on_a_slow_base(
-    current: float, desired: float, ratio: float
-) -> None:
+def test_the_longest_landing_time_is_met_by_the_worst_start(current, desired, ratio) -> None:
     circumstances = Circumstances(
         concordant=True,
         current=current,
@@ -287,9 +283,7 @@ def test_no_run_exceeds_the_largest_ratio(current: float, desired: float, neares
 
 
 @given(floats(0.5, 6.0), floats(0.0, 0.3), floats(8.0, 30.0), SIGNS)
-def test_the_second_step_neither_overshoots_nor_brakes_too_hard(
-    behind: float, latency: float, rate: float, side: float
-) -> None:
+def test_step_2_neither_overshoots_nor_brakes_too_hard(behind, latency, rate, side) -> None:
     circumstances = Circumstances(latency=latency, rate=rate)
     k_t = rules.matching_gain(circumstances)
     dt, depth = 1.0 / rate, circumstances.depth
@@ -311,9 +305,7 @@ def test_the_second_step_neither_overshoots_nor_brakes_too_hard(
 
 
 @given(floats(0.5, 6.0), floats(8.0, 20.0), floats(0.2, 1.0))
-def test_the_longest_time_of_the_second_step_is_that_from_farthest_away(
-    farthest: float, rate: float, fastest: float
-) -> None:
+def test_the_longest_time_of_step_2_is_that_from_farthest_away(farthest, rate, fastest) -> None:
     circumstances = Circumstances(
         farthest=farthest, nearest=min(farthest, 1.0), rate=rate, max_linear=fastest
     )

@@ -144,9 +144,7 @@ def by_all_distances(desired: np.ndarray, current: np.ndarray) -> IntArray:
     most=st.sampled_from([3, 255]),
     seed=st.integers(0, 2**31),
 )
-def test_blocks_give_the_pairs_of_all_distances(
-    counts: tuple[int, int], block: int, most: int, seed: int
-) -> None:
+def test_blocks_give_the_pairs_of_all_distances(counts, block, most, seed) -> None:
     rng = np.random.default_rng(seed)  # few values make ties
     desired, current = (
         rng.integers(0, most + 1, (count, 128 if most > 3 else 4)).astype(np.float32)
@@ -202,9 +200,7 @@ def test_keypoints_stand_on_the_pixels_that_score_and_follow_them(bright: Matche
     assert (shift == [8.0, 16.0]).all(axis=1).mean() > 0.6  # of the smaller sizes not all
 
 
-def test_beside_a_photograph_of_an_odd_size_nothing_is_found(
-    bright: Matcher,
-) -> None:
+def test_beside_a_photograph_of_an_odd_size_nothing_is_found(bright: Matcher) -> None:
     image = dots(2)[:77, :101]
     keypoints = bright.describe(image, limit=4000, border=0.0)
     assert len(keypoints) > 50
@@ -212,9 +208,7 @@ def test_beside_a_photograph_of_an_odd_size_nothing_is_found(
 
 
 @pytest.mark.parametrize('shape', [(1, 1), (3, 300), (256, 320)])
-def test_it_never_raises_for_what_an_image_shows_in_onnx(
-    bright: Matcher, shape: tuple[int, int]
-) -> None:
+def test_it_never_raises_for_what_an_image_shows_in_onnx(bright, shape) -> None:
     desired = bright.describe(dots(3), limit=100, border=12.0)
     for image in (np.zeros(shape, np.uint8), np.full(shape, 128, np.uint8)):
         bright.describe(image, limit=100, border=12.0)

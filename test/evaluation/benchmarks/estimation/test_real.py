@@ -71,9 +71,7 @@ def test_a_folder_of_photographs_is_judged_by_its_truth(tmp_path: Path, capsys) 
         ('[{"name": "a"}]', 'a pair must have name, desired, current, camera and truth'),
     ],
 )
-def test_a_folder_without_truth_is_bad_input(
-    tmp_path: Path, capsys, text: str | None, words: str
-) -> None:
+def test_a_folder_without_truth_is_bad_input(tmp_path, capsys, text, words) -> None:
     if text is not None:
         (tmp_path / 'truth.json').write_text(text)
     code, _ = bench(tmp_path, tmp_path / 'result.json')

@@ -22,9 +22,7 @@ def count(document: dict[str, Any], outcome: str) -> int:
     return sum(it['outcome'] == outcome for way in document['ways'] for it in way['frames'])
 
 
-def test_a_way_of_a_race_car_is_taught_and_its_frames_are_found(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_way_of_a_race_car_is_taught_and_its_frames_are_found(tmp_path, capsys) -> None:
     code, document = bench(DONKEY, tmp_path / 'result.json')
     assert code == 0 and document['ways'][0]['taught']
     assert count(document, 'found') == 6
@@ -41,9 +39,7 @@ def test_a_way_of_a_race_car_is_taught_and_its_frames_are_found(
         ('{"hall": {"kind": "clip"}}', 'hall must have kind, camera, two frames or more'),
     ],
 )
-def test_a_folder_without_recorded_ways_is_bad_input(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str | None, words: str
-) -> None:
+def test_a_folder_without_recorded_ways_is_bad_input(tmp_path, capsys, text, words) -> None:
     if text is not None:
         (tmp_path / 'truth.json').write_text(text)
     code, _ = bench(tmp_path, tmp_path / 'result.json')
