@@ -1,6 +1,5 @@
 """The bench of mounts: which cameras it drives, what it measures of their runs, its table."""
 
-from collections.abc import Callable
 import json
 import math
 from typing import Any
@@ -32,7 +31,7 @@ def quiet(text: str) -> None:
 def document() -> dict[str, Any]:
     """Return the document of two cells, a start each."""
     few = [mounts.of_mount('attitude', LEVEL), mounts.of_mount('yaw', CameraPlace(yaw=1.5))]
-    return mounts.measure_cells(few, 'features', 1, seed=0, say=quiet)
+    return mounts.drive(few, 1, seed=0, say=quiet)
 
 
 def test_every_tilt_and_roll_and_every_yaw_and_place_is_driven_once() -> None:
@@ -45,14 +44,12 @@ def test_every_tilt_and_roll_and_every_yaw_and_place_is_driven_once() -> None:
 
 
 def test_names_of_a_group_are_unique() -> None:
-    for listed in (mounts.on_features(), mounts.on_images()):
-        names = [(it.group, it.name) for it in listed]
-        assert len(set(names)) == len(names)
+    names = [(it.group, it.name) for it in mounts.on_features()]
+    assert len(set(names)) == len(names)
 
 
-@pytest.mark.parametrize('drives', [mounts.on_features, mounts.on_images])
-def test_every_cell_is_a_scenario_that_tells_the_servo_nothing(drives: Callable[..., Any]) -> None:
-    for cell in (*drives(), *drives(quick=True)):
+def test_every_cell_is_a_scenario_that_tells_the_servo_nothing() -> None:
+    for cell in (*mounts.on_features(), *mounts.on_features(quick=True)):
         scenario, at = cell.scenario(BRIEF_S), cell.mount
         mount = scenario.camera.mount
         angles = [math.degrees(angle) for angle in (mount.tilt, mount.roll, mount.yaw)]
@@ -107,7 +104,7 @@ def test_a_camera_with_which_no_run_arrived_has_dashes(document: dict[str, Any])
     assert line == '| level | 0 % | 0 | - / - | - | 5.00 / 5.00 | 30.0 | - |'
 
 
-def test_the_bench_on_images_runs_only_if_it_is_named(monkeypatch, capsys) -> None:
+def test_what_needs_a_folder_runs_only_if_it_is_named(monkeypatch, capsys) -> None:
     ran: list[str] = []
 
     class Fake:
@@ -124,5 +121,8 @@ def test_the_bench_on_images_runs_only_if_it_is_named(monkeypatch, capsys) -> No
     monkeypatch.setattr('visual_servo_epipolar.evaluation.benchmarks.command._benchmark', Fake)
     assert main(['bench']) == 0
     assert ran == [name for name in BENCHMARKS if name not in ON_REQUEST]
-    assert main(['bench', 'mounts_images']) == 0
-    assert ran[-1] == 'mounts_images'
+    for words in (['real'], ['routes', 'laws']):
+        assert main(['bench', *words]) == 2
+        assert f'{words[0]} must be followed by the FOLDER' in capsys.readouterr().err
+    assert main(['bench', 'mounts_images']) == 2
+    assert 'unknown benchmark mounts_images' in capsys.readouterr().err

@@ -1,20 +1,19 @@
 """The ablation table: each departure from the paper left out of law full, and each alone."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from typing import Any
 
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES
 from visual_servo_epipolar.core.laws.registry import law_named
-from visual_servo_epipolar.evaluation.benchmarks.starts import (
+from visual_servo_epipolar.evaluation.benchmarks.sweeps import (
     ARRIVALS,
-    summaries_of,
+    measure,
+    sweep,
     TIME,
+    within,
 )
 from visual_servo_epipolar.evaluation.tables import cells, Columns, markdown, number
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.sweeping.plan import SweepPlan
-from visual_servo_epipolar.sweeping.provenance import commit
 
 REGIONS = ('front', 'beside', 'anywhere')
 STARTS, QUICK_STARTS = 100, 1
@@ -53,30 +52,14 @@ def _known(expression: str) -> str:
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Drive every law from the same starts in each region, and return a row for each."""
     starts, names = (QUICK_STARTS, QUICK_LAWS) if quick else (STARTS, laws())
-    regions = REGIONS[:1] if quick else REGIONS
-    scenario = Scenario()
-    scenario = replace(scenario, run=replace(scenario.run, max_duration=LONGEST_S))
-    plans = [
-        SweepPlan(
-            region=region,
-            runs=starts,
-            source='features',
-            laws=names,
-            scenario=scenario,
-            seed=seed + 100 * place,  # between the seeds of two regions
-        )
-        for place, region in enumerate(regions)
+    scenario = within(Scenario(), LONGEST_S)
+    rows = [
+        ({'law': law, 'region': region}, sweep(region, starts, law, scenario, seed + 100 * place))
+        for place, region in enumerate(REGIONS[: 1 if quick else None])
+        for law in names
     ]
-    keys = [{'law': law, 'region': region} for region in regions for law in names]
-    summaries = summaries_of(plans, lambda text: say(f'ablation: {text}'))
-    return {
-        'starts': starts,
-        'seed': seed,
-        'longest_s': LONGEST_S,
-        'commit': commit(),
-        'departures': dict(DEPARTURES),
-        'rows': [key | summary for key, summary in zip(keys, summaries, strict=True)],
-    }
+    facts: dict[str, Any] = {'starts': starts, 'seed': seed, 'longest_s': LONGEST_S}
+    return measure(rows, say, departures=dict(DEPARTURES), **facts)
 
 
 def table(document: Mapping[str, Any]) -> str:

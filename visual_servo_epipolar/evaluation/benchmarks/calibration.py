@@ -6,12 +6,12 @@ from itertools import product
 from operator import itemgetter
 from typing import Any
 
-from visual_servo_epipolar.evaluation.benchmarks.starts import ARRIVALS, summaries_of, TIME
+from visual_servo_epipolar.evaluation.benchmarks.sweeps import ARRIVALS, measure, sweep, TIME
 from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.sweeping.plan import SweepPlan
 
 RATIOS = (0.17, 0.25, 0.5, 0.75, 1.0)  # f_hat / f
+LAW = Scenario().servo.law
 SHIFT_PX = 10.0  # of the principal point, to the right and down
 MOUNTS = {'above the axle': 0.0, '0.13 m ahead': 0.13}
 # What the servo does about the camera matrix.
@@ -43,24 +43,14 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
     """Drive with each camera matrix, all from one set of starts, and return rows with runs."""
     few = [(method, 'above the axle', 'front', 2) for method in METHODS]
     places, ratios = (few, RATIOS[1:2]) if quick else ([*CELLS], RATIOS)
-    keys: list[dict[str, Any]] = [
-        {'method': method, 'mount': mount, 'region': region, 'ratio': ratio, 'starts': starts}
+    rows = [
+        (
+            {'method': method, 'mount': mount, 'region': region, 'ratio': ratio, 'starts': starts},
+            sweep(region, starts, LAW, _scenario(method, mount, ratio), seed),
+        )
         for (method, mount, region, starts), ratio in product(places, ratios)
     ]
-    plans = [
-        SweepPlan(
-            region=key['region'],
-            runs=key['starts'],
-            source='features',
-            laws=(Scenario().servo.law,),
-            scenario=_scenario(key['method'], key['mount'], key['ratio']),
-            seed=seed,
-        )
-        for key in keys
-    ]
-    summaries = summaries_of(plans, lambda text: say(f'calibration: {text}'), with_runs=True)
-    rows = [key | summary for key, summary in zip(keys, summaries, strict=True)]
-    return {'seed': seed, 'shift_px': SHIFT_PX, 'rows': rows}
+    return measure(rows, say, with_runs=True, seed=seed, shift_px=SHIFT_PX)
 
 
 def _scenario(name: str, mount: str, ratio: float) -> Scenario:

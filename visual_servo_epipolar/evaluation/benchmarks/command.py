@@ -31,13 +31,12 @@ BENCHMARKS: Mapping[str, str] = {
     'ablation': f'{HERE}.ablation',
     'consistency': f'{HERE}.consistency',
     'mounts': f'{HERE}.mounts',
-    'mounts_images': f'{HERE}.mounts:ON_IMAGES',
     'real': f'{HERE}.estimation.real',
     'routes': f'{HERE}.estimation.routes',
     'report': f'{HERE}.report',
 }
 # Too long to be run unless they are named.
-ON_REQUEST = ('mounts_images', 'real', 'routes', 'report')
+ON_REQUEST = ('real', 'routes', 'report')
 # What reads the FOLDER after the name of a benchmark, by the option that it becomes.
 FOLDERS = {
     'real': ('photographs', f'{HERE}.estimation.real:read_pairs'),
@@ -54,8 +53,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar='WHICH',
         type=expanded,
         help=f'any of {", ".join(BENCHMARKS)} (default all but {", ".join(ON_REQUEST)}); after '
-        'real, else of simulated photographs, and after routes the FOLDER with truth.json; after '
-        'report the FOLDER that it writes and goes on in (default bench_report)',
+        'real and after routes the FOLDER with truth.json; after report the FOLDER that it writes '
+        'and goes on in (default bench_report)',
     )
     add_flags(parser, {'--quick': 'run a few trials only, to see that it works'})
     add_seed(parser)
@@ -90,10 +89,14 @@ def run(options: argparse.Namespace) -> int:
 
 def _folder(which: list[str], name: str, reader: str) -> Any:
     """Return what the folder after ``name`` holds, None of none, taken out of ``which``."""
-    place = which.index(name) + 1 if name in which else len(which)
-    if place == len(which) or which[place] in BENCHMARKS:
+    if name not in which:
         return None
-    return resolve_name(reader)(which.pop(place))
+    place = which.index(name) + 1
+    if place < len(which) and which[place] not in BENCHMARKS:
+        return resolve_name(reader)(which.pop(place))
+    if name == 'report':  # it has a folder of its own
+        return None
+    raise InputError(f'{name} must be followed by the FOLDER with its truth.json; name it')
 
 
 def _benchmark(name: str) -> Any:

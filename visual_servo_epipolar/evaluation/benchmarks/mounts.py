@@ -1,27 +1,23 @@
 """
 Arrivals, errors, excursions and time on a wrong geometry, over mounts, image sizes and lenses.
 
-On point features, or (``mounts_images``) on rendered images through the real tracker, which takes
-half an hour. A cell is one camera on one mount; a new lens or size is a row here.
+A cell is one camera on one mount; a new lens or size is a row here.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
-from functools import partial
 from itertools import product
 import math
-from types import SimpleNamespace
 from typing import Any
 
-from visual_servo_epipolar.evaluation.benchmarks.starts import (
+from visual_servo_epipolar.evaluation.benchmarks.sweeps import (
     ARRIVALS,
-    summaries_of,
+    measure,
+    sweep,
     TIME,
 )
 from visual_servo_epipolar.evaluation.tables import cells, Columns, markdown, number, numbers
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
-from visual_servo_epipolar.sweeping.plan import SweepPlan
-from visual_servo_epipolar.sweeping.provenance import commit
 
 TILTS = (-25.0, -15.0, -10.0, -6.0, 0.0, 6.0, 10.0, 15.0, 25.0)  # [deg]
 ROLLS = (0.0, 8.0)
@@ -30,8 +26,6 @@ AHEADS, ASIDES = (0.0, 0.2, 0.3), (0.0, 0.1)  # [m]
 
 WIDTH, FOCAL = 1280, 769.2307692307693  # of the default camera [px]
 SIZES = ((320, 240), (320, 256), (640, 480), (1280, 1024), (1920, 1080))
-SIZES_ON_IMAGES = ((320, 256), (640, 480), (1920, 1080))
-SCENES = {'room': 'furnished', 'plain': 'poor texture'}
 FISHEYE = {'distortion_model': 'equidistant', 'distortion': [0.0, 0.0, 0.0, 0.0]}
 # Settings of the camera by the name of the lens.
 LENSES: Mapping[str, Mapping[str, Any]] = {
@@ -83,14 +77,6 @@ WORSE = (
     CameraPlace(tilt=6.0, roll=3.0, yaw=3.0, ahead=0.13, aside=0.05),
     CameraPlace(tilt=30.0, roll=10.0, yaw=10.0, ahead=0.3, aside=0.1),
     CameraPlace(tilt=-30.0, roll=-10.0, yaw=-10.0, ahead=0.3, aside=-0.1),
-)
-MOUNTS_ON_IMAGES = (
-    CameraPlace(tilt=-25.0),
-    CameraPlace(tilt=-10.0, roll=8.0),
-    CameraPlace(tilt=-6.0),
-    CameraPlace(tilt=6.0, roll=8.0),
-    CameraPlace(tilt=15.0),
-    CameraPlace(tilt=25.0, roll=8.0),
 )
 QUICK = (LEVEL, CameraPlace(tilt=6.0))
 
@@ -149,20 +135,9 @@ def on_features(*, quick: bool = False) -> Iterator[MountCell]:
         yield MountCell(group='lens', name=f'{lens}, {mount}', mount=mount, camera=camera)
 
 
-def on_images(*, quick: bool = False) -> Iterator[MountCell]:
-    """Yield the cells that are driven on rendered images."""
-    for mount in QUICK if quick else MOUNTS_ON_IMAGES:
-        yield of_mount('attitude', mount, camera=camera_of_size(320, 256) if quick else {})
-    for (width, height), scene in product(() if quick else SIZES_ON_IMAGES, SCENES):
-        camera = camera_of_size(width, height) | {'scene': scene}
-        yield MountCell(group='size', name=f'{width}x{height}, {SCENES[scene]}', camera=camera)
-
-
 REGION, LAW = 'front', 'full'
-STARTS = {'features': 64, 'images': 10}
-QUICK_STARTS = {'features': 8, 'images': 1}
+STARTS, QUICK_STARTS = 64, 8
 LONGEST_S = 180.0  # of a run: with a level camera it takes 35 s
-SOURCES = {'features': 'point features at 0.2 px', 'images': 'rendered images'}
 GROUPS = {
     'attitude': 'tilt (down positive) and roll (clockwise)',
     'yaw': 'yaw (left positive) and place, ahead and left of the axle',
@@ -178,48 +153,27 @@ COLUMNS: Columns = {
 }
 
 
-def run(
-    source: str = 'features', *, seed: int, quick: bool, say: Callable[[str], None]
-) -> dict[str, Any]:
+def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Drive each mount, image size and lens from the same starts."""
-    cells = {'features': on_features, 'images': on_images}[source](quick=quick)
-    starts = (QUICK_STARTS if quick else STARTS)[source]
-    return measure_cells(cells, source, starts, seed=seed, say=say)
+    return drive(on_features(quick=quick), QUICK_STARTS if quick else STARTS, seed=seed, say=say)
 
 
-def measure_cells(
-    cells: Iterable[MountCell], source: str, starts: int, *, seed: int, say: Callable[[str], None]
+def drive(
+    cells: Iterable[MountCell], starts: int, *, seed: int, say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Return the document of ``cells``: a row each."""
-    cells = list(cells)
-    plans = [
-        SweepPlan(
-            region=REGION,
-            runs=starts,
-            source=source,
-            laws=(LAW,),
-            scenario=cell.scenario(LONGEST_S),
-            seed=seed,
-        )
+    rows = [
+        (asdict(cell), sweep(REGION, starts, LAW, cell.scenario(LONGEST_S), seed))
         for cell in cells
     ]
-    summaries = summaries_of(plans, lambda text: say(f'mounts: {text}'))
-    return {
-        'source': source,
-        'region': REGION,
-        'starts': starts,
-        'seed': seed,
-        'longest_s': LONGEST_S,
-        'commit': commit(),
-        'rows': [asdict(cell) | it for cell, it in zip(cells, summaries, strict=True)],
-    }
+    return measure(rows, say, region=REGION, starts=starts, seed=seed, longest_s=LONGEST_S)
 
 
 def table(document: Mapping[str, Any]) -> str:
     """Return the document as Markdown: a line that says what was done, then a table a group."""
     lines = [
         f'{document["starts"]} starts in `{document["region"]}`, the same for each camera, '
-        f'{SOURCES[document["source"]]}, at most {document["longest_s"]:g} s a run; the servo is '
+        f'point features at 0.2 px, at most {document["longest_s"]:g} s a run; the servo is '
         f'without its mount. Seed {document["seed"]}, commit {document["commit"]}.',
         'Errors of the runs that arrived; excursion (largest distance over the first) and the '
         'time driven on bearings more than 10 deg wrong of all runs.',
@@ -230,6 +184,3 @@ def table(document: Mapping[str, Any]) -> str:
             columns = {title: lambda row: str(row['name']), **COLUMNS}
             lines += ['', *markdown(' | '.join(columns), cells(columns, rows))]
     return '\n'.join(lines)
-
-
-ON_IMAGES = SimpleNamespace(run=partial(run, 'images'), table=table)

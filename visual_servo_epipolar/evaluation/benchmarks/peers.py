@@ -40,13 +40,12 @@ from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, saturate, 
 from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.smooth.on_arcs import GoalOffset, moved
 from visual_servo_epipolar.core.laws.smooth.steering import aim, curvature, Gains, polar_pose
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.measures import turned
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
-from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog
+from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
@@ -298,11 +297,6 @@ PEERS: Mapping[str, Control] = {
 
 
 SLOWDOWN_M = 0.5  # slowdown_radius of Nav2 is 1.5 m, for 0.5 m/s and more
-POINTS = 200  # of a curve
-TANGENTS = np.geomspace(0.15, 4.0, 14)  # lengths of both ends' tangents, in distances
-BACK = np.array([0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.4, 2.0, 2.8, 4.0])  # ways back [m]
-BENDS = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])  # of a way back [1/m]
-MOST_TURNED = 0.7  # heading error at which features are still in view [rad]
 GAINS = Gains(2.0, 1.0)  # k_phi and k_delta of nav2_graceful_controller by default
 BETA, LAMBDA = 0.4, 2.0  # likewise
 OFF_AXLE = 0.2  # of the point that ``displaced`` drives, ahead [m]
@@ -343,60 +337,3 @@ def drive_by_pose(name: str, settings: LoopSettings, view: View, camera: CameraM
     loop, law = Loop(settings, view, camera), POSE_LAWS[name]
     control = as_step(lambda *_: law(loop.pose, settings.servo))
     return loop.run(control=control)
-
-
-def least_time(start: Pose, settings: ServoSettings) -> float:
-    """
-    Return the least time of a way ahead, after an arc back where that is sooner [s].
-
-    inf where there is none. It backs off at ``retreat_speed``, and stands at the cusp.
-    """
-    back, bend = (each.ravel() for each in np.meshgrid(BACK, BENDS))
-    behind = moved(
-        GoalOffset(*(np.full(len(back), it) for it in (start.x, start.y, start.heading_error))),
-        -back,
-        bend,
-    )
-    limits = MotionLimits.of(settings)
-    before = np.array([limits.time(way, limits.backward) for way in back])
-    ahead = behind.y < 0.0
-    ways = [
-        _curves(GoalOffset(*(it[ahead] for it in behind)), first, last)
-        for first in TANGENTS
-        for last in TANGENTS
-    ]
-    return min(
-        float((before[ahead] + _times(way, settings)).min(initial=math.inf)) for way in ways
-    )
-
-
-def _curves(start: GoalOffset, first: float, last: float) -> FloatArray:
-    """Return cubic curves to the goal, (N, POINTS, 2), tangents of a given length [distances]."""
-    s = np.linspace(0.0, 1.0, POINTS)[:, None]
-    distance = np.hypot(start.x, start.y)[:, None]
-    begin = np.stack([start.x, start.y], axis=1)[:, None]
-    slope = first * distance * np.stack([-np.sin(start.heading), np.cos(start.heading)], axis=1)
-    end = last * distance * np.array([0.0, 1.0])
-    return np.asarray(
-        begin * (2 * s**3 - 3 * s**2 + 1)
-        + slope[:, None] * (s**3 - 2 * s**2 + s)
-        + end[:, None] * (s**3 - s**2)
-    )
-
-
-def _times(curves: FloatArray, settings: ServoSettings) -> FloatArray:
-    """Return the least times of ``curves`` within limits [s]; inf where one leaves the view."""
-    steps = np.diff(curves, axis=1)
-    ways = np.hypot(steps[..., 0], steps[..., 1])
-    heading = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=1) - HALF_PI
-    out = (np.abs(heading).max(axis=1) > MOST_TURNED) | (ways < 1e-9).any(axis=1)
-    kappa = np.abs(np.diff(heading, axis=1)) / np.maximum(0.5 * (ways[:, 1:] + ways[:, :-1]), 1e-9)
-    speed = np.minimum(settings.max_linear, settings.max_angular / np.maximum(kappa, 1e-9))
-    speed = np.pad(speed, ((0, 0), (1, 1)))
-    gains = 2.0 * settings.max_acceleration * ways  # of the squared speed
-    for k in range(1, speed.shape[1]):
-        speed[:, k] = np.minimum(speed[:, k], np.sqrt(speed[:, k - 1] ** 2 + gains[:, k - 1]))
-    for k in range(speed.shape[1] - 2, -1, -1):
-        speed[:, k] = np.minimum(speed[:, k], np.sqrt(speed[:, k + 1] ** 2 + 2.0 * gains[:, k]))
-    times = (2.0 * ways / np.maximum(speed[:, 1:] + speed[:, :-1], 1e-12)).sum(axis=1)
-    return np.where(out, np.inf, times)

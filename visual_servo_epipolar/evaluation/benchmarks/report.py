@@ -56,7 +56,6 @@ COMMANDS: Mapping[str, str] = {
             'latency',
         )
     },
-    'photographs': 'bench real --seed 51',
     'routes': 'route demo --way short --scenario realistic --law smooth --runs 30',
     'routes_changed': 'route demo --way short --scenario realistic --law smooth --runs 30 '
     '--world all',

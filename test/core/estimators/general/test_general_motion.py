@@ -12,6 +12,7 @@ from durations import few_of
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
+from photograph_pairs import draw_photographs, Kind, KINDS, PhotographPair
 import pytest
 from strategies import angles, floats
 
@@ -51,12 +52,6 @@ from visual_servo_epipolar.core.geometry.rays import (
 from visual_servo_epipolar.core.perception.inspection import Inspection, judged
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.evaluation.benchmarks.estimation.photographs import (
-    draw_photographs,
-    Kind,
-    KINDS,
-    PhotographPair,
-)
 
 PAIRS = 12
 SOME = 'facade', 'few', 'phone'  # kinds of pairs that `make test` looks at

@@ -1,12 +1,8 @@
-"""
-Photographs with truth: what ``inspect`` trusts of them, OpenCV's MAGSAC and RANSAC beside it.
-
-The pairs of a folder with a truth.json, or simulated ones as hands, phones and cars take them.
-"""
+"""Photographs with truth: what ``inspect`` trusts, OpenCV's MAGSAC and RANSAC beside it."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 import json
 import math
 from pathlib import Path
@@ -24,18 +20,11 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.estimators.general.deviation import bearings_of
 from visual_servo_epipolar.core.estimators.general.motion import Motions
 from visual_servo_epipolar.core.geometry.rays import image_points
-from visual_servo_epipolar.core.perception.inspection import inspect, Inspection, judged
-from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.inspection import inspect
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
-from visual_servo_epipolar.evaluation.benchmarks.estimation.photographs import (
-    draw_photographs,
-    KINDS,
-    PhotographPair,
-)
 from visual_servo_epipolar.evaluation.tables import aligned, percentiles
 
 OPTIONS = ('photographs',)
-TRIALS, QUICK_TRIALS = 60, 2
 PEERS = {'MAGSAC': cv2.USAC_MAGSAC, 'RANSAC': cv2.RANSAC}
 PEER_PX = 1.5
 WRONG = 3.0  # error [deg]
@@ -67,64 +56,25 @@ class TruePair:
 
 
 def run(
-    *,
-    seed: int,
-    quick: bool,
-    say: Callable[[str], None],
-    photographs: Iterable[TruePair] | None = None,
+    *, seed: int, quick: bool, say: Callable[[str], None], photographs: Iterable[TruePair]
 ) -> dict[str, Any]:
-    """Return the document: a row for each pair of ``photographs``, or of simulated ones."""
-    settings = PerceptionSettings()
-    if photographs is None:
-        trials = QUICK_TRIALS if quick else TRIALS
-        pairs = [
-            _simulated_row(kind, (seed, k), settings, say) for kind in KINDS for k in range(trials)
-        ]
-    else:
-        pairs = [_photographs_row(pair, settings, say) for pair in photographs]
+    """Return the document: a row for each pair of ``photographs``; ``quick``: of the first two."""
+    pairs = [_row(pair, say) for pair in islice(photographs, 2 if quick else None)]
     return {'seed': seed, 'pairs': pairs}
 
 
-def _photographs_row(
-    pair: TruePair, settings: PerceptionSettings, say: Callable[[str], None]
-) -> dict[str, Any]:
-    """Return the row of a pair of photographs."""
+def _row(pair: TruePair, say: Callable[[str], None]) -> dict[str, Any]:
+    """Return the errors [deg] of a pair, ours in the frame that is named."""
     say(pair.name)
     desired, current = pair.cameras
-    found = inspect(*pair.images, desired, current, settings)
+    found = inspect(*pair.images, desired, current, PerceptionSettings())
     rays = current.rays(found.current), desired.rays(found.desired)
-    row = _row(found, rays, (pair.ground, pair.own), desired.focal)
-    return {'name': pair.name, 'group': pair.group, **row}
-
-
-def _simulated_row(
-    kind: str, seed: tuple[int, int], settings: PerceptionSettings, say: Callable[[str], None]
-) -> dict[str, Any]:
-    """Return the row of a simulated pair."""
-    say(f'{kind} {seed[1]}')
-    pair = draw_photographs(KINDS[kind], seed)
-    view = observation_of(pair)
-    found, _ = judged(view, settings)
-    truths = pair.truth(ground=True), pair.truth(ground=False)
-    row = _row(found, (view.current, view.desired), truths, view.focal)
-    return {'name': f'{kind} {seed[1]}', 'group': kind, **row}
-
-
-def observation_of(pair: PhotographPair) -> Observation:
-    """Return the matches of a simulated pair as rays."""
-    camera = pair.camera
-    current, desired = camera.rays(pair.current), camera.rays(pair.desired)
-    angles = np.stack([camera.resolution(current), camera.resolution(desired)], axis=1)
-    return Observation(0, current, desired, camera.focal, pixel_angles=angles)
-
-
-def _row(
-    found: Inspection, rays: Rays, truths: tuple[FloatArray, FloatArray], focal: float
-) -> dict[str, Any]:
-    """Return errors [deg] of a pair, ours in the frame that is named; ``truths`` are of both."""
     answers = np.array([found.bearing_current, found.bearing_desired, found.rotation])
-    away = angle_errors(answers, truths[0] if found.ground else truths[1])
+    away = angle_errors(answers, pair.ground if found.ground else pair.own)
+    peers = {it: opencv_motion(rays, PEER_PX / desired.focal, PEERS[it]) for it in PEERS}
     return {
+        'name': pair.name,
+        'group': pair.group,
         'trusted': found.trusted,
         'reason': found.reason,
         'planar': found.planar,
@@ -133,10 +83,7 @@ def _row(
         'rotation_error_deg': away[2],
         'deviation_deg': math.degrees(found.deviation),
         'peers_deg': {
-            name: float(
-                angle_errors(opencv_motion(rays, PEER_PX / focal, method), truths[1])[:2].max()
-            )
-            for name, method in PEERS.items()
+            it: float(angle_errors(motion, pair.own)[:2].max()) for it, motion in peers.items()
         },
     }
 

@@ -98,11 +98,9 @@ class Clip:
 
 
 def run(
-    *, seed: int, quick: bool, say: Callable[[str], None], clips: Iterable[Clip] | None = None
+    *, seed: int, quick: bool, say: Callable[[str], None], clips: Iterable[Clip]
 ) -> dict[str, Any]:
     """Return the document: the ways, and rows of approaches and pairs; ``quick``: one of each."""
-    if clips is None:
-        raise InputError('routes must be followed by the FOLDER of recorded ways; name it')
     clips = list(clips)
     kinds = {
         'way': [it for it in clips if it.also],
