@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
-from visual_servo_epipolar.core.laws.smooth.steering import polar_pose
+from visual_servo_epipolar.core.laws.steering import polar_pose
 
 EXCURSION = 2.0  # way back over the size of the error [m]
 DISPLACED = 0.3  # bearing at which the current epipole is held while the desired one is zeroed

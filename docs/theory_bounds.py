@@ -1,7 +1,7 @@
 """
 Theory of the closed loop in both steps: rates, invariants, bounds.
 
-Epipoles and ``focal`` share one unit, as in ``core.laws.two_steps.equations``; ``guess`` is the
+Epipoles and ``focal`` share one unit, as in ``core.laws.equations``; ``guess`` is the
 focal length f_hat that the law assumes. With alpha = atan(e_au / f) and chi = atan(e_du / f) the
 law obeys, in every sign case and for any gains,
 
@@ -15,7 +15,7 @@ import math
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.laws.two_steps.equations import signed_power
+from visual_servo_epipolar.core.laws.equations import signed_power
 
 
 def rates_in_bearings(twist: Twist, bearings: Bearings, distance: float) -> tuple[float, float]:

@@ -16,7 +16,7 @@ import theory_bounds as theory
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Pose, saturate
-from visual_servo_epipolar.core.laws.two_steps import equations
+from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, robot_body, robot_nose
 
 BLUE, RED, GREEN, ORANGE, GREY = '#0072B2', '#D55E00', '#009E73', '#E69F00', '#8C8C8C'

@@ -8,8 +8,8 @@ import yaml
 
 from visual_servo_epipolar.commands import options
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.core.laws.two_steps.circumstances import Circumstances
-from visual_servo_epipolar.core.laws.two_steps.gains import (
+from visual_servo_epipolar.core.laws.circumstances import Circumstances
+from visual_servo_epipolar.core.laws.gains import (
     derive,
     longest_convergence,
     longest_matching,

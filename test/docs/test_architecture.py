@@ -22,7 +22,7 @@ TOPIC = 'tracks'
 # Named by the registry, which the settings ask for an estimator; a row of the machine of a law.
 THROUGH = {
     'estimators/soft_planar.py': 'estimators/registry.py',
-    'two_steps/two_steps.py': 'laws/machine.py',
+    'laws/two_steps.py': 'laws/machine.py',
 }
 
 Topics: TypeAlias = Callable[[Path], set[str]]

@@ -9,7 +9,7 @@ from servo_states import EVENTS, in_phase, MEMORY, PHASES, sight
 from visual_servo_epipolar.core.estimate.odometry import Odometry
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.registry import phase_words, sentence
-from visual_servo_epipolar.core.laws.two_steps.two_steps import TWO_STEPS
+from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
 from visual_servo_epipolar.messages import event_log
 from visual_servo_epipolar.messages.diagnostics import diagnosis, markers
 

@@ -14,7 +14,7 @@ from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import NO_GOAL
-from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
+from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 

@@ -8,13 +8,13 @@ from untold_bases import driven
 
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws.conditions import is_untrusted, leads_home
 from visual_servo_epipolar.core.laws.machine import PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted, leads_home
 from visual_servo_epipolar.core.laws.registry import phase_colour, phase_row, sentence
 from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.laws.timing import goal_distance
-from visual_servo_epipolar.core.laws.two_steps.two_steps import FULL, TWO_STEPS
+from visual_servo_epipolar.core.laws.two_steps import FULL, TWO_STEPS
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 SPEED = 0.2  # [m/s]

@@ -6,8 +6,8 @@ import untold_bases
 
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState

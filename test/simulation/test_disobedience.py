@@ -9,8 +9,8 @@ import pytest
 
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.rigs.rig import Command, HALT
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.closed_loop import Loop

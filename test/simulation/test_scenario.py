@@ -8,7 +8,7 @@ import yaml
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.nodes.startup.table import accepted_names
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer

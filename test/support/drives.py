@@ -10,7 +10,7 @@ from strategies import pose_with
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.laws.two_steps import equations
+from visual_servo_epipolar.core.laws import equations
 
 RESIDUE = 1e-4  # of e_du, where a run stops: past it the law is not Lipschitz
 

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, PSI, RHO,
 from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.two_steps.two_steps import TWO_STEPS
+from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory

@@ -11,7 +11,7 @@ import theory_bounds as theory
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
-from visual_servo_epipolar.core.laws.two_steps import equations
+from visual_servo_epipolar.core.laws import equations
 
 STEP = 1e-6  # of the central differences [s]
 CASES = [

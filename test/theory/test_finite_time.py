@@ -10,7 +10,7 @@ import pytest
 from strategies import floats
 import theory_bounds as theory
 
-from visual_servo_epipolar.core.laws.two_steps import equations
+from visual_servo_epipolar.core.laws import equations
 
 SIGNS = st.sampled_from([-1.0, 1.0])
 EXPONENTS = st.sampled_from([1.0 / 3.0, 5.0 / 9.0, 7.0 / 9.0])

@@ -12,8 +12,8 @@ import theory_bounds as theory
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.laws.two_steps import equations
-from visual_servo_epipolar.core.laws.two_steps.gains import longest_transient
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.gains import longest_transient
 
 SIGNS = st.sampled_from([-1.0, 1.0])
 GUESSES = st.one_of(st.just(1.0 / 6.0), floats(0.2, 0.95))  # 1/6: the second simulation

@@ -9,7 +9,7 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.motion import arc
 from visual_servo_epipolar.core.laws.braking import rate_within
-from visual_servo_epipolar.core.laws.smooth.steering import (
+from visual_servo_epipolar.core.laws.steering import (
     aim,
     curvature,
     Gains,

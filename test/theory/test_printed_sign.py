@@ -9,8 +9,8 @@ from strategies import floats, poses_behind_the_goal
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.laws.two_steps import equations
-from visual_servo_epipolar.core.laws.two_steps.gains import longest_transient
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.gains import longest_transient
 
 SIGNS = st.sampled_from([-1.0, 1.0])
 PRINTED = Law(k1=0.05, k2=0.5, printed=True)

@@ -12,7 +12,7 @@ import theory_bounds as theory
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
-from visual_servo_epipolar.core.laws.two_steps import equations
+from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.perception.measures import feature_difference
 
 FEATURES = st.lists(

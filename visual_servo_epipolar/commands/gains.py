@@ -8,15 +8,15 @@ from typing import Any
 
 from visual_servo_epipolar.commands.outputs import publish
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.two_steps.circumstances import Circumstances
-from visual_servo_epipolar.core.laws.two_steps.derived_gains import enough
-from visual_servo_epipolar.core.laws.two_steps.gains import (
+from visual_servo_epipolar.core.laws.circumstances import Circumstances
+from visual_servo_epipolar.core.laws.derived_gains import enough
+from visual_servo_epipolar.core.laws.gains import (
     derive,
     Gains,
     longest_convergence,
     longest_matching,
 )
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 

@@ -22,7 +22,7 @@ from visual_servo_epipolar.commands.arguments import (
     whole,
 )
 from visual_servo_epipolar.commands.outputs import OutputFile, OutputFolder
-from visual_servo_epipolar.core.laws.two_steps.circumstances import Circumstances
+from visual_servo_epipolar.core.laws.circumstances import Circumstances
 from visual_servo_epipolar.core.routes.settings import FollowSettings, STEERINGS
 from visual_servo_epipolar.core.settings import expanded, range_of
 from visual_servo_epipolar.simulation.choices import REGIONS, WAYS, WORLDS

@@ -9,7 +9,7 @@ from rclpy.clock import Clock, ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
-from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.nodes import parameters, qos

@@ -12,7 +12,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist, wrap_angle
-from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.routes.following.closing import closing_of
 from visual_servo_epipolar.core.routes.following.follower import RouteProgress
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder

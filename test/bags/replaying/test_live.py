@@ -18,7 +18,7 @@ from visual_servo_epipolar.bags.replaying.replay import replay, ReplayedStep
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
+from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode

@@ -19,10 +19,9 @@ from visual_servo_epipolar.core.estimate.map_state import (
 )
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.arrival import ARRIVAL_OFFSET, has_parallax
+from visual_servo_epipolar.core.laws.conditions import lateral_offset
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.phases.arrival import ARRIVAL_OFFSET, has_parallax
-from visual_servo_epipolar.core.laws.phases.conditions import lateral_offset
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -30,6 +29,7 @@ from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import update

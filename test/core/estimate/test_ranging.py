@@ -9,7 +9,7 @@ import pytest
 from visual_servo_epipolar.core.estimate.base_model import Curvature
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
-from visual_servo_epipolar.core.laws.two_steps import equations
+from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.odometry.ranging import Leg, MIN_TURN
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState

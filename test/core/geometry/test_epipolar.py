@@ -39,7 +39,7 @@ from visual_servo_epipolar.core.geometry.epipolar import (
 )
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import image_points, normalised, tangents, unit_rays
-from visual_servo_epipolar.core.laws.two_steps.equations import printed_sigma
+from visual_servo_epipolar.core.laws.equations import printed_sigma
 
 K = CAMERA.matrix
 NOISE = 0.3 / 769.0  # of a ray coordinate, at the tracking error of a plain tracker

@@ -12,10 +12,10 @@ from visual_servo_epipolar.core.estimate.base_model import Delay
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws import braking
 from visual_servo_epipolar.core.laws.braking import braked_turn
-from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Slope
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 FRAME_S, TOLERANCE = 0.09, 1.5e-3

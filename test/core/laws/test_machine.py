@@ -9,8 +9,8 @@ from servo_states import DRIVING, ENDED, EVENTS, in_phase, PHASES, SETTINGS, sig
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.machine import interruption, StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.standing import STANDING
-from visual_servo_epipolar.core.laws.two_steps.two_steps import TWO_STEPS
+from visual_servo_epipolar.core.laws.standing import STANDING
+from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
 
 # Written down anew on purpose: the transitions that are meant, not a copy of the code's.
 ROAD = [

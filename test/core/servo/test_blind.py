@@ -10,10 +10,10 @@ from servo_states import BEARINGS, DRIVING, ENDED, in_phase, PHASES, SETTINGS, s
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
+from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import (
     classify,

@@ -15,8 +15,8 @@ from visual_servo_epipolar.core.estimate.extrinsics import (
 )
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.arrival import has_parallax
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.phases.arrival import has_parallax
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.servo.dead_reckoning import measured_range
 from visual_servo_epipolar.core.servo.supervisor import _beyond_dead_band, _limited

@@ -5,9 +5,9 @@ import math
 import pytest
 from servo_states import in_phase, SETTINGS, sight
 
+from visual_servo_epipolar.core.laws.conditions import TURNED
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.conditions import TURNED
-from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES, TURNED_FRAMES
+from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES, TURNED_FRAMES
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.state import ServoState

@@ -7,10 +7,9 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import Goal, NO_GOAL
-from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.rigs.rig import AT_REST
+from visual_servo_epipolar.core.rigs.rig import AT_REST, Command
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.supervisor import (
     change_goal,

@@ -7,7 +7,7 @@ from servo_states import in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.smooth.smooth import APPROACHING
+from visual_servo_epipolar.core.laws.smooth import APPROACHING
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception

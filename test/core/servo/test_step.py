@@ -13,16 +13,16 @@ from strategies import bearings, CAMERA, floats, matches, twists
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.conditions import displacement
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.phases.conditions import displacement
 from visual_servo_epipolar.core.laws.state import RunState
 from visual_servo_epipolar.core.laws.timing import phase_timeout
-from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo import supervisor as servo_step
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState

@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     wrap_angle,
 )
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.smooth.steering import polar_pose
+from visual_servo_epipolar.core.laws.steering import polar_pose
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState

@@ -19,7 +19,7 @@ from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.registry import with_intrinsics
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.routes.run import RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.stamps import period_ns

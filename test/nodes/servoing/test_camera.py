@@ -10,7 +10,7 @@ from servo_rig import AWAY, CAMERA, PERIOD_NS, Rig, tracks, WORLD
 
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
+from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.perception.lens_check import LensCheck
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.supervisor import Session

@@ -9,7 +9,7 @@ from servo_rig import AWAY, CAMERA, HandSetClock, Rig, STAMP_NS, tracks
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
+from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.servo.admission import Arrival, disorder, refusal
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos

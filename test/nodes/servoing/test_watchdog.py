@@ -7,7 +7,7 @@ from servo_rig import AWAY, HandSetClock, PERIOD_NS, Rig, STAMP_NS, tracks
 from std_msgs.msg import Bool, String
 
 from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
-from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
+from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import event_log, read, write
 from visual_servo_epipolar.nodes import servo_node

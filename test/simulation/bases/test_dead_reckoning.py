@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     Twist,
     wrap_angle,
 )
-from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.simulation.bases.dead_reckoning import DeadReckoning, world_to_odometry
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
 

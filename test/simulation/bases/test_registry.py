@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.simulation.bases.registry import SIMULATED_BASES, SimulatedBaseModel

@@ -9,7 +9,7 @@ import pytest
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.routes.chain import seam
 from visual_servo_epipolar.core.routes.following.follower import RouteProgress
 from visual_servo_epipolar.core.routes.following.station import Docking

@@ -8,10 +8,10 @@ at 0.8 1/s. With limited accelerations a base brakes by these instead, and only 
 import math
 
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
+from visual_servo_epipolar.core.laws.equations import LINE_DAMPING
+from visual_servo_epipolar.core.laws.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.laws.timing import is_late, usual_step
-from visual_servo_epipolar.core.laws.two_steps.equations import LINE_DAMPING
-from visual_servo_epipolar.core.laws.two_steps.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.mapping.adjustment.window import X
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 

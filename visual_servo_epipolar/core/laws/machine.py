@@ -19,9 +19,9 @@ from visual_servo_epipolar.core.estimate.settings import (
     MatchingControl,
 )
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.state import DriveState
-from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 Classifier: TypeAlias = Callable[[DriveState, Measurement, DriveSettings], Event]

@@ -9,14 +9,13 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.command import Command, HALT
+from visual_servo_epipolar.core.laws.gains import Gains
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.two_steps.gains import Gains
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Leg, Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
-from visual_servo_epipolar.core.rigs.rig import Joints
+from visual_servo_epipolar.core.rigs.rig import Command, HALT, Joints
 from visual_servo_epipolar.core.stamps import seconds_between
 
 StateT = TypeVar('StateT', bound='DriveState')

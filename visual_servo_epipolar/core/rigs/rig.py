@@ -32,6 +32,20 @@ class HeadCommand:
     tilt_rate: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class Command:
+    """
+    Command of one control step: the ``twist`` of the base [m/s, rad/s], and that to a ``head``.
+
+    A base and the publisher of the servo take it whole, so that every field reaches both. None is
+    that of a rig without a head, and leaves any other as it is.
+    """
+
+    twist: Twist = STANDSTILL
+    head: HeadCommand | None = None
+
+
+HALT = Command()
 Edges: TypeAlias = tuple[float, float]  # bearings of the ends of the view, right positive [rad]
 AT_REST = Joints()
 

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 from visual_servo_epipolar.core.estimate.odometry import Odometry
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.state import MotionState, ViewState
 from visual_servo_epipolar.core.laws.timing import is_late, usual_step
-from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.odometry.ranging import Leg, MIN_TURN, Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement

@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.estimate.extrinsics import (
 from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate
 from visual_servo_epipolar.core.estimate.map_state import localize, MapState, measurement_of
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
-from visual_servo_epipolar.core.laws.phases.conditions import has_turned, is_untrusted
+from visual_servo_epipolar.core.laws.conditions import has_turned, is_untrusted
 from visual_servo_epipolar.core.laws.state import ViewState
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.odometry.increments import OdometryIncrement

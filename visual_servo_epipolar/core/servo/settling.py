@@ -15,15 +15,15 @@ from typing import Any, NamedTuple
 from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.geometry.wall import aside
-from visual_servo_epipolar.core.laws.machine import PhaseRow
-from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.phases.arrival import (
+from visual_servo_epipolar.core.laws.arrival import (
     facing_bound,
     is_in_doubt,
     matched_bound,
     trial_of,
 )
-from visual_servo_epipolar.core.laws.phases.conditions import sees_too_little
+from visual_servo_epipolar.core.laws.conditions import sees_too_little
+from visual_servo_epipolar.core.laws.machine import PhaseRow
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.timing import predicted
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception

@@ -19,15 +19,14 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import differences
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import NO_GOAL
-from visual_servo_epipolar.core.laws.command import Command, HALT
-from visual_servo_epipolar.core.laws.machine import interruption
-from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import FACING
-from visual_servo_epipolar.core.laws.phases.conditions import (
+from visual_servo_epipolar.core.laws.arrival import FACING
+from visual_servo_epipolar.core.laws.conditions import (
     excursion_limit,
     sees_too_little,
 )
-from visual_servo_epipolar.core.laws.phases.standing import classify_probe, is_probing, probe
+from visual_servo_epipolar.core.laws.machine import interruption
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.standing import classify_probe, is_probing, probe
 from visual_servo_epipolar.core.laws.state import ViewState
 from visual_servo_epipolar.core.laws.timing import (
     after_clock_jump,
@@ -43,7 +42,7 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.reasons import Reason
-from visual_servo_epipolar.core.rigs.rig import Gaze, HeadCommand
+from visual_servo_epipolar.core.rigs.rig import Command, Gaze, HALT, HeadCommand
 from visual_servo_epipolar.core.servo.admission import Arrival, disorder, FrozenImageCheck, refusal
 from visual_servo_epipolar.core.servo.checking import check_lens, check_motion
 from visual_servo_epipolar.core.servo.estimator import estimate, update_map

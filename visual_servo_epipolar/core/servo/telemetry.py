@@ -5,7 +5,7 @@ import math
 
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.smooth.smooth import believed_distance
+from visual_servo_epipolar.core.laws.smooth import believed_distance
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.rigs.rig import Joints

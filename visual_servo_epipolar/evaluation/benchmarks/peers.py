@@ -38,13 +38,13 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, saturate, Twist, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import image_points
-from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.smooth.steering import aim, curvature, Gains, polar_pose
+from visual_servo_epipolar.core.laws.steering import aim, curvature, Gains, polar_pose
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.measures import turned
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
+from visual_servo_epipolar.core.rigs.rig import Command, HALT
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState

@@ -10,7 +10,7 @@ from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.laws.command import Command, HALT
+from visual_servo_epipolar.core.rigs.rig import Command, HALT
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import HOLDING, RouteRun, RouteStep, WAITING
 from visual_servo_epipolar.core.routes.settings import FollowSettings

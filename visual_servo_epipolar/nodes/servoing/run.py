@@ -7,8 +7,8 @@ import math
 from rclpy.clock import Clock
 from rclpy.node import Node
 
-from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.rigs.rig import HALT
 from visual_servo_epipolar.core.servo.admission import STILL_S
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import Interruption, Session

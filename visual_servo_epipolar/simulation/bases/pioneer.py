@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     STANDSTILL,
     Twist,
 )
-from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.settings import internal, setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.simulation.view import LEVEL

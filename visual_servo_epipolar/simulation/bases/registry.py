@@ -9,7 +9,7 @@ from dataclasses import fields
 from typing import Any, NamedTuple, Protocol
 
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.simulation.bases.ackermann import Ackermann, AckermannSettings
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings

@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose, Twist
 from visual_servo_epipolar.core.geometry.rays import unit_rays
-from visual_servo_epipolar.core.laws.two_steps import equations
+from visual_servo_epipolar.core.laws import equations
 
 # (X, Y, Z) in the axes of the desired camera: right, down, forward [m]. The paper does not say
 # where its points are. These lie ahead of every pose of both simulations and span the view.

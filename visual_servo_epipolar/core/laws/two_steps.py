@@ -11,27 +11,8 @@ import math
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES, DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.braking import (
-    braked,
-    braked_turn,
-    BRAKING,
-    converging_speed,
-    heading_share,
-    LEAST_LOOK_AHEAD,
-    looking_speed,
-    settled_turn,
-    STEERING_S,
-    unfelt_latency,
-)
-from visual_servo_epipolar.core.laws.machine import (
-    epipole_controls,
-    Law,
-    matching_control,
-    PhaseRow,
-    StateMachine,
-)
-from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import (
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.arrival import (
     align_bound,
     engage_bound,
     faces_goal,
@@ -46,7 +27,19 @@ from visual_servo_epipolar.core.laws.phases.arrival import (
     stopping,
     trial_of,
 )
-from visual_servo_epipolar.core.laws.phases.conditions import (
+from visual_servo_epipolar.core.laws.braking import (
+    braked,
+    braked_turn,
+    BRAKING,
+    converging_speed,
+    heading_share,
+    LEAST_LOOK_AHEAD,
+    looking_speed,
+    settled_turn,
+    STEERING_S,
+    unfelt_latency,
+)
+from visual_servo_epipolar.core.laws.conditions import (
     begun_step_1,
     discordant_bearing,
     is_off_course,
@@ -57,16 +50,23 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     offset_ratio,
     with_new_leg,
 )
-from visual_servo_epipolar.core.laws.phases.standing import ORIENTING, RETREATING, STANDING
-from visual_servo_epipolar.core.laws.state import DriveState
-from visual_servo_epipolar.core.laws.timing import felt_latency
-from visual_servo_epipolar.core.laws.two_steps import equations
-from visual_servo_epipolar.core.laws.two_steps.derived_gains import (
+from visual_servo_epipolar.core.laws.derived_gains import (
     gains_in_use,
     legal_target,
     with_gains_of_now,
 )
-from visual_servo_epipolar.core.laws.two_steps.gains import CRITICAL_GAIN_DELAY
+from visual_servo_epipolar.core.laws.gains import CRITICAL_GAIN_DELAY
+from visual_servo_epipolar.core.laws.machine import (
+    epipole_controls,
+    Law,
+    matching_control,
+    PhaseRow,
+    StateMachine,
+)
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.standing import ORIENTING, RETREATING, STANDING
+from visual_servo_epipolar.core.laws.state import DriveState
+from visual_servo_epipolar.core.laws.timing import felt_latency
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.reasons import Reason

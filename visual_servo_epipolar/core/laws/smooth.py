@@ -14,6 +14,16 @@ from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist, wrap_angle
+from visual_servo_epipolar.core.laws.arrival import (
+    ends_by_pulses,
+    FACING,
+    facing_bound,
+    has_parallax,
+    is_near_enough,
+    matched_bound,
+    Trial,
+    trial_of,
+)
 from visual_servo_epipolar.core.laws.braking import (
     BRAKING,
     converging_speed,
@@ -27,26 +37,16 @@ from visual_servo_epipolar.core.laws.braking import (
     TAIL_S,
     unfelt_latency,
 )
-from visual_servo_epipolar.core.laws.machine import Classifier, PhaseRow, StateMachine
-from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import (
-    ends_by_pulses,
-    FACING,
-    facing_bound,
-    has_parallax,
-    is_near_enough,
-    matched_bound,
-    Trial,
-    trial_of,
-)
-from visual_servo_epipolar.core.laws.phases.conditions import (
+from visual_servo_epipolar.core.laws.conditions import (
     is_behind,
     is_far_enough,
     is_untrusted,
     LAST_TURN,
     with_new_leg,
 )
-from visual_servo_epipolar.core.laws.phases.standing import (
+from visual_servo_epipolar.core.laws.machine import Classifier, PhaseRow, StateMachine
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.standing import (
     ARRIVED,
     FAILED,
     has_run_up,
@@ -55,7 +55,8 @@ from visual_servo_epipolar.core.laws.phases.standing import (
     RETREATING,
     WAITING,
 )
-from visual_servo_epipolar.core.laws.smooth.steering import (
+from visual_servo_epipolar.core.laws.state import DriveState
+from visual_servo_epipolar.core.laws.steering import (
     aim,
     curvature,
     driving_share,
@@ -77,8 +78,7 @@ from visual_servo_epipolar.core.laws.smooth.steering import (
     sees_all_round,
     visible_aim,
 )
-from visual_servo_epipolar.core.laws.state import DriveState
-from visual_servo_epipolar.core.laws.two_steps.two_steps import MATCHING_FEATURES, transitions_by
+from visual_servo_epipolar.core.laws.two_steps import MATCHING_FEATURES, transitions_by
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
 

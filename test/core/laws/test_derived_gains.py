@@ -12,10 +12,10 @@ from strategies import bearings, floats
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.braking import BRAKING
+from visual_servo_epipolar.core.laws.derived_gains import circumstances
+from visual_servo_epipolar.core.laws.gains import derive, longest_convergence
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.timing import BORNE
-from visual_servo_epipolar.core.laws.two_steps.derived_gains import circumstances
-from visual_servo_epipolar.core.laws.two_steps.gains import derive, longest_convergence
 from visual_servo_epipolar.core.odometry.ranging import Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory

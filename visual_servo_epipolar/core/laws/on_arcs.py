@@ -19,17 +19,17 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.bases.car import LAG_WAY
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.laws.braking import BRAKING, rate_within
-from visual_servo_epipolar.core.laws.machine import StateMachine
-from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import (
+from visual_servo_epipolar.core.laws.arrival import (
     faces_goal,
     FACING,
     is_near_enough,
     trial_of,
 )
-from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted
-from visual_servo_epipolar.core.laws.smooth.smooth import (
+from visual_servo_epipolar.core.laws.braking import BRAKING, rate_within
+from visual_servo_epipolar.core.laws.conditions import is_untrusted
+from visual_servo_epipolar.core.laws.machine import StateMachine
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.smooth import (
     approach,
     APPROACHING,
     is_through,
@@ -39,10 +39,10 @@ from visual_servo_epipolar.core.laws.smooth.smooth import (
     seen_from,
     Sight,
 )
-from visual_servo_epipolar.core.laws.smooth.steering import GAINS, RESERVE
 from visual_servo_epipolar.core.laws.state import Backing, DriveState
+from visual_servo_epipolar.core.laws.steering import GAINS, RESERVE
 from visual_servo_epipolar.core.laws.timing import usual_step
-from visual_servo_epipolar.core.laws.two_steps.two_steps import FULL
+from visual_servo_epipolar.core.laws.two_steps import FULL
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 STEP, LEAST_STEP = 0.06, 0.006  # of a way ahead in thought: part of the distance, at least [m]

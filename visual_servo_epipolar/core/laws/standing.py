@@ -12,10 +12,7 @@ import math
 from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.braking import settled_turn
-from visual_servo_epipolar.core.laws.machine import PhaseRow
-from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import (
+from visual_servo_epipolar.core.laws.arrival import (
     align_bound,
     engage_bound,
     faces_goal,
@@ -23,7 +20,8 @@ from visual_servo_epipolar.core.laws.phases.arrival import (
     is_at_goal,
     trial_of,
 )
-from visual_servo_epipolar.core.laws.phases.conditions import (
+from visual_servo_epipolar.core.laws.braking import settled_turn
+from visual_servo_epipolar.core.laws.conditions import (
     begun_step_1,
     has_turned,
     is_far_enough,
@@ -31,6 +29,8 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     is_untrusted,
     leads_home,
 )
+from visual_servo_epipolar.core.laws.machine import PhaseRow
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.rivals import Rivals

@@ -7,9 +7,9 @@ import pytest
 from servo_states import in_phase, sight
 
 from visual_servo_epipolar.commands.arguments import rig_path
+from visual_servo_epipolar.core.laws.on_arcs import ON_ARCS
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.smooth.on_arcs import ON_ARCS
-from visual_servo_epipolar.core.laws.smooth.smooth import APPROACHING, ONE_MOTION
+from visual_servo_epipolar.core.laws.smooth import APPROACHING, ONE_MOTION
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.supervisor import classify

@@ -6,8 +6,7 @@ import math
 import pytest
 from servo_states import in_phase, SETTINGS, sight
 
-from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.conditions import (
+from visual_servo_epipolar.core.laws.conditions import (
     is_far_enough,
     KNOWN,
     LAST_LOOK_AHEAD,
@@ -15,7 +14,8 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     line_look_ahead,
     ROOM,
 )
-from visual_servo_epipolar.core.laws.two_steps.equations import follow_line
+from visual_servo_epipolar.core.laws.equations import follow_line
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,

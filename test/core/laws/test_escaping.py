@@ -9,11 +9,11 @@ from servo_states import behind, in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.arrival import hysteresis
+from visual_servo_epipolar.core.laws.conditions import offset_ratio
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import hysteresis
-from visual_servo_epipolar.core.laws.phases.conditions import offset_ratio
-from visual_servo_epipolar.core.laws.two_steps import equations
-from visual_servo_epipolar.core.laws.two_steps.two_steps import escape_bound, MOST_RESTARTS
+from visual_servo_epipolar.core.laws.two_steps import escape_bound, MOST_RESTARTS
 from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,

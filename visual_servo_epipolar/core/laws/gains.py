@@ -4,7 +4,7 @@ Gains of both steps, derived from section IV-C before the robot moves.
 In continuous time the law works for any gains (docs/theory.md, 2.1); sampling, delay and limits of
 speed are what bounds them. Saturation by one common factor costs time and leaves the path, so that
 limits of speed enter only where a command is held for one period. docs/theory.md, 3, has the
-reasons, test/core/laws/two_steps/test_gains.py the runs.
+reasons, test/core/laws/test_gains.py the runs.
 
 Settling times are those within the limits of speed: t_max of section IV-C is a bound for a robot
 without. Concordant epipoles make it back away, up to exp(|chi_0| / tan|alpha|) times as far as it
@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.laws.two_steps.circumstances import Circumstances
+from visual_servo_epipolar.core.laws.circumstances import Circumstances
 
 CRITICAL_GAIN_DELAY = 1.0 / math.e  # gain times delay at which an integrator is critically damped
 FLOOR_PERIODS = 2.0  # turns of one period that e_au keeps from zero

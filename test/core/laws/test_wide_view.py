@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from servo_states import sight
 
-from visual_servo_epipolar.core.laws.smooth.smooth import approach, back_off
-from visual_servo_epipolar.core.laws.smooth.steering import (
+from visual_servo_epipolar.core.laws.smooth import approach, back_off
+from visual_servo_epipolar.core.laws.steering import (
     aim,
     goes_around_in_view,
     leads_around,

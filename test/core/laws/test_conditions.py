@@ -7,8 +7,7 @@ import pytest
 from servo_states import BEARINGS, behind, DRIVING, in_phase, ranged, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import (
+from visual_servo_epipolar.core.laws.arrival import (
     align_bound,
     engage_bound,
     facing_bound,
@@ -19,11 +18,12 @@ from visual_servo_epipolar.core.laws.phases.arrival import (
     release_bound,
     trial_of,
 )
-from visual_servo_epipolar.core.laws.phases.conditions import (
+from visual_servo_epipolar.core.laws.conditions import (
     excursion_limit,
     is_off_course,
     is_sideways,
 )
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception

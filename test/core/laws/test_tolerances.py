@@ -10,9 +10,7 @@ from servo_states import in_phase, SETTINGS, sight
 from strategies import floats
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.arrival import (
+from visual_servo_epipolar.core.laws.arrival import (
     faces_goal,
     FACING,
     facing_bound,
@@ -21,8 +19,10 @@ from visual_servo_epipolar.core.laws.phases.arrival import (
     is_at_goal,
     is_near_enough,
 )
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.odometry.ranging import Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import is_settled
 from visual_servo_epipolar.core.servo.state import ServoState

@@ -10,8 +10,8 @@ from strategies import floats
 
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 from visual_servo_epipolar.core.laws.phase import Event
-from visual_servo_epipolar.core.laws.smooth.smooth import approach, APPROACHING
-from visual_servo_epipolar.core.laws.smooth.steering import goes_around
+from visual_servo_epipolar.core.laws.smooth import approach, APPROACHING
+from visual_servo_epipolar.core.laws.steering import goes_around
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState

@@ -9,10 +9,10 @@ import math
 
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.arrival import engage_bound
 from visual_servo_epipolar.core.laws.phase import Event
-from visual_servo_epipolar.core.laws.phases.arrival import engage_bound
 from visual_servo_epipolar.core.laws.state import DriveState
-from visual_servo_epipolar.core.laws.two_steps import equations
 from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,

@@ -7,7 +7,7 @@ import pytest
 from servo_states import behind, in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.two_steps.two_steps import leads_away
+from visual_servo_epipolar.core.laws.two_steps import leads_away
 from visual_servo_epipolar.core.servo.supervisor import classify
 
 STATE = in_phase(Phase.ZEROING_EPIPOLES, target=math.tan(-0.14), side=1.0)

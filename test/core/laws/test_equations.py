@@ -13,7 +13,7 @@ from strategies import floats, pose_with, regular_poses, twists
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
-from visual_servo_epipolar.core.laws.two_steps import equations
+from visual_servo_epipolar.core.laws import equations
 
 EXPONENT = 5.0 / 9.0  # beta / gamma of the first simulation of the paper
 RESIDUE = 1e-4  # where an integrated run stops: past it the law is not Lipschitz

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.core.laws.smooth.on_arcs import (
+from visual_servo_epipolar.core.laws.on_arcs import (
     Bounds,
     GoalOffset,
     misses,

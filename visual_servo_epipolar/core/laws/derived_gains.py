@@ -9,18 +9,18 @@ a phase may last are a warning.
 import math
 
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
-from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.phases.arrival import engage_bound
-from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, displacement
-from visual_servo_epipolar.core.laws.state import DriveState
-from visual_servo_epipolar.core.laws.timing import felt_latency
-from visual_servo_epipolar.core.laws.two_steps.circumstances import Circumstances
-from visual_servo_epipolar.core.laws.two_steps.gains import (
+from visual_servo_epipolar.core.laws.arrival import engage_bound
+from visual_servo_epipolar.core.laws.circumstances import Circumstances
+from visual_servo_epipolar.core.laws.conditions import discordant_bearing, displacement
+from visual_servo_epipolar.core.laws.gains import (
     derive,
     Gains,
     longest_convergence,
     longest_matching,
 )
+from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.state import DriveState
+from visual_servo_epipolar.core.laws.timing import felt_latency
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 NEARLY_ZERO = 2.0  # bearing of an e_du that counts as zero, in landings

@@ -10,7 +10,7 @@ from servo_states import behind, estimated, sight
 from visual_servo_epipolar.core.estimate.map_state import first_pose, MapState
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.goal import Goal
-from visual_servo_epipolar.core.laws.smooth.smooth import approach, back_off
+from visual_servo_epipolar.core.laws.smooth import approach, back_off
 from visual_servo_epipolar.core.odometry.increments import Motion
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings

@@ -19,10 +19,10 @@ from servo_states import (
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.command import Command, HALT
+from visual_servo_epipolar.core.laws.conditions import excursion_limit
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.phases.conditions import excursion_limit
 from visual_servo_epipolar.core.odometry.ranging import Leg
+from visual_servo_epipolar.core.rigs.rig import Command, HALT
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import classify, interrupted, Interruption

@@ -11,10 +11,10 @@ from strategies import floats, pose_with
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, saturate, STANDSTILL
-from visual_servo_epipolar.core.laws.two_steps import equations
-from visual_servo_epipolar.core.laws.two_steps import gains as rules
-from visual_servo_epipolar.core.laws.two_steps.circumstances import Circumstances
-from visual_servo_epipolar.core.laws.two_steps.gains import (
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws import gains as rules
+from visual_servo_epipolar.core.laws.circumstances import Circumstances
+from visual_servo_epipolar.core.laws.gains import (
     derive,
     Gains,
     LAST_DISTANCE,

@@ -6,7 +6,7 @@ import pytest
 from servo_states import behind, in_phase, sight
 
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.smooth.smooth import APPROACHING, ONE_MOTION
+from visual_servo_epipolar.core.laws.smooth import APPROACHING, ONE_MOTION
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import is_settled

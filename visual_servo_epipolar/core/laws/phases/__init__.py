@@ -1,1 +1,0 @@
-"""Phases: their table, the events that lead from one to another, the commands of each."""

@@ -1,1 +1,0 @@
-"""Two steps: the laws of the paper, their equations, gains and settling times."""
