@@ -48,7 +48,7 @@ def hall(monkeypatch: pytest.MonkeyPatch) -> Iterator[Hall]:
     ids=['stop', 'deactivate'],
 )
 def test_a_servo_waits_for_the_base_to_hear_of_its_end(hall, end) -> None:
-    rig = Rig(hall.bench, stale_timeout=60.0)
+    rig = Rig(hall.bench)
     hall.freeze(TwistMessage, 'cmd_vel', rig.node)
     rig.drive()
     assert_waits(end(rig.node))

@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from servo_rig import AWAY, CAMERA, GOAL, PERIOD_NS, Rig, STAMP_NS, tracks, WORLD
+from servo_rig import (
+    AWAY,
+    CAMERA,
+    GOAL,
+    IN_VIEW,
+    NOTHING,
+    PERIOD_NS,
+    Rig,
+    STAMP_NS,
+    tracks,
+    UNCALIBRATED,
+)
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
@@ -19,19 +30,18 @@ from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
-from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, settings_text, write
 from visual_servo_epipolar.nodes import qos
 
 
 @pytest.fixture
 def rig(bench):
-    return Rig(bench, stale_timeout=60.0)
+    return Rig(bench)
 
 
 def test_it_commands_what_the_core_says(rig) -> None:
     rig.see()
-    observation = observe(WORLD.observe(AWAY, 0), CAMERA, STAMP_NS)
+    observation = observe(IN_VIEW, CAMERA, STAMP_NS)
     expected = step(ServoState(), observation, ServoSettings())
     assert rig.twists() == [expected.twist]
     assert expected.twist != STANDSTILL
@@ -44,10 +54,9 @@ def test_one_set_of_tracks_is_one_command(rig) -> None:
 
 
 def test_a_focal_length_that_the_tracks_contradict_is_said(bench) -> None:
-    rig = Rig(bench, calibrated=False, stale_timeout=60.0)
+    rig = Rig(bench, calibrated=False)
     wrong = replace(CAMERA, fx=1.25 * CAMERA.fx, fy=1.25 * CAMERA.fy)
-    rig.calibrate(write.camera_info(wrong, 0, 'camera'))
-    bench.settle()
+    rig.hear(wrong)
     text = 'the tracks contradict camera_info: a focal length of 962 px, and they say'
     for turn in range(40):
         rig.see(Pose.from_start(1.0, -3.5, 18.0 - turn))
@@ -75,7 +84,7 @@ def test_reset_stops_and_begins_anew(rig) -> None:
 
 
 def test_without_autostart_a_reset_leaves_the_start_to_the_user(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0, autostart=False, memory=False)
+    rig = Rig(bench, autostart=False, memory=False)
     rig.see(GOAL)
     bench.call('servo_node/start')
     rig.see(GOAL)
@@ -89,7 +98,7 @@ def test_without_autostart_a_reset_leaves_the_start_to_the_user(bench) -> None:
 
 
 def test_a_run_that_has_ended_begins_anew_on_start(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0, memory=False)
+    rig = Rig(bench, memory=False)
     rig.see(GOAL)
     assert rig.phase == 'arrived'
     rig.see(AWAY)
@@ -112,7 +121,7 @@ def test_the_robot_is_stopped_when_tracks_stay_away(bench) -> None:
 
 
 def test_a_robot_that_was_stopped_waits_for_a_start_after_a_reset(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench)
     bench.call('servo_node/stop')
     bench.call('servo_node/reset')
     before = len(rig.commands)
@@ -128,42 +137,29 @@ def test_the_watchdog_leaves_a_robot_alone_that_stands(bench) -> None:
     assert rig.twists() == [STANDSTILL]
 
 
-def no_cloud():
-    cloud = tracks()
-    cloud.fields = cloud.fields[1:]
-    return cloud
+def at(u: float):
+    """Return what puts a feature at a column."""
+    return lambda cloud: np.frombuffer(cloud.data, write.TRACK_LAYOUT)['u'].put(3, u)
 
 
-def truncated():
-    cloud = tracks()
-    cloud.data.pop()
-    return cloud
+BAD = {
+    'no cloud': lambda cloud: setattr(cloud, 'fields', cloud.fields[1:]),
+    'truncated': lambda cloud: cloud.data.pop(),
+    'at no place': at(math.nan),
+    'far outside': at(1e300),
+    'empty': lambda cloud: None,
+}
 
 
-def at_no_place():
-    cloud = tracks()
-    np.frombuffer(cloud.data, write.TRACK_LAYOUT)['u'][3] = math.nan
-    return cloud
-
-
-def far_outside():
-    cloud = tracks()
-    np.frombuffer(cloud.data, write.TRACK_LAYOUT)['u'][3] = 1e300
-    return cloud
-
-
-def empty():
-    return write.features(Features(), STAMP_NS, 'camera')
-
-
-@pytest.mark.parametrize('bad', [no_cloud, truncated, at_no_place, far_outside, empty])
+@pytest.mark.parametrize('bad', BAD)
 def test_tracks_that_cannot_be_used_hold_the_robot(rig, bad) -> None:
     rig.drive()
-    cloud = bad()
-    cloud.header.stamp = write.stamp(rig.stamp_ns)
+    features = NOTHING if bad == 'empty' else IN_VIEW
+    cloud = write.features(features, rig.stamp_ns, 'camera')
+    BAD[bad](cloud)
     rig.tell(cloud)
-    assert rig.phase == 'holding'
-    assert rig.twists()[-1] == STANDSTILL
+    assert (rig.phase, rig.twist) == ('holding', STANDSTILL)
+    assert (bad == 'empty') is not bool(rig.bench.logged('tracks refused: '))
     rig.stamp_ns += PERIOD_NS
     for _ in range(RESUMING_FRAMES):
         assert rig.phase == 'holding'
@@ -173,9 +169,7 @@ def test_tracks_that_cannot_be_used_hold_the_robot(rig, bad) -> None:
 
 def test_an_uncalibrated_camera_never_moves_the_robot(bench) -> None:
     rig = Rig(bench, calibrated=False)
-    uncalibrated = write.camera_info(CAMERA, 0, 'camera')
-    uncalibrated.k[0] = 0.0
-    rig.calibrate(uncalibrated)
+    rig.hear(UNCALIBRATED)
     bench.until(lambda: bench.logged('K[0] = 0 means an uncalibrated camera'), 'the complaint')
     for _ in range(3):
         rig.see()
@@ -184,19 +178,17 @@ def test_an_uncalibrated_camera_never_moves_the_robot(bench) -> None:
 
 def test_a_moving_robot_stops_when_its_camera_becomes_uncalibrated(rig) -> None:
     rig.drive()
-    uncalibrated = write.camera_info(CAMERA, 0, 'camera')
-    uncalibrated.k[0] = 0.0
-    rig.calibrate(uncalibrated)
+    rig.hear(UNCALIBRATED)
     rig.bench.until(lambda: rig.twists()[-1] == STANDSTILL, 'the zero twist')
     rig.see()
     assert rig.twists()[-1] == STANDSTILL
 
 
 def test_tracks_wait_for_the_first_camera_info(bench) -> None:
-    rig = Rig(bench, calibrated=False, stale_timeout=60.0)
+    rig = Rig(bench, calibrated=False)
     rig.see()
     assert rig.commands == []
-    rig.calibrate(write.camera_info(CAMERA, 0, 'camera'))
+    rig.hear()
     bench.until(lambda: bool(rig.commands), 'a command')
     assert rig.twists()[0] != STANDSTILL
 
@@ -206,7 +198,7 @@ def test_what_it_says_carries_the_stamp_of_the_tracks(bench) -> None:
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     markers = bench.listen(MarkerArray, 'servo_node/markers')
     phases = bench.listen(String, 'phase')
-    Rig(bench, stale_timeout=60.0).see()
+    Rig(bench).see()
 
     def of_steps():
         return [item for item in diagnostics if read.is_of_step(read.diagnosis(item))]
@@ -223,7 +215,7 @@ def test_what_it_says_carries_the_stamp_of_the_tracks(bench) -> None:
 
 def test_epipoles_are_published_as_measured(bench) -> None:
     epipoles = bench.listen(JointState, 'epipoles')
-    Rig(bench, stale_timeout=60.0).see()
+    Rig(bench).see()
     bench.until(lambda: bool(epipoles), 'epipoles')
     bearings = true_bearings(AWAY)
     telemetry = read.telemetry(epipoles[0])
@@ -234,7 +226,7 @@ def test_epipoles_are_published_as_measured(bench) -> None:
 
 def test_the_goal_is_published_in_the_base_as_far_as_its_covariance_says(bench) -> None:
     goals = bench.listen(PoseWithCovarianceStamped, 'goal_pose')
-    rig, pose = Rig(bench, stale_timeout=60.0, law='smooth', base_frame='base'), AWAY
+    rig, pose = Rig(bench, law='smooth', base_frame='base'), AWAY
     for _ in range(40):
         rig.see(pose)
         stamp_ns = rig.stamp_ns - PERIOD_NS
@@ -262,11 +254,11 @@ def true_bearings(pose):
 
 def test_diagnostics_warn_of_a_robot_that_holds(bench) -> None:
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     bench.until(
         lambda: bool(diagnostics) and diagnostics[-1].status[0].level == b'\x00', 'diagnostics'
     )
-    rig.tell(write.features(Features(), rig.stamp_ns, 'camera'))
+    rig.show()
     bench.until(lambda: diagnostics[-1].status[0].level == b'\x01', 'a warning')
     assert '0 features, 12 needed' in diagnostics[-1].status[0].message
 
@@ -279,7 +271,7 @@ def test_who_comes_late_still_hears_the_phase(rig) -> None:
 
 
 def test_it_gives_stamped_commands(bench) -> None:
-    rig = Rig(bench, enable_stamped_cmd_vel=True, base_frame='robot', stale_timeout=60.0)
+    rig = Rig(bench, enable_stamped_cmd_vel=True, base_frame='robot')
     rig.see()
     header = rig.commands[0].header
     assert (read.stamp_ns(header), header.frame_id) == (STAMP_NS, 'robot')
@@ -300,7 +292,7 @@ def test_a_setting_changed_on_the_way_is_published_with_the_stamp_it_holds_from(
 @pytest.mark.parametrize('watchdog', [True, False])
 @pytest.mark.parametrize('later_ns', [0, -PERIOD_NS], ids=['repeated', 'backwards'])
 def test_stamps_that_do_not_advance_are_said_so(bench, later_ns, watchdog) -> None:
-    rig = Rig(bench, stale_timeout=60.0, watchdog=watchdog)
+    rig = Rig(bench, watchdog=watchdog)
     rig.see()
     text = 'the stamps do not advance; is /clock published?'
     assert not bench.logged(text)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from lifecycles import go
 import numpy as np
 import pytest
-from servo_rig import AWAY, CAMERA, PERIOD_NS, Rig, WORLD
+from servo_rig import CAMERA, IN_VIEW, Rig
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.geometry.motion import Pose
@@ -31,19 +31,16 @@ class Mounted(Rig):
     """A servo node that is told of mounts and sees from there."""
 
     def __init__(self, bench, **values) -> None:
-        mounts = {'mount_from_tf': True, 'stale_timeout': 60.0}
-        super().__init__(bench, calibrated=False, **mounts | values)
+        super().__init__(bench, calibrated=False, **{'mount_from_tf': True, **values})
 
     def told(self, *messages) -> None:
         """Hand it what tf2_msgs/TFMessage would bring, which the wheels of ROS 2 are without."""
         self.node._camera.static_mount.receive(SimpleNamespace(transforms=list(messages)))
 
-    def show(self, frame='camera_optical_frame') -> None:
+    def look(self, frame='camera_optical_frame') -> None:
         """Send tracks with their camera_info, and wait until the node has taken them in."""
-        self.calibrate(write.camera_info(CAMERA, self.stamp_ns, frame))
-        self.bench.settle()
-        self.tell(write.features(WORLD.observe(AWAY, 0), self.stamp_ns, frame))
-        self.stamp_ns += PERIOD_NS
+        self.hear(write.camera_info(CAMERA, self.stamp_ns, frame))
+        self.show(IN_VIEW, frame)
 
 
 @pytest.fixture
@@ -63,7 +60,7 @@ def test_the_mount_is_taken_with_the_first_tracks_and_announced(bench, settings)
     rig = Mounted(bench)
     bench.until(lambda: len(heard) == 1, 'the settings')
     rig.told(mounted())
-    rig.show()
+    rig.look()
     assert settings()['camera_tilt'] == pytest.approx(0.3)
     assert settings()['camera_yaw'] == pytest.approx(0.1)
     # The camera is level: who drew it was wrong, and that is found out.
@@ -81,7 +78,7 @@ def test_a_chain_of_frames_is_followed(bench, settings) -> None:
     rig.told(transforms.mount_transform('mast', 'camera_link', UPRIGHT, np.array([0.1, 0.0, 0.3])))
     rig.told(transforms.mount_transform('base_link', 'mast', UPRIGHT, np.array([0.1, 0.05, 0.2])))
     rig.told(mounted('camera_link', mount=CameraMount(0.0, 0.0, 0.3, -0.1, 0.0, 0.1)))
-    rig.show()
+    rig.look()
     assert settings()['camera_roll'] == pytest.approx(-0.1)
     assert settings()['camera_forward'] == pytest.approx(0.2)
     assert settings()['camera_left'] == pytest.approx(0.05)
@@ -99,7 +96,7 @@ def test_a_leading_slash_of_ros_1_names_the_same_frame(bench, settings, slashed)
     rig = Mounted(bench, base_frame=names['base_frame'])
     rig.told(mounted(names['mast'], names['child']))
     rig.told(transforms.mount_transform('base_link', 'mast', UPRIGHT, np.zeros(3)))
-    rig.show(frame=names['frame'])
+    rig.look(frame=names['frame'])
     assert settings()['camera_tilt'] == pytest.approx(0.3)
 
 
@@ -116,7 +113,7 @@ def test_a_camera_that_it_does_not_lead_to_is_told_once(bench, monkeypatch, edge
     rig = Mounted(bench)
     rig.told(*edges)
     for _ in range(3):
-        rig.show()
+        rig.look()
         assert bench.call('servo_node/reset').success
     text = "/tf_static does not lead from base_link to 'camera_optical_frame'"
     bench.until(lambda: bool(bench.logged(text)), 'the warning')
@@ -137,7 +134,7 @@ def test_otherwise_the_settings_stay(bench, settings, values, edges) -> None:
     rig = Mounted(bench, **values)
     before = settings()
     rig.told(*edges)
-    rig.show()
+    rig.look()
     assert settings() == before
 
 
@@ -146,7 +143,7 @@ def test_without_tf2_msgs_it_says_so(bench, monkeypatch) -> None:
     rig = Mounted(bench)
     text = 'tf2_msgs cannot be imported, mount_from_tf has no effect; install ros-jazzy-tf2-msgs'
     bench.until(lambda: bool(bench.logged(text)), 'the warning')
-    rig.show()  # by what it cannot hear no frame_id is found wrong
+    rig.look()  # by what it cannot hear no frame_id is found wrong
     assert not bench.logged('/tf_static does not lead')
 
 
@@ -157,24 +154,24 @@ def test_unless_it_is_wanted_nobody_listens(bench) -> None:
 
 def test_what_comes_in_mid_run_waits_for_the_next(bench, settings) -> None:
     rig = Mounted(bench)
-    rig.show()
+    rig.look()
     rig.told(mounted())
-    rig.show()
+    rig.look()
     assert settings()['camera_tilt'] == 0.0
     assert bench.call('servo_node/stop').success
     assert bench.call('servo_node/start').success
-    rig.show()
+    rig.look()
     assert settings()['camera_tilt'] == pytest.approx(0.3)
 
 
 def test_a_cleanup_forgets_the_mount(bench, settings) -> None:
     rig = Mounted(bench)
     rig.told(mounted())
-    rig.show()
+    rig.look()
     go(bench, rig.node, 'deactivate', 'cleanup')
     go(bench, rig.node, 'configure', 'activate')
     rig.told(mounted(mount=replace(MOUNT, tilt=0.2)))
-    rig.show()
+    rig.look()
     assert settings()['camera_tilt'] == pytest.approx(0.2)
 
 
@@ -189,7 +186,7 @@ def test_by_a_mount_that_cannot_be_used_nobody_drives(bench, settings, mount, wh
     rig = Mounted(bench)
     before = settings()
     rig.told(transforms.mount_transform('base_link', 'camera', mount, np.zeros(3)))
-    rig.show(frame='camera')
+    rig.look(frame='camera')
     assert settings() == before
     bench.until(lambda: bool(bench.logged(why)), 'the warning')
     assert rig.phase == 'waiting' and not rig.commands
@@ -197,7 +194,7 @@ def test_by_a_mount_that_cannot_be_used_nobody_drives(bench, settings, mount, wh
     assert 'the mount of camera in /tf_static cannot be used' in rig.reason
     # Another description of the robot is one that it can drive by.
     rig.told(mounted(child='camera'))
-    rig.show(frame='camera')
+    rig.look(frame='camera')
     assert rig.phase != 'waiting'
 
 
@@ -206,7 +203,7 @@ def test_a_broken_transform_is_said_and_left_out(bench, settings) -> None:
     broken = mounted()
     broken.transform.rotation.w = math.nan
     rig.told(broken)
-    rig.show()
+    rig.look()
     assert settings()['camera_tilt'] == 0.0
     line = 'the transform to camera_optical_frame must be finite'
     bench.until(lambda: bool(bench.logged(line)), 'the warning')
@@ -217,5 +214,5 @@ def test_with_the_real_tf2_msgs_it_is_heard(bench, settings) -> None:
     bench.talk(kind, '/tf_static', qos.STATIC_TRANSFORMS)(kind(transforms=[mounted()]))
     rig = Mounted(bench)
     bench.settle()
-    rig.show()
+    rig.look()
     assert settings()['camera_tilt'] == pytest.approx(0.3)

@@ -1,5 +1,6 @@
 """A servo node on a bench, fed with tracks one by one; what the robot is told by it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -11,7 +12,9 @@ from std_msgs.msg import String
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.registry import phase_named
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
@@ -22,9 +25,21 @@ from visual_servo_epipolar.simulation.point_world import PointSettings, PointWor
 CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)
 WORLD = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0)
 AWAY, GOAL = Pose.from_start(1.0, -3.5, 8.0), Pose.from_start(0.0, 0.0, 0.0)
+IN_VIEW, NOTHING = WORLD.observe(AWAY, 0), Features()
 STAMP_NS, PERIOD_NS = 7_000_000_003, 90_909_091
-REPLAYED = {'autostart': True, 'max_latency': 0.0}  # stamps of 1970 are driven by
+# Stamps of 1970 are driven by, and a test that stops for a moment stops no robot.
+REPLAYED = {'autostart': True, 'max_latency': 0.0, 'stale_timeout': 60.0}
 MANY = 20  # images that a robot must be told to move by
+
+
+UNCALIBRATED = write.camera_info(CAMERA, 0, 'camera')
+UNCALIBRATED.k[0] = 0.0
+
+
+def some(count: int) -> Features:
+    """Return the first features of those in view."""
+    columns = (IN_VIEW.ids, IN_VIEW.current, IN_VIEW.desired, IN_VIEW.ages, IN_VIEW.errors)
+    return Features(*(column[:count] for column in columns))
 
 
 class HandSetClock:
@@ -39,10 +54,13 @@ class HandSetClock:
 class Rig:
     """A running servo node, fed with tracks one by one; what it is like, its topics tell."""
 
-    def __init__(self, bench, *, calibrated=True, **values) -> None:
+    goal = NO_GOAL  # of the tracks
+
+    def __init__(self, bench, *, camera=CAMERA, calibrated=True, **values) -> None:
         self.bench, self.stamp_ns = bench, STAMP_NS
+        self.world = PointWorld(PointSettings(), FixedRig(camera), seed=0)
         self.words = bench.listen(String, 'phase', qos.LATCHED)
-        self._reports = bench.listen(DiagnosticArray, '/diagnostics')
+        self.reports = bench.listen(DiagnosticArray, '/diagnostics')
         self._telemetry = bench.listen(JointState, 'epipoles')
         kind = TwistStamped if values.get('enable_stamped_cmd_vel') else TwistMessage
         self.commands = bench.listen(kind, 'cmd_vel')
@@ -50,8 +68,14 @@ class Rig:
         self.calibrate = bench.talk(CameraInfo, 'camera_info')
         self.node = bench.start(ServoNode, **{**REPLAYED, **values})
         if calibrated:
-            self.calibrate(write.camera_info(CAMERA, 0, 'camera'))
-            bench.settle()
+            self.hear(camera)
+
+    def hear(self, camera=CAMERA) -> None:
+        """Send camera_info, itself or of a camera, and wait until the node has it."""
+        if not isinstance(camera, CameraInfo):
+            camera = write.camera_info(camera, self.stamp_ns, 'camera')
+        self.calibrate(camera)
+        self.bench.settle()
 
     def twists(self):
         return [read.twist(message) for message in self.commands]
@@ -64,7 +88,13 @@ class Rig:
         self.bench.settle()
 
     def see(self, pose=AWAY) -> None:
-        self.tell(tracks(pose, self.stamp_ns))
+        """Send what the camera sees from ``pose`` as tracks of the next image."""
+        self.show(self.world.observe(pose, 0))
+
+    def show(self, features=NOTHING, frame='camera_optical_frame', **said) -> None:
+        """Send ``features`` as tracks of the next image; ``said`` of its repetitions."""
+        features = replace(features, goal=self.goal)
+        self.tell(write.features(features, self.stamp_ns, frame, **said))
         self.stamp_ns += PERIOD_NS
 
     def drive(self):
@@ -123,7 +153,7 @@ class Rig:
         name = self.node.get_fully_qualified_name()
         return next(
             read.diagnosis(item)['reason']
-            for item in reversed(self._reports)
+            for item in reversed(self.reports)
             if item.status[0].name == name
         )
 

@@ -97,7 +97,7 @@ def damaged(data: bytes, rng) -> bytes:
 
 
 def test_a_servo_outlives_bytes_that_are_no_message(bench) -> None:
-    rig, rng = Rig(bench, autostart=False, stale_timeout=60.0), np.random.default_rng(7)
+    rig, rng = Rig(bench, autostart=False), np.random.default_rng(7)
     cloud = serialize_message(tracks())
     info = serialize_message(write.camera_info(CAMERA, 0, 'camera'))
     for _ in range(fuzzing.COUNT):
@@ -164,7 +164,7 @@ class Fuzzed(Rig):
     """A servo that is told nonsense, and each twist that it commands."""
 
     def __init__(self, bench, monkeypatch, **values) -> None:
-        super().__init__(bench, stale_timeout=60.0, **values)
+        super().__init__(bench, **values)
         self.sent = []
         send = Commands.send
 
@@ -174,7 +174,7 @@ class Fuzzed(Rig):
 
         monkeypatch.setattr(Commands, 'send', listen)
 
-    def hear(self, topic: str, message) -> None:
+    def hand(self, topic: str, message) -> None:
         """Hand a message to all that subscribe to ``topic``, as it comes by the wire."""
         message = fuzzing.wired(message)
         for item in list(self.node.subscriptions):
@@ -184,8 +184,8 @@ class Fuzzed(Rig):
     def calm(self) -> None:
         """Make the nonsense of before undone."""
         self.run.stop()
-        self.hear('/stop_button', Bool(data=False))
-        self.hear('/camera_info', write.camera_info(CAMERA, 0, 'camera'))
+        self.hand('/stop_button', Bool(data=False))
+        self.hand('/camera_info', write.camera_info(CAMERA, 0, 'camera'))
 
     def order(self, name: str) -> bool:
         """Call a service as it is called by the wire; return its success."""
@@ -195,20 +195,20 @@ class Fuzzed(Rig):
     def drives(self) -> bool:
         """Return whether a run that begins now moves the robot."""
         self.calm()
-        self.hear('/tracks', tracks(AWAY, STAMP_NS - PERIOD_NS))
+        self.hand('/tracks', tracks(AWAY, STAMP_NS - PERIOD_NS))
         assert self.order('start')
         count = len(self.sent)
         for number in range(5):
-            self.hear('/tracks', tracks(AWAY, STAMP_NS + number * PERIOD_NS))
+            self.hand('/tracks', tracks(AWAY, STAMP_NS + number * PERIOD_NS))
         return any(twist != STANDSTILL for twist, *_ in self.sent[count:])
 
 
 def nonsense(rig: Fuzzed, rng) -> None:
     """Send one message to each subscription."""
     for topic, kind in {(it.topic_name, it.msg_type) for it in rig.node.subscriptions}:
-        rig.hear(topic, fuzzing.anything(kind, rng))
-    rig.hear('/camera_info', fuzzing.nearly_camera(rng))
-    rig.hear('/tracks', fuzzing.nearly_tracks(rng, int(rng.integers(0, 2**33))))
+        rig.hand(topic, fuzzing.anything(kind, rng))
+    rig.hand('/camera_info', fuzzing.nearly_camera(rng))
+    rig.hand('/tracks', fuzzing.nearly_tracks(rng, int(rng.integers(0, 2**33))))
 
 
 def check(rig: Fuzzed) -> None:
@@ -243,11 +243,11 @@ def test_in_a_run_the_robot_keeps_to_its_limits(bench, monkeypatch) -> None:
         stamp_ns, moved = STAMP_NS, 0
         for _ in range(count):
             rig.calm()
-            rig.hear('/tracks', tracks(AWAY, stamp_ns))
+            rig.hand('/tracks', tracks(AWAY, stamp_ns))
             assert rig.order('start')
             for _ in range(3):
                 stamp_ns += PERIOD_NS
-                rig.hear('/tracks', tracks(AWAY, stamp_ns))
+                rig.hand('/tracks', tracks(AWAY, stamp_ns))
             moved += rig.sent[-1][0] != STANDSTILL
             nonsense(rig, rng)
             check(rig)

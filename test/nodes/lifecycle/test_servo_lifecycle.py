@@ -5,7 +5,7 @@ import random
 from lifecycles import change, entities, go
 import pytest
 from rclpy.parameter import Parameter
-from servo_rig import CAMERA, PERIOD_NS, Rig, tracks
+from servo_rig import PERIOD_NS, Rig, tracks
 from std_msgs.msg import Bool, String
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
@@ -22,12 +22,11 @@ class Led(Rig):
 
     def __init__(self, bench, **values) -> None:
         self.events = bench.listen(String, 'servo_node/events')
-        super().__init__(bench, calibrated=False, stale_timeout=60.0, **values)
+        super().__init__(bench, calibrated=False, **values)
 
     def see(self) -> None:
         """Let the tracks of another image, with its camera_info, arrive."""
-        self.calibrate(write.camera_info(CAMERA, self.stamp_ns, 'camera'))
-        self.bench.settle()
+        self.hear()
         self.see_tracks()
 
     def see_tracks(self) -> None:

@@ -1,16 +1,11 @@
 """An order to start lapses: nothing drives minutes later, when what was missing comes."""
 
-from dataclasses import replace
-
-from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo
-from servo_rig import AWAY, CAMERA, HandSetClock, Rig, STAMP_NS, WORLD
-from std_msgs.msg import String
+from servo_rig import HandSetClock, Rig, some, STAMP_NS
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 
@@ -19,26 +14,13 @@ SECOND = 1_000_000_000
 IMAGES = 3
 
 
-def few() -> Features:
-    """Return too few features of the photograph to begin by."""
-    seen, kept = WORLD.observe(AWAY, 0), slice(3)
-    columns = (seen.ids, seen.current, seen.desired, seen.ages, seen.errors)
-    return Features(*(column[kept] for column in columns))
-
-
 class Armed(Rig):
     """A servo that waits for ``~/start``, and for tracks of photographs by their numbers."""
 
-    def __init__(self, bench, **values) -> None:
-        self.phases = bench.listen(String, 'phase')
-        self.diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
-        super().__init__(bench, **{'autostart': False, 'stale_timeout': 60.0, **values})
+    goal = GOAL
 
-    def show(self, features=None, goal: int = GOAL) -> None:
-        """Let tracks arrive; by default those of the photograph in view."""
-        seen = WORLD.observe(AWAY, 0) if features is None else features
-        self.tell(write.features(replace(seen, goal=goal), self.stamp_ns, 'camera'))
-        self.stamp_ns += 90_909_091
+    def __init__(self, bench, **values) -> None:
+        super().__init__(bench, **{'autostart': False, **values})
 
     def order(self):
         return self.bench.call('servo_node/start')
@@ -46,16 +28,16 @@ class Armed(Rig):
     def says(self, word: str) -> None:
         """Wait for a phase as others hear it."""
         self.run.report()
-        self.bench.until(lambda: self.phases and self.phases[-1].data == word, f'phase {word}')
+        self.bench.until(lambda: self.words and self.words[-1].data == word, f'phase {word}')
 
     @property
     def message(self) -> str:
-        return str(self.diagnostics[-1].status[0].message)
+        return str(self.reports[-1].status[0].message)
 
     def stands(self) -> None:
         """See all that it takes to drive, and stand."""
         for _ in range(IMAGES):
-            self.show()
+            self.see()
         assert all(twist == STANDSTILL for twist in self.twists())
 
     def let_time_pass(self, seconds: float) -> None:
@@ -71,19 +53,18 @@ class Armed(Rig):
 
 def test_without_a_camera_it_is_not_started_by_one_that_comes_later(bench) -> None:
     rig = Armed(bench, calibrated=False)
-    rig.show()
+    rig.see()
     answer = rig.order()
     assert (answer.success, 'no usable camera_info yet' in answer.message) == (False, True)
-    rig.calibrate(write.camera_info(CAMERA, 0, 'camera'))
-    bench.settle()
+    rig.hear()
     rig.stands()
     rig.says('waiting')
 
 
 def test_a_camera_that_cannot_be_used_is_said_so(bench) -> None:
     rig = Armed(bench, calibrated=False)
-    rig.show()
-    rig.calibrate(CameraInfo())
+    rig.see()
+    rig.hear(CameraInfo())
     bench.until(lambda: bool(bench.logged('camera_info cannot be used')), 'the complaint')
     answer = rig.order()
     assert (answer.success, 'camera_info cannot be used' in answer.message) == (False, True)
@@ -91,7 +72,8 @@ def test_a_camera_that_cannot_be_used_is_said_so(bench) -> None:
 
 def test_without_a_photograph_it_is_not_started_by_one_that_comes_later(bench) -> None:
     rig = Armed(bench)
-    rig.show(Features(), goal=0)
+    rig.goal = 0
+    rig.show()
     answer = rig.order()
     assert (answer.success, 'the tracker has no photograph' in answer.message) == (False, True)
     rig.stands()
@@ -106,7 +88,7 @@ def test_without_tracks_it_is_not_started_by_those_that_come_later(bench) -> Non
 
 def test_tracks_that_have_stopped_coming_are_none(bench) -> None:
     rig = Armed(bench, stale_timeout=0.5)
-    rig.show()
+    rig.see()
     freshness = rig.run.freshness
     clock = HandSetClock()
     clock.now_ns = freshness.clock.now().nanoseconds + 3 * SECOND
@@ -122,33 +104,33 @@ def test_all_that_is_missing_is_said_at_once(bench) -> None:
 
 def test_where_nothing_is_missing_it_drives_by_the_next_image(bench) -> None:
     rig = Armed(bench)
-    rig.show()
+    rig.see()
     answer = rig.order()
     assert (answer.success, answer.message) == (True, 'started')
     rig.says('armed')
-    rig.show()
+    rig.see()
     assert rig.twists()[-1] != STANDSTILL
     rig.says('displacing')
 
 
 def test_a_photograph_out_of_view_arms_it_for_a_while(bench) -> None:
     rig = Armed(bench)
-    rig.show(Features())
+    rig.show()
     answer = rig.order()
     text = 'armed, will drive once this is resolved: no feature of the photograph is in view'
     assert (answer.success, answer.message) == (True, f'{text}; the order lapses after 10 s')
-    rig.show(Features())
+    rig.show()
     rig.says('armed')
     bench.until(lambda: rig.message == text, 'the diagnostics')
     rig.let_time_pass(9.0)
-    rig.show()
+    rig.see()
     assert rig.twists()[-1] != STANDSTILL
 
 
 @pytest.mark.parametrize('timeout', [10.0, 2.0])
 def test_an_order_lapses_by_which_no_run_has_begun_in_time(bench, timeout) -> None:
     rig = Armed(bench, arming_timeout=timeout)
-    rig.show(Features())
+    rig.show()
     assert rig.order().success
     rig.let_time_pass(timeout + 0.1)
     rig.says('waiting')
@@ -158,17 +140,17 @@ def test_an_order_lapses_by_which_no_run_has_begun_in_time(bench, timeout) -> No
     assert rig.message.endswith('stands until /servo_node/start is called')
     bench.until(lambda: bool(bench.logged('~/start has expired')), 'the log')
     assert rig.order().success
-    rig.show()
+    rig.see()
     assert rig.twists()[-1] != STANDSTILL
 
 
 def test_a_run_that_has_begun_does_not_lapse(bench) -> None:
     rig = Armed(bench)
-    rig.show()
+    rig.see()
     assert rig.order().success
-    rig.show()
+    rig.see()
     rig.let_time_pass(60.0)
-    rig.show()
+    rig.see()
     assert rig.twists()[-1] != STANDSTILL
 
 
@@ -176,13 +158,14 @@ def test_a_run_that_has_begun_does_not_lapse(bench) -> None:
 def test_another_photograph_ends_an_order(bench, seen) -> None:
     rig = Armed(bench)
     if seen:
-        rig.show()
-    rig.show(Features())
+        rig.see()
+    rig.show()
     assert rig.order().success
     if not seen:
-        rig.show(few())
+        rig.show(some(3))
+    rig.goal = OTHER
     for _ in range(IMAGES):
-        rig.show(goal=OTHER)
+        rig.see()
     assert rig.commands == []
     rig.says('waiting')
     assert '~/start has expired, the photograph has changed' in rig.message
@@ -190,9 +173,10 @@ def test_another_photograph_ends_an_order(bench, seen) -> None:
 
 def test_a_photograph_that_goes_ends_an_order(bench) -> None:
     rig = Armed(bench)
-    rig.show(Features())
+    rig.show()
     assert rig.order().success
-    rig.show(Features(), goal=0)
+    rig.goal = 0
+    rig.show()
     rig.stands()
     rig.says('waiting')
     assert '~/start has expired, the photograph is gone' in rig.message
@@ -200,7 +184,7 @@ def test_a_photograph_that_goes_ends_an_order(bench) -> None:
 
 def test_a_clock_that_comes_minutes_later_sets_nothing_moving(bench) -> None:
     rig = Armed(bench, max_latency=0.5, use_sim_time=True)
-    rig.show()
+    rig.see()
     answer = rig.order()
     assert (answer.success, 'is /clock published?' in answer.message) == (True, True)
     rig.let_time_pass(10.1)
@@ -213,19 +197,21 @@ def test_a_clock_that_comes_minutes_later_sets_nothing_moving(bench) -> None:
 def test_by_autostart_it_is_armed_for_good_and_for_any_photograph(bench) -> None:
     rig = Armed(bench, autostart=True)
     rig.says('armed')
-    rig.show(Features(), goal=0)
+    rig.goal = 0
+    rig.show()
     rig.let_time_pass(3600.0)
-    rig.show(Features())
+    rig.show()
     rig.let_time_pass(3600.0)
     assert rig.order().success
     rig.let_time_pass(3600.0)
-    rig.show(goal=OTHER)
+    rig.goal = OTHER
+    rig.see()
     assert rig.twists()[-1] != STANDSTILL
 
 
 def test_after_a_stop_an_order_lapses_with_autostart_as_well(bench) -> None:
     rig = Armed(bench, autostart=True)
-    rig.show(Features())
+    rig.show()
     assert bench.call('servo_node/stop').success
     rig.says('waiting')
     assert rig.order().success
@@ -235,10 +221,10 @@ def test_after_a_stop_an_order_lapses_with_autostart_as_well(bench) -> None:
 
 def test_a_start_in_a_run_leaves_it_alone(bench) -> None:
     rig = Armed(bench)
-    rig.show()
+    rig.see()
     rig.order()
-    rig.show()
+    rig.see()
     answer = rig.order()
     assert (answer.success, answer.message) == (True, 'a run is under way')
-    rig.show()
+    rig.see()
     assert rig.twist != STANDSTILL

@@ -1,34 +1,47 @@
-"""The camera of a run: another one stops the robot at once, and what is odd is said."""
+"""What a run goes by, camera, lens, photograph: another stops the robot, what is odd is said."""
 
 from dataclasses import replace
 
+from bagmaker import new_listener, write_bag
 import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo
-from servo_rig import AWAY, CAMERA, PERIOD_NS, Rig, tracks, WORLD
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from servo_rig import CAMERA, IN_VIEW, NOTHING, PERIOD_NS, Rig
 
+from visual_servo_epipolar.bags.reading.bag import Bag
+from visual_servo_epipolar.bags.reading.run import read_run
+from visual_servo_epipolar.bags.reading.topics import assign_roles
+from visual_servo_epipolar.bags.replaying.comparison import compare
+from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
+from visual_servo_epipolar.bags.replaying.replay import replay
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.perception.lens_check import LensCheck
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.supervisor import Session
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.tracking import camera_subscriptions
+from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
+from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 OTHER = replace(CAMERA, fx=1000.0, fy=1000.0)
 CHANGED = 'camera_info has changed in mid-run: fx 769.2 -> 1000, fy 769.2 -> 1000, rays'
 
 
 def test_another_camera_in_mid_run_stops_the_robot_at_once_and_for_good(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     told = len(rig.commands)
-    rig.calibrate(write.camera_info(OTHER, rig.stamp_ns, 'camera'))
+    rig.hear(OTHER)
     bench.until(lambda: len(rig.commands) > told, 'the zero twist')
     assert (rig.phase, rig.twists()[told:]) == ('holding', [STANDSTILL])
     assert rig.reason.startswith(CHANGED)
@@ -37,14 +50,6 @@ def test_another_camera_in_mid_run_stops_the_robot_at_once_and_for_good(bench) -
     assert (rig.phase, set(rig.twists()[told:])) == ('holding', {STANDSTILL})
     assert rig.reason.startswith(CHANGED)
     bench.until(lambda: bool(bench.logged(CHANGED)), 'the complaint')
-
-
-def test_tracks_that_are_refused_are_complained_about(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0)
-    cloud = tracks(stamp_ns=rig.stamp_ns)
-    np.frombuffer(cloud.data, write.TRACK_LAYOUT)['u'][3] = 1e300
-    rig.tell(cloud)
-    bench.until(lambda: bool(bench.logged('tracks refused: 1 of 60 features lie')), 'the reason')
 
 
 @pytest.mark.parametrize(('camera', 'doubted'), [(CAMERA, True), (OTHER, False)])
@@ -109,8 +114,7 @@ IMAGES = round(DISTRUST_S * 1e9 / PERIOD_NS) - 1
 def flicker(rig: Rig) -> None:
     """Let another camera speak, and then the right one again."""
     for camera in (OTHER, CAMERA):
-        rig.calibrate(write.camera_info(camera, rig.stamp_ns, 'camera'))
-        rig.bench.settle()
+        rig.hear(camera)
 
 
 def test_a_run_waits_after_a_word_of_another_camera(bench) -> None:
@@ -126,7 +130,7 @@ def test_a_run_waits_after_a_word_of_another_camera(bench) -> None:
 
 
 def test_a_new_run_does_not_wait(bench) -> None:
-    rig = Rig(bench, stale_timeout=5.0).drive()  # also where the machine stands still
+    rig = Rig(bench).drive()
     flicker(rig)
     rig.run.reset()
     rig.drive()
@@ -138,67 +142,39 @@ STILL = 8  # images of one view: 0.73 s, stale_timeout is 0.5 s
 def hang(rig: Rig) -> None:
     """Show the same for a while, with new stamps."""
     for number in range(1, STILL + 1):
-        features = WORLD.observe(AWAY, 0)
-        rig.tell(write.features(features, rig.stamp_ns, 'camera_optical_frame', repeats=number))
-        rig.stamp_ns += PERIOD_NS
+        rig.show(IN_VIEW, repeats=number)
 
 
-def test_a_view_that_stands_still_while_the_robot_drives_stops_it(bench) -> None:
-    rig = Rig(bench).drive()
+def test_a_view_that_stands_still_while_the_robot_drives_stops_it_until_it_changes(bench) -> None:
+    rig = Rig(bench, stale_timeout=0.5).drive()
     hang(rig)
-    assert rig.phase == 'holding'
+    assert (rig.phase, rig.twist) == ('holding', STANDSTILL)
     assert 'the very same for' in rig.reason
-    assert rig.twists()[-1] == STANDSTILL
-
-
-def test_no_drive_begins_anew_by_the_view_that_stands_still(bench) -> None:
-    rig = Rig(bench).drive()
-    hang(rig)
     count = len(rig.commands)
-    hang(rig)
-    assert rig.phase == 'holding'
-    assert all(twist == STANDSTILL for twist in rig.twists()[count:])
-
-
-def test_a_view_that_changes_again_is_driven_by(bench) -> None:
-    rig = Rig(bench).drive()
     hang(rig)
     for _ in range(RESUMING_FRAMES):
         assert rig.phase == 'holding'
+        assert all(twist == STANDSTILL for twist in rig.twists()[count:])
         rig.see()
     assert rig.phase != 'holding'
 
 
 def test_a_robot_that_stands_may_see_the_same_for_as_long_as_it_likes(bench) -> None:
-    rig = Rig(bench, autostart=False)
+    rig = Rig(bench, autostart=False, stale_timeout=0.5)
     for _ in range(3):
         hang(rig)
     assert bench.call('servo_node/start').success
     rig.drive()
 
 
-def show(rig: Rig, back: int) -> None:
-    """Show an image that came last so many images ago, with a new stamp."""
-    features = WORLD.observe(AWAY, 0)
-    rig.tell(write.features(features, rig.stamp_ns, 'camera_optical_frame', back=back))
-    rig.stamp_ns += PERIOD_NS
-
-
-def test_an_image_of_another_time_stops_the_robot(bench) -> None:
+def test_an_image_of_another_time_stops_the_robot_for_a_while(bench) -> None:
     rig = Rig(bench).drive()
     rig.see()
-    show(rig, 7)
-    assert rig.phase == 'holding'
+    rig.show(IN_VIEW, back=7)
+    assert (rig.phase, rig.twist) == ('holding', STANDSTILL)
     assert 'of another time of the run' in rig.reason
-    assert rig.twists()[-1] == STANDSTILL
-
-
-def test_new_images_are_driven_by_again_only_after_a_while(bench) -> None:
-    rig = Rig(bench).drive()
-    rig.see()
-    show(rig, 7)
     count = len(rig.commands)
-    for _ in range(round(DISTRUST_S * 1e9 / PERIOD_NS) - 1):
+    for _ in range(IMAGES):
         rig.see()
     assert all(twist == STANDSTILL for twist in rig.twists()[count:])
     rig.drive()
@@ -206,12 +182,146 @@ def test_new_images_are_driven_by_again_only_after_a_while(bench) -> None:
 
 def test_a_robot_that_stands_may_see_what_came_before(bench) -> None:
     rig = Rig(bench, autostart=False)
-    show(rig, 7)
+    rig.show(IN_VIEW, back=7)
     assert bench.call('servo_node/start').success
     rig.drive()
 
 
 def test_the_last_image_once_more_is_none_of_another_time(bench) -> None:
     rig = Rig(bench).drive()
-    show(rig, 1)
+    rig.show(IN_VIEW, back=1)
     assert rig.phase != 'holding'
+
+
+FOLDING = Camera(1280, 1024, 500.0, 500.0, 635.0, 512.0, (-0.4, 0.0, 0.0, 0.0))
+
+
+def test_another_camera_begins_a_new_run_after_a_reset(bench) -> None:
+    rig = Rig(bench).drive()
+    rig.hear(OTHER)
+    bench.call('servo_node/reset')
+    rig.world = PointWorld(PointSettings(), FixedRig(OTHER), seed=0)
+    rig.drive()
+
+
+def test_a_robot_with_a_fisheye_drives(bench) -> None:
+    Rig(bench, camera=FISHEYE).drive()
+    assert not bench.logged('left out')
+
+
+def test_features_that_the_lens_cannot_place_are_said(bench) -> None:
+    rig = Rig(bench, camera=FOLDING)
+    bench.until(lambda: bench.logged('cannot be undone in'), 'the doubt about the lens')
+    pixels = np.random.default_rng(0).uniform(0.0, 1.0, (60, 2)) * [1279.0, 1023.0]
+    numbers = np.arange(60)
+    rig.show(Features(numbers, pixels, pixels, numbers, np.zeros(60)))
+    bench.until(lambda: bench.logged('features are left out'), 'the share that is left out')
+    said = bench.logged('features are left out')[0]
+    lost = int((~FOLDING.round_trips(pixels, FOLDING.rays(pixels))).sum())
+    assert said.startswith(f'{lost} of 60 features are left out')
+    assert 'plumb_bob lens' in said
+
+
+def test_of_rectified_images_p_holds(bench) -> None:
+    info = write.camera_info(FOLDING, 0, 'camera')
+    info.p[0] = info.p[5] = 450.0
+    rig = Rig(bench, rectified=True)
+    rig.hear(info)
+    assert rig.node._camera.model == Camera(1280, 1024, 450.0, 450.0, 635.0, 512.0)
+
+
+CROP = Camera(1280, 1024, 769.2, 769.2, 200.0, 512.0)
+
+
+@pytest.mark.parametrize('cropped', [False, True])
+def test_a_principal_point_at_the_side_is_that_of_a_crop_alone(bench, cropped) -> None:
+    show, clouds = bench.talk(Image, 'image_raw'), bench.listen(PointCloud2, 'tracks')
+    bench.start(TrackerNode, cropped=cropped)
+    rig = Rig(bench, camera=CROP, cropped=cropped)
+    show(write.image(np.zeros((1024, 1280), np.uint8), 'mono8', 1, 'camera'))
+    bench.until(lambda: clouds, 'the tracks')
+    assert rig.node._camera.model == (CROP if cropped else None)
+    for text in ('cannot be used, the robot stands', 'or say that the image is a crop (cropped)'):
+        if not cropped:
+            bench.until(lambda text=text: bench.logged(text), text)
+        assert cropped is not bool(bench.logged(text))
+
+
+@pytest.mark.parametrize('rectified', [False, True])
+def test_images_that_sound_rectified_are_complained_of(bench, rectified) -> None:
+    from rclpy.node import Node
+
+    class Remapped(TrackerNode):
+        def resolve_topic_name(self, topic, *, only_expand=False):
+            name = Node.resolve_topic_name(self, topic, only_expand=only_expand)
+            return name.replace('image_raw', 'image_rect')
+
+    calibrate = bench.talk(CameraInfo, 'camera_info')
+    bench.talk(Image, 'image_raw')
+    bench.start(Remapped, rectified=rectified)
+    calibrate(write.camera_info(FOLDING, 0, 'camera'))
+    bench.settle()
+    bench.settle()
+    assert bool(bench.logged('/image_rect sounds rectified')) is not rectified
+
+
+FIRST, SECOND = 7, 4_000_000_000
+OTHER_GOAL = 'the photograph has changed in mid-run'
+
+
+def of(bench, goal=FIRST, **values) -> Rig:
+    """Return a robot that drives to the photograph ``goal``."""
+    rig = Rig(bench, **values)
+    rig.goal = goal
+    return rig.drive()
+
+
+@pytest.mark.parametrize('blank', [0, 3], ids=['at once', 'looked for'])
+def test_another_photograph_in_mid_run_stops_the_robot_for_good(bench, blank) -> None:
+    rig = of(bench, holding_timeout=0.5 + 0.1 * blank)
+    rig.goal = SECOND
+    for _ in range(blank):
+        rig.show()
+    for _ in range(8):
+        rig.see()
+        assert rig.twist == STANDSTILL
+        assert OTHER_GOAL in rig.reason
+    assert rig.phase == 'failed'
+    bench.until(lambda: bench.logged(f'{OTHER_GOAL}: its tracks lead to another goal'), 'the log')
+
+
+@pytest.mark.parametrize(('reset', 'goal'), [(False, FIRST), (True, SECOND)])
+def test_a_run_goes_on_with_its_own_photograph_and_a_new_one_with_another(
+    bench, reset, goal
+) -> None:
+    rig = of(bench)
+    rig.goal = SECOND
+    rig.see()
+    if reset:
+        bench.call('servo_node/reset')
+    rig.goal = goal
+    rig.drive()
+
+
+@pytest.mark.parametrize('goal', [FIRST, NO_GOAL])
+def test_the_same_photograph_or_one_that_nobody_tells_is_no_change(bench, goal) -> None:
+    rig = of(bench)
+    rig.goal = goal
+    for _ in range(3):
+        rig.see()
+        assert rig.twist != STANDSTILL
+
+
+def test_a_replay_of_it_does_as_the_robot_did(bench, tmp_path) -> None:
+    listener, received = new_listener(bench.context)
+    bench.add(listener)
+    rig = of(bench)
+    for rig.goal, features in ((SECOND, IN_VIEW), (SECOND, NOTHING), (SECOND, IN_VIEW)):
+        rig.show(features)
+    rig.goal = FIRST
+    rig.drive()
+    with Bag(write_bag(tmp_path / 'bag', received)) as bag:
+        run = read_run(bag, assign_roles(bag, {}))
+        steps = replay(bag, run, plan(bag, run, ReplayOverrides())[0])
+    assert compare(run, steps, 0.0).equal
+    assert [step.phase.value for step in steps].count('holding') == 2 + RESUMING_FRAMES

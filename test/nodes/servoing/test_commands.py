@@ -11,7 +11,6 @@ from servo_rig import AWAY, GOAL, Rig, tracks
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.supervisor import LATE_S, Session
-from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.servoing import commands
@@ -24,7 +23,7 @@ ACCELERATION = ServoSettings().max_angular_acceleration
 @pytest.fixture
 def rig(bench) -> Rig:
     """Return a servo that drives, with a clock that stands."""
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench)
     rig.clock_by_hand()
     return rig.drive()
 
@@ -106,11 +105,6 @@ IMAGES = 4
 SURE = {'memory': False}  # at the goal: who has no memory of views never doubts
 
 
-def blind(rig: Rig) -> None:
-    rig.tell(write.features(Features(), rig.stamp_ns, 'camera'))
-    rig.stamp_ns += 90_000_000
-
-
 def assert_watch_is_silent(rig: Rig) -> None:
     rig.bench.settle()
     count = len(rig.commands)
@@ -120,23 +114,23 @@ def assert_watch_is_silent(rig: Rig) -> None:
 
 
 def test_a_servo_that_waits_for_the_photograph_to_come_in_view_is_silent(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench)
     for _ in range(IMAGES):
-        blind(rig)
+        rig.show()
     assert (rig.phase, rig.commands) == ('waiting', [])
 
 
 @pytest.mark.parametrize(('settling_s', 'count'), [(60.0, IMAGES), (0.0, 1)])
 def test_a_run_ends_with_zero_twists_for_a_while(bench, monkeypatch, settling_s, count) -> None:
     monkeypatch.setattr(commands, 'SETTLING_S', settling_s)
-    rig = Rig(bench, stale_timeout=60.0, **SURE)
+    rig = Rig(bench, **SURE)
     for _ in range(IMAGES):
         rig.see(GOAL)
     assert (rig.phase, rig.twists()) == ('arrived', [STANDSTILL] * count)
 
 
 def test_that_while_is_a_second(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0, **SURE)
+    rig = Rig(bench, **SURE)
     clock = rig.clock_by_hand()
     for seconds in (0.0, 0.95, 0.1):
         clock.now_ns += round(seconds * 1e9)
@@ -146,7 +140,7 @@ def test_that_while_is_a_second(bench) -> None:
 
 def test_the_next_run_has_its_own_end(bench, monkeypatch) -> None:
     monkeypatch.setattr(commands, 'SETTLING_S', 0.0)
-    rig = Rig(bench, stale_timeout=60.0, **SURE)
+    rig = Rig(bench, **SURE)
     rig.see(GOAL)
     rig.bench.call('servo_node/start')
     rig.see(AWAY)
@@ -157,18 +151,18 @@ def test_the_next_run_has_its_own_end(bench, monkeypatch) -> None:
 
 
 def test_after_a_reset_it_is_silent_at_once(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0, **SURE)
+    rig = Rig(bench, **SURE)
     rig.clock_by_hand()
     rig.see(GOAL)
     rig.bench.call('servo_node/reset')
     count = len(rig.commands)
-    blind(rig)
+    rig.show()
     assert (rig.phase, len(rig.commands)) == ('waiting', count)
 
 
 def test_an_order_to_stop_is_repeated_for_a_second(bench) -> None:
     """A base that stops by nothing else may not have heard the first zero twist."""
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     clock = rig.clock_by_hand()
     count = len(rig.commands)
     rig.bench.call('servo_node/stop')
@@ -182,7 +176,7 @@ def test_an_order_to_stop_is_repeated_for_a_second(bench) -> None:
 
 
 def test_an_order_to_begin_anew_that_stops_the_robot_is_repeated_as_well(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     clock = rig.clock_by_hand()
     rig.node._settings = replace(rig.node._settings, autostart=False)
     count = len(rig.commands)
@@ -194,7 +188,7 @@ def test_an_order_to_begin_anew_that_stops_the_robot_is_repeated_as_well(bench) 
 
 
 def test_who_is_started_again_after_a_stop_is_not_stopped_by_it(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     rig.clock_by_hand()
     rig.bench.call('servo_node/stop')
     rig.bench.call('servo_node/start')
@@ -203,14 +197,14 @@ def test_who_is_started_again_after_a_stop_is_not_stopped_by_it(bench) -> None:
 
 
 def test_a_robot_that_holds_is_told_to_stand_by_each_image(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     count = len(rig.commands)
     for _ in range(IMAGES):
-        blind(rig)
+        rig.show()
     assert (rig.phase, rig.twists()[count:]) == ('holding', [STANDSTILL] * IMAGES)
 
 
-@pytest.mark.parametrize('show', [blind, lambda rig: rig.see(GOAL)], ids=['waiting', 'arrived'])
+@pytest.mark.parametrize('show', [Rig.show, lambda rig: rig.see(GOAL)], ids=['waiting', 'arrived'])
 def test_where_time_waits_for_the_servo_each_image_is_answered(bench, monkeypatch, show) -> None:
     monkeypatch.setattr(commands, 'SETTLING_S', 0.0)
     rig = Rig(bench, watchdog=False, **SURE)

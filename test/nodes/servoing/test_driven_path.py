@@ -118,7 +118,7 @@ def test_who_is_activated_anew_knows_nothing_of_before() -> None:
 
 def test_the_servo_hears_odometry_and_says_that_none_comes(bench) -> None:
     tell = bench.talk(Odometry, 'odom')
-    rig = Rig(bench, odometry=True, stale_timeout=60.0)
+    rig = Rig(bench, odometry=True)
     rig.see()
     bench.until(lambda: bool(bench.logged('nothing usable came on /odom')), 'the complaint')
     assert bench.logged('nothing usable came on /odom')[0].endswith(MEANWHILE)

@@ -1,18 +1,16 @@
 """Progress and result of a run as topics, for who has no action to ask for them."""
 
-from dataclasses import replace
 import math
 
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from sensor_msgs.msg import JointState
-from servo_rig import AWAY, GOAL, HandSetClock, PERIOD_NS, Rig, STAMP_NS, WORLD
+from servo_rig import AWAY, GOAL, HandSetClock, Rig, some, STAMP_NS
 from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servoing.camera import NO_CAMERA
 
@@ -30,10 +28,9 @@ def last(bench, heard, word: str) -> dict[str, str]:
 
 def test_progress_tells_the_way_left_its_deviation_and_the_attempt(bench) -> None:
     heard = bench.listen(JointState, 'servo_node/progress')
-    rig, pose = Rig(bench, stale_timeout=60.0), AWAY
+    rig, pose = Rig(bench), AWAY
     for frame in range(80):
-        rig.tell(write.features(WORLD.observe(pose, frame), rig.stamp_ns, 'camera'))
-        rig.stamp_ns += 90_909_091
+        rig.show(rig.world.observe(pose, frame))
         pose = integrate(pose, rig.twist, PERIOD_S)
     bench.until(lambda: len(heard) == 80, 'the progress of each image')
     said = read.telemetry(heard[-1])
@@ -48,7 +45,7 @@ def test_progress_tells_the_way_left_its_deviation_and_the_attempt(bench) -> Non
 
 
 def test_an_arrival_is_a_latched_result(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0, memory=False).drive()
+    rig = Rig(bench, memory=False).drive()
     early = results(bench)
     assert last(bench, early, 'running')['attempt'] == '1.0'
     assert early[-1].status[0].message.startswith('displacing: the robot turns, to begin step 1')
@@ -64,7 +61,7 @@ def test_an_arrival_is_a_latched_result(bench) -> None:
 
 def test_a_failure_says_why(bench) -> None:
     heard = results(bench)
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     rig.run.lose('no new tracks for 0.51 s')
     rig.run.time_out(5.0)
     reason = last(bench, heard, 'failed')['reason']
@@ -76,7 +73,7 @@ def test_a_failure_says_why(bench) -> None:
 def test_who_stops_a_run_is_told_of(bench) -> None:
     heard = results(bench)
     press = bench.talk(Bool, 'stop_button', qos.LATCHED)
-    Rig(bench, stale_timeout=60.0).drive()
+    Rig(bench).drive()
     press(Bool(data=True))
     said = last(bench, heard, 'stopped')
     assert said['reason'] == 'the stop button is pressed'
@@ -86,11 +83,12 @@ def test_who_stops_a_run_is_told_of(bench) -> None:
 
 def test_a_hold_is_no_result(bench) -> None:
     heard = results(bench)
-    rig = Rig(bench, stale_timeout=60.0).drive()
-    rig.tell(write.features(Features(goal=1), rig.stamp_ns, 'camera'))
+    rig = Rig(bench).drive()
+    rig.goal = 1
+    rig.show()
     assert rig.phase == 'holding'
+    rig.goal = 0
     for _ in range(4):
-        rig.stamp_ns += 90_909_091
         rig.see()
     assert rig.drives and rig.twists()[-1] != STANDSTILL
     assert [read.diagnosis(item)['outcome'] for item in heard] == ['running']
@@ -105,7 +103,7 @@ def test_without_a_camera_that_is_the_reason_though_tracks_stay_away_too(bench) 
 
 
 def test_a_robot_that_holds_stands_for_the_latest_reason(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     rig.run.refuse('an image of last year')
     rig.run.trouble = 'an image of this year'
     assert (rig.phase, rig.reason) == ('holding', 'an image of last year')
@@ -121,7 +119,7 @@ def hear_and_wait(run, seconds: float) -> None:
 
 
 def test_a_run_fails_for_the_latest_reason_with_its_age(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     run = rig.run
     run.lose('no new tracks for 0.51 s')
     run.refuse('an image of last year')
@@ -132,7 +130,7 @@ def test_a_run_fails_for_the_latest_reason_with_its_age(bench) -> None:
 
 
 def test_where_tracks_end_in_a_hold_it_fails_for_that(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     run = rig.run
     run.lose('an image of last year')
     hear_and_wait(run, 4.9)
@@ -142,20 +140,17 @@ def test_where_tracks_end_in_a_hold_it_fails_for_that(bench) -> None:
 
 @pytest.mark.parametrize('count', [3, 0], ids=['few', 'none'])
 def test_a_hold_that_images_end_has_the_reason_of_the_last_of_them(bench, count) -> None:
-    rig = Rig(bench, stale_timeout=60.0, holding_timeout=1.0).drive()
+    rig = Rig(bench, holding_timeout=1.0).drive()
     rig.run.lose('no new tracks for 0.51 s')
-    seen = WORLD.observe(AWAY, 0)
-    columns = (seen.ids, seen.current, seen.desired, seen.ages, seen.errors)
-    few = Features(*(column[:count] for column in columns))
+    rig.goal = 1
     while rig.phase == 'holding':
-        rig.tell(write.features(replace(few, goal=1), rig.stamp_ns, 'camera'))
-        rig.stamp_ns += PERIOD_NS
+        rig.show(some(count))
     text = f'tracks lost or untrusted for 1 s: {count} features, 12 needed, 0.0 s ago'
     assert (rig.phase, rig.reason) == ('failed', text)
 
 
 def test_where_clock_ends_with_the_tracks_that_is_said_as_well(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     run = rig.run
     run.lose('an image of last year')
     run.freshness._node_clock = run.freshness.clock = HandSetClock()

@@ -19,7 +19,7 @@ def joystick(bench):
 
 
 def test_another_publisher_is_named_by_the_answer_and_by_the_log(bench, joystick) -> None:
-    rig = Rig(bench, stale_timeout=60.0, autostart=False)
+    rig = Rig(bench, autostart=False)
     rig.see()
     answer = bench.call('servo_node/start')
     assert (answer.success, answer.message.startswith(f'started; {TEXT}')) == (True, True)
@@ -29,7 +29,7 @@ def test_another_publisher_is_named_by_the_answer_and_by_the_log(bench, joystick
 
 def test_the_diagnostics_name_it_in_each_step_and_while_it_stands(bench, joystick) -> None:
     heard = bench.listen(DiagnosticArray, '/diagnostics')
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench)
     rig.idle()
     rig.drive()
     rig.run.stop()
@@ -41,7 +41,7 @@ def test_the_diagnostics_name_it_in_each_step_and_while_it_stands(bench, joystic
 
 
 def test_one_that_has_gone_is_not_named_any_more(bench, joystick) -> None:
-    Rig(bench, stale_timeout=60.0)
+    Rig(bench)
     assert TEXT in bench.call('servo_node/start').message
     bench.nodes.remove(joystick)
     bench.executor.remove_node(joystick)
@@ -50,7 +50,7 @@ def test_one_that_has_gone_is_not_named_any_more(bench, joystick) -> None:
 
 
 def test_of_the_servo_itself_and_of_other_servos_no_notice_is_given(bench) -> None:
-    Rig(bench, stale_timeout=60.0)
+    Rig(bench)
     answer = bench.call('servo_node/start')
     assert (answer.success, 'may publish' in answer.message) == (True, False)
 
@@ -60,7 +60,7 @@ def test_a_base_that_takes_another_type_is_named_at_the_start(two_processes, sta
     bench, other = two_processes
     other.listen(Twist if stamped else TwistStamped, 'cmd_vel')
     heard = bench.listen(DiagnosticArray, '/diagnostics')
-    rig = Rig(bench, stale_timeout=60.0, autostart=False, enable_stamped_cmd_vel=stamped)
+    rig = Rig(bench, autostart=False, enable_stamped_cmd_vel=stamped)
     kinds = ['geometry_msgs/Twist', 'geometry_msgs/TwistStamped'][:: 1 if stamped else -1]
     text = (
         f'/probe takes {kinds[0]} on /cmd_vel, /servo_node publishes {kinds[1]}: no command '
@@ -76,5 +76,5 @@ def test_a_base_that_takes_another_type_is_named_at_the_start(two_processes, sta
 def test_where_it_starts_by_itself_the_log_names_it(two_processes) -> None:
     bench, other = two_processes
     other.listen(TwistStamped, 'cmd_vel')
-    Rig(bench, stale_timeout=60.0).drive()
+    Rig(bench).drive()
     bench.until(lambda: bench.logged('/probe takes geometry_msgs/TwistStamped'), 'the log')

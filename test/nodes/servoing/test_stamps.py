@@ -5,7 +5,7 @@ from lifecycles import go
 import pytest
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
-from servo_rig import AWAY, CAMERA, HandSetClock, Rig, STAMP_NS, tracks
+from servo_rig import AWAY, HandSetClock, Rig, STAMP_NS, tracks
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.phase import Phase
@@ -72,7 +72,7 @@ class Present(Rig):
     """A servo whose images are of now, or ``age`` seconds older."""
 
     def __init__(self, bench: Bench, **values) -> None:
-        super().__init__(bench, **{'stale_timeout': 60.0, 'max_latency': 0.5, **values})
+        super().__init__(bench, **{'max_latency': 0.5, **values})
 
     def see(self, pose=AWAY, age: float = 0.0) -> None:
         now_ns = self.node.get_clock().now().nanoseconds
@@ -130,7 +130,7 @@ def test_where_time_itself_waits_no_image_is_late(bench) -> None:
 
 
 def test_in_simulated_time_the_age_is_by_its_clock(bench) -> None:
-    rig = Rig(bench, max_latency=0.5, stale_timeout=60.0, use_sim_time=True)
+    rig = Rig(bench, max_latency=0.5, use_sim_time=True)
     tick = bench.talk(Clock, '/clock', qos.CLOCK)
 
     def show(now_ns: int) -> None:
@@ -164,13 +164,13 @@ def test_a_bag_played_in_a_loop_ends_the_run(bench) -> None:
 
 @pytest.mark.parametrize('back_ns', [0, 90_000_000], ids=['repeated', 'overtaken'])
 def test_an_image_that_comes_too_late_or_again_is_not_driven_by(bench, back_ns) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     rig.tell(tracks(stamp_ns=rig.run.stamp_ns - back_ns))
     assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
 
 
 def test_after_a_stop_a_start_begins_anew_by_earlier_stamps(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     assert bench.call('servo_node/stop').success
     rig.stamp_ns = STAMP_NS - SECOND
     assert bench.call('servo_node/start').success
@@ -178,7 +178,7 @@ def test_after_a_stop_a_start_begins_anew_by_earlier_stamps(bench) -> None:
 
 
 def test_a_new_run_may_begin_with_stamps_of_before(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     assert bench.call('servo_node/reset').success
     rig.stamp_ns = STAMP_NS - 5_000_000_000  # another bag
     rig.drive()
@@ -190,7 +190,7 @@ def test_a_simulated_clock_that_stands_still_is_not_the_driver_s(still_s, text) 
 
 
 def test_where_clock_freezes_and_images_go_on_that_is_the_reason(bench) -> None:
-    rig = Rig(bench, max_latency=0.5, stale_timeout=60.0, use_sim_time=True)
+    rig = Rig(bench, max_latency=0.5, use_sim_time=True)
     tick = bench.talk(Clock, '/clock', qos.CLOCK)
     for _ in range(2):
         tick(write.clock(rig.stamp_ns))
@@ -255,8 +255,7 @@ def test_it_is_held_since_the_first_step_that_held_and_anew_after_another(freshn
 
 
 def calibrated(rig: Rig) -> Rig:
-    rig.calibrate(write.camera_info(CAMERA, 0, 'camera'))
-    rig.bench.settle()
+    rig.hear()
     rig.bench.settle()
     return rig
 
@@ -284,7 +283,7 @@ def rest(rig: Rig) -> None:
 
 @pytest.mark.parametrize('order', [stop, reset, rest])
 def test_tracks_from_before_an_order_are_not_driven_by(bench, order) -> None:
-    rig = Rig(bench, calibrated=False, stale_timeout=60.0)
+    rig = Rig(bench, calibrated=False)
     rig.see()
     order(rig)
     assert all(twist == STANDSTILL for twist in calibrated(rig).twists())

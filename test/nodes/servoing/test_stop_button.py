@@ -22,7 +22,7 @@ class Buttoned(Rig):
 
     def __init__(self, bench, **values) -> None:
         self._button = bench.talk(Bool, 'stop_button', qos.LATCHED)
-        super().__init__(bench, stale_timeout=60.0, **values)
+        super().__init__(bench, **values)
 
     def press(self, *, pressed: bool = True) -> None:
         self._button(Bool(data=pressed))
@@ -45,7 +45,7 @@ def test_a_pressed_button_stops_the_robot(rig) -> None:
 
 def test_a_servo_that_is_started_in_mid_press_stands(bench) -> None:
     bench.talk(Bool, 'stop_button', qos.LATCHED)(Bool(data=True))
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench)
     bench.settle()
     for _ in range(3):
         rig.see()
@@ -95,7 +95,7 @@ def other(bench, name: str):
 
 
 def test_of_two_servos_on_one_base_none_is_started(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0, autostart=False)
+    rig = Rig(bench, autostart=False)
     other(bench, 'dock_servo')
     answer = bench.call('servo_node/start')
     assert not answer.success
@@ -105,7 +105,7 @@ def test_of_two_servos_on_one_base_none_is_started(bench) -> None:
 
 
 def test_no_run_begins_by_itself_beside_another_servo(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench)
     rival = other(bench, 'dock_servo')
     rig.see()
     assert (rig.phase, rig.commands) == ('waiting', [])
@@ -126,7 +126,7 @@ def test_where_time_waits_for_the_servo_nobody_looks_for_another(bench) -> None:
 
 
 def test_what_is_left_of_a_servo_that_was_killed_keeps_none_from_starting(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench)
     other(bench, 'servo_node')
     rig.idle()
     rig.drive()
@@ -136,7 +136,7 @@ def test_what_is_left_of_a_servo_that_was_killed_keeps_none_from_starting(bench)
 
 def aged_twin(bench, **parameters) -> Rig:
     """Return a rig beside a servo of the same name, which is there for longer than a lease."""
-    rig = Rig(bench, stale_timeout=60.0, **parameters)
+    rig = Rig(bench, **parameters)
     clock = rig.clock = rig.node._admission.rivals._steady = HandSetClock()
     other(bench, 'servo_node')
     rig.idle()
@@ -203,7 +203,7 @@ def asked(rig) -> None:
 )
 @pytest.mark.parametrize('first', [qos.LATCHED, VOLATILE], ids=['latched', 'repeated'])
 def test_a_second_button_does_not_release_the_first(bench, hasty, first, second) -> None:
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench)
     press, other = (bench.talk(Bool, 'stop_button', profile) for profile in (first, second))
     bench.until(lambda: rig.node.count_publishers('stop_button') == 2, 'both buttons')
     rig.drive()
@@ -226,7 +226,7 @@ def test_a_second_button_does_not_release_the_first(bench, hasty, first, second)
 
 @pytest.mark.parametrize('profile', [qos.LATCHED, VOLATILE], ids=['latched', 'repeated'])
 def test_a_press_is_not_lost_by_a_false_of_another_button_after_it(bench, profile) -> None:
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench)
     press, other = (bench.talk(Bool, 'stop_button', profile) for _ in range(2))
     bench.until(lambda: rig.node.count_publishers('stop_button') == 2, 'both buttons')
     rig.drive()
@@ -236,7 +236,7 @@ def test_a_press_is_not_lost_by_a_false_of_another_button_after_it(bench, profil
 
 
 def test_after_a_release_in_doubt_nothing_is_left_over(bench, hasty) -> None:
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench)
     press, other = (bench.talk(Bool, 'stop_button', qos.LATCHED) for _ in range(2))
     bench.until(lambda: rig.node.count_publishers('stop_button') == 2, 'both buttons')
     before = len(list(rig.node.subscriptions)), len(list(rig.node.timers))

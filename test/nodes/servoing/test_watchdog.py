@@ -8,8 +8,7 @@ from std_msgs.msg import Bool, String
 
 from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
-from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.messages import event_log, read, write
+from visual_servo_epipolar.messages import event_log, read
 from visual_servo_epipolar.nodes import servo_node
 
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
@@ -89,7 +88,7 @@ ENDS = {
 
 @pytest.mark.parametrize('end', ENDS.values(), ids=ENDS)
 def test_whatever_interrupts_a_run_the_base_is_told_to_stand(bench, end) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     told = len(rig.commands)
     end(rig.run)
     bench.until(lambda: len(rig.commands) > told, 'the zero twist')
@@ -105,7 +104,7 @@ def test_a_robot_that_waits_does_not_fail_in_silence(bench) -> None:
 def test_diagnostics_tell_of_each_interruption(bench, monkeypatch) -> None:
     monkeypatch.setattr(servo_node, 'IDLE_PERIOD_S', 1000.0)  # at once, not when it looks next
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
 
     def told(level: bytes, text: str) -> None:
         bench.until(lambda: any(a == level and text in b for a, b in statuses(diagnostics)), text)
@@ -118,8 +117,7 @@ def test_diagnostics_tell_of_each_interruption(bench, monkeypatch) -> None:
     told(OK, 'waiting: stands until /servo_node/start is called')
     assert bench.call('servo_node/start').success
     told(OK, 'armed, drives as soon as the next image comes')
-    rig.calibrate(CameraInfo())
-    bench.settle()
+    rig.hear(CameraInfo())
     rig.see()
     rig.idle()
     rig.run.report()
@@ -140,7 +138,7 @@ def test_an_idle_servo_says_once_a_second_why_it_stands(bench, monkeypatch) -> N
 
 def test_a_servo_that_drives_says_nothing_beside_its_steps(bench) -> None:
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     bench.until(lambda: bool(diagnostics), 'diagnostics')
     diagnostics.clear()
     rig.idle()
@@ -150,7 +148,7 @@ def test_a_servo_that_drives_says_nothing_beside_its_steps(bench) -> None:
 
 def test_refused_stamps_are_in_the_diagnostics(bench) -> None:
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
-    rig = Rig(bench, stale_timeout=60.0, max_latency=0.5)
+    rig = Rig(bench, max_latency=0.5)
     rig.see()
     rig.run.report()
     bench.until(
@@ -167,7 +165,7 @@ class Enabled(Rig):
 
     def __init__(self, bench, **values) -> None:
         self.say = bench.talk(Bool, 'enable')
-        super().__init__(bench, **{'stale_timeout': 60.0, 'enable_timeout': TIMEOUT_S, **values})
+        super().__init__(bench, **{'enable_timeout': TIMEOUT_S, **values})
         enable = self.node._admission._enable
         enable._steady = self.clock = HandSetClock()
 
@@ -246,8 +244,7 @@ def test_a_hold_for_want_of_it_ends_as_any_other(bench) -> None:
 
 def lost(rig: Rig) -> None:
     """Hold by tracks that show nothing."""
-    rig.tell(write.features(Features(goal=1), rig.stamp_ns, 'camera'))
-    rig.stamp_ns += 90_909_091
+    rig.show()
     assert rig.phase == 'holding'
 
 
@@ -258,7 +255,7 @@ def silent(rig: Rig) -> None:
 
 @pytest.mark.parametrize('hold', [lost, silent])
 def test_after_a_hold_that_is_resumed_by_hand_it_stands_until_a_start(bench, hold) -> None:
-    rig = Rig(bench, stale_timeout=60.0, resume='manual').drive()
+    rig = Rig(bench, resume='manual').drive()
     hold(rig)
     for _ in range(3 * RESUMING_FRAMES):
         rig.see()
@@ -273,7 +270,7 @@ def test_after_a_hold_that_is_resumed_by_hand_it_stands_until_a_start(bench, hol
 
 @pytest.mark.parametrize('hold', [lost, silent])
 def test_by_default_it_goes_on_by_itself(bench, hold) -> None:
-    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig = Rig(bench).drive()
     hold(rig)
     for _ in range(RESUMING_FRAMES):
         rig.see()
