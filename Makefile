@@ -124,7 +124,7 @@ golden: $(STAMP) ## 18 runs at BASE and now, compared step by step to the last b
 faults: $(STAMP) ## 200 closed loops with faults, an hour; broken bags, messages; random transitions; kill -9 the recorder
 	@$(BIN)/visual_servo faults $(FAULTS_ARGS)
 	@BAG_MUTATIONS=200 $(BIN)/python -m pytest -ra test/bags/reading/test_fuzz.py
-	@FUZZ_MESSAGES=2000 $(BIN)/python -m pytest -ra test/nodes/fuzz test/nodes/tracking/test_fuzz.py
+	@FUZZ_MESSAGES=2000 $(BIN)/python -m pytest -ra test/nodes/fuzz
 	@LIFECYCLE_REQUESTS=10000 $(BIN)/python -m pytest -ra test/nodes/lifecycle -k random
 	@RECORDER_KILLS=20 $(BIN)/python -m pytest -ra test/nodes/recording/test_recorder_process.py -k killed
 

@@ -9,6 +9,7 @@ import cv2
 from durations import few_of
 import numpy as np
 import pytest
+import small_cameras
 from tagged_pictures import KINDS, tagged
 
 from visual_servo_epipolar.commands.camera_files import read_photograph
@@ -20,13 +21,7 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 
 START = (0.8, -3.0, 10.0)
 SAME_PLACE = r'taken from the same place: a parallax of 0\.\d\d px is too small for epipoles'
-SMALL = {
-    'width': 640,
-    'height': 480,
-    'focal_length': 384.6,
-    'principal_u': 327.0,
-    'principal_v': 233.0,
-}
+SMALL = small_cameras.sized(640, 480, 384.6, 327.0, 233.0)
 CAMERA = """
 image_width: 640
 image_height: 480
@@ -165,13 +160,7 @@ def test_a_hand_held_pair_falls_back_to_the_general_geometry(photographs: Path) 
     assert result['bearing_desired_deg'] == pytest.approx(math.degrees(truth.desired), abs=0.5)
 
 
-SQUARE = {
-    'width': 600,
-    'height': 600,
-    'focal_length': 384.6,
-    'principal_u': 299.5,
-    'principal_v': 299.5,
-}
+SQUARE = small_cameras.sized(600, 600, 384.6, 299.5, 299.5)
 
 
 @pytest.fixture(scope='module', params=[0.0, 20.0], ids=['level', 'leaning'])

@@ -9,6 +9,7 @@ import sys
 from typing import Any
 
 import pytest
+import small_cameras
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted(path.parent for path in (ROOT / 'docs' / 'examples').glob('*/setup.py'))
@@ -91,13 +92,7 @@ def test_an_estimator_of_ones_own_finds_the_goal(environment: dict[str, str]) ->
 
 def test_a_matcher_of_ones_own_finds_the_photograph(environment: dict[str, str], tmp_path) -> None:
     scenario = tmp_path / 'orb.yaml'
-    camera = {
-        'width': 320,
-        'height': 256,
-        'focal_length': 192.3,
-        'principal_u': 158.4,
-        'principal_v': 127.6,
-    }
+    camera = small_cameras.sized(320, 256, 192.3, 158.4, 127.6)
     scenario.write_text(json.dumps({'tracker': {'matcher': 'orb'}, 'camera': camera}))
     start = ('--start', '0.2', '-1.2', '3', '--source', 'images')
     result = run(environment, 'simulate', *start, '--scenario', str(scenario))

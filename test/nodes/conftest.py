@@ -4,18 +4,11 @@ from collections.abc import Iterator
 
 from bench import Bench
 import pytest
+from small_cameras import SMALL
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-
-SMALL = {
-    'width': 320,
-    'height': 240,
-    'focal_length': 192.0,
-    'principal_u': 159.5,
-    'principal_v': 119.5,
-}
 
 
 @pytest.fixture

@@ -1,26 +1,26 @@
-"""The simulated camera as a node: images that belong to the ground truth they were taken at."""
+"""The simulated camera as a node, and the tree of frames: world, odom, base_link, camera."""
 
+import math
+from types import SimpleNamespace
+
+from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Image
+from small_cameras import MINUTE
 
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.stamps import period_ns
-from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.frames import TransformBroadcaster
+from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.closed_loop import published
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.view import LEVEL, Nod
 
-TINY = {
-    'width': 64,
-    'height': 48,
-    'focal_length': 40.0,
-    'principal_u': 31.25,
-    'principal_v': 23.5,
-}
 PERIOD_NS = period_ns(11.0)
 POSE = Pose.from_start(0.3, -2.2, 5.0)
 
@@ -33,7 +33,7 @@ class Camera:
         self.images = bench.listen(Image, 'image_raw')
         self.infos = bench.listen(CameraInfo, 'camera_info')
         self._truth = bench.talk(Odometry, 'ground_truth')
-        self.node = bench.start(CameraNode, **{**TINY, **values})
+        self.node = bench.start(CameraNode, **{**MINUTE, **values})
 
     def stamps(self) -> list[int]:
         return [read.stamp_ns(message.header) for message in self.images]
@@ -101,7 +101,7 @@ def test_every_lens_is_told_as_it_is_simulated(bench, model, distortion) -> None
 def test_no_distortion_may_be_written_as_an_empty_list(bench) -> None:
     camera = Camera(bench, distortion=())
     camera.see(0)
-    assert read.camera(camera.infos[0]) == CameraSettings(**TINY, distortion=()).camera
+    assert read.camera(camera.infos[0]) == CameraSettings(**MINUTE, distortion=()).camera
 
 
 def test_who_comes_late_still_gets_the_photograph(camera) -> None:
@@ -173,4 +173,143 @@ def test_no_image_costs_settings_to_be_made_anew(bench, monkeypatch) -> None:
     camera.see(0)
     camera.see(PERIOD_NS)
     assert camera.stamps() == [0, PERIOD_NS]
-    assert read.camera(camera.infos[-1]).width == TINY['width']
+    assert read.camera(camera.infos[-1]).width == MINUTE['width']
+
+
+FRAMES = {'odom_frame': 'o', 'base_frame': 'b', 'frame_prefix': 'robot1/'}
+
+
+@pytest.fixture
+def sent(monkeypatch):
+    """Return the list of what the broadcasters are given to send."""
+    messages = []
+    monkeypatch.setattr(TransformBroadcaster, 'send', lambda _, each: messages.append(list(each)))
+    return messages
+
+
+def matrix(message):
+    """Return a planar transform as a matrix, (3, 3)."""
+    place, turn = message.transform.translation, message.transform.rotation
+    cos, sin = turn.w**2 - turn.z**2, 2.0 * turn.w * turn.z
+    return np.array([[cos, -sin, place.x], [sin, cos, place.y], [0.0, 0.0, 1.0]])
+
+
+def test_the_tree_leads_from_the_world_to_where_the_robot_really_is(bench, sent) -> None:
+    truth, odometry = bench.listen(Odometry, 'ground_truth'), bench.listen(Odometry, 'odom')
+    command = bench.talk(TwistMessage, 'cmd_vel')
+    node = bench.start(
+        UnicycleNode, lockstep=True, begin=False, command_timeout=0.0, odometry_noise=0.5
+    )
+    node.begin()
+    for step in range(20):
+        bench.until(lambda count=step + 1: len(truth) == count, 'the next frame')
+        command(write.twist(Twist(0.5, 0.4)))
+    bench.until(lambda: len(odometry) == len(truth) == 21, 'odometry beside the truth')
+    to_odom, to_base = sent[-1]
+    assert [message.header.frame_id for message in sent[-1]] == ['world', 'odom']
+    assert [message.child_frame_id for message in sent[-1]] == ['odom', 'base_link']
+    assert {read.stamp_ns(message.header) for message in sent[-1]} == {
+        read.stamp_ns(truth[-1].header)
+    }
+    pose, wheels = read.pose(truth[-1]), read.pose(odometry[-1])
+    at = transforms.on_the_floor('world', 'base_link', pose, 0)
+    np.testing.assert_allclose(matrix(to_odom) @ matrix(to_base), matrix(at), atol=1e-9)
+    by_wheels = transforms.on_the_floor('odom', 'base_link', wheels, 0)
+    np.testing.assert_allclose(matrix(to_base), matrix(by_wheels), atol=1e-9)
+    assert not np.allclose(matrix(to_odom), matrix(sent[0][0]), atol=1e-3)  # it has drifted
+
+
+def test_the_camera_hangs_on_the_base_once_and_for_all(bench, sent) -> None:
+    bench.start(CameraNode, **MINUTE, mount_height=0.5, mount_forward=0.2)
+    ((mounted,),) = sent
+    assert (mounted.header.frame_id, mounted.child_frame_id) == (
+        'base_link',
+        'camera_optical_frame',
+    )
+    place = mounted.transform.translation
+    np.testing.assert_allclose([place.x, place.y, place.z], [0.2, 0.0, 0.5])
+
+
+def test_robots_share_the_world_and_no_other_frame(bench, sent) -> None:
+    truth, odometry = bench.listen(Odometry, 'ground_truth'), bench.listen(Odometry, 'odom')
+    node = bench.start(UnicycleNode, lockstep=True, begin=False, **FRAMES)
+    node.begin()
+    bench.until(lambda: bool(truth and odometry), 'truth and odometry')
+    assert (truth[0].header.frame_id, truth[0].child_frame_id) == ('world', 'robot1/b')
+    assert (odometry[0].header.frame_id, odometry[0].child_frame_id) == ('robot1/o', 'robot1/b')
+    assert [message.header.frame_id for message in sent[-1]] == ['world', 'robot1/o']
+    assert [message.child_frame_id for message in sent[-1]] == ['robot1/o', 'robot1/b']
+
+
+def test_images_and_camera_info_name_the_frame_of_this_robots_camera(bench, sent) -> None:
+    images, infos = bench.listen(Image, 'image_raw'), bench.listen(CameraInfo, 'camera_info')
+    see = bench.talk(Odometry, 'ground_truth')
+    values = {'camera_frame': 'eye_optical_frame', 'base_frame': 'b', 'frame_prefix': 'robot2/'}
+    bench.start(CameraNode, **MINUTE, **values)
+    see(write.odometry(Pose(0.0, -2.0, 1.5), STANDSTILL, 7, 'world', 'robot2/b'))
+    bench.until(lambda: bool(images and infos), 'an image')
+    assert images[0].header.frame_id == infos[0].header.frame_id == 'robot2/eye_optical_frame'
+    assert sent[0][0].header.frame_id == 'robot2/b'
+    assert sent[0][0].child_frame_id == 'robot2/eye_optical_frame'
+
+
+def test_the_transform_of_a_yawed_camera_looks_to_the_left(bench, sent) -> None:
+    bench.start(CameraNode, **MINUTE, mount_yaw=0.2)
+    turn = sent[0][0].transform.rotation
+    x, y, z, w = turn.x, turn.y, turn.z, turn.w
+    forward = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)]
+    np.testing.assert_allclose(forward, [math.cos(0.2), math.sin(0.2), 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'values'),
+    [
+        (UnicycleNode, {'odom_frame': '/odom'}),
+        (UnicycleNode, {'world_frame': ''}),
+        (CameraNode, {**MINUTE, 'camera_frame': ''}),
+        (CameraNode, {**MINUTE, 'frame_prefix': '/robot1/'}),
+    ],
+)
+def test_a_frame_that_tf2_refuses_is_refused_at_the_start(bench, kind, values) -> None:
+    with pytest.raises(ValueError, match='a frame must have a name that does not begin with /'):
+        bench.start(kind, **values)
+
+
+@pytest.mark.parametrize(
+    ('static', 'topic', 'profile'),
+    [(False, '/tf', qos.TRANSFORMS), (True, '/tf_static', qos.LATCHED)],
+)
+def test_with_tf2_msgs_transforms_are_one_message(monkeypatch, static, topic, profile) -> None:
+    monkeypatch.setattr(transforms, 'tf_message_class', lambda: SimpleNamespace)
+    made, published = [], []
+
+    def create_publisher(*arguments):
+        made.append(arguments)
+        return SimpleNamespace(publish=published.append)
+
+    broadcaster = TransformBroadcaster(
+        SimpleNamespace(create_publisher=create_publisher), static=static
+    )
+    broadcaster.send(['first', 'second'])
+    assert made == [(SimpleNamespace, topic, profile)]
+    assert [message.transforms for message in published] == [['first', 'second']]
+
+
+def test_without_tf2_msgs_it_says_so_once(bench, monkeypatch) -> None:
+    monkeypatch.setattr(transforms, 'tf_message_class', lambda: None)
+    truth = bench.listen(Odometry, 'ground_truth')
+    node = bench.start(UnicycleNode)
+    bench.until(lambda: len(truth) > 5, 'ground truth')
+    assert not [item for item in node.publishers if item.topic_name.startswith('/tf')]
+    assert len(bench.logged('tf2_msgs cannot be imported, /tf is not published')) == 1
+
+
+def test_with_the_real_tf2_msgs_the_tree_is_on_tf_and_tf_static(bench) -> None:
+    kind = pytest.importorskip('tf2_msgs.msg', reason='tf2_msgs is not installed').TFMessage
+    moving = bench.listen(kind, '/tf', qos.TRANSFORMS)
+    bench.start(UnicycleNode)
+    bench.start(CameraNode, **MINUTE)
+    fixed = bench.listen(kind, '/tf_static', qos.LATCHED)  # who comes late hears it, too
+    bench.until(lambda: bool(moving and fixed), 'both topics')
+    assert [item.child_frame_id for item in moving[0].transforms] == ['odom', 'base_link']
+    assert [item.child_frame_id for item in fixed[0].transforms] == ['camera_optical_frame']

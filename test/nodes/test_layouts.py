@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import Image, JointState
+from small_cameras import TINY
 from visualization_msgs.msg import MarkerArray
 import yaml
 
@@ -26,13 +27,6 @@ CONFIG = Path(__file__).parents[2] / 'config'
 FOXGLOVE = json.loads((CONFIG / 'foxglove_layout.json').read_text(encoding='utf-8'))
 RVIZ = yaml.safe_load((CONFIG / 'visual_servo.rviz').read_text(encoding='utf-8'))
 PATH = re.compile(r'(?P<topic>/[\w/]+)\.(?P<fields>[\w.]+)(\[(?P<index>\d+)\])?')
-TINY = {
-    'width': 160,
-    'height': 128,
-    'focal_length': 96.0,
-    'principal_u': 79.0,
-    'principal_v': 63.0,
-}
 SHOWN_IN_3D = {'visualization_msgs/msg/MarkerArray', 'nav_msgs/msg/Odometry'}
 DISPLAYS = {
     'Camera': 'sensor_msgs/msg/Image',

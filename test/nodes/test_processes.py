@@ -161,13 +161,6 @@ def test_a_file_that_is_no_parameter_file_ends_a_node_with_one_line(tmp_path, te
     assert str(file) in ours[0]
 
 
-def test_an_unknown_ros_argument_ends_a_node_with_one_line() -> None:
-    ended = run_badly('unicycle_node', '--foo')
-    assert ended.returncode == 2
-    assert len(ended.stderr.splitlines()) == 1, ended.stderr
-    assert '--foo' in ended.stderr
-
-
 def test_a_blank_photograph_ends_the_tracker_with_one_line(tmp_path) -> None:
     file = tmp_path / 'blank.pgm'
     file.write_bytes(b'P5 64 48 255\n' + bytes(64 * 48))

@@ -18,6 +18,7 @@ from rosbags import rosbag1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
+import small_cameras
 from std_msgs.msg import String
 
 from visual_servo_epipolar.nodes import qos
@@ -60,13 +61,7 @@ Message = tuple[str, int, bytes]  # topic, time of recording [ns], CDR
 
 def small_scenario(max_duration: float, **servo: Any) -> Scenario:
     """Return a run through a camera of 320x256 px, the real one with its pixels binned."""
-    camera = {
-        'width': 320,
-        'height': 256,
-        'focal_length': 769.2307692307693 / 4.0,
-        'principal_u': 158.375,
-        'principal_v': 127.625,
-    }
+    camera = small_cameras.sized(320, 256, 769.2307692307693 / 4.0, 158.375, 127.625)
     document = {'camera': camera, 'run': {'max_duration': max_duration}, 'servo': servo}
     return from_document(document, 'test')
 

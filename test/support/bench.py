@@ -126,6 +126,12 @@ class Bench(AbstractContextManager['Bench']):
         self.executor.add_node(node)
         return node
 
+    def remove(self, node: Any) -> None:
+        """Destroy a node before the end."""
+        self.nodes.remove(node)
+        self.executor.remove_node(node)
+        node.destroy_node()
+
     def start(self, kind: Callable[..., Any], **values: Any) -> Any:
         """Start a node of ``kind`` with parameters, and wait until it knows the probe."""
         overrides = [parameters.override(name, value) for name, value in values.items()]

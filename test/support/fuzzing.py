@@ -1,6 +1,7 @@
 """Messages that nobody should send: of any type, or nearly right; their number, and memory."""
 
 from array import array
+from collections.abc import Callable
 import gc
 from importlib import import_module
 import os
@@ -143,3 +144,20 @@ def resident_mb() -> float:
     """Return the memory in use."""
     gc.collect()
     return int(Path('/proc/self/statm').read_text().split()[1]) * 4096 / 1e6
+
+
+def assert_stays_small(
+    tell: Callable[[np.random.Generator, int], None],
+    seed: int,
+    count: int = COUNT // 2,
+    end: Callable[[], float] = lambda: 0.0,
+) -> None:
+    """Tell the same ``count`` things twice: what is kept is a leak, but for what ``end`` returns."""
+    used = []
+    for _ in range(2):
+        rng = np.random.default_rng(seed)
+        for number in range(count):
+            tell(rng, number)
+        kept = end()
+        used.append(resident_mb())
+    assert used[1] - used[0] < GROWTH_MB + kept

@@ -82,12 +82,10 @@ def assert_cycles_leave_nothing(bench: Bench, node: Any) -> None:
 
 def assert_gone_at_once(bench: Bench, node: Any) -> None:
     """Destroy a node: its name is gone, before garbage is collected."""
-    bench.nodes.remove(node)
-    bench.executor.remove_node(node)
     name = node.get_name()
     gc.disable()
     try:
-        node.destroy_node()
+        bench.remove(node)
         assert name not in bench.probe.get_node_names()
     finally:
         gc.enable()

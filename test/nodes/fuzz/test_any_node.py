@@ -1,7 +1,10 @@
-"""Whatever comes on any subscription of the other nodes: they live, say one line, stay small."""
+"""Whatever comes on any subscription of a node: it lives, says one line, stays small."""
+
+from array import array
 
 from bag_reading import read_back
 from bench import Bench
+import cv2
 import fuzzing
 from geometry_msgs.msg import TwistStamped
 from lifecycle_msgs.srv import ChangeState
@@ -10,24 +13,27 @@ import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import CameraInfo, PointCloud2
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from servo_rig import AWAY, CAMERA, PERIOD_NS, Rig, STAMP_NS, tracks
+import small_cameras
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.messages.encodings import ENCODINGS
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.dock_node import DockNode
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.route_node import RouteNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.servoing.commands import Commands
+from visual_servo_epipolar.nodes.startup import complaints
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 
-SMALL = {'width': 64, 'height': 48, 'focal_length': 38.0, 'principal_u': 31.5}
-SMALL['principal_v'] = 23.5
+TINY = small_cameras.sized(64, 48, 38.0, 31.5, 23.5)
+NODES = (ServoNode, TrackerNode, RecorderNode, DockNode, RouteNode, UnicycleNode, CameraNode)
 KINDS = [
     pytest.param(DockNode, {}, id='dock'),
     pytest.param(DockNode, {'autostart_node': False}, id='dock that is not active'),
@@ -39,7 +45,7 @@ KINDS = [
     pytest.param(UnicycleNode, {'rate': 1.0}, id='base'),
     pytest.param(UnicycleNode, {'rate': 1.0, 'enable_stamped_cmd_vel': True}, id='stamped base'),
     pytest.param(UnicycleNode, {'lockstep': True, 'begin': False}, id='base in lockstep'),
-    pytest.param(CameraNode, SMALL, id='camera'),
+    pytest.param(CameraNode, TINY, id='camera'),
 ]
 
 
@@ -47,16 +53,12 @@ KINDS = [
 def test_a_node_outlives_all_that_it_hears(bench: Bench, kind, values) -> None:
     node = bench.start(kind, **values)
 
-    def run(count: int) -> float:
-        rng = np.random.default_rng(2)
-        for number in range(count):
-            fuzzing.sent_to(node, rng)
-            if number % 20 == 0:
-                bench.executor.spin_once(timeout_sec=0.0)
-        return fuzzing.resident_mb()
+    def tell(rng, number: int) -> None:
+        fuzzing.sent_to(node, rng)
+        if number % 20 == 0:
+            bench.executor.spin_once(timeout_sec=0.0)
 
-    first = run(fuzzing.COUNT // 2)
-    assert run(fuzzing.COUNT // 2) - first < fuzzing.GROWTH_MB
+    fuzzing.assert_stays_small(tell, 2)
     bench.settle()
     assert not [log for log in bench.logs if '\n' in log.msg or len(log.msg) > 500]
 
@@ -112,16 +114,6 @@ def test_a_servo_outlives_bytes_that_are_no_message(bench) -> None:
     rig.drive()
 
 
-KINDS_SERVICES = [
-    ServoNode,
-    TrackerNode,
-    RecorderNode,
-    DockNode,
-    RouteNode,
-    UnicycleNode,
-    CameraNode,
-]
-TINY = {'width': 64, 'height': 48, 'focal_length': 38.0, 'principal_u': 31.5, 'principal_v': 23.5}
 ENDS = {5, 6, 7}  # transitions after which nothing is asked any more
 
 
@@ -138,22 +130,18 @@ def asked(node, kind, rng):
     return request
 
 
-@pytest.mark.parametrize('kind', KINDS_SERVICES)
+@pytest.mark.parametrize('kind', NODES)
 def test_every_request_is_answered(bench: Bench, kind, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)  # bags may be asked for
     node = bench.start(kind, **(TINY if kind is CameraNode else {}))
 
-    def run(count: int) -> float:
-        rng = np.random.default_rng(5)
-        for _ in range(count):
-            for service in list(node.services):
-                request = fuzzing.wired(asked(node, service.srv_type, rng))
-                answer = service.callback(request, service.srv_type.Response())
-                fuzzing.wired(answer)
-        return fuzzing.resident_mb()
+    def ask(rng, _: int) -> None:
+        for service in list(node.services):
+            request = fuzzing.wired(asked(node, service.srv_type, rng))
+            answer = service.callback(request, service.srv_type.Response())
+            fuzzing.wired(answer)
 
-    first = run(fuzzing.COUNT // 4)
-    assert run(fuzzing.COUNT // 4) - first < fuzzing.GROWTH_MB
+    fuzzing.assert_stays_small(ask, 5, fuzzing.COUNT // 4)
     bench.settle()
 
 
@@ -222,40 +210,31 @@ def check(rig: Fuzzed) -> None:
 def test_outside_of_a_run_nothing_moves_the_robot(bench, monkeypatch) -> None:
     rig = Fuzzed(bench, monkeypatch, autostart=False)
 
-    def run(count: int) -> float:
-        rng = np.random.default_rng(0)
-        for _ in range(count):
-            nonsense(rig, rng)
+    def end() -> float:
         assert all(twist == STANDSTILL for twist, *_ in rig.sent)
         check(rig)
-        return fuzzing.resident_mb()
+        return 0.0
 
-    first = run(fuzzing.COUNT // 2)
-    assert run(fuzzing.COUNT // 2) - first < fuzzing.GROWTH_MB
+    fuzzing.assert_stays_small(lambda rng, _: nonsense(rig, rng), 0, end=end)
     assert rig.drives()
 
 
 def test_in_a_run_the_robot_keeps_to_its_limits(bench, monkeypatch) -> None:
-    rig = Fuzzed(bench, monkeypatch)
+    rig, moved, count = Fuzzed(bench, monkeypatch), [], fuzzing.COUNT // 2
 
-    def run(count: int) -> float:
-        rng = np.random.default_rng(1)
-        stamp_ns, moved = STAMP_NS, 0
-        for _ in range(count):
-            rig.calm()
-            rig.hand('/tracks', tracks(AWAY, stamp_ns))
-            assert rig.order('start')
-            for _ in range(3):
-                stamp_ns += PERIOD_NS
-                rig.hand('/tracks', tracks(AWAY, stamp_ns))
-            moved += rig.sent[-1][0] != STANDSTILL
-            nonsense(rig, rng)
-            check(rig)
-        assert moved > count // 2
-        return fuzzing.resident_mb()
+    def run(rng, number: int) -> None:
+        stamp_ns = STAMP_NS + 3 * number * PERIOD_NS
+        rig.calm()
+        rig.hand('/tracks', tracks(AWAY, stamp_ns))
+        assert rig.order('start')
+        for k in range(1, 4):
+            rig.hand('/tracks', tracks(AWAY, stamp_ns + k * PERIOD_NS))
+        moved.append(rig.sent[-1][0] != STANDSTILL)
+        nonsense(rig, rng)
+        check(rig)
 
-    first = run(fuzzing.COUNT // 2)
-    assert run(fuzzing.COUNT // 2) - first < fuzzing.GROWTH_MB
+    fuzzing.assert_stays_small(run, 1, count)
+    assert sum(moved[:count]) > count // 2 < sum(moved[count:])
 
 
 KINDS_RECORDER_FUZZ = {
@@ -277,24 +256,23 @@ def test_all_that_is_published_is_in_the_bag_byte_for_byte(bench: Bench, tmp_pat
     )
     bench.until(lambda: node.ready, 'the topics to be recorded')
     bench.settle()
-    rng, sent = np.random.default_rng(6), []
+    sent = []
 
-    def run(count: int) -> float:
-        for number in range(count):
-            for name, kind in KINDS_RECORDER_FUZZ.items():
-                data = serialize_message(fuzzing.anything(kind, rng))
-                if rng.random() < 0.3:
-                    data = damaged_of_recorder_fuzz(data, rng)
-                talk[name](data)
-                sent.append((f'/{name}', data))
-            if number % BATCH == 0:
-                bench.until(lambda: node.received == len(sent), 'what was sent')
+    def tell(rng, number: int) -> None:
+        for name, kind in KINDS_RECORDER_FUZZ.items():
+            data = serialize_message(fuzzing.anything(kind, rng))
+            if rng.random() < 0.3:
+                data = damaged_of_recorder_fuzz(data, rng)
+            talk[name](data)
+            sent.append((f'/{name}', data))
+        if number % BATCH == 0:
+            bench.until(lambda: node.received == len(sent), 'what was sent')
+
+    def end() -> float:  # how much this test itself keeps
         bench.until(lambda: node.received == len(sent), 'what was sent')
-        return fuzzing.resident_mb()
+        return 100e-6 * len(sent) + sum(len(data) for _, data in sent) / 2e6
 
-    first = run(fuzzing.COUNT // 2)
-    kept = 200e-6 * len(sent) + sum(len(data) for _, data in sent) / 1e6  # by this test itself
-    assert run(fuzzing.COUNT // 2) - first < fuzzing.GROWTH_MB + kept
+    fuzzing.assert_stays_small(tell, 6, end=end)
     assert not node.stop().error
     written = sorted((name, bytes(data)) for name, _, data in read_back(tmp_path / 'bag'))
     assert written == sorted(sent)
@@ -306,3 +284,117 @@ def damaged_of_recorder_fuzz(data: bytes, rng) -> bytes:
     for _ in range(4):
         changed[int(rng.integers(4, len(data)))] = int(rng.integers(0, 256))
     return bytes(changed)
+
+
+LONGEST = 500  # letters of a line
+SIZES = (0, 1, 2, 3, 16, 240, 320, 65_536, 2**31, 2**32 - 1)
+NUMBERS = (0.0, 1.0, -1.0, 192.0, 1e-300, 1e300, np.inf, -np.inf, np.nan, 160.0)
+LENSES = ('', 'plumb_bob', 'rational_polynomial', 'equidistant', 'fisheye', 'thin_prism', 'ä' * 99)
+
+
+def stamped(message, rng):
+    message.header.stamp.sec = int(rng.choice([-(2**31), -1, 0, 5, 2**31 - 1]))
+    message.header.stamp.nanosec = int(rng.choice([0, 7, 10**9 - 1, 2**32 - 1]))
+    message.header.frame_id = str(rng.choice(['', 'camera', 'x' * 999]))
+    return message
+
+
+def data(rng, length) -> array:
+    made = array('B')
+    made.frombytes(rng.integers(0, 256, int(length), dtype=np.uint8).tobytes())
+    return made
+
+
+def image(rng, view):
+    if rng.random() < 0.05:
+        return stamped(write.image(view, 'mono8', 0, ''), rng)
+    message = stamped(Image(), rng)
+    message.encoding = str(rng.choice([*ENCODINGS, '', 'nv21', '32FC1', 'x' * 999, 'MONO8']))
+    message.height, message.width, message.step = (int(rng.choice(SIZES)) for _ in range(3))
+    message.is_bigendian = int(rng.integers(0, 256))
+    honest = message.height * message.step
+    length = honest if honest < 100_000 and rng.random() < 0.7 else rng.integers(0, 500)
+    message.data = data(rng, length)
+    return message
+
+
+def compressed(rng, view):
+    message = stamped(CompressedImage(), rng)
+    words = ['jpeg', '', 'mono8; jpeg compressed ', 'bayer_rggb8; jpeg compressed ', 'ä' * 99]
+    message.format = str(rng.choice(words))
+    suffix = '.png' if rng.random() < 0.3 else '.jpg'
+    shape = (240, 320) if rng.random() < 0.03 else tuple(rng.integers(1, 18, 2))
+    pixels = view if shape == (240, 320) else rng.integers(0, 256, shape).astype(np.uint8)
+    message.data.frombytes(cv2.imencode(suffix, pixels)[1].tobytes())
+    for _ in range(rng.integers(0, 4)):
+        message.data[int(rng.integers(0, len(message.data)))] = int(rng.integers(0, 256))
+    if rng.random() < 0.3:
+        del message.data[int(rng.integers(0, len(message.data))) :]
+    return message
+
+
+def camera_info(rng, view):
+    message = stamped(CameraInfo(), rng)
+    message.width, message.height = (int(rng.choice(SIZES)) for _ in range(2))
+    message.distortion_model = str(rng.choice(LENSES))
+    message.d = rng.choice(NUMBERS, int(rng.choice([0, 4, 5, 8, 12, 14, 3, 99]))).tolist()
+    message.k, message.p = rng.choice(NUMBERS, 9), rng.choice(NUMBERS, 12)
+    message.binning_x, message.binning_y = (int(rng.choice(SIZES)) for _ in range(2))
+    roi = message.roi
+    roi.x_offset, roi.y_offset, roi.width, roi.height = (int(rng.choice(SIZES)) for _ in range(4))
+    if rng.random() < 0.5:  # nearly right
+        message.width, message.height, message.k = (
+            320,
+            240,
+            np.array([192.0, 0, 160, 0, 192, 120, 0, 0, 1]),
+        )
+    return message
+
+
+@pytest.mark.parametrize(
+    ('topic', 'made', 'transport'),
+    [
+        ('/image_raw', image, 'raw'),
+        ('/image_raw/compressed', compressed, 'compressed'),
+        ('/desired/image_raw', image, 'raw'),
+        ('/desired/image_raw/compressed', compressed, 'compressed'),
+        ('/camera_info', camera_info, 'raw'),
+    ],
+)
+def test_random_messages_are_survived(
+    bench, simulator, photograph, view, monkeypatch, topic, made, transport
+) -> None:
+    said, clouds = [], []
+    monkeypatch.setattr(complaints.Complaints, '__call__', lambda self, text: said.append(text))
+    node = bench.start(TrackerNode, transport=transport, camera_reliability='best_effort')
+    (publisher,) = (it for it in node.publishers if it.topic_name == '/tracks')
+    monkeypatch.setattr(publisher, 'publish', clouds.append)
+    callbacks = {item.topic_name: item.callback for item in node.subscriptions}
+    suffix = '' if transport == 'raw' else '/compressed'
+    kind = png if suffix else mono8
+
+    def teach() -> None:
+        callbacks['/camera_info'](write.camera_info(simulator.camera, 0, 'camera'))
+        callbacks[f'/desired/image_raw{suffix}'](kind(photograph))
+
+    def end() -> float:
+        teach()
+        for _ in range(12):
+            callbacks[f'/image_raw{suffix}'](kind(view))
+        assert len(read.features(clouds[-1])) >= 40  # nothing is lost
+        clouds.clear()
+        return 0.0
+
+    teach()
+    fuzzing.assert_stays_small(lambda rng, _: callbacks[topic](made(rng, view)), 0, end=end)
+    assert not [text for text in said if '\n' in text or len(text) > LONGEST]
+
+
+def mono8(pixels) -> Image:
+    return write.image(pixels, 'mono8', 0, '')
+
+
+def png(pixels) -> CompressedImage:
+    message = CompressedImage(format='mono8; png compressed ')
+    message.data.frombytes(cv2.imencode('.png', pixels)[1].tobytes())
+    return message

@@ -23,22 +23,18 @@ def test_docking_outlives_all_that_it_hears(bench: Bench) -> None:
     node = bench.start(served, **SERVED, dock_backwards=True)
     client, results = Client(bench), []
 
-    def run(count: int) -> float:
-        rng = np.random.default_rng(8)
-        for number in range(count):
-            if number % A_GOAL == 0:  # it supersedes what is under way
-                results.append(client.ask()[1])
-            fuzzing.sent_to(node, rng)
-            bench.executor.spin_once(timeout_sec=0.0)
-        return fuzzing.resident_mb()
+    def tell(rng, number: int) -> None:
+        if number % A_GOAL == 0:  # it supersedes what is under way
+            results.append(client.ask()[1])
+        fuzzing.sent_to(node, rng)
+        bench.executor.spin_once(timeout_sec=0.0)
 
     def is_quiet() -> bool:
         count = len(twists)
         bench.settle()
         return len(twists) == count
 
-    first = run(fuzzing.COUNT // 2)
-    assert run(fuzzing.COUNT // 2) - first < fuzzing.GROWTH_MB
+    fuzzing.assert_stays_small(tell, 8)
     bench.until(is_quiet, 'what was commanded to arrive')
     go(bench, node, 'deactivate')
     bench.until(lambda: read.twist(twists[-1]) == STANDSTILL, 'the zero twist')

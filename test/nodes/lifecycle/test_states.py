@@ -314,9 +314,7 @@ class Campaign:
     def renew(self) -> None:
         if self.node.state == 'finalized':
             self.ends += 1
-            self.bench.nodes.remove(self.node)
-            self.bench.executor.remove_node(self.node)
-            self.node.destroy_node()
+            self.bench.remove(self.node)
             self.node = self.parrot()
 
     def check(self) -> None:

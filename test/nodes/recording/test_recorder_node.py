@@ -191,9 +191,7 @@ def test_the_bag_is_completed_when_the_node_goes(bench, tmp_path) -> None:
     recording.until_recorded('/words')
     say(write.text('last'))
     recording.until_written('/words')
-    bench.nodes.remove(recording.node)
-    bench.executor.remove_node(recording.node)
-    recording.node.destroy_node()
+    bench.remove(recording.node)
     assert recorded_words(recording.bag, '/words') == ['last']
 
 

@@ -1,11 +1,14 @@
 """The route node: what may go wrong ends in one clear message and a robot that stands."""
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Path as PathMessage
 import numpy as np
 import pytest
+from rclpy.logging import get_logger
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from recorded_drives import befallen, RecordedDrive, REFUSED, room_drive, TAKEN
@@ -16,8 +19,11 @@ from std_msgs.msg import Bool
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.registry import with_intrinsics
 from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.routes.route import Appearance, in_memory, Route
 from visual_servo_epipolar.core.routes.run import FOLLOWING, RouteRun, RouteStep
+from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.messages.route_folder import read_route, write_route
+from visual_servo_epipolar.nodes.routing.recording import RouteRenewal
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DRIVES = RouteStep(Twist(0.4, 0.1), FOLLOWING)
@@ -378,3 +384,36 @@ def test_a_route_comes_all_the_same_of(bench, tmp_path: Path, name: str) -> None
     success, text = rig.record(befallen(change))
     assert success and text.startswith(f'{length:.2f} m') and text.endswith(f'; {note}')
     assert read_route(tmp_path / 'hall').length == pytest.approx(length, abs=0.01)
+
+
+def after_arrival(folder: Path, renew: int) -> None:
+    route = read_route(folder)
+    view, rows = route.views[1], np.arange(4)
+    look = Appearance(in_memory(key_view(7).image), view.keypoints.take(rows), rows)
+    views = (route.views[0], replace(view, renewed=(look,)), route.views[2])
+
+    def renewed() -> Route:
+        return replace(route, views=views)
+
+    run = SimpleNamespace(settings=FollowSettings(renewals=renew), confirmed=1, renewed=renewed)
+    renewal = RouteRenewal(get_logger('test'))
+    renewal.follow(run, folder)  # type: ignore[arg-type]
+    renewal.begin()
+    renewal.begin()  # by the next image
+    renewal.wait()
+
+
+@pytest.mark.parametrize('renew', [0, 2])
+def test_photographs_of_today_are_written_where_that_is_wanted(folder: Path, renew: int) -> None:
+    after_arrival(folder, renew)
+    assert [len(view.renewed) for view in read_route(folder).views] == [0, int(renew > 0), 0]
+
+
+def test_a_full_disk_leaves_the_route_as_it_was(folder: Path, monkeypatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, 'No space left on device')
+
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    monkeypatch.setattr(np, 'savez_compressed', full)
+    after_arrival(folder, 2)
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before

@@ -107,9 +107,7 @@ def test_a_captured_photograph_is_there_after_a_restart(bench, simulator, tmp_pa
     kept = load(path)
     assert kept.camera == simulator.camera
     assert kept.stamp_ns == rig.stamp_ns
-    bench.executor.remove_node(rig.node)
-    bench.nodes.remove(rig.node)
-    rig.node.destroy_node()
+    bench.remove(rig.node)
     rig = Rig(bench, simulator, photograph=str(path))
     bench.until(lambda: bench.logged(f'desired image is {path}'), 'the file in the log')
     assert len(rig.see()) >= 40
@@ -278,9 +276,7 @@ def test_photographs_in_other_light_are_added_and_kept(bench, simulator, tmp_pat
     bench.until(lambda: bool(bench.logged('of 2 fits the light best')), 'the log')
     assert 'one photograph more than the 2 of one pose that are used' in rig.capture().message
     assert [len(images) for images in (load(path).more, list(tmp_path.glob('*.png')))] == [1, 2]
-    bench.executor.remove_node(rig.node)
-    bench.nodes.remove(rig.node)
-    rig.node.destroy_node()
+    bench.remove(rig.node)
     rig = Rig(bench, simulator, photograph=str(path))
     assert len(rig.tracker.photographs) == 2
     assert rig.tracker.goal.id == goal

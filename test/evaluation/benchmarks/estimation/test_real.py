@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import pytest
+import small_cameras
 
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
@@ -15,13 +16,7 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 
 PAIRS = Path(__file__).resolve().parents[5] / 'shared' / 'real_pairs'
 POSE = Pose.from_start(0.8, -3.0, 10.0)
-SMALL = {
-    'width': 640,
-    'height': 480,
-    'focal_length': 384.6,
-    'principal_u': 327.0,
-    'principal_v': 233.0,
-}
+SMALL = small_cameras.sized(640, 480, 384.6, 327.0, 233.0)
 CAMERA = """
 image_width: 640
 image_height: 480
