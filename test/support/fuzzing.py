@@ -152,7 +152,7 @@ def assert_stays_small(
     count: int = COUNT // 2,
     end: Callable[[], float] = lambda: 0.0,
 ) -> None:
-    """Tell the same ``count`` things twice: what is kept is a leak, but for what ``end`` returns."""
+    """Tell the same things twice: what is kept is a leak, but for what ``end`` returns [MB]."""
     used = []
     for _ in range(2):
         rng = np.random.default_rng(seed)
