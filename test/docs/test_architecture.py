@@ -19,10 +19,10 @@ OBSERVED, MOST_FROM_THERE = 'observation.py', 8
 ORDERING = [path for path in WAY if path.name in ORDER]
 LONGEST = 13
 TOPIC = 'tracks'
-# Named by the registry, which the settings ask for an estimator; a row of the machine of a law.
+# Named by the registry, which the settings ask for an estimator; rows of phases that laws share.
 THROUGH = {
     'estimators/soft_planar.py': 'estimators/registry.py',
-    'laws/two_steps.py': 'laws/machine.py',
+    'laws/two_steps.py': 'laws/standing.py',
 }
 
 Topics: TypeAlias = Callable[[Path], set[str]]

@@ -308,7 +308,7 @@ def test_a_servo_that_drives_by_itself_says_so(rig) -> None:
 
 def test_a_warning_of_a_run_is_logged_even_amid_other_complaints(rig) -> None:
     rig.node._warn('the stamps do not advance')
-    session = rig.run.session
+    session = rig.run.run
     rig.run.follow(replace(session, state=session.state.changed(warning='it takes long')))
     rig.bench.until(lambda: rig.bench.logged('it takes long'), 'the warning')
 

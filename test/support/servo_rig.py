@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing.run import Run
+from visual_servo_epipolar.nodes.servoing.live_run import LiveRun
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
@@ -107,9 +107,9 @@ class Rig:
         pytest.fail(f'the robot stands: {self.phase}, {self.reason}')
 
     @property
-    def run(self) -> Run:
+    def run(self) -> LiveRun:
         """The run of the node, for what no message brings about in a moment."""
-        return self.node._run
+        return self.node._live
 
     def watch(self) -> None:
         """Let the watchdog look now."""

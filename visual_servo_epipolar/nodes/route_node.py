@@ -17,9 +17,9 @@ from visual_servo_epipolar.core.routes.driven_images import DrivenImages
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
+from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings, StationSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import Session
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.route_folder import (
@@ -37,8 +37,8 @@ from visual_servo_epipolar.nodes.routing.repetition import RouteRepetition, Rout
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.driven_path import DrivenPath
+from visual_servo_epipolar.nodes.servoing.live_run import QUIET_S
 from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
-from visual_servo_epipolar.nodes.servoing.run import QUIET_S
 from visual_servo_epipolar.nodes.servoing.switches import Enable, StopButton
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
@@ -162,7 +162,7 @@ class RouteNode(ManagedNode):
 
     def _on_info(self, message: CameraInfo) -> None:
         self._inputs.info_frame = message.header.frame_id
-        self._camera.hear(message, Session(), self._servo)
+        self._camera.hear(message, Run(), self._servo)
         trouble = self._foreign
         if trouble:
             self._repetition.fail(trouble)

@@ -17,15 +17,13 @@ from visual_servo_epipolar.messages import event_log, read, validation
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state, serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.servoing.admission import Admission
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.servoing.freshness import IDLE_PERIOD_S, WATCH_PERIOD_S
 from visual_servo_epipolar.nodes.servoing.head import Head
+from visual_servo_epipolar.nodes.servoing.live_run import LiveRun, WAITS_FOR_END
 from visual_servo_epipolar.nodes.servoing.reports import Reports
-from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
-from visual_servo_epipolar.nodes.servoing.run import Run, WAITS_FOR_END
 from visual_servo_epipolar.nodes.servoing.switches import Enable, StopButton
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
@@ -38,7 +36,7 @@ MEANWHILE = 'the servo goes by its commands meanwhile'
 
 class ServoNode(ManagedNode):
     """
-    Hosts both halves of ``core.servo.supervisor``: one command for each set of tracks in a run.
+    Hosts a ``core.servo.run``: one command for each set of tracks in it.
 
     Outside of runs it is silent.
 
@@ -77,13 +75,16 @@ class ServoNode(ManagedNode):
         self._head = Head(self, self._settings, self._node_settings, self._warn)
         self._commands = Commands(self, self._node_settings, self._settings, self._head)
         self._reports = Reports(self, self._node_settings.base_frame)
-        self._run = Run(self, self._warn, self._commands, self._reports, self._standstill)
-        enable = Enable(self, self._node_settings.enable_timeout, self._on_withdrawn)
-        self._admission = Admission(
-            self, lambda: self._node_settings, self._run, CommandConflicts(self), enable
+        self._live = LiveRun(
+            self,
+            lambda: self._node_settings,
+            self._warn,
+            (self._commands, self._reports),
+            Enable(self, self._node_settings.enable_timeout, self._on_withdrawn),
+            self._standstill,
         )
         if self._node_settings.watchdog:
-            clock = self._run.freshness.clock
+            clock = self._live.freshness.clock
             self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=clock)
             self.create_timer(IDLE_PERIOD_S, self._on_idle, clock=clock)
         camera = CameraSubscriptions(self, 'raw', self._node_settings.camera_reliability)
@@ -95,19 +96,19 @@ class ServoNode(ManagedNode):
         self._driven.begin_anew()
         self._head.begin_anew()
         if self._begins:
-            self._run.arm()
-        self._run.report()
+            self._live.arm()
+        self._live.report()
         self._announce()
         drives = 'autostart is true: the robot drives as soon as there are tracks'
-        self.get_logger().info(drives if self._run.active else f'the robot {self._not_started}')
+        self.get_logger().info(drives if self._live.active else f'the robot {self._not_started}')
 
     def deactivate(self) -> None:
         """Stop the robot; the run is over, and none goes on by itself."""
-        self._begins = self._run.active and self._settings.autostart
-        self._run.stop()
-        self._run.reset()
-        self._run.report()
-        self._pending_tracks, self._run.trouble = None, ''
+        self._begins = self._live.active and self._settings.autostart
+        self._live.stop()
+        self._live.reset()
+        self._live.report()
+        self._pending_tracks, self._live.trouble = None, ''
         self._commands.wait()
         self._commands.forget()
 
@@ -118,7 +119,7 @@ class ServoNode(ManagedNode):
 
     @property
     def _state(self) -> ServoState:
-        return self._run.state
+        return self._live.state
 
     @property
     def _not_started(self) -> str:
@@ -137,143 +138,143 @@ class ServoNode(ManagedNode):
     def _on_withdrawn(self, reason: str) -> None:
         """Hold a robot that drives, as soon as it is not enabled any more."""
         if self._state.phase.drives:
-            self._run.lose(reason)
+            self._live.lose(reason)
 
     def _stop(self, reason: str = '') -> None:
         """Stop the robot, also for when the node is active again."""
         self._begins = False
         if self.is_configured:
             self._pending_tracks = None
-            self._run.stop(reason)
+            self._live.stop(reason)
 
     def _announce(self) -> None:
         """Publish the settings in force, so that a bag can be replayed with them."""
         if self.is_configured:
-            self._reports.settings((self._node_settings, self._settings), self._run.stamp_ns)
+            self._reports.settings((self._node_settings, self._settings), self._live.stamp_ns)
 
     def _on_info(self, message: CameraInfo) -> None:
-        run = self._run
-        run.session, trouble = self._camera.hear(message, run.session, self._settings)
+        live = self._live
+        live.run, trouble = self._camera.hear(message, live.run, self._settings)
         if trouble and self._state.phase.drives:
-            self._run.lose(trouble)
+            self._live.lose(trouble)
         pending, self._pending_tracks = self._pending_tracks, None
         if pending is not None and self._camera.model is not None and not self._is_stale:
             self._drive_by(pending)
 
     def _on_tracks(self, message: PointCloud2) -> None:
-        stamp_ns, run = read.stamp_ns(message.header), self._run
+        stamp_ns, live = read.stamp_ns(message.header), self._live
         self.received += 1
-        lapsed = self._admission.hear(message)
+        lapsed = self._live.hear(message)
         if lapsed:
-            run.lapse(f'{lapsed}; call ~/start again')
-        trouble = self._admission.refusal(message, self._settings.stale_timeout)
+            live.lapse(f'{lapsed}; call ~/start again')
+        trouble = self._live.refusal(message, self._settings.stale_timeout)
         if trouble:
-            run.refuse(trouble)
+            live.refuse(trouble)
             return
-        if stamp_ns != run.stamp_ns:  # a camera that hangs may repeat its last image for ever
-            run.freshness.renew()
-        if run.stamp_ns is not None and stamp_ns <= run.stamp_ns:
+        if stamp_ns != live.stamp_ns:  # a camera that hangs may repeat its last image for ever
+            live.freshness.renew()
+        if live.stamp_ns is not None and stamp_ns <= live.stamp_ns:
             self._warn(NOT_ADVANCING)
-        other_goal = run.session.other_goal(read.goal(message)) if run.active else ''
+        other_goal = live.run.other_goal(read.goal(message)) if live.active else ''
         if other_goal and self._state.reason != other_goal:
-            run.lose(other_goal)
-        if run.active:
+            live.lose(other_goal)
+        if live.active:
             mounted = self._camera.mounted(message.header.frame_id, self._state, self._settings)
             if mounted is not self._settings:
                 self._settings = mounted
                 self._announce()  # from this stamp on
-        run.session = replace(run.session, stamp_ns=stamp_ns)
+        live.run = replace(live.run, stamp_ns=stamp_ns)
         self._drive_by(message)
 
     def _drive_by(self, message: PointCloud2) -> None:
         """Take the step that tracks lead to, where a run goes on or may begin."""
-        run, camera, stamp_ns = self._run, self._camera.model, read.stamp_ns(message.header)
-        if not run.active:
-            run.trouble = ''
+        live, camera, stamp_ns = self._live, self._camera.model, read.stamp_ns(message.header)
+        if not live.active:
+            live.trouble = ''
             return
         if camera is None:
             self._pending_tracks = message
-            run.refuse(self._camera.missing)
+            live.refuse(self._camera.missing)
             return
         waits = self._state.phase is Phase.WAITING
         mount = self._camera.static_mount
-        trouble = self._admission.contested() or mount.trouble if waits else ''
-        trouble = trouble or self._camera.distrusted(stamp_ns, run.session)
+        trouble = self._live.contested() or mount.trouble if waits else ''
+        trouble = trouble or self._camera.distrusted(stamp_ns, live.run)
         trouble = trouble or self._head.trouble(stamp_ns)
         if trouble:
-            run.refuse(trouble)
+            live.refuse(trouble)
             return
-        run.trouble = ''
-        session = run.session.with_camera(camera)
+        live.trouble = ''
+        run = live.run.with_camera(camera)
         features, refused = validation.checked_tracks(message, camera)
-        features, foreign = session.admitted(features, read.goal(message), camera)
+        features, foreign = run.admitted(features, read.goal(message), camera)
         unusable = foreign or refused
         if unusable:
             self._warn(unusable)
         seen = self._driven.with_odometry(observe(features, camera, stamp_ns))
         # The mount may have become known since: the rig of these settings, as in a replay.
         observation = self._head.with_joints(seen, self._settings.carrier)
-        session = session.decide(
+        run = run.decide(
             observation,
             self._settings,
             goal=features.goal,
             since_command=self._commands.age,
             trouble=unusable,
         )
-        run.advance(session, stamp_ns, message.header.frame_id)
+        live.advance(run, stamp_ns, message.header.frame_id)
         self._camera.check(observation, self._state, self._settings)
 
     @property
     def _is_stale(self) -> bool:
         """Whether tracks have stayed away for too long."""
-        is_late = self._run.freshness.age > self._settings.stale_timeout
+        is_late = self._live.freshness.age > self._settings.stale_timeout
         return self._node_settings.watchdog and is_late
 
     def _on_watch(self) -> None:
         """Stop the robot, keep it standing, and end its run, where images do not."""
-        run, settings = self._run, self._settings
-        freshness = run.freshness
+        live, settings = self._live, self._settings
+        freshness = live.freshness
         freshness.clock_stands_still()  # or it would be looked at by images alone
-        if run.is_armed and run.arming.has_expired:
-            run.expire()
+        if live.is_armed and live.arming.has_expired:
+            live.expire()
         if self._state.phase.drives:
-            silent = f'no new tracks for {freshness.age:.2f} s{run.clock_note}'
-            trouble = silent if self._is_stale else self._admission.withheld()
+            silent = f'no new tracks for {freshness.age:.2f} s{live.clock_note}'
+            trouble = silent if self._is_stale else self._live.withheld()
             if trouble:
-                run.lose(trouble)
+                live.lose(trouble)
         elif self._state.phase is Phase.HOLDING and freshness.idle > settings.stale_timeout:
-            run.insist()
+            live.insist()
             if freshness.held > settings.holding_timeout:
-                run.time_out(settings.holding_timeout, self._admission.withheld())
+                live.time_out(settings.holding_timeout, self._live.withheld())
         elif self._commands.repeats:
-            run.insist()
+            live.insist()
 
     def _on_idle(self) -> None:
         """Report others that command the base, and why the robot stands, where no step does."""
-        rivals = self._admission.rivals
+        rivals = self._live.rivals
         contested = rivals.complaint()
         self._look_around()
-        if contested and self._run.active:
+        if contested and self._live.active:
             self._warn(contested)
             if rivals.has_twin:  # others begin no run beside this one
-                self._run.stop(contested)
+                self._live.stop(contested)
         if self._reports.silence >= 0.5 * IDLE_PERIOD_S:
-            self._run.report()
+            self._live.report()
 
     def _look_around(self) -> None:
         """Look for other publishers on cmd_vel, and for a base that cannot take its commands."""
         if self._node_settings.watchdog:
-            self._run.notice = self._admission.rivals.notice()
+            self._live.notice = self._live.rivals.notice()
 
     def _standstill(self) -> tuple[str, bool]:
         """Return why the robot stands, '' if its state says it, and whether that is alarming."""
         if self._stop_button.pressed:
             return self._stop_button.trouble, True
-        if not self._run.active:
-            lapsed = self._run.lapsed
+        if not self._live.active:
+            lapsed = self._live.lapsed
             return (f'{lapsed}; ' if lapsed else '') + self._not_started, bool(lapsed)
         if self._state.phase is Phase.HOLDING:
-            return self._run.latest_trouble, True
+            return self._live.latest_trouble, True
         if self._state.ended:
             return '', False
         lacking = self._lacking
@@ -284,45 +285,45 @@ class ServoNode(ManagedNode):
     @property
     def _lacking(self) -> str:
         """What keeps a servo that was started from driving; or ''."""
-        run, admission = self._run, self._admission
+        live = self._live
         reason = self._camera.missing or self._head.trouble()
-        reason = reason or run.trouble or admission.withheld()
-        return reason or admission.missing(self._settings) or admission.unseen(self._settings)
+        reason = reason or live.trouble or live.withheld()
+        return reason or live.missing(self._settings) or live.unseen(self._settings)
 
     def _refusal(self) -> str:
         """Return why a run may not begin now; or ''."""
         if self._stop_button.pressed:
             return self._stop_button.trouble
-        contested = self._admission.contested()
-        if contested or not self._node_settings.watchdog or self._run.is_armed_for_good:
+        contested = self._live.contested()
+        if contested or not self._node_settings.watchdog or self._live.is_armed_for_good:
             return contested
         missing = (
             self._camera.missing,
             self._head.trouble(),
-            self._admission.missing(self._settings),
+            self._live.missing(self._settings),
         )
         return '; '.join(filter(None, missing))
 
     def _on_start(self) -> str:
         """Let a run begin, and return in words when the robot drives."""
-        if self._state.phase.runs and not self._admission.waits_for_start:
+        if self._state.phase.runs and not self._live.waits_for_start:
             return 'a run is under way'
         refusal = self._refusal()
         if refusal:
             raise InputError(refusal)
         timeout = self._node_settings.arming_timeout
-        if self._run.is_armed_for_good or not self._node_settings.watchdog:
+        if self._live.is_armed_for_good or not self._node_settings.watchdog:
             timeout = math.inf
         if self._state.phase is not Phase.WAITING:
-            self._run.reset()
-        self._run.arm(timeout, self._admission.goal)
-        self._reports.event(event_log.STARTED, self._run.stamp_ns)
+            self._live.reset()
+        self._live.arm(timeout, self._live.goal)
+        self._reports.event(event_log.STARTED, self._live.stamp_ns)
         self._look_around()
-        self._run.report()
+        self._live.report()
         text = f'armed, {self._standstill()[0]}' if self._lacking else 'started'
         if self._lacking and timeout < math.inf:
             text += f'; the order lapses after {timeout:g} s'
-        return '; '.join(filter(None, [text, self._run.notice]))
+        return '; '.join(filter(None, [text, self._live.notice]))
 
     @in_every_state  # after a stop the robot stands also when the node is active again
     def _on_stop(self) -> str:
@@ -332,12 +333,12 @@ class ServoNode(ManagedNode):
     def _on_reset(self) -> str:
         self._pending_tracks = None
         self._head.begin_anew()
-        self._run.reset()
-        self._run.active = self._run.active and self._settings.autostart
-        if self._run.active:
-            self._run.arm()
-        self._run.report()
-        return 'ready for a new run' + ('' if self._run.active else '; call ~/start')
+        self._live.reset()
+        self._live.active = self._live.active and self._settings.autostart
+        if self._live.active:
+            self._live.arm()
+        self._live.report()
+        return 'ready for a new run' + ('' if self._live.active else '; call ~/start')
 
 
 if __name__ == '__main__':

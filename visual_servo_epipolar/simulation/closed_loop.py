@@ -10,10 +10,10 @@ from visual_servo_epipolar.core.geometry.motion import (
     yaw_from_quaternion,
 )
 from visual_servo_epipolar.core.perception.observation import Observation, observe
+from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import Session
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.simulation.bases.registry import new_base, nod_of
@@ -49,7 +49,7 @@ class Loop:
         self._head = None
         if settings.head is not None:
             self._head = SimulatedHead(settings.head, seed=settings.seed)
-        self._session = Session(camera=camera, started=True)
+        self._run = Run(camera=camera, started=True)
         self._period_ns, self._receipt = period_ns(settings.frame_rate), settings.receipt
         self._history, self._exposed_ns = PoseHistory(), self._base.now_ns
         self.pose = published(self._base.pose)
@@ -84,10 +84,10 @@ class Loop:
         features = self.view.observe(self.exposed_at, self.frame)
         seen = self._reckoned(observe(features, self.camera, self.now_ns))
         if control is not None:
-            state = control(self._session.state, seen, self._servo)
-            self._session = replace(self._session, state=state)
+            state = control(self._run.state, seen, self._servo)
+            self._run = replace(self._run, state=state)
             return
-        self._session = self._session.decide(seen, self._servo, goal=features.goal).update_map()
+        self._run = self._run.decide(seen, self._servo, goal=features.goal).update_map()
 
     @property
     def exposed_at(self) -> Pose:
@@ -120,16 +120,16 @@ class Loop:
 
     def record(self) -> Sample:
         """Note the step that was decided."""
-        state = self._session.state
+        state = self._run.state
         taken = sample(self.now_ns, self.pose, state.phase, telemetry(state))
         self.monitor.add(taken, reason=state.reason, attempts=state.run.attempts)
         return taken
 
     def drive(self) -> None:
         """Obey for one period."""
-        self._base.command(self._session.state.command)
+        self._base.command(self._run.state.command)
         if self._head is not None:
-            self._head.command(self._session.state.command.head)
+            self._head.command(self._run.state.command.head)
         self._advance()
 
     def _advance(self) -> None:

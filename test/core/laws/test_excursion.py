@@ -23,9 +23,10 @@ from visual_servo_epipolar.core.laws.conditions import excursion_limit
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.rigs.rig import Command, HALT
+from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import classify, interrupted, Interruption
+from visual_servo_epipolar.core.servo.supervisor import classify
 
 # Driving backward
 

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent, KEPT_S, WITHDRAWN_S
 from visual_servo_epipolar.core.odometry.path import Path, PathPlace, uncertainty
 from visual_servo_epipolar.core.rigs.rig import Command
-from visual_servo_epipolar.core.servo.supervisor import interrupted, Interruption
+from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 
 S = 1_000_000_000
 

@@ -14,13 +14,9 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.rigs.rig import Command
+from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import (
-    classify,
-    interrupted,
-    Interruption,
-    nominal_twist,
-)
+from visual_servo_epipolar.core.servo.supervisor import classify, nominal_twist
 
 FAST = Command(Twist(SETTINGS.max_linear, SETTINGS.max_angular))
 FAR = SETTINGS.near_parallax * 2.0

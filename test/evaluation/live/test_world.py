@@ -25,7 +25,7 @@ from visual_servo_epipolar.evaluation.live.world import (
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing.run import Arming
+from visual_servo_epipolar.nodes.servoing.live_run import Arming
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
 
 SEED = 3  # starts in front, without a retreat

@@ -124,7 +124,7 @@ class Robot:
     @property
     def run(self):
         """The run of the servo."""
-        return self.servo._run
+        return self.servo._live
 
     @property
     def controls(self) -> bool:

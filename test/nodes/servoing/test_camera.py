@@ -21,8 +21,8 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.perception.lens_check import LensCheck
+from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.supervisor import Session
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
@@ -56,9 +56,9 @@ def test_another_camera_in_mid_run_stops_the_robot_at_once_and_for_good(bench) -
 def test_what_contradicts_a_camera_does_not_outlive_it(bench, camera, doubted) -> None:
     servo = ServoCamera(bench.probe, ServoNodeSettings(), print)
     settings = ServoSettings()
-    servo.hear(write.camera_info(CAMERA, 0, 'camera'), Session(), settings)
+    servo.hear(write.camera_info(CAMERA, 0, 'camera'), Run(), settings)
     servo._lens_check = LensCheck(doubt='the tracks contradict camera_info')
-    servo.hear(write.camera_info(camera, 0, 'camera'), Session(), settings)
+    servo.hear(write.camera_info(camera, 0, 'camera'), Run(), settings)
     assert bool(servo._lens_check.doubt) == doubted
 
 
@@ -73,7 +73,7 @@ def test_a_focal_deviation_is_of_a_pinhole_alone(bench, camera, deviation, wrong
     said: list[str] = []
     servo = ServoCamera(bench.probe, ServoNodeSettings(), said.append)
     settings = ServoSettings(focal_deviation=deviation)
-    servo.hear(write.camera_info(camera, 0, 'camera'), Session(), settings)
+    servo.hear(write.camera_info(camera, 0, 'camera'), Run(), settings)
     assert any('focal_deviation is of a pinhole' in text for text in said) == wrong
 
 

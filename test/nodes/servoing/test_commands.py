@@ -9,8 +9,9 @@ import pytest
 from servo_rig import AWAY, GOAL, Rig, tracks
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.supervisor import LATE_S, Session
+from visual_servo_epipolar.core.servo.supervisor import LATE_S
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.servoing import commands
@@ -87,7 +88,7 @@ def test_the_parameter_that_asked_for_it_is_answered_by_the_base(bench) -> None:
 
 def test_the_twist_goes_out_before_reports_and_before_learning(bench, monkeypatch) -> None:
     calls: list[str] = []
-    for owner, name in ((Commands, 'answer'), (Reports, 'step'), (Session, 'update_map')):
+    for owner, name in ((Commands, 'answer'), (Reports, 'step'), (Run, 'update_map')):
         kept = getattr(owner, name)
 
         def noted(*values: object, kept=kept, name: str = name) -> object:

@@ -137,7 +137,7 @@ def test_what_is_left_of_a_servo_that_was_killed_keeps_none_from_starting(bench)
 def aged_twin(bench, **parameters) -> Rig:
     """Return a rig beside a servo of the same name, which is there for longer than a lease."""
     rig = Rig(bench, **parameters)
-    clock = rig.clock = rig.node._admission.rivals._steady = HandSetClock()
+    clock = rig.clock = rig.node._live.rivals._steady = HandSetClock()
     other(bench, 'servo_node')
     rig.idle()
     clock.now_ns += LEFTOVER_NS - 1

@@ -166,7 +166,7 @@ class Enabled(Rig):
     def __init__(self, bench, **values) -> None:
         self.say = bench.talk(Bool, 'enable')
         super().__init__(bench, **{'enable_timeout': TIMEOUT_S, **values})
-        enable = self.node._admission._enable
+        enable = self.node._live._enable
         enable._steady = self.clock = HandSetClock()
 
     def enable(self, value: bool = True) -> None:

@@ -25,9 +25,9 @@ from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import Observation, observe
+from visual_servo_epipolar.core.servo.run import Interruption, Run
 from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog, SETTLE_FRAMES, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.supervisor import Interruption, Session
 from visual_servo_epipolar.core.servo.telemetry import (
     joints_of,
     odometry_of,
@@ -95,7 +95,7 @@ def replay(
 
     Raises InputError if the bag is damaged, time jumps, or nothing in it can be used.
     """
-    session, steps, refusal = Session(), list[ReplayedStep](), ''
+    servo, steps, refusal = Run(), list[ReplayedStep](), ''
     events = EventQueue(run.servo_events)
     for tracked in tracked_images(bag, run, plan):
         if isinstance(tracked.camera, str):
@@ -104,24 +104,24 @@ def replay(
         if run.telemetry and tracked.key not in run.telemetry:
             continue  # the servo was not started
         for entry in events.due(tracked.key[0]):
-            session = _after(session, entry)
+            servo = _after(servo, entry)
         camera = tracked.camera
-        session = session.with_camera(camera)
-        features, foreign = session.admitted(tracked.features, tracked.goal, camera)
+        servo = servo.with_camera(camera)
+        features, foreign = servo.admitted(tracked.features, tracked.goal, camera)
         if foreign:
             tracked = replace(tracked, features=features, warning=foreign)
         recorded = run.telemetry.get(tracked.key, {})
         settings = value_at(plan.servo, tracked.key[0])
         observation = observe(features, camera, tracked.key[0])
         observation = with_recorded(observation, recorded, settings)
-        session = session.decide(
+        servo = servo.decide(
             observation,
             settings,
             goal=features.goal,
             since_command=recorded.get(SINCE_COMMAND, math.nan),
             trouble=foreign,
         ).update_map()
-        state = session.state
+        state = servo.state
         outcome = ReplayedStep(
             tracked.key, tracked.log_ns, state.phase, state.reason, telemetry(state)
         )
@@ -194,11 +194,11 @@ class ReplayTracker:
             raise InputError(f'the desired image cannot be used: {error}') from None
 
 
-def _after(session: Session, entry: Entry) -> Session:
+def _after(servo: Run, entry: Entry) -> Run:
     try:
-        return session.interrupted(Interruption(entry.event), entry.reason)
+        return servo.interrupted(Interruption(entry.event), entry.reason)
     except ValueError:
-        return session  # an event of a later version
+        return servo  # an event of a later version
 
 
 def _from_recorded_tracks(

@@ -126,7 +126,7 @@ class RouteRun:
     def admit(
         self, arrival: Arrival, *, max_latency: float, still_timeout: float, withheld: str = ''
     ) -> str:
-        """Return why no step is taken by an image, or ''; as ``Session.admit`` of the servo."""
+        """Return why no step is taken by an image, or ''; as ``Run.admit`` of the servo."""
         trouble = refusal(arrival, max_latency)
         trouble = trouble or disorder(self._newest_ns, arrival.stamp_ns, REMEDY) or withheld
         if trouble:

@@ -9,9 +9,9 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import doubts
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
 from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import Session
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.nodes.frames import StaticMount
@@ -41,39 +41,37 @@ class ServoCamera:
         self._other: tuple[CameraModel, int] | None = None  # heard in a run, and its stamp
         self._lens_check = LensCheck()
 
-    def hear(
-        self, message: CameraInfo, session: Session, settings: ServoSettings
-    ) -> tuple[Session, str]:
-        """Take in a camera_info; return the session, and why it cannot go on with it, or ''."""
+    def hear(self, message: CameraInfo, run: Run, settings: ServoSettings) -> tuple[Run, str]:
+        """Take in a camera_info; return the run, and why it cannot go on with it, or ''."""
         try:
             node = self._settings
             camera = read.camera(message, rectified=node.rectified, cropped=node.cropped)
         except ValueError as error:
             self.model, self._unusable = None, f'camera_info cannot be used: {error}'
             self._warn(f'camera_info cannot be used, the robot stands: {error}')
-            return session, self._unusable
+            return run, self._unusable
         if camera != self.model:
             self._lens_check = LensCheck()
         self.model = camera
         self._doubt(camera, settings)
-        session = session.with_camera(camera)
-        trouble = session.other_camera(camera)
+        run = run.with_camera(camera)
+        trouble = run.other_camera(camera)
         if trouble:
             self._other = camera, read.stamp_ns(message.header)
-        return session, trouble
+        return run, trouble
 
     @property
     def missing(self) -> str:
         """Why there is no camera to drive by; or ''."""
         return '' if self.model is not None else self._unusable or NO_CAMERA
 
-    def distrusted(self, stamp_ns: int, session: Session) -> str:
+    def distrusted(self, stamp_ns: int, run: Run) -> str:
         """Return that another camera spoke up shortly before an image, in mid-run; or ''."""
-        if self._other is None or not session.state.phase.runs:
+        if self._other is None or not run.state.phase.runs:
             return ''
         camera, heard_ns = self._other
         recent = abs(seconds_between(heard_ns, stamp_ns)) <= DISTRUST_S
-        return session.other_camera(camera) if recent and self.model == session.camera else ''
+        return run.other_camera(camera) if recent and self.model == run.camera else ''
 
     def mounted(self, frame_id: str, state: ServoState, settings: ServoSettings) -> ServoSettings:
         """Return ``settings`` with the mount of /tf_static, before a run that was given none."""
@@ -85,9 +83,9 @@ class ServoCamera:
         if left_out:
             self._warn(left_out)
         if state.measurement is not None and state.view.memory is not None:
-            run = state.measurement, state.view.memory
+            after = state.measurement, state.view.memory
             self._lens_check = looked_at(
-                self._lens_check, observation, run, settings, state.view.frame
+                self._lens_check, observation, after, settings, state.view.frame
             )
         if self._lens_check.doubt:
             self._warn(self._lens_check.doubt)

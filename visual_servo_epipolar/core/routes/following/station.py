@@ -10,9 +10,9 @@ from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.routes.route import RouteView
+from visual_servo_epipolar.core.servo.run import Interruption, Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import Interruption, Session
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -33,20 +33,20 @@ class Docking:
         self._camera, self._taught = camera, taught
         self._tracker = Tracker(TrackerSettings(), camera)
         self.features = Features()
-        self._session: Session | None = None
+        self._run: Run | None = None
         # By commands: in axes of the station, and since the path was left [m].
         self._pose, self._driven, self._stamp_ns = Pose(0.0, 0.0, 0.0), 0.0, 0
 
     @property
     def begun(self) -> bool:
         """Whether the path was left to the servo."""
-        return self._session is not None
+        return self._run is not None
 
     @property
     def trouble(self) -> str:
         """That an arrival here would be elsewhere than where the way leads; or ''."""
         apart = math.hypot(self._pose.x, self._pose.y)
-        if self._session is None or apart <= APART + APART_SHARE * self._driven:
+        if self._run is None or apart <= APART + APART_SHARE * self._driven:
             return ''
         return (
             f'the photograph of the station looks reached {apart:.2f} m from where the way leads; '
@@ -63,32 +63,32 @@ class Docking:
 
     def begin(self, pose: FloatArray, stamp_ns: int) -> None:
         """Leave the path to the servo, at a ``pose`` in axes of the station, (3,)."""
-        self._session = Session(camera=self._camera, started=True)
+        self._run = Run(camera=self._camera, started=True)
         self._pose, self._driven, self._stamp_ns = Pose(*pose.tolist()), 0.0, stamp_ns
 
     def end(self) -> None:
         """Be as before ``begin``."""
-        self._session = None
+        self._run = None
 
     def step(
         self, image: Image, stamp_ns: int, acted: Twist, settings: ServoSettings
     ) -> ServoState:
         """Return the servo's state after an image; until it the base was sent ``acted``."""
-        assert self._session is not None
+        assert self._run is not None
         self._move(acted, stamp_ns)
         self.features = features = self._tracker.track(image)
         if self._taught != self._camera:
             desired = self._camera.pixels(self._taught.rays(features.desired))
             features = replace(features, desired=desired)
         seen = observe(features, self._camera, stamp_ns)
-        self._session = self._session.decide(seen, settings, goal=features.goal).update_map()
-        return self._session.state
+        self._run = self._run.decide(seen, settings, goal=features.goal).update_map()
+        return self._run.state
 
     def halt(self, stamp_ns: int, acted: Twist, reason: str) -> None:
         """Stand from ``stamp_ns`` on, until which the base was commanded ``acted``."""
-        if self._session is not None:
+        if self._run is not None:
             self._move(acted, stamp_ns)
-            self._session = self._session.interrupted(Interruption.LOST, reason)
+            self._run = self._run.interrupted(Interruption.LOST, reason)
 
     def _move(self, twist: Twist, stamp_ns: int) -> None:
         """Note that the base was sent a ``twist`` until ``stamp_ns``."""

@@ -29,8 +29,8 @@ from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.teaching import Teacher
+from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.supervisor import Session
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -212,14 +212,14 @@ def _pair(clip: Clip) -> Iterator[dict[str, Any]]:
 
 def _approach(clip: Clip) -> Iterator[dict[str, Any]]:
     """Yield what the servo makes of each image, as a replay does that tells no motion."""
-    tracker, session = Tracker(TrackerSettings(), clip.camera), Session()
-    session = session.with_camera(clip.camera)
+    tracker, run = Tracker(TrackerSettings(), clip.camera), Run()
+    run = run.with_camera(clip.camera)
     tracker.set_desired(clip.image(clip.frames[-1]))
     for frame in clip.frames[:-1]:
         features = tracker.track(clip.image(frame))
         observation = observe(features, clip.camera, frame * clip.period_ns)
-        session = session.decide(observation, ServoSettings(), goal=features.goal).update_map()
-        seen = session.state.measurement
+        run = run.decide(observation, ServoSettings(), goal=features.goal).update_map()
+        seen = run.state.measurement
         assert seen is not None
         angles = seen.seen_bearings
         found = np.full(3, math.nan)

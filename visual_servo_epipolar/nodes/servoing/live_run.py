@@ -1,4 +1,8 @@
-"""Run of the servo: its state, its steps at images, and interruptions."""
+"""
+Live run: the run of a servo on a robot, with the tracks that it takes, its steps, its ends.
+
+What is decided about it is ``core.servo.run``; here it is commanded, published and logged.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,17 +10,24 @@ import math
 
 from rclpy.clock import Clock
 from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
 
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.rigs.rig import HALT
-from visual_servo_epipolar.core.servo.admission import STILL_S
+from visual_servo_epipolar.core.servo.admission import Arrival, STILL_S
+from visual_servo_epipolar.core.servo.run import Interruption, Run
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import Interruption, Session
+from visual_servo_epipolar.core.servo.supervisor import too_few_features
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.freshness import Freshness
 from visual_servo_epipolar.nodes.servoing.reports import Reports
+from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
+from visual_servo_epipolar.nodes.servoing.switches import Enable
+from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 QUIET_S = 1.0  # without any tracks: then silence is what is wrong
 WAITS_FOR_END = 'will drive once this is resolved: '  # of what an armed servo lacks
@@ -62,50 +73,56 @@ class Arming:
         return 'the photograph has changed' if goal not in (None, self._goal) else ''
 
 
-class Run:
+class LiveRun:
     """
-    Run of the servo ``node``: what happens to its ``session`` is commanded, published and logged.
+    Run of the servo ``node``: what happens to its ``run`` is commanded, published and logged.
 
     It is ``active`` between an order to start and one to stop, and armed until it drives;
     ``lapsed`` says why the last order came to nothing, ``trouble`` what is wrong with the tracks
     that come, also logged by ``warn``; ``notice`` is what else the owner of the robot should know.
     ``standstill`` returns why the robot stands, '' if the state says it, and whether that is
-    alarming.
+    alarming. ``settings`` returns those of the node in force, ``enable`` is the heartbeat. Where
+    time itself waits for the servo (no watchdog), all tracks are timely.
     """
 
     def __init__(
         self,
         node: Node,
+        settings: Callable[[], ServoNodeSettings],
         warn: Callable[[str], None],
-        commands: Commands,
-        reports: Reports,
+        outputs: tuple[Commands, Reports],
+        enable: Enable,
         standstill: Standstill,
     ) -> None:
         self._clock, self._logger, self._warn = node.get_clock(), node.get_logger(), warn
-        self._commands, self._reports, self._standstill = commands, reports, standstill
-        self.session = Session()
+        self._settings, self._enable, self._standstill = settings, enable, standstill
+        self._commands, self._reports = outputs
+        self.run, self.rivals = Run(), CommandConflicts(node)
         self.freshness = Freshness(self._clock)
         self.arming, self.lapsed = Arming(self.freshness.clock), ''
         self.trouble = self.notice = ''
+        self.goal: int | None = None  # the photograph, by its number, once it was in view
+        self._has_photograph: bool | None = None  # by the last tracks, if any came
+        self._tracks = PointCloud2()  # these
 
     @property
     def state(self) -> ServoState:
         """State after the last step."""
-        return self.session.state
+        return self.run.state
 
     @property
     def stamp_ns(self) -> int | None:
         """Stamp of the last tracks that counted."""
-        return self.session.stamp_ns
+        return self.run.stamp_ns
 
     @property
     def active(self) -> bool:
         """Whether a run goes on, or may begin."""
-        return self.session.started
+        return self.run.started
 
     @active.setter
     def active(self, started: bool) -> None:
-        self.session = replace(self.session, started=started)
+        self.run = replace(self.run, started=started)
 
     @property
     def is_armed(self) -> bool:
@@ -116,6 +133,79 @@ class Run:
     def is_armed_for_good(self) -> bool:
         """Whether it drives as soon as it can, however late that is: as with autostart."""
         return self.is_armed and self.arming.is_for_good
+
+    def hear(self, message: PointCloud2) -> str:
+        """Take note of tracks; return that they are not of the photograph of the order, or ''."""
+        goal, self._has_photograph = read.goal(message), read.has_photograph(message)
+        self._tracks = message
+        self.freshness.hear()
+        self.goal = None if not self._has_photograph else self.goal if goal is None else goal
+        if not self.is_armed:
+            return ''
+        return self.arming.contradicted(goal, has_photograph=self._has_photograph)
+
+    def missing(self, settings: ServoSettings) -> str:
+        """Return what a start lacks that does not come by itself: images, photograph; or ''."""
+        if not self._settings().watchdog:
+            return ''
+        quiet = self.freshness.quiet
+        if self._has_photograph is None:
+            return (
+                'no tracks have come yet; start camera and tracker, and read in the log of the '
+                'tracker what it waits for'
+            )
+        if quiet > max(QUIET_S, settings.stale_timeout):
+            return f'no tracks have come for {quiet:.0f} s; are camera and tracker running?'
+        if not self._has_photograph:
+            return (
+                'the tracker has no photograph; drive the robot to the goal, and call its '
+                '~/capture_desired, or name a desired_image'
+            )
+        return ''
+
+    def unseen(self, settings: ServoSettings) -> str:
+        """Return that the last tracks show too little of the photograph to begin with; or ''."""
+        count = int(self._tracks.width) * int(self._tracks.height)
+        if count >= settings.min_features:  # of which some may not be of the photograph
+            try:
+                count = len(read.features(self._tracks))
+            except ValueError as error:
+                return str(error)
+        return too_few_features(count, settings) if count < settings.min_features else ''
+
+    def refusal(self, message: PointCloud2, still_timeout: float) -> str:
+        """Return why no step is taken by these tracks, or ''; see ``core.servo.run.Run.admit``."""
+        if not self._settings().watchdog:
+            return ''
+        arrival = Arrival(
+            read.stamp_ns(message.header),
+            self._clock.now().nanoseconds,
+            self.freshness.clock_stands_still(),
+            read.repeats(message),
+            read.back(message),
+        )
+        self.run, trouble = self.run.admit(
+            arrival,
+            max_latency=self._settings().max_latency,
+            still_timeout=still_timeout,
+            withheld=self.withheld(),
+        )
+        return trouble
+
+    def withheld(self) -> str:
+        """Return that the robot may not drive, or that it waits for a new start; or ''."""
+        trouble = self._enable.withheld() if self._settings().watchdog else ''
+        waits = 'resume is manual: after a hold the robot stands until ~/start is called'
+        return trouble or (waits if self.waits_for_start else '')
+
+    @property
+    def waits_for_start(self) -> bool:
+        """Whether a hold is over only with the next order to start."""
+        return self.state.phase is Phase.HOLDING and self._settings().resume == 'manual'
+
+    def contested(self) -> str:
+        """Return that another servo commands the same base, so that no run may begin; or ''."""
+        return self.rivals.refusal() if self._settings().watchdog else ''
 
     def arm(self, timeout: float = math.inf, goal: int | None = None) -> None:
         """Let a run begin within ``timeout`` [s], by the photograph ``goal`` if that is known."""
@@ -133,19 +223,19 @@ class Run:
         self._logger.warning(self.lapsed)
         self.report()
 
-    def advance(self, session: Session, stamp_ns: int, frame_id: str) -> None:
+    def advance(self, run: Run, stamp_ns: int, frame_id: str) -> None:
         """Follow a step: command the base, report, and learn for the next."""
         before = self.state
         self.freshness.step()
-        self.follow(session)
+        self.follow(run)
         self._commands.answer(before, self.state, stamp_ns)  # no command depends on what follows
         words = Words(self._standstill()[0] if self.is_armed else '', self.is_armed, self.notice)
         self._reports.step(self.state, (stamp_ns, frame_id), words)
-        self.session = self.session.update_map()
+        self.run = self.run.update_map()
 
-    def follow(self, session: Session, reason: str = '') -> None:
-        """Take over a session, and log what is new of its state; ``reason`` is of an order."""
-        before, self.session, state = self.state, session, session.state
+    def follow(self, run: Run, reason: str = '') -> None:
+        """Take over a run, and log what is new of its state; ``reason`` is of an order."""
+        before, self.run, state = self.state, run, run.state
         self.freshness.follow(state.phase)
         self._reports.change(before, state, reason or state.reason)
         if state.phase is not before.phase and state.reason:
@@ -233,4 +323,4 @@ class Run:
     def _interrupt(self, kind: Interruption, reason: str = '') -> None:
         """Follow an interruption, and publish it as an event for replays."""
         self._reports.event(kind.value, self.stamp_ns, reason)
-        self.follow(self.session.interrupted(kind, reason), reason or kind.value)
+        self.follow(self.run.interrupted(kind, reason), reason or kind.value)

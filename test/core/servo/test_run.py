@@ -10,13 +10,8 @@ from visual_servo_epipolar.core.goal import Goal, NO_GOAL
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Command
+from visual_servo_epipolar.core.servo.run import change_goal, interrupted, Interruption, Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.supervisor import (
-    change_goal,
-    interrupted,
-    Interruption,
-    Session,
-)
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
@@ -66,9 +61,9 @@ def test_a_run_keeps_to_the_goal_that_it_began_with(phase: Phase) -> None:
     assert begun.goal.id == 7
     assert begun.view.measurement is not None  # the first to be told is no change
     assert change_goal(begun, NO_GOAL) is begun
-    assert not Session(begun).other_goal(None)
+    assert not Run(begun).other_goal(None)
     after = change_goal(begun, 8)
-    assert bool(Session(begun).other_goal(8)) == phase.runs
+    assert bool(Run(begun).other_goal(8)) == phase.runs
     assert after.goal.id == (7 if phase.runs else 8)
     assert (after is begun) == phase.runs
 
@@ -86,10 +81,10 @@ def test_a_run_keeps_to_the_camera_that_it_began_with(phase: Phase) -> None:
         Camera(640, 480, 500.0, 500.0, 320.0, 240.0),
         Camera(64, 48, 50.0, 50.0, 32, 24),
     )
-    after = Session(in_phase(phase), camera=first).with_camera(second)
+    after = Run(in_phase(phase), camera=first).with_camera(second)
     assert after.camera == (first if phase.runs else second)
     assert ('camera_info has changed' in after.other_camera(second)) == phase.runs
-    assert Session(in_phase(phase)).with_camera(second).camera == second
+    assert Run(in_phase(phase)).with_camera(second).camera == second
 
 
 @pytest.mark.parametrize('told', [True, False])
@@ -97,7 +92,7 @@ def test_without_the_angles_of_its_head_a_robot_stands(told: bool) -> None:
     settings = ServoSettings(law='smooth', rig='pan_tilt')
     camera = CameraSettings().camera
     world = PointWorld(PointSettings(), FixedRig(camera), seed=0)
-    session = Session(camera=camera, started=True)
+    session = Run(camera=camera, started=True)
     for number in range(4):
         features = world.observe(Pose.from_start(1.0, -3.5, 8.0), number)
         seen = observe(features, camera, (number + 1) * 90_909_091)
