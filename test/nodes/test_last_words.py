@@ -55,7 +55,7 @@ def test_a_servo_waits_for_the_base_to_hear_of_its_end(hall, end) -> None:
 
 
 def test_a_dock_node_waits_for_a_base_that_it_drives_backward(hall: Hall) -> None:
-    node = hall.bench.start(DockNode, dock_backwards=True)
+    node = hall.bench.start(DockNode, serve_action=True, camera_yaw=3.14)
     hall.freeze(TwistMessage, 'cmd_vel', node)
     heard = hall.bench.listen(TwistMessage, 'cmd_vel')
     hall.bench.talk(TwistMessage, 'cmd_vel_reversed')(write.twist(TWIST))

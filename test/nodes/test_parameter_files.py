@@ -105,7 +105,7 @@ def test_the_files_of_the_package_hold_in_a_namespace(bench, tmp_path, monkeypat
         'camera_node': ('noise: 2.0', 'noise: 2.5'),
         'unicycle_node': ('max_linear: 1.0', 'max_linear: 0.1'),
         'recorder_node': ('min_free: 200.0', 'min_free: 0.0'),
-        'dock_node': ('max_retries: 3', 'max_retries: 0'),
+        'dock_node': ('path_deviation: 0.01', 'path_deviation: 0.02'),
         'route_node': ('max_turn_rate: 1.0', 'max_turn_rate: 0.5'),
     }
     assert changes[name][0] in text
@@ -299,11 +299,10 @@ def test_names_that_nodes_share_are_known_to_mean_different_things_or_not() -> N
         'rectified',
         'rig',
         'seed',
-        'servo',
         'mount_from_tf',
         'tilt_joint',
     }
     # The dock node perceives as the servo does, the route node ends at stations by it.
     alike |= set(SERVO) & (names['dock_node'] | names['route_node'])
-    alike |= {'path_source', 'projection', 'transport'}
+    alike |= {'projection', 'transport'}
     assert {name for name, n in counts.items() if n > 1} == alike | table.HOMONYMS

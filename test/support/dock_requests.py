@@ -2,21 +2,21 @@
 
 import itertools
 
+from diagnostic_msgs.msg import DiagnosticArray
 from dock_rig import Rig
 from docking_drives import CAMERA
 from fibonacci_wire import FibonacciWire
 from geometry_msgs.msg import Twist as TwistMessage
 from lifecycles import change
 from rclpy.action import ActionClient
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from test_msgs.action import Fibonacci
 
 from visual_servo_epipolar.core.docking.task import State
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.messages import read, write
-from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.messages import diagnostics, read, write
 from visual_servo_epipolar.nodes.dock_node import DockNode
 
 SERVED = {'serve_action': True, 'max_retries': 1}
@@ -33,7 +33,7 @@ class Servo:
     def __init__(self, bench) -> None:
         self.bench, self.calls, self.refuses = bench, [], False
         self.on_start = lambda: None  # before it answers
-        self._say = bench.talk(String, 'phase', qos.LATCHED)
+        self._say = bench.talk(DiagnosticArray, '/diagnostics')
         bench.probe.create_service(Trigger, 'servo_node/start', self._serve('start'))
         bench.probe.create_service(Trigger, 'servo_node/stop', self._serve('stop'))
 
@@ -49,8 +49,9 @@ class Servo:
 
         return serve
 
-    def say(self, phase) -> None:
-        self._say(write.text(phase.value))
+    def say(self, phase, reason='') -> None:
+        state = ServoState().changed(phase=phase, reason=reason)
+        self._say(diagnostics.diagnosis(state, 1, name='/servo_node'))
 
 
 class Client:
@@ -107,7 +108,7 @@ class Led(Rig):
         self.servo = Servo(bench)
         self.twists = bench.listen(TwistMessage, 'cmd_vel')
         self._command = bench.talk(TwistMessage, 'cmd_vel_reversed')
-        super().__init__(bench, served, **{**SERVED, 'dock_backwards': True, **values})
+        super().__init__(bench, served, **{**SERVED, 'camera_yaw': 3.14, **values})
         self.client = Client(bench)
 
     def command(self) -> None:

@@ -26,7 +26,7 @@ class Rig:
         self.uncertain = bench.listen(
             PoseWithCovarianceStamped, 'detected_dock_pose_with_covariance'
         )
-        self.reports = bench.listen(DiagnosticArray, '/diagnostics')
+        self._reports = bench.listen(DiagnosticArray, '/diagnostics')
         self.tracks = bench.talk(PointCloud2, 'tracks')
         self.odometry = bench.talk(Odometry, 'odom')
         self.info = bench.talk(CameraInfo, 'camera_info')
@@ -40,6 +40,11 @@ class Rig:
     def settings(self):
         """The settings in force, with the mount that was heard of."""
         return self.node._settings
+
+    @property
+    def reports(self):
+        """What the dock node reports: a servo does on that topic, too."""
+        return [it for it in self._reports if it.status[0].name == '/dock_node']
 
     @property
     def pending(self):

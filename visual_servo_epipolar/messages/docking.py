@@ -17,7 +17,7 @@ class DockRobotWire:
 
     def request(self, goal: Any) -> Request:
         """Return what a goal asks for; there is no staging pose to navigate to."""
-        return Request(bool(goal.use_dock_id), str(goal.dock_id), str(goal.dock_type))
+        return Request(bool(goal.use_dock_id), str(goal.dock_id))
 
     def feedback(self, task: Task, seconds: float) -> Any:
         """Return a task, which has taken ``seconds``, as feedback."""

@@ -10,9 +10,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.docking.search import DockPose, DockSearch, update_search
+from visual_servo_epipolar.core.docking.pose import DockSearch, update_search
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings, DockTaskSettings
-from visual_servo_epipolar.core.geometry.planar_poses import compose
 from visual_servo_epipolar.core.odometry.path import LONGEST_STEP_S, PathPlace
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
@@ -31,16 +30,21 @@ from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 
 MOST_PENDING = 10  # tracks that wait for odometry: more are of a base that is silent
+USUAL_BASE = 'base_link'  # where odometry names no frame of the base
 NO_NAV2 = (
     'nav2_msgs cannot be imported, dock_robot is not served; install ros-jazzy-nav2-msgs for it'
+)
+LOOKS_BACK = (
+    'the camera looks back by /tf_static: set camera_yaw: 3.1416 and its place, and start the '
+    'servo with -r cmd_vel:=cmd_vel_reversed'
 )
 
 
 class DockReports:
-    """Reports of the dock node ``node``; poses are in its ``base_frame``, unless in odometry's."""
+    """Reports of the dock node ``node``."""
 
-    def __init__(self, node: Node, base_frame: str) -> None:
-        self._name, self._base_frame = node.get_fully_qualified_name(), base_frame
+    def __init__(self, node: Node) -> None:
+        self._name = node.get_fully_qualified_name()
         self._pose_pub = node.create_publisher(PoseStamped, 'detected_dock_pose', qos.STREAM)
         self._covariance_pub = node.create_publisher(
             PoseWithCovarianceStamped, 'detected_dock_pose_with_covariance', qos.STREAM
@@ -49,26 +53,18 @@ class DockReports:
             DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
         )
 
-    def pose(self, dock: DockPose, place: PathPlace, path_frame: str | None) -> None:
-        """Publish the pose as seen from ``place``; in ``path_frame``, if any."""
-        frame, pose, covariance = self._base_frame, dock.pose, dock.covariance
-        if path_frame is not None:
-            frame, pose = path_frame, compose(place.pose, pose)
-            covariance = dock.turned(place.pose[2])
-        self._pose_pub.publish(write.pose_stamped(pose, dock.stamp_ns, frame))
-        self._covariance_pub.publish(
-            write.pose_with_covariance((pose, covariance), dock.stamp_ns, frame)
-        )
-
-    def search(self, search: DockSearch, stamp_ns: int, notice: str) -> None:
-        """Publish how far the search has come, and what the owner should know beside."""
-        values: dict[str, object] = {
-            'unpublished_because': search.reason,
-            'views': len(search.keys),
-        }
-        if search.estimate is not None:
-            values['deviation_m'] = round(search.estimate.deviation, 4)
-            values['heading_deviation_rad'] = round(search.estimate.heading_deviation, 5)
+    def search(self, search: DockSearch, stamp_ns: int, frame: str, notice: str) -> None:
+        """Publish the pose in the ``frame`` of the base, if it may be, and how far it has come."""
+        values: dict[str, object] = {'unpublished_because': search.reason}
+        if search.map is not None:
+            values['views'] = len(search.map.window)
+        if (dock := search.estimate) is not None:
+            values['deviation_m'] = round(dock.deviation, 4)
+            values['heading_deviation_rad'] = round(dock.heading_deviation, 5)
+        if (dock := search.dock) is not None:
+            both = dock.pose, dock.covariance
+            self._pose_pub.publish(write.pose_stamped(dock.pose, stamp_ns, frame))
+            self._covariance_pub.publish(write.pose_with_covariance(both, stamp_ns, frame))
         self._diagnostics_pub.publish(
             write.diagnostics(
                 self._name,
@@ -97,6 +93,7 @@ class DockNode(ManagedNode):
         parameters.finish(self, options)
         parameters.watch(self, '_task_settings', self._use_task)
         parameters.watch(self, '_settings')
+        self._reversal: Reversal | None = None
         self._server = self._new_server(wire)
         serve(self, '~/reset', self._on_reset)
         self.autostart(self._node_settings)
@@ -108,15 +105,14 @@ class DockNode(ManagedNode):
         self._search = DockSearch()
         self._stamp_ns: int | None = None
         self._pending: deque[PointCloud2] = deque(maxlen=MOST_PENDING)
-        self._mount = StaticMount(
-            self, settings.base_frame, self._warn, listens=settings.mount_from_tf
-        )
-        self._reports = DockReports(self, settings.base_frame)
-        self._driven = DrivenPath(self, self._warn, settings, self._look_at_pending)
+        self._mount = StaticMount(self, '', self._warn, listens=settings.mount_from_tf)
+        self._reports = DockReports(self)
+        self._driven = DrivenPath(self, self._warn, on_odometry=self._look_at_pending)
         camera = CameraSubscriptions(self, 'raw', settings.camera_reliability)
         camera.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
-        self._reversal = Reversal(self, self._warn, settings) if settings.dock_backwards else None
+        backward = settings.serve_action and self._settings.looks_back
+        self._reversal = Reversal(self, self._warn, settings) if backward else None
         if self._server is not None:
             self._server.configure()
 
@@ -158,8 +154,7 @@ class DockNode(ManagedNode):
             self._reversal.stop()
 
     def _new_server(self, wire: DockRobotWire | None) -> DockServer | None:
-        settings = self._node_settings
-        if not settings.serve_action:
+        if not self._node_settings.serve_action:
             return None
         wire = wire or docking.dock_robot_wire()
         if wire is None:
@@ -169,13 +164,15 @@ class DockNode(ManagedNode):
             'dock_robot is served, undock_robot is not, and its clients wait in vain; drive the '
             "robot off by joystick or Nav2's backup"
         )
-        return DockServer(self, wire, settings.servo, self._task_settings, self._refusal)
+        return DockServer(self, wire, self._task_settings, self._refusal)
 
     def _refusal(self) -> str:
         """Return why the robot cannot dock, or ''; warn where the base takes no commands."""
         if self._notice:
             self._warn(self._notice)
-        return '' if self._reversal is None else self._reversal.bypassed(self._node_settings.servo)
+        if self._reversal is None:
+            return LOOKS_BACK if self._settings.looks_back else ''
+        return self._reversal.bypassed()
 
     @property
     def _notice(self) -> str:
@@ -188,8 +185,8 @@ class DockNode(ManagedNode):
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
-            settings = self._node_settings
-            camera = read.camera(message, rectified=settings.rectified, cropped=settings.cropped)
+            rectified = self._node_settings.rectified
+            camera = read.camera(message, rectified=rectified, cropped=True)
         except ValueError as error:
             self._camera = None
             self._warn(f'camera_info cannot be used: {error}')
@@ -235,17 +232,17 @@ class DockNode(ManagedNode):
         features, warning = validation.checked_tracks(message, camera)
         if warning:
             self._warn(warning)
-        if not self._search.keys:  # before anything is seen
+        frame = self._driven.base_frame or USUAL_BASE
+        if self._search.map is None:  # before anything is seen
+            self._mount.base_frame = frame
             self._settings = self._mount.taken(message.header.frame_id, self._settings)
             if self._mount.trouble:
                 return
         observation = observe(features, camera, place.stamp_ns)
-        self._search = update_search(self._search, observation, place, self._settings)
-        if self._search.dock is not None:
-            by_path = self._node_settings.pose_frame == 'odometry'
-            frame = self._driven.path.frame if by_path else None
-            self._reports.pose(self._search.dock, place, frame)
-        self._reports.search(self._search, place.stamp_ns, self._notice)
+        self._search = update_search(
+            self._search, observation, place, self._settings, goal=features.goal
+        )
+        self._reports.search(self._search, place.stamp_ns, frame, self._notice)
 
     def _look_anew(self) -> None:
         """Forget the dock, and the mount from /tf_static: the next may be another."""

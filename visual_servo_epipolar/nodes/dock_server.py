@@ -8,10 +8,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import BatteryState
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.docking import task as tasks
@@ -32,9 +31,8 @@ from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings
 ACTION = 'dock_robot'
 PERIOD_S = 0.1  # of feedback, and of looking at the clock
 DEACTIVATED = 'the node was deactivated before it had docked'
-# Deep, for a phase may last one image; latched, for the servo may stand for hours.
-PHASES = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-PATIENCE_S = 0.5  # for the diagnostics of a failure: they come after its phase
+SERVO = 'servo_node'
+REPORTS = QoSProfile(depth=50)  # a phase may last one image, and others report there as well
 REVERSED = 'cmd_vel_reversed'
 
 
@@ -52,7 +50,6 @@ class DockServer:
         self,
         node: ManagedNode,
         wire: DockRobotWire,
-        servo: str,
         settings: DockTaskSettings,
         refusal: Callable[[], str],
     ) -> None:
@@ -62,7 +59,7 @@ class DockServer:
         self._goal: Any = None
         self._task: Task | None = None
         self._over = Future()
-        self._servo = ServoClient(node, servo, self._on_phase, self._on_answer, self._on_armed)
+        self._servo = ServoClient(node, self._on_phase, self._on_answer, self._on_armed)
         self._server = ActionServer(
             node,
             wire.kind,
@@ -109,8 +106,6 @@ class DockServer:
         if refusal:
             task = replace(tasks.abandon(task, refusal), orders=())
         self._follow(task)
-        if self._servo.phase is not None:
-            self._on_phase(self._servo.phase, '')
         task, outcome = await over  # one thread is enough: nothing blocks while it waits
         if outcome.canceled and goal.is_cancel_requested:
             goal.canceled()
@@ -176,46 +171,38 @@ class DockServer:
         return float(self._steady.now().nanoseconds) / NANOSECONDS
 
 
+def servo_name(node: Node) -> str:
+    """Return the full name of the servo: the node whose service starts it."""
+    return str(node.resolve_service_name(f'{SERVO}/start')).rpartition('/')[0]
+
+
 class ServoClient:
     """
-    The servo called ``servo``: calls ``on_phase`` with each phase, ``on_answer`` with answers.
+    The servo: calls ``on_phase`` with each phase and its reason, ``on_answer`` with answers.
 
-    ``on_armed`` is called where it drives as soon as it can. A failure, and a renewed wait
-    without having driven, wait for the reason, if only for a while. Answers are the order, and
-    the refusal in words or ''. Orders and their answers pass in every state of the node; the rest
-    is for as long as it is configured.
+    ``on_armed`` is called where it drives as soon as it can. Answers are the order, and the
+    refusal in words or ''. Orders and their answers pass in every state of the node; reports come
+    for as long as it is configured.
     """
 
     def __init__(
         self,
         node: Node,
-        servo: str,
         on_phase: Callable[[Phase, str], None],
         on_answer: Callable[[ServoOrder, str], None],
         on_armed: Callable[[], None],
     ) -> None:
         self._node, self._on_phase, self._on_answer = node, on_phase, on_answer
-        self._on_armed, self._was_armed = on_armed, False
+        self._on_armed = on_armed
         # Not made by configure: the answer to a start that comes after a cleanup counts as well,
         # and a servo that answers a client that is gone waits in vain.
         self._clients = {
-            order: node.create_client(Trigger, f'{servo}/{order.value}') for order in ServoOrder
+            order: node.create_client(Trigger, f'{SERVO}/{order.value}') for order in ServoOrder
         }
-        self._name = node.resolve_service_name(servo)
-        self._said: dict[str, str] = {}  # by its last diagnostics
-        self.phase: Phase | None = None
-        self._unexplained = False
 
     def configure(self) -> None:
-        """Listen to the servo; what was heard before is forgotten."""
-        self._said, self.phase, self._unexplained = {}, None, False
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._patience = self._node.create_timer(PATIENCE_S, self._tell, clock=steady)
-        self._patience.cancel()
-        self._node.create_subscription(String, 'phase', self._hear, PHASES)
-        self._node.create_subscription(
-            DiagnosticArray, '/diagnostics', self._explain, qos.DIAGNOSTICS
-        )
+        """Listen to the servo."""
+        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._hear, REPORTS)
 
     def order(self, order: ServoOrder) -> None:
         """Call the service of an ``order``; the answer comes later, a refusal at once."""
@@ -223,7 +210,8 @@ class ServoClient:
         if not client.service_is_ready():
             service = self._node.resolve_service_name(client.srv_name)
             refusal = (
-                f'service {service} is not available; run the servo, or set servo to its name'
+                f'service {service} is not available; run the servo, or remap the '
+                'service to its name'
             )
             self._on_answer(order, refusal)
             return
@@ -234,45 +222,19 @@ class ServoClient:
         response = future.result()
         self._on_answer(order, '' if response.success else f'{order.value}: {response.message}')
 
-    def _hear(self, message: String) -> None:
-        was_armed, self._was_armed = self._was_armed, message.data == ARMED
-        if self._was_armed:
-            self._tell()
-            self.phase = None
+    def _hear(self, message: DiagnosticArray) -> None:
+        if not message.status or message.status[0].name != servo_name(self._node):
+            return
+        report = read.diagnosis(message)
+        word = report.get('phase', '')
+        if word == ARMED:
             self._on_armed()
             return
         try:
-            phase = phase_named(message.data)
+            phase = phase_named(word)
         except ValueError:
             return  # of another program
-        if self._unexplained and phase is self.phase:
-            return
-        self._tell()  # what waited until now
-        self.phase, self._unexplained = phase, True
-        lapsed = was_armed and phase is Phase.WAITING
-        if (phase is Phase.FAILED or lapsed) and not self._is_explained:
-            self._patience.reset()
-        else:
-            self._tell()
-
-    def _explain(self, message: DiagnosticArray) -> None:
-        if message.status and message.status[0].name == self._name:
-            self._said = read.diagnosis(message)
-            if self._is_explained:
-                self._tell()
-
-    @property
-    def _is_explained(self) -> bool:
-        """Whether the last diagnostics are of this phase."""
-        return self.phase is not None and self._said.get('phase') == self.phase.value
-
-    def _tell(self) -> None:
-        """Hand on a phase that was not handed on yet, with its reason or without."""
-        self._patience.cancel()
-        if self._unexplained and self.phase is not None:
-            self._unexplained = False
-            reason = self._said.get('reason', '') if self._is_explained else ''
-            self._on_phase(self.phase, reason)
+        self._on_phase(phase, report.get('reason', ''))
 
 
 class Reversal:
@@ -287,20 +249,20 @@ class Reversal:
     def __init__(
         self, node: Node, warn: Callable[[str], None], settings: DockNodeSettings
     ) -> None:
-        self._node, self._warn, self._base_frame = node, warn, settings.base_frame
+        self._node, self._warn, self._frame = node, warn, ''
         self._stamped = settings.enable_stamped_cmd_vel
         kind = write.twist_type(stamped=self._stamped)
         self._pub = node.create_publisher(kind, TOPIC, qos.COMMAND)
         node.create_subscription(kind, REVERSED, self._turn_round, qos.COMMAND)
 
-    def bypassed(self, servo: str) -> str:
-        """Return that ``servo`` itself commands the base, away from the dock; or ''."""
-        servo = self._node.resolve_service_name(servo)
+    def bypassed(self) -> str:
+        """Return that the servo itself commands the base, away from the dock; or ''."""
+        servo = servo_name(self._node)
         if servo not in publishers(self._node):
             return ''
         topic = self._node.resolve_topic_name(TOPIC)
         return (
-            f'{servo} commands {topic} itself, and dock_backwards is true: the robot would drive '
+            f'{servo} commands {topic} itself, and the camera looks back: the robot would drive '
             f'away from the dock; start it with -r cmd_vel:={REVERSED}'
         )
 
@@ -311,7 +273,9 @@ class Reversal:
 
     def _turn_round(self, message: Any) -> None:
         now_ns = int(self._node.get_clock().now().nanoseconds)
-        stamp_ns = read.stamp_ns(message.header) if self._stamped else now_ns
+        stamp_ns = now_ns
+        if self._stamped:
+            stamp_ns, self._frame = read.stamp_ns(message.header), message.header.frame_id
         try:
             ahead = read.twist(message)
         except ValueError as error:
@@ -320,4 +284,4 @@ class Reversal:
         self._publish(Twist(-ahead.linear, ahead.angular), stamp_ns)
 
     def _publish(self, twist: Twist, stamp_ns: int) -> None:
-        self._pub.publish(write.command(twist, stamp_ns, self._base_frame, stamped=self._stamped))
+        self._pub.publish(write.command(twist, stamp_ns, self._frame, stamped=self._stamped))

@@ -53,13 +53,14 @@ class StaticMount:
 
     Nothing is known unless it ``listens``, nor without tf2_msgs, which it says. What cannot be
     used is logged by ``warn``; ``trouble`` tells of a mount that is known and cannot be used, ''
-    where there is none: a node that drives all the same assumes a camera that looks ahead.
+    where there is none: a node that drives all the same assumes a camera that looks ahead. The
+    ``base_frame`` may become known later.
     """
 
     def __init__(
         self, node: Node, base_frame: str, warn: Callable[[str], None], *, listens: bool
     ) -> None:
-        self._base, self._log, self._warn = _bare(base_frame), node.get_logger(), warn
+        self.base_frame, self._log, self._warn = base_frame, node.get_logger(), warn
         self._taken, self.trouble = False, ''
         self._unknown: set[str] = set()  # frames of images that were logged
         self._parents: dict[str, tuple[str, Transform]] = {}
@@ -105,14 +106,14 @@ class StaticMount:
 
     def _miss(self, camera_frame: str) -> None:
         """Say once that /tf_static, where it is heard at all, does not lead to a camera."""
-        frame = _bare(camera_frame)
-        if not self._is_heard or frame in self._unknown or frame == self._base:
+        frame, base = _bare(camera_frame), _bare(self.base_frame)
+        if not self._is_heard or frame in self._unknown or frame == base:
             return
         self._unknown.add(frame)
         has = ', '.join(sorted(self._parents)) or 'nothing'
         self._log.warning(
-            f'mount_from_tf: /tf_static does not lead from {self._base} to {frame!r}, the frame '
-            f'of the images; it has {has}; mend the frame_id of the driver or the transforms'
+            f'mount_from_tf: /tf_static does not lead from {base} to {frame!r}, the frame of the '
+            f'images; it has {has}; mend the frame_id of the driver or the transforms'
         )
 
     def dropped(self, settings: MountedT) -> MountedT:
@@ -126,7 +127,7 @@ class StaticMount:
         """Return how the camera of a frame is mounted, None if unknown; or raise ValueError."""
         frame, rotation, origin = _bare(camera_frame), np.eye(3), np.zeros(3)
         for _ in range(DEEPEST):
-            if frame == self._base:
+            if frame == _bare(self.base_frame):
                 return None if frame == _bare(camera_frame) else mount_of(rotation, origin)
             if frame not in self._parents:
                 return None

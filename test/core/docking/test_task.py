@@ -81,19 +81,18 @@ def test_numbers_are_those_of_the_action() -> None:
     [
         (Request(by_id=False), Error.DOCK_NOT_VALID),
         (Request(dock_id='elsewhere'), Error.DOCK_NOT_IN_DB),
-        (Request(dock_type='pallet'), Error.DOCK_NOT_VALID),
     ],
-    ids=['a pose', 'another dock', 'another type'],
+    ids=['a pose', 'another dock'],
 )
 def test_a_dock_without_a_photograph_is_refused(request_, error) -> None:
-    settings = DockTaskSettings(dock_id='home', dock_type='photograph')
+    settings = DockTaskSettings(dock_id='home')
     task = accept_request(request_, 0.0, settings)
     assert task.outcome.error is error
     assert ServoOrder.START not in task.orders
 
 
 def test_names_that_nobody_set_fit_every_request() -> None:
-    assert accept_request(Request(dock_id='any', dock_type='thing'), 0.0, SETTINGS).outcome is None
+    assert accept_request(Request(dock_id='any'), 0.0, SETTINGS).outcome is None
 
 
 def test_what_an_earlier_run_said_does_not_count() -> None:
@@ -274,8 +273,8 @@ def at(step: Stage, **values: object) -> Task:
 
 
 def test_the_dock_of_the_photograph_is_served_by_its_name() -> None:
-    settings = DockTaskSettings(dock_id='home', dock_type='photograph')
-    task = accept_request(Request(dock_id='home', dock_type='photograph'), 0.0, settings)
+    settings = DockTaskSettings(dock_id='home')
+    task = accept_request(Request(dock_id='home'), 0.0, settings)
     assert (task.outcome, task.orders) == (None, (STOP,))
 
 

@@ -14,6 +14,7 @@ import pytest
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
 from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, Unknowns
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 
 
@@ -27,7 +28,7 @@ def at_truth(drive: StudyTrial, views: int = 14) -> Evaluation:
     shared = np.concatenate([drive.attitude, np.zeros(3)])
     unknowns = Unknowns(drive.views[:views], shared, np.zeros((2, len(near))), near)
     return Evaluation(
-        window, unknowns, np.ones(len(near), bool), factors_of(drive.mount, window, 0.05)
+        window, unknowns, np.ones(len(near), bool), factors_of(drive.mount, window, MapSettings())
     )
 
 

@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 from visual_servo_epipolar.core.mapping import initialization
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.initialization import (
     DECISIVE,
     guess_pose,
@@ -43,7 +44,7 @@ def test_depths_are_those_of_the_places(exact) -> None:
 @pytest.mark.parametrize('off', [0.0, 0.05, -0.2])
 def test_rough_bearings_are_enough_to_begin_with(exact, off: float) -> None:
     start = start_at(exact.unknowns.views[1], 1, off)
-    geometry = initial_geometry(exact.window, [start], Attitude(), 0.05)
+    geometry = initial_geometry(exact.window, [start], Attitude(), MapSettings())
     assert geometry is not None
     assert geometry.unknowns.views[:, :3] == pytest.approx(exact.unknowns.views[:, :3], abs=0.02)
 
@@ -51,7 +52,7 @@ def test_rough_bearings_are_enough_to_begin_with(exact, off: float) -> None:
 def test_of_several_starts_the_one_that_fits_best_is_taken(exact) -> None:
     wrong, right = (start_at(exact.unknowns.views[1], 1, off) for off in (1.2, 0.0))
     for starts in ([wrong, right], [right, wrong]):
-        geometry = initial_geometry(exact.window, starts, Attitude(), 0.05)
+        geometry = initial_geometry(exact.window, starts, Attitude(), MapSettings())
         assert geometry is not None
         assert geometry.evaluation.cost < 1.0
 
@@ -68,7 +69,7 @@ def test_of_a_geometry_and_its_reverse_the_one_with_features_ahead_is_taken(exac
 def test_without_a_way_that_was_told_it_begins_all_the_same(exact) -> None:
     window = replace(exact.window, driven_places=np.full((14, 2), np.nan))
     start = start_at(exact.unknowns.views[0], 0)
-    geometry = initial_geometry(window, [start], Attitude(), 0.05)
+    geometry = initial_geometry(window, [start], Attitude(), MapSettings())
     assert geometry is not None
     ratio = geometry.unknowns.views[:, 1] / exact.unknowns.views[:, 1]
     assert ratio == pytest.approx(ratio[0], rel=0.01)
@@ -112,7 +113,7 @@ def test_a_view_that_does_not_fit_is_left_out_and_the_rest_begins(exact) -> None
     tangent_basis[2] = np.roll(tangent_basis[2], 9, axis=-1)
     window = replace(exact.window, tangent_basis=tangent_basis)
     start = start_at(exact.unknowns.views[1], 1)
-    geometry = initial_geometry(window, [start], Attitude(), 0.05)
+    geometry = initial_geometry(window, [start], Attitude(), MapSettings())
     assert geometry is not None
     assert len(geometry.window) == 13
     kept = np.delete(exact.unknowns.views, 2, axis=0)
@@ -137,7 +138,7 @@ def test_views_turned_far_from_each_other_begin_as_well() -> None:
     for k in range(4):
         window = window.with_view(drive.observations(k), drive.views[k, :2])
         starts.append(start_at(drive.views[k], k))
-    geometry = initial_geometry(window, starts, drive.mount, 0.05)
+    geometry = initial_geometry(window, starts, drive.mount, MapSettings())
     assert geometry is not None
     assert len(geometry.window) == 4
     assert geometry.unknowns.views[:, :3] == pytest.approx(drive.views[:, :3], abs=0.25)
@@ -154,16 +155,16 @@ def test_before_a_wall_false_bearings_begin_no_false_geometry(seed: int) -> None
         false = exchanged_bearings(drive.views[k, :3], np.array([0.0, 0.2]))
         assert false is not None
         starts.append(Start(k, false, Attitude()))
-    geometry = initial_geometry(window, starts, drive.mount, 0.05)
+    geometry = initial_geometry(window, starts, drive.mount, MapSettings())
     if geometry is not None:
         assert geometry.unknowns.views[:, :3] == pytest.approx(drive.views[:4, :3], abs=0.1)
 
 
 def test_nothing_begins_while_another_geometry_fits_as_well(exact, monkeypatch) -> None:
     starts = [start_at(exact.unknowns.views[1], 1, off) for off in (0.0, 0.05)]
-    assert initial_geometry(exact.window, starts, Attitude(), 0.05) is not None
+    assert initial_geometry(exact.window, starts, Attitude(), MapSettings()) is not None
     monkeypatch.setattr(initialization, 'is_rival', lambda best, other, margin: True)
-    assert initial_geometry(exact.window, starts, Attitude(), 0.05) is None
+    assert initial_geometry(exact.window, starts, Attitude(), MapSettings()) is None
 
 
 @pytest.mark.parametrize(('times', 'margin'), [(1, LIKELY), (2, DECISIVE)])
@@ -175,7 +176,7 @@ def test_bearings_without_a_rival_tell_as_well(times: int, margin: float, monkey
     starts = [start_at(drive.views[k], k) for k in (0, 1, *[2] * times)]
     asked = []
     monkeypatch.setattr(initialization, 'is_rival', lambda *pair: asked.append(pair[2]))
-    initial_geometry(window, starts, drive.mount, 0.05)
+    initial_geometry(window, starts, drive.mount, MapSettings())
     assert set(asked) == {margin}
 
 

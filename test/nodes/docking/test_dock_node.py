@@ -1,6 +1,8 @@
 """The dock node: tracks and odometry in, the dock's pose out, and nothing before it is known."""
 
+from dataclasses import replace
 import math
+import re
 from types import SimpleNamespace
 
 from bench import Bench
@@ -13,7 +15,6 @@ import pytest
 from sensor_msgs.msg import CameraInfo
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist, yaw_from_quaternion
-from visual_servo_epipolar.core.geometry.planar_poses import compose
 from visual_servo_epipolar.messages import docking, read, transforms, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.dock_node import DockNode, NO_NAV2
@@ -45,36 +46,22 @@ def test_a_camera_info_that_was_latched_before_is_heard(bench, word) -> None:
 
 
 def test_nothing_is_published_before_it_is_known(bench) -> None:
-    rig = Rig(bench, publish_deviation=0.01).drive(2)
+    rig = Rig(bench, publish_deviation=0.001).drive(5)
     assert rig.poses == [] == rig.uncertain
     assert 'uncertain by' in read.diagnosis(rig.reports[-1])['unpublished_because']
 
 
-@pytest.mark.parametrize(
-    ('source', 'missing'),
-    [
-        ('odometry', 'nothing usable came on /odom yet; start what publishes it, or remap it'),
-        ('commands', 'nothing usable came on /cmd_vel yet; start what publishes it'),
-    ],
-)
-def test_without_a_path_nothing_is_published(bench, source, missing) -> None:
-    rig = Rig(bench, path_source=source)
+def test_without_a_path_nothing_is_published(bench) -> None:
+    rig = Rig(bench)
     see_in_vain(rig)
+    missing = 'nothing usable came on /odom yet; start what publishes it, or remap it'
     rig.bench.until(lambda: rig.bench.logged(missing), 'what is missing')
-
-
-def test_commands_of_another_type_are_named(two_processes) -> None:
-    bench, other = two_processes
-    other.talk(TwistStamped, 'cmd_vel')
-    bench.until(lambda: bench.probe.count_publishers('cmd_vel') > 0, 'the other to be known')
-    see_in_vain(Rig(bench, path_source='commands'))
-    bench.until(lambda: bench.logged('publishes geometry_msgs/TwistStamped on /cmd_vel'), 'them')
 
 
 def test_a_base_that_takes_another_type_than_the_turned_commands_is_named(two_processes) -> None:
     bench, other = two_processes
     other.listen(TwistStamped, 'cmd_vel')
-    rig = Rig(bench, dock_backwards=True)
+    rig = Rig(bench, serve_action=True, camera_yaw=3.14)
     bench.until(lambda: rig.node._notice, 'the base')
     rig.drive()
     text = 'takes geometry_msgs/TwistStamped on /cmd_vel, /dock_node publishes geometry_msgs/Twist'
@@ -113,19 +100,6 @@ def see_in_vain(rig) -> None:
     assert rig.reports == [] == rig.poses
 
 
-def test_in_the_frame_of_odometry_it_stands_still(bench) -> None:
-    rig = Rig(bench, pose_frame='odometry').drive()
-    assert rig.poses[-1].header.frame_id == 'odom'
-    pose, told = rig.before
-    expected = compose(np.array([told.x, told.y, told.theta]), true_dock(pose))
-    assert planar(rig.poses[-1])[:2] == pytest.approx(expected[:2], abs=0.03)
-    covariance = rig.uncertain[-1].pose.covariance.reshape(6, 6)[:2, :2]
-    # What is known least is the distance, along the line of sight.
-    _, axes = np.linalg.eigh(covariance)
-    sight = expected[:2] - [told.x, told.y]
-    assert abs(axes[:, 1] @ sight) > 0.9 * np.linalg.norm(sight)
-
-
 def test_odometry_of_two_is_named_with_its_publishers(bench) -> None:
     rig = Rig(bench).drive(2)
     for frame in ('odom', 'ekf'):
@@ -144,17 +118,9 @@ def test_a_reset_looks_for_it_anew(bench) -> None:
     assert len(rig.poses) == count
 
 
-def test_commands_stand_in_for_odometry(bench) -> None:
-    rig = Rig(bench, path_source='commands')
-    rig.node._driven.path.add_twist(0, TWIST)  # by simulated time, as stamped commands do
-    rig.node._driven.path._timeout = math.inf
-    rig.drive()
-    assert planar(rig.poses[-1]) == pytest.approx(true_dock(rig.before[0]), abs=0.03)
-
-
 def test_a_camera_looking_back_has_its_commands_turned_round(bench) -> None:
     heard = bench.listen(TwistMessage, 'cmd_vel')
-    bench.start(DockNode, dock_backwards=True)
+    bench.start(DockNode, serve_action=True, camera_yaw=3.14)
     say = bench.talk(TwistMessage, 'cmd_vel_reversed')
     say(write.twist(Twist(0.3, 0.2)))
     bench.until(lambda: len(heard) == 1, 'the command')
@@ -190,9 +156,33 @@ def test_without_serve_action_nothing_is_said_of_nav2(bench, monkeypatch) -> Non
     assert not bench.logged('nav2_msgs')
 
 
-def test_a_frame_without_its_odometry_is_refused(bench) -> None:
-    with pytest.raises(ValueError, match='commands have no frame'):
-        bench.start(DockNode, pose_frame='odometry', path_source='commands')
+@pytest.mark.parametrize(
+    ('name', 'value', 'today'),
+    [
+        ('dock_backwards', True, 'camera_yaw beyond 1.57'),
+        ('path_source', 'commands', 'odometry alone, on odom'),
+        ('pose_frame', 'odometry', 'the base alone, by child_frame_id of odom'),
+        ('servo', 'other', '-r servo_node/start:=NAME/start'),
+        ('key_views', 5, 'gone, 10 holds'),
+    ],
+)
+def test_a_name_of_an_earlier_version_is_refused_with_what_holds_today(
+    bench, name, value, today
+) -> None:
+    with pytest.raises(ValueError, match=f'{name}.* {re.escape(today)}'):
+        bench.start(DockNode, **{name: value})
+
+
+def test_a_camera_that_looks_back_by_tf_alone_cannot_dock(bench) -> None:
+    rig = Rig(bench)
+    rig.node._settings = replace(rig.settings, camera_yaw=3.14)
+    assert rig.node._refusal().startswith('the camera looks back by /tf_static: set camera_yaw')
+
+
+def test_the_frame_is_that_of_the_base_by_odometry(bench) -> None:
+    rig = Rig(bench)
+    rig.node._driven.base_frame = ''
+    assert {message.header.frame_id for message in rig.drive().poses} == {'base_link'}
 
 
 def test_a_camera_that_changes_begins_anew(bench) -> None:
@@ -250,7 +240,7 @@ STAMP_NS = 5_000_000_007
 def test_a_stamped_command_keeps_its_stamp(bench: Bench) -> None:
     heard = bench.listen(TwistStamped, 'cmd_vel')
     command = bench.talk(TwistStamped, 'cmd_vel_reversed')
-    bench.start(DockNode, dock_backwards=True, enable_stamped_cmd_vel=True)
+    bench.start(DockNode, serve_action=True, camera_yaw=3.14, enable_stamped_cmd_vel=True)
     command(write.twist_stamped(AHEAD, STAMP_NS, 'base_link'))
     bench.until(lambda: bool(heard), 'the command, turned round')
     assert (read.twist(heard[0]), read.stamp_ns(heard[0].header)) == (BACK, STAMP_NS)
@@ -260,7 +250,9 @@ def test_a_stamped_command_keeps_its_stamp(bench: Bench) -> None:
 def test_at_a_broken_command_and_at_its_end_the_base_stands(bench: Bench, stamped: bool) -> None:
     kind = TwistStamped if stamped else TwistMessage
     heard, command = bench.listen(kind, 'cmd_vel'), bench.talk(kind, 'cmd_vel_reversed')
-    node = bench.start(DockNode, dock_backwards=True, enable_stamped_cmd_vel=stamped)
+    node = bench.start(
+        DockNode, serve_action=True, camera_yaw=3.14, enable_stamped_cmd_vel=stamped
+    )
     broken = kind()
     (broken.twist if stamped else broken).linear.x = float('nan')
     command(broken)

@@ -66,9 +66,7 @@ class Robot:
             serve_action=True,
             max_retries=2,
             servo_timeout=60.0,
-            key_views=5,
             initial_perception_timeout=60.0,
-            dock_backwards=backward,
             camera_yaw=math.pi if backward else 0.0,
         )
         info(write.camera_info(CAMERA, 0, 'camera'))

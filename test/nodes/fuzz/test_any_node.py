@@ -39,7 +39,7 @@ KINDS = [
     pytest.param(DockNode, {'autostart_node': False}, id='dock that is not active'),
     pytest.param(
         DockNode,
-        {'path_source': 'commands', 'dock_backwards': True, 'enable_stamped_cmd_vel': True},
+        {'serve_action': True, 'camera_yaw': 3.14, 'enable_stamped_cmd_vel': True},
         id='dock backwards',
     ),
     pytest.param(UnicycleNode, {'rate': 1.0}, id='base'),
@@ -74,7 +74,7 @@ def test_the_base_never_leaves_its_limits(bench: Bench) -> None:
 
 
 def test_commands_that_are_turned_round_are_finite(bench: Bench) -> None:
-    node = bench.start(DockNode, dock_backwards=True)
+    node = bench.start(DockNode, serve_action=True, camera_yaw=3.14)
     turned: list = []
     (publisher,) = (it for it in node.publishers if it.topic_name == '/cmd_vel')
     publisher.publish, publish = turned.append, publisher.publish

@@ -20,7 +20,7 @@ A_GOAL = 30  # messages to each subscription
 
 def test_docking_outlives_all_that_it_hears(bench: Bench) -> None:
     servo, twists = Servo(bench), bench.listen(TwistMessage, 'cmd_vel')
-    node = bench.start(served, **SERVED, dock_backwards=True)
+    node = bench.start(served, **SERVED, camera_yaw=3.14)
     client, results = Client(bench), []
 
     def tell(rng, number: int) -> None:

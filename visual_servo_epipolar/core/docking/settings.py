@@ -1,14 +1,19 @@
 """Settings of docking: of the dock's pose along the driven path, and of a request to dock."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar
+import math
+from typing import Any, ClassVar
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.rigs.fixed_mount import Mount
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
+
+LAG = 0.002  # by which images and odometry may be apart [m]: their stamps are of one clock
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,12 +25,21 @@ class DockPoseSettings(PerceptionSettings):
     """
 
     INTERNAL: ClassVar[frozenset[str]] = frozenset(
-        ('estimator', 'readout', 'camera_tilt_deviation', 'camera_roll_deviation')
+        'estimator focal_deviation readout camera_tilt camera_roll camera_tilt_deviation '
+        'camera_roll_deviation'.split()
     )
+    GONE: ClassVar[Mapping[str, Any]] = {
+        'camera_left_deviation': 0.02,
+        'path_scale_deviation': 0.01,
+        'key_views': 10,
+        'key_travel': 0.05,
+        'key_turn': 0.1,
+    }
 
     camera_yaw: float = fixed(
         0.0,
-        'Yaw of the camera on the base, to the left, 3.14 looks back, as configured [rad]',
+        'Yaw of the camera on the base, to the left, as configured; beyond 1.57 it looks back, '
+        'and dock_robot docks backward [rad]',
         low=-3.15,
         high=3.15,
     )
@@ -37,19 +51,13 @@ class DockPoseSettings(PerceptionSettings):
     )
     camera_yaw_deviation: float = internal(0.02, 'Deviation of that yaw [rad]', low=0.0, high=0.5)
     camera_forward_deviation: float = internal(
-        0.02, 'Deviation of that offset ahead [m]', low=0.0, high=1.0
-    )
-    camera_left_deviation: float = internal(
-        0.02, 'Deviation of that offset aside [m]', low=0.0, high=1.0
+        0.02, 'Deviation of those offsets [m]', low=0.0, high=1.0
     )
     path_deviation: float = setting(
         0.01,
-        'Deviation of the driven way after a metre, of its heading after a metre and a radian',
+        'Deviation of the scale of the driven way: of a metre by odometry [m]',
         low=1e-4,
         high=1.0,
-    )
-    path_scale_deviation: float = internal(
-        0.01, 'Deviation of the scale of all driven ways', low=0.0, high=0.5
     )
     publish_deviation: float = setting(
         0.05,
@@ -60,14 +68,16 @@ class DockPoseSettings(PerceptionSettings):
     publish_heading: float = internal(
         0.02, 'Deviation of the heading below which it is published [rad]', low=1e-4, high=3.0
     )
-    key_views: int = internal(10, 'Views along the path that are kept', low=3, high=40)
-    key_travel: float = internal(0.05, 'Distance between kept views [m]', low=0.005, high=5.0)
-    key_turn: float = internal(0.1, 'Turn after which a view is kept [rad]', low=0.01, high=3.0)
 
     @property
     def mount_is_told(self) -> bool:
         """Whether any setting says how the camera is mounted."""
         return bool(self.camera_place.any() or self.camera_tilt or self.camera_roll)
+
+    @property
+    def looks_back(self) -> bool:
+        """Whether the camera looks back, and the robot docks backward."""
+        return abs(self.camera_yaw) > 0.5 * math.pi
 
     def mounted(self, mount: Mount) -> 'DockPoseSettings':
         """Return the settings of a camera mounted as in a description of the robot."""
@@ -80,26 +90,19 @@ class DockPoseSettings(PerceptionSettings):
         return np.array([self.camera_forward, self.camera_left, self.camera_yaw])
 
     @property
-    def path_deviations(self) -> FloatArray:
-        """Deviations of that place, and of the logarithm of the scale of the path, (4,)."""
-        deviations = (
-            self.camera_forward_deviation,
-            self.camera_left_deviation,
-            self.camera_yaw_deviation,
-            self.path_scale_deviation,
-        )
-        return np.asarray(np.maximum(deviations, 1e-5))
+    def map(self) -> MapSettings:
+        """Bounds of the map, whose scale is that of the path."""
+        return MapSettings(scale_deviation=self.path_deviation, lag=LAG)
 
 
 @dataclass(frozen=True, kw_only=True)
 class DockTaskSettings(Settings):
     """Settings of the action dock_robot: names as docking_server has them."""
 
+    GONE: ClassVar[Mapping[str, Any]] = {'dock_type': ''}
+
     dock_id: str = fixed('', 'Name of the dock of the photograph; empty: that of every request')
-    dock_type: str = internal(
-        '', 'Type of the dock of the photograph; empty: that of every request'
-    )
-    max_retries: int = setting(3, 'Further attempts after one that failed', low=0, high=100)
+    max_retries: int = internal(3, 'Further attempts after one that failed', low=0, high=100)
     initial_perception_timeout: float = internal(
         5.0, 'Longest wait for the photograph to be seen [s]', low=0.1, high=600.0
     )

@@ -60,7 +60,6 @@ class Request:
 
     by_id: bool = True
     dock_id: str = ''
-    dock_type: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,12 +105,10 @@ def accept_request(request: Request, now: float, settings: DockTaskSettings) -> 
             'a photograph is docked at, not a pose: set use_dock_id, and dock_id if it has one'
         )
         return _end(task, Error.DOCK_NOT_VALID, message)
-    for name, wanted, has, error in (
-        ('dock_id', request.dock_id, settings.dock_id, Error.DOCK_NOT_IN_DB),
-        ('dock_type', request.dock_type, settings.dock_type, Error.DOCK_NOT_VALID),
-    ):
-        if wanted and has and wanted != has:
-            return _end(task, error, f'the photograph is of {name} {has!r}, got {wanted!r:.40}')
+    wanted, has = request.dock_id, settings.dock_id
+    if wanted and has and wanted != has:
+        message = f'the photograph is of dock_id {has!r}, got {wanted!r:.40}'
+        return _end(task, Error.DOCK_NOT_IN_DB, message)
     return replace(task, orders=(ServoOrder.STOP,))
 
 

@@ -82,10 +82,20 @@ class GoalEstimate:
         """
         if self.offset is None:
             return None
-        (right, ahead), sine, cosine = self.offset, math.sin(self.heading), math.cos(self.heading)
-        x, y = right * sine - ahead * cosine, right * cosine + ahead * sine
-        slope = np.array([[sine, -cosine, y], [cosine, sine, -x], [0.0, 0.0, -1.0]])
-        return np.array([x, y, -self.heading]), slope @ self.covariance @ slope.T
+        return in_base(np.array([*self.offset, self.heading]), self.covariance)
+
+
+def in_base(place: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """
+    Return the goal in axes of the base, (3,), and its covariance, (3, 3).
+
+    ``place``, (3,), is right and ahead of the goal's axes [m] and the heading error [rad].
+    """
+    right, ahead, heading = place.tolist()
+    sine, cosine = math.sin(heading), math.cos(heading)
+    x, y = right * sine - ahead * cosine, right * cosine + ahead * sine
+    slope = np.array([[sine, -cosine, y], [cosine, sine, -x], [0.0, 0.0, -1.0]])
+    return np.array([x, y, -heading]), slope @ covariance @ slope.T
 
 
 def goal_estimate(

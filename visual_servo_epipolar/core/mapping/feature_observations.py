@@ -79,7 +79,8 @@ class MapSettings:
 
     ``keyframes`` and ``features`` that it holds at most; ``steps``, iterations a frame when a
     keyframe is new; ``keyframe_spacing``, the least way between keyframes, in depths of the scene;
-    ``scale_deviation`` of the logarithm of the true way over the commanded or measured one.
+    ``scale_deviation`` of the logarithm of the true way over the commanded or measured one;
+    ``lag``, the way by which a base may be behind those [m].
     """
 
     keyframes: int = 14
@@ -87,6 +88,7 @@ class MapSettings:
     steps: int = 2
     keyframe_spacing: float = 0.03
     scale_deviation: float = 0.05
+    lag: float = 0.02
 
 
 def tangent_basis_of(rays: FloatArray, noise: FloatArray) -> FloatArray:

@@ -28,6 +28,7 @@ from visual_servo_epipolar.core.mapping.adjustment.window import (
     Unknowns,
     VIEW,
 )
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.fitting import (
     Anchors,
     fit_pose,
@@ -61,16 +62,16 @@ class Start(NamedTuple):
 
 
 def initial_geometry(
-    window: KeyframeWindow, starts: Sequence[Start], mount: Attitude, scale_deviation: float
+    window: KeyframeWindow, starts: Sequence[Start], mount: Attitude, settings: MapSettings
 ) -> Geometry | None:
     """Return the geometry of a ``window`` that fits best; None if none does, or if two do."""
 
     def begun(window: KeyframeWindow, start: Start, starts: Sequence[Start]) -> Geometry | None:
-        factors = factors_of(mount, window, scale_deviation)
+        factors = factors_of(mount, window, settings)
         everything = np.ones(len(window.ids), bool)
         unknowns = _resected_views(window, start, starts)
         geometry = _narrowed(orient_ahead(Evaluation(window, unknowns, everything, factors)))
-        geometry = _of_held_views(geometry, scale_deviation)
+        geometry = _of_held_views(geometry, settings)
         sound = len(geometry.window) > 1 and is_sound(geometry, FIRST_TRUSTED)
         return geometry if sound else None
 
@@ -184,7 +185,7 @@ def held_views(geometry: Geometry) -> BoolArray:
     return np.asarray(agree >= LEAST_AGREEING * np.maximum(seen.sum(1), 1))
 
 
-def _of_held_views(geometry: Geometry, scale_deviation: float) -> Geometry:
+def _of_held_views(geometry: Geometry, settings: MapSettings) -> Geometry:
     """Return the geometry without the views that do not fit the rest."""
     held = held_views(geometry)
     if held.all() or held.sum() < 2:
@@ -195,7 +196,7 @@ def _of_held_views(geometry: Geometry, scale_deviation: float) -> Geometry:
     kept = np.asarray(window.seen.any(0))
     window = window.of_features(kept)
     unknowns = replace(unknowns, views=unknowns.views[held]).of_features(kept)
-    factors = factors_of(geometry.evaluation.factors.mount, window, scale_deviation)
+    factors = factors_of(geometry.evaluation.factors.mount, window, settings)
     everything = np.ones(len(window.ids), bool)
     return refine(Evaluation(window, unknowns, everything, factors), MORE_STEPS, COLD_DAMPING)
 

@@ -82,7 +82,7 @@ class KeyframeMap:
         )
         if before.geometry is None:
             return other
-        geometry, ratio = rescale(before.geometry, other.window, settings.scale_deviation)
+        geometry, ratio = rescale(before.geometry, other.window, settings)
         if before.pose is None:
             return replace(other, geometry=geometry)
         pose = np.concatenate([ratio * before.pose[:HEADING], before.pose[HEADING:]])
@@ -174,8 +174,8 @@ class KeyframeMap:
 
     def _initialize(self) -> 'KeyframeMap':
         """Return the map with the first geometry, if one fits the views to begin with."""
-        starts, deviation = self.bootstrap.starts, self.settings.scale_deviation
-        geometry = initial_geometry(self.window, starts, self.mount, deviation)
+        starts = self.bootstrap.starts
+        geometry = initial_geometry(self.window, starts, self.mount, self.settings)
         if geometry is None:
             return replace(self, bootstrap=self.bootstrap.done)
         pose = geometry.unknowns.views[-1]

@@ -123,8 +123,8 @@ def with_keyframe(
     if not kept.all():
         window, trusted = window.of_features(kept), trusted[kept]
         unknowns = unknowns.of_features(kept)
-    mount, deviation = geometry.evaluation.factors.mount, settings.scale_deviation
-    return Evaluation(window, unknowns, trusted, factors_of(mount, window, deviation))
+    factors = factors_of(geometry.evaluation.factors.mount, window, settings)
+    return Evaluation(window, unknowns, trusted, factors)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

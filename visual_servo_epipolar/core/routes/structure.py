@@ -29,6 +29,7 @@ from visual_servo_epipolar.core.mapping.adjustment.window import (
 )
 from visual_servo_epipolar.core.mapping.feature_observations import (
     FeatureObservations,
+    MapSettings,
     tangent_basis_of,
 )
 from visual_servo_epipolar.core.mapping.fitting import (
@@ -200,7 +201,7 @@ def learn_structure(
     )
     near = triangulate(window, start, np.ones(len(views), bool))
     unknowns = Unknowns(start.views, start.shared, start.offsets, near)
-    factors = factors_of(mount, window, SCALE_DEVIATION)
+    factors = factors_of(mount, window, MapSettings(scale_deviation=SCALE_DEVIATION))
     if camera.wraps:
         factors = replace(factors, lens_deviation=ALL_AROUND)
     at, damping = refine_narrowing(Evaluation(window, unknowns, np.ones(count, bool), factors))

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servoing.rivals import publishers, type_mismatch
-from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings, RouteNodeSettings
+from visual_servo_epipolar.nodes.startup.settings import RouteNodeSettings
 
 
 class DrivenPath:
@@ -25,13 +25,14 @@ class DrivenPath:
 
     What is wrong with it is logged by ``warn``; ``on_odometry`` is called when it grows by
     odometry, which may be ``ahead`` [s] older than an image. It is empty unless it ``listens``.
+    ``base_frame`` is the one whose path odometry gives, '' before.
     """
 
     def __init__(
         self,
         node: Node,
         warn: Callable[[str], object],
-        settings: DockNodeSettings | RouteNodeSettings | None = None,
+        settings: RouteNodeSettings | None = None,
         on_odometry: Callable[[], None] = lambda: None,
         *,
         listens: bool = True,
@@ -39,7 +40,7 @@ class DrivenPath:
         profile: QoSProfile = qos.ODOMETRY,
     ) -> None:
         self._node, self._warn, self._on_odometry = node, warn, on_odometry
-        self._listens = listens
+        self._listens, self.base_frame = listens, ''
         if settings is None or settings.path_source == 'odometry':
             self._topic, self._ahead = node.resolve_topic_name('odom'), ahead
             if listens:
@@ -75,6 +76,7 @@ class DrivenPath:
         except ValueError as error:
             self._warn(f'odometry refused: {error}')
             return
+        self.base_frame = message.child_frame_id
         rupture = self.path.add_pose(stamp_ns, pose, message.header.frame_id)
         if rupture:
             names = ', '.join(sorted(publishers(self._node, self._topic).elements()))

@@ -15,11 +15,6 @@ def _reliability(what: str) -> Any:
     return fixed('auto', text, choices=('auto', 'reliable', 'best_effort'))
 
 
-def _path_source(metres: str) -> Any:
-    text = f'{metres} come from: odom, or the commands on cmd_vel'
-    return fixed('odometry', text, choices=('odometry', 'commands'))
-
-
 def _mount_from_tf() -> Any:
     return fixed(False, 'Take the mount from /tf_static unless a camera_ setting is set')
 
@@ -144,7 +139,11 @@ class RouteNodeSettings(DriverNodeSettings, ImageSettings):
     route: str = setting(
         '', 'Folder of the route, which is repeated, or written after recording', path=True
     )
-    path_source: str = _path_source('Metres of a way that is recorded')
+    path_source: str = fixed(
+        'odometry',
+        'Metres of a way that is recorded come from: odom, or the commands on cmd_vel',
+        choices=('odometry', 'commands'),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,28 +308,23 @@ class RecorderNodeSettings(LifecycleSettings):
 class DockNodeSettings(CalibrationSettings):
     """Settings of the connections of the node."""
 
+    INTERNAL: ClassVar[frozenset[str]] = frozenset({'cropped', 'camera_reliability'})
+    RENAMED: ClassVar[Mapping[str, str]] = {
+        'dock_backwards': 'camera_yaw beyond 1.57',
+        'path_source': 'odometry alone, on odom',
+        'pose_frame': 'the base alone, by child_frame_id of odom',
+        'servo': '-r servo_node/start:=NAME/start -r servo_node/stop:=NAME/stop',
+    }
+    GONE: ClassVar[Mapping[str, Any]] = {
+        'dock_backwards': False,
+        'path_source': 'odometry',
+        'pose_frame': 'base',
+        'servo': 'servo_node',
+    }
+
     camera_reliability: str = _reliability('camera_info')
-    base_frame: str = fixed('base_link', 'Frame of the base')
     mount_from_tf: bool = _mount_from_tf()
-    path_source: str = _path_source('Metres')
-    pose_frame: str = fixed(
-        'base',
-        "The pose is published in: base_frame at the image's stamp, or the frame of odom",
-        choices=('base', 'odometry'),
-    )
     enable_stamped_cmd_vel: bool = fixed(False, 'cmd_vel is geometry_msgs/TwistStamped')
     serve_action: bool = fixed(
         False, 'Serve the action dock_robot of nav2_msgs: requests start the servo'
     )
-    servo: str = fixed('servo_node', 'Name of the servo node')
-    dock_backwards: bool = fixed(
-        False, 'The camera looks back: take cmd_vel_reversed of the servo, publish it turned round'
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.pose_frame == 'odometry' and self.path_source != 'odometry':
-            raise ValueError(
-                "pose_frame 'odometry' must go with path_source 'odometry', got "
-                f'{self.path_source!r}: commands have no frame; set pose_frame: base'
-            )

@@ -3,18 +3,10 @@
 from dataclasses import replace
 import math
 
-from docking_drives import Drive
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.docking.search import (
-    factors_along,
-    FIRST_DISTANCES,
-    window_of,
-)
-from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.mapping.adjustment import projection
 from visual_servo_epipolar.core.mapping.adjustment.equations import (
     Evaluation,
@@ -25,29 +17,17 @@ from visual_servo_epipolar.core.mapping.adjustment.equations import (
     robust_weight,
     system_of,
 )
-from visual_servo_epipolar.core.mapping.adjustment.factors import (
-    Factors,
-    factors_of,
-    LAG,
-    ON_BASE,
-    SCALE,
-)
+from visual_servo_epipolar.core.mapping.adjustment.factors import Factors, factors_of
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
 from visual_servo_epipolar.core.mapping.adjustment.window import Unknowns
-from visual_servo_epipolar.core.mapping.initialization import (
-    refine_narrowing,
-    shared_at,
-    triangulate,
-)
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
-from visual_servo_epipolar.simulation.point_world import PointSettings
 
 
 def scaled(geometry: Geometry, ratio: float) -> Geometry:
     """Return the geometry of the same images, had another way been told."""
     window = replace(geometry.window, driven_places=ratio * geometry.window.driven_places)
-    factors = factors_of(geometry.evaluation.factors.mount, window, 0.05)
+    factors = factors_of(geometry.evaluation.factors.mount, window, MapSettings())
     start = Evaluation(window, geometry.unknowns, geometry.trusted, factors)
     return refine(start, 15)
 
@@ -89,7 +69,7 @@ def test_the_scale_is_as_sure_as_the_way_was(exact, deviation: float) -> None:
 
 def test_without_a_way_the_scale_is_a_guess_and_the_geometry_keeps_its_own(exact) -> None:
     window = replace(exact.window, driven_places=np.full((14, 2), np.nan))
-    factors = factors_of(Attitude(), window, 0.05)
+    factors = factors_of(Attitude(), window, MapSettings())
     assert factors.scale_deviation == 1.0
     assert factors.cost(exact.unknowns) == pytest.approx(
         factors.cost(exact.unknowns.scaled(3.0)), abs=1e-9
@@ -122,106 +102,11 @@ def test_a_short_way_tells_little_of_the_scale(exact) -> None:
     def deviation(way: float) -> float:
         driven_places = np.array([[0.0, 0.0], [0.0, way]])
         window = replace(exact.window.without_view(0), driven_places=driven_places)
-        return factors_of(Attitude(), window, 0.05).scale_deviation
+        return factors_of(Attitude(), window, MapSettings()).scale_deviation
 
     assert deviation(10.0) == pytest.approx(0.05, rel=1e-2)
-    assert deviation(0.1) == pytest.approx(math.hypot(0.05, LAG / 0.1))
+    assert deviation(0.1) == pytest.approx(math.hypot(0.05, 0.02 / 0.1))
     assert deviation(1e-6) == 1.0
-
-
-TILT, ROLL, FORWARD, LEFT, YAW = 0.1, 0.05, 0.2, -0.1, 0.3
-SETTINGS = DockPoseSettings(
-    camera_tilt=TILT,
-    camera_roll=ROLL,
-    camera_forward=FORWARD,
-    camera_left=LEFT,
-    camera_yaw=YAW,
-)
-STEP = 1e-6
-
-
-@pytest.fixture(scope='module')
-def driven():
-    """Return the true geometry of a drive without noise."""
-    drive = Drive(
-        start=(0.3, -2.0, 4.0),
-        angular=0.2,
-        mount=CameraMount(tilt=TILT, roll=ROLL, forward=FORWARD, left=LEFT, yaw=YAW),
-        points=PointSettings(noise=0.0),
-        odometry_noise=0.0,
-    )
-    *_, (search, _) = searches = list(drive.searched(SETTINGS, 8))
-    window, factors = window_of(search.keys, 0.2), factors_along(search.keys, SETTINGS)
-    poses = {s.last.place.stamp_ns: pose for s, pose in searches}
-    views = np.array([view_at(poses[key.place.stamp_ns]) for key in search.keys])
-    shared = np.concatenate([shared_at(np.array([TILT, ROLL])), factors.prior])
-    count = len(window.ids)
-    unknowns = Unknowns(views, shared, np.zeros((2, count)), np.ones(count))
-    near = triangulate(window, unknowns, np.ones(len(views), bool))
-    return Evaluation(window, replace(unknowns, inverse_depth=near), np.ones(count, bool), factors)
-
-
-def view_at(pose):
-    """Return the view of a base at a ``pose``, beside that of the photograph."""
-    turn = pose.theta - HALF_PI
-    along, aside = [np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]
-    ahead = np.array([pose.y, -pose.x]) + FORWARD * np.array(along) + LEFT * np.array(aside)
-    # From the photograph's camera, in its axes: it looks aside by the yaw.
-    off = ahead - [FORWARD, LEFT]
-    c, s = np.cos(YAW), np.sin(YAW)
-    forward, left = c * off[0] + s * off[1], c * off[1] - s * off[0]
-    return [-left, forward, turn, TILT, ROLL]
-
-
-def test_the_truth_leaves_no_residuals(driven) -> None:
-    assert driven.cost == pytest.approx(0.0, abs=1e-6)
-
-
-def test_refinement_finds_the_truth_from_the_nearest_guess(driven) -> None:
-    ratio = math.sqrt(FIRST_DISTANCES[1] / FIRST_DISTANCES[0])  # halfway between two of them
-    true = driven.unknowns
-    wrong = true.views * [ratio, ratio, 1.0, 1.0, 1.0] + [0.05, 0.0, 0.01, 0.0, 0.0]
-    near = triangulate(driven.window, replace(true, views=wrong), np.ones(len(wrong), bool))
-    start = replace(driven, unknowns=replace(true, views=wrong, inverse_depth=near))
-    at, damping = refine_narrowing(start)
-    geometry = refine(at, 40, damping)
-    assert geometry.unknowns.views[:, :3] == pytest.approx(true.views[:, :3], abs=0.03)
-    assert driven.factors.path_ratio(geometry.unknowns) < 0.2
-
-
-def test_a_scale_of_the_odometry_is_found_where_it_is_free(driven) -> None:
-    # The images and the mount do not tell it apart: only the odometry's own deviation holds it.
-    factors, true = driven.factors, driven.unknowns
-    longer = replace(factors, motions=factors.motions * [1.1, 1.1, 1.0])
-    shared = true.shared.copy()
-    shared[SCALE] = -np.log(1.1)
-    residuals = longer.path_residuals(replace(true, shared=shared))
-    assert residuals == pytest.approx(0.0, abs=1e-6)
-
-
-def test_derivatives_are_those_of_the_residuals(driven) -> None:
-    factors, at = driven.factors, driven.unknowns
-    slopes, before = factors.slopes(at), factors.residuals(at)
-    whole = np.concatenate([at.views.ravel(), at.shared])
-    for j in range(len(whole)):
-        moved = whole + STEP * np.eye(len(whole))[j]
-        views = moved[: at.views.size].reshape(-1, 5)
-        other = replace(at, views=views, shared=moved[at.views.size :])
-        change = (factors.residuals(other) - before) / STEP
-        assert change == pytest.approx(slopes[:, j], abs=1e-3 * max(np.abs(change).max(), 1.0))
-
-
-def test_normal_equations_are_the_slope_of_the_cost(driven) -> None:
-    factors, at = driven.factors, driven.unknowns
-    shared = at.shared.copy()
-    shared[ON_BASE] += [0.01, -0.02, 0.01]
-    at = replace(at, shared=shared)
-    _, vector = factors.equations(at)
-    for j in range(ON_BASE.start, ON_BASE.stop):
-        shift = STEP * np.eye(len(shared))[j]
-        ends = [factors.cost(replace(at, shared=shared + sign * shift)) for sign in (1, -1)]
-        slope = (ends[0] - ends[1]) / (4.0 * STEP)  # of half the cost
-        assert vector[at.views.size + j] == pytest.approx(slope, rel=1e-3, abs=1e-3)
 
 
 def moved(exact, seed=0):

@@ -1,6 +1,6 @@
 """Factors beside the images: of mount and floor on attitudes, of the lens, and of the scale."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 import math
 
@@ -8,7 +8,6 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.geometry.planar_poses import compose, inverse_pose, relative_pose
 from visual_servo_epipolar.core.mapping.adjustment.window import (
     KeyframeWindow,
     LENS,
@@ -19,17 +18,13 @@ from visual_servo_epipolar.core.mapping.adjustment.window import (
     Unknowns,
     VIEW,
 )
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 
 LEAST_JITTER = 1e-4  # [rad]
 UNKNOWN_SCALE = 1.0  # deviation of the logarithm of an unknown scale
-LAG = 0.02  # way by which a base may be behind its commands [m]
 LEAST_WAY = 1e-9  # [m]
 LENS_DEVIATION = 0.03  # of the logarithm of a focal length that somebody measured
 LEAST_PLACE = 1e-6  # information of a view that features tell nothing of [1/m^2]
-# Unknowns that all views share, behind those of every adjustment: the camera ahead of the axle and
-# to the left [m], its yaw [rad], and the logarithm of the true way over that of the odometry.
-ON_BASE, SCALE, ADDED = slice(SHARED, SHARED + 3), SHARED + 3, 4
-DIFFERENCE = 1e-6  # of numerical derivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +35,8 @@ class Factors:
     ``mount`` is the belief of the camera's attitude: that of each view, and of the photograph,
     differs from it by what the floor does (``mount.jitter``). The scale is one number: the ``way``
     from keyframe to keyframe as commanded or measured [m] against that of the geometry, to
-    ``scale_deviation``, infinite where something else tells it. Images tell nothing of it, so it
-    tells nothing but itself. The logarithm of the focal length is known to ``lens_deviation``.
+    ``scale_deviation``. Images tell nothing of it, so it tells nothing but itself. The logarithm
+    of the focal length is known to ``lens_deviation``.
     """
 
     mount: Attitude
@@ -123,81 +118,13 @@ class Factors:
         return np.concatenate([by_view.ravel(), np.zeros(SHARED)]) / whole
 
 
-def factors_of(mount: Attitude, window: KeyframeWindow, scale_deviation: float) -> Factors:
+def factors_of(mount: Attitude, window: KeyframeWindow, settings: MapSettings) -> Factors:
     """Return the factors of a ``window``; without a driven way the scale is a guess."""
     way = float(window.ways.sum())
     known = math.isfinite(way) and way > LEAST_WAY
-    deviation = math.hypot(scale_deviation, LAG / way) if known else UNKNOWN_SCALE
-    deviation = min(deviation, UNKNOWN_SCALE)
+    lag = settings.lag / way if known else math.inf
+    deviation = min(math.hypot(settings.scale_deviation, lag), UNKNOWN_SCALE)
     return Factors(mount, len(window), way if known else 0.0, deviation)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PathFactors(Factors):
-    """
-    What is known beside the images, with the motion of the base between views.
-
-    ``motions``, (K - 1, 3), are those of the odometry, in axes of the base before, with the roots
-    of their information ``weights``, (K - 1, 3, 3). ``prior`` and ``deviations``, (4,), are of the
-    unknowns that are added: they make the geometry metric.
-    """
-
-    motions: FloatArray
-    weights: FloatArray
-    prior: FloatArray
-    deviations: FloatArray
-
-    def cost(self, unknowns: Unknowns) -> float:
-        """Return the sum of squares, in deviations."""
-        residuals = self.residuals(unknowns)
-        return super().cost(_without_added(unknowns)) + float(residuals @ residuals)
-
-    def equations(self, unknowns: Unknowns) -> tuple[FloatArray, FloatArray]:
-        """Return matrix, (5 K + 9, 5 K + 9), and vector of the normal equations."""
-        base, pull = super().equations(_without_added(unknowns))
-        slopes, residuals = self.slopes(unknowns), self.residuals(unknowns)
-        matrix, vector = slopes.T @ slopes, slopes.T @ residuals
-        matrix[:-ADDED, :-ADDED] += base
-        vector[:-ADDED] += pull
-        return matrix, vector
-
-    def path_residuals(self, unknowns: Unknowns) -> FloatArray:
-        """Return by how much motions differ from the odometry's, (K - 1, 3), in deviations."""
-        poses = camera_poses(unknowns.views)
-        apart = _motions(poses[:-1], poses[1:], unknowns.shared) - self.motions
-        apart[:, 2] = np.remainder(apart[:, 2] + np.pi, 2.0 * np.pi) - np.pi
-        return np.asarray((self.weights @ apart[..., None])[..., 0])
-
-    def path_ratio(self, unknowns: Unknowns) -> float:
-        """Return the deviation of the path's residuals over that expected."""
-        residuals = self.path_residuals(unknowns)
-        return math.sqrt(float((residuals**2).mean())) if residuals.size else 1.0
-
-    def residuals(self, unknowns: Unknowns) -> FloatArray:
-        """Return the residuals of the path and of the prior, (3 K + 1,), in deviations."""
-        added = (unknowns.shared[SHARED:] - self.prior) / self.deviations
-        return np.concatenate([self.path_residuals(unknowns).ravel(), added])
-
-    def slopes(self, unknowns: Unknowns) -> FloatArray:
-        """Return the derivatives of the residuals of path and prior, (3 K + 1, 5 K + 9)."""
-        poses, shared, count = camera_poses(unknowns.views), unknowns.shared, self.views
-        rows = np.zeros((3 * (count - 1) + ADDED, VIEW * count + len(shared)))
-        path = rows[:-ADDED].reshape(count - 1, 3, -1)
-        first, second = poses[:-1], poses[1:]
-        before, pair = _motions(first, second, shared), np.arange(count - 1)
-
-        def slope(motions: FloatArray) -> FloatArray:
-            change = (motions - before) / DIFFERENCE
-            return np.asarray((self.weights @ change[..., None])[..., 0])
-
-        for j, shift in enumerate(DIFFERENCE * camera_poses(np.eye(3))):
-            path[pair, :, VIEW * pair + j] = slope(_motions(first + shift, second, shared))
-            path[pair, :, VIEW * (pair + 1) + j] = slope(_motions(first, second + shift, shared))
-        for j in range(SHARED, len(shared)):
-            other = shared + DIFFERENCE * np.eye(len(shared))[j]
-            path[..., VIEW * count + j] = slope(_motions(first, second, other))
-        np.fill_diagonal(rows[-ADDED:, -ADDED:], 1.0 / self.deviations)
-        return rows
 
 
 def camera_poses(views: FloatArray) -> FloatArray:
@@ -209,15 +136,3 @@ def views_of(cameras: FloatArray, attitude: FloatArray) -> FloatArray:
     """Return views, (K, 5), of camera poses, (K, 3), all at one ``attitude``, (2,) [rad]."""
     places = np.column_stack([-cameras[:, 1], cameras[:, 0], cameras[:, 2]])
     return np.concatenate([places, np.broadcast_to(attitude, (len(cameras), 2))], axis=1)
-
-
-def _without_added(unknowns: Unknowns) -> Unknowns:
-    return replace(unknowns, shared=unknowns.shared[:SHARED])
-
-
-def _motions(first: FloatArray, second: FloatArray, shared: FloatArray) -> FloatArray:
-    """Return the motions of the base from views to others, (K, 3), as odometry would have them."""
-    mount = np.broadcast_to(inverse_pose(shared[ON_BASE]), first.shape)
-    motions = relative_pose(compose(first, mount), compose(second, mount))
-    motions[:, :2] *= np.exp(-shared[SCALE])
-    return motions

@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.mapping.adjustment.equations import (
 from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
 from visual_servo_epipolar.core.mapping.adjustment.projection import project, squares_of
 from visual_servo_epipolar.core.mapping.adjustment.window import KeyframeWindow, SHARED, Unknowns
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 
 DAMPING = 1e-4
 LEAST_GAIN = 0.05  # of the cost, below which nothing changes that matters
@@ -159,11 +160,11 @@ def refine(
 
 
 def rescale(
-    geometry: Geometry, window: KeyframeWindow, deviation: float
+    geometry: Geometry, window: KeyframeWindow, settings: MapSettings
 ) -> tuple[Geometry, float]:
     """Return the geometry by the ways of another ``window``, and how many times as large it is."""
     before = geometry.evaluation
-    factors = factors_of(before.factors.mount, window, deviation)
+    factors = factors_of(before.factors.mount, window, settings)
     start = replace(before, window=window, factors=factors)
     return refine(start, 0, geometry.damping), factors.ratio(before.unknowns)
 
