@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-import importlib.util
 from pathlib import Path
 import sys
 from types import ModuleType, SimpleNamespace
 from typing import Any
+
+from loaded import loaded
 
 ROOT = Path(__file__).parents[2]
 
@@ -119,12 +120,7 @@ def modules() -> dict[str, ModuleType]:
 def load(path: Path) -> ModuleType:
     """Import a launch file; the stand-ins must be in sys.modules."""
     assert sys.modules['launch'].LaunchDescription is LaunchDescription
-    spec = importlib.util.spec_from_file_location(path.name.replace('.', '_'), path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(path)
 
 
 class Launch:

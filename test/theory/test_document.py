@@ -1,13 +1,12 @@
 """docs/theory.md: what it links exists, and each equation is named where it is computed."""
 
 from importlib import import_module
-import importlib.util
 from pathlib import Path
 import re
-import sys
 from types import ModuleType
 from typing import Any
 
+from loaded import loaded
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -60,13 +59,7 @@ def test_every_equation_of_the_paper_has_its_row() -> None:
 
 
 def figures() -> ModuleType:
-    spec = importlib.util.spec_from_file_location('theory_figures', DOCS / 'theory_figures.py')
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+    return loaded(DOCS / 'theory_figures.py')
 
 
 def test_every_figure_of_the_page_is_drawn_with_units_on_its_axes() -> None:

@@ -39,7 +39,6 @@ from visual_servo_epipolar.core.geometry.epipolar import (
 )
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import image_points, normalised, tangents, unit_rays
-from visual_servo_epipolar.core.laws.equations import printed_sigma
 
 K = CAMERA.matrix
 NOISE = 0.3 / 769.0  # of a ray coordinate, at the tracking error of a plain tracker
@@ -124,20 +123,6 @@ def test_f_is_the_product_that_section_ii_prints(pose: Pose) -> None:
 @given(bearings())
 def test_f_of_bearings_has_the_norm_it_promises(drawn: Bearings) -> None:
     assert np.linalg.norm(fundamental_from_bearings(drawn)) == pytest.approx(math.sqrt(2.0))
-
-
-@given(regular_poses())
-def test_the_desired_epipole_is_equation_5(pose: Pose) -> None:
-    found = Bearings.from_pose(pose).epipole_desired
-    assert found == pytest.approx(pose.x / pose.y, abs=1e-11)
-
-
-@given(regular_poses())
-def test_the_current_epipole_is_equation_6(pose: Pose) -> None:
-    cosine, sine = math.cos(pose.theta), math.sin(pose.theta)
-    expected = (pose.x * sine - pose.y * cosine) / (pose.x * cosine + pose.y * sine)
-    # Rounding, grown by the slope of the tangent at 84 deg.
-    assert Bearings.from_pose(pose).epipole_current == pytest.approx(expected, abs=1e-11)
 
 
 @given(poses())
@@ -318,37 +303,3 @@ def test_epipoles_off_the_plane_of_motion_are_refused() -> None:
     current, desired = matches(BEHIND)
     with pytest.raises(DegenerateGeometryError, match='must lie in the plane of motion'):
         oriented_bearings(upward, current, desired, noise=NOISE)
-
-
-def agreement(starts: list[Pose]) -> float:
-    """Return in which part of ``starts`` the printed sign is the true sigma."""
-    bearings = [Bearings.from_pose(start) for start in starts]
-    return float(
-        np.mean([b.sigma == printed_sigma(b.epipole_current, b.epipole_desired) for b in bearings])
-    )
-
-
-def grid(x: tuple[float, float], y: tuple[float, float], deg: tuple[float, float]) -> list[Pose]:
-    """Return poses evenly over a box, none of them on its axes of symmetry."""
-    return [
-        Pose.from_start(a, b, c)
-        for a in np.linspace(*x, 24)
-        for b in np.linspace(*y, 24)
-        for c in np.linspace(*deg, 24)
-    ]
-
-
-def test_the_printed_sign_is_right_in_half_of_all_poses() -> None:
-    everywhere = grid((-5.0, 5.0), (-5.0, 5.0), (-178.0, 177.0))
-    # By symmetry one half exactly; the grid is coarse.
-    assert agreement(everywhere) == pytest.approx(0.5, abs=0.02)
-
-
-def test_the_printed_sign_is_wrong_nearly_always_behind_the_goal() -> None:
-    # Right in 5 to 14 %, as the starts lie; there the law is needed.
-    assert 0.05 < agreement(grid((-1.5, 1.5), (-5.0, -2.0), (-15.0, 15.0))) < 0.2
-
-
-def test_the_printed_sign_is_wrong_at_the_first_start_of_the_experiments() -> None:
-    behind = Bearings.from_pose(BEHIND)
-    assert printed_sigma(behind.epipole_current, behind.epipole_desired) == -behind.sigma == 1.0

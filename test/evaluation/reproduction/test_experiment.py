@@ -1,12 +1,12 @@
 """The experiment: its beginning with images, all of it with point features, its figures."""
 
 from dataclasses import replace
-import importlib.util
 import json
 import math
 from pathlib import Path
 from types import ModuleType
 
+from loaded import loaded
 import numpy as np
 import pytest
 
@@ -39,10 +39,7 @@ SHORT_S = 11.0
 
 @pytest.fixture(scope='module')
 def points() -> ModuleType:
-    spec = importlib.util.spec_from_file_location('points', HERE / 'points.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(HERE / 'points.py')
 
 
 @pytest.fixture(scope='module')

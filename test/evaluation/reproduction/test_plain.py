@@ -1,8 +1,8 @@
 """An independent check: simulation 1 against a plain implementation with no code in common."""
 
-import importlib.util
 from pathlib import Path
 
+from loaded import loaded
 import numpy as np
 import pytest
 
@@ -14,10 +14,7 @@ AGREEMENT = 1e-6  # m, rad, s, m/s, and of the focal length for epipoles
 
 @pytest.fixture(scope='module')
 def plain():
-    spec = importlib.util.spec_from_file_location('plain', Path(__file__).with_name('plain.py'))
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded(Path(__file__).with_name('plain.py'))
 
 
 @pytest.fixture(scope='module')

@@ -1,0 +1,177 @@
+"""The pages: links, words, the example of the README, quoted messages, the glossary."""
+
+from importlib import import_module
+from pathlib import Path
+import re
+from typing import Any
+
+import pytest
+
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.reasons import Reason
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
+
+ROOT = Path(__file__).parents[2]
+README = ROOT / 'README.md'
+PAGES = [README, *sorted({*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')} - {README})]
+CODE_BLOCK = re.compile(r'^ *```.*?^ *```', re.M | re.S)
+LINK = re.compile(r'\]\(([^)\s]+)\)')
+
+
+def links(page: Path) -> list[str]:
+    text = CODE_BLOCK.sub('', page.read_text(encoding='utf-8'))
+    return [link for link in LINK.findall(text) if '://' not in link]
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub makes them."""
+    text = CODE_BLOCK.sub('', page.read_text(encoding='utf-8'))
+    titles = re.findall(r'^#+ (.+)$', text, re.M)
+    return {re.sub(r'[^\w\- ]', '', title.lower()).replace(' ', '-') for title in titles}
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in links(page):
+        path, _, anchor = link.partition('#')
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), f'{page.name} links to {link}, which is not there'
+        if anchor:
+            assert anchor in anchors(target), f'{page.name} links to {link}: no such heading'
+
+
+def test_every_page_can_be_reached_from_the_readme() -> None:
+    reached, new = set(), {PAGES[0].resolve()}
+    while new:
+        reached |= new
+        targets = {
+            (page.parent / link.partition('#')[0]).resolve()
+            for page in new
+            for link in links(page)
+        }
+        new = {target for target in targets if target.suffix == '.md'} - reached
+    assert {page.resolve() for page in PAGES} <= reached
+
+
+def test_pictures_are_small_enough_for_a_page() -> None:
+    kinds = {'.png', '.jpg', '.gif', '.webp'}
+    sizes = [file.stat().st_size for file in (ROOT / 'docs').rglob('*.*') if file.suffix in kinds]
+    assert max(sizes) < 1_000_000
+    assert sum(sizes) < 8_000_000
+
+
+def test_the_pages_are_short_enough_to_be_read() -> None:
+    words = {
+        page.relative_to(ROOT).as_posix(): len(page.read_text(encoding='utf-8').split())
+        for page in PAGES
+    }
+    assert words['README.md'] <= 1200
+    assert words['docs/results.md'] <= 5800
+    assert sum(number for name, number in words.items() if name.startswith('docs')) <= 42_000
+
+
+FILES = [
+    *sorted((ROOT / 'visual_servo_epipolar').rglob('*.py')),
+    *sorted((ROOT / 'launch').glob('*.py')),
+    *sorted({*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')}),
+]
+WORDS = re.compile(
+    r'\b(nobody|anybody|told|has it|and no more|as good as|by turns|whom|'
+    r'(?<!people )(?<!person )(?<!driver )(?<!somebody )who)\b',
+    re.IGNORECASE,
+)
+
+
+def test_no_line_has_a_word_for_people_alone() -> None:
+    found = [
+        f'{path.relative_to(ROOT)}:{number}: {line.strip()}'
+        for path in FILES
+        for number, line in enumerate(path.read_text(encoding='utf-8').splitlines(), start=1)
+        if WORDS.search(line)
+    ]
+    assert found == [], '\n'.join(found)
+
+
+PYTHON = re.compile(r'^```python\n(.*?)^```', re.M | re.S)
+
+
+def test_the_example_of_the_readme_drives_the_robot_home(capsys) -> None:
+    (example,) = PYTHON.findall(README.read_text(encoding='utf-8'))
+    exec(compile(example, str(README), 'exec'), {})
+    printed = capsys.readouterr().out
+    assert re.fullmatch(r'arrived \d\.\d mm from the goal\n', printed), printed
+
+
+MESSAGES = (ROOT / 'docs' / 'troubleshooting.md').read_text(encoding='utf-8')
+# The first cell of a row: words of the program; `...` stands for numbers and names.
+QUOTED = [row for row in re.findall(r'^\| (.+?) \| .+ \|$', MESSAGES, re.M) if row != 'message']
+UNSAID = (Reason.NONE, Reason.OTHER, Reason.SKIPPED)
+
+
+@pytest.fixture(scope='module')
+def source() -> str:
+    """Return all source, with string literals that continue on the next line joined."""
+    files = sorted((ROOT / 'visual_servo_epipolar').rglob('*.py'))
+    text = '\n'.join(file.read_text(encoding='utf-8') for file in files)
+    return re.sub(r"""['"]\n\s*f?['"]""", '', text)
+
+
+def fragments(message: str) -> list[str]:
+    return [part.strip() for part in message.split('...') if len(part.strip()) > 3]
+
+
+@pytest.mark.parametrize('message', QUOTED)
+def test_a_quoted_message_is_in_the_source(message: str, source: str) -> None:
+    assert fragments(message)
+    for fragment in fragments(message):
+        assert fragment in source, f'nothing says {fragment!r}'
+
+
+@pytest.mark.parametrize('reason', [each for each in Reason if each not in UNSAID])
+def test_each_reason_is_explained(reason: Reason) -> None:
+    assert re.sub(r'\{[^}]*\}', '...', reason.value) in QUOTED
+
+
+def test_there_are_messages_to_look_up() -> None:
+    assert len(QUOTED) >= 20
+
+
+DOCS = ROOT / 'docs'
+GLOSSARY = (DOCS / 'glossary.md').read_text(encoding='utf-8')
+CODE = sorted(set(re.findall(r'\[`([\w.]+)`\]\(([^)]+\.py)\)', GLOSSARY)))
+NUMBERS = sorted(set(re.findall(r'`epipoles/(\w+)`', GLOSSARY)))
+RESULTS = sorted(set(re.findall(r'`result\.(\w+)`', GLOSSARY)))
+
+
+def resolve(name: str, path: str) -> Any:
+    """Return what ``name``, such as Bearings.alpha, is in the file that the link leads to."""
+    file = (DOCS / path).resolve()
+    found: Any = import_module('.'.join(file.relative_to(ROOT).with_suffix('').parts))
+    for part in name.split('.'):
+        fields = getattr(found, '__dataclass_fields__', {})
+        found = fields[part] if part in fields else getattr(found, part)
+    return found
+
+
+@pytest.mark.parametrize(('name', 'path'), CODE)
+def test_what_is_named_is_in_the_code(name: str, path: str) -> None:
+    assert resolve(name, path) is not None
+
+
+@pytest.mark.parametrize('name', NUMBERS)
+def test_a_number_of_the_topic_is_published(name: str) -> None:
+    source = ROOT / 'visual_servo_epipolar' / 'core' / 'servo' / 'telemetry.py'
+    assert f"'{name}':" in source.read_text(encoding='utf-8')
+
+
+@pytest.mark.parametrize('name', RESULTS)
+def test_a_field_of_the_result_is_written(name: str) -> None:
+    log = RunLog((0.0, -1.0, 0.0), 0, [Sample(0, Pose(0.0, -1.0, 1.5))], 'failed', 'none')
+    assert name in summarise(log)
+
+
+def test_the_terms_are_in_alphabetical_order() -> None:
+    table = GLOSSARY[GLOSSARY.index('## Words') :]
+    terms = re.findall(r'^\| \*\*(.+?)\*\* \|', table, re.M)
+    assert len(terms) >= 20
+    assert terms == sorted(terms, key=str.lower)

@@ -1,0 +1,144 @@
+"""What the programs of docs/ write: the pages of parameters, pictures of data flow and mounts."""
+
+from collections.abc import Callable
+from dataclasses import asdict, fields
+import importlib.util
+import inspect
+import json
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeAlias
+
+from loaded import loaded
+from matplotlib.figure import Figure
+import pytest
+from sweeps import result
+
+from visual_servo_epipolar.core.settings import range_of
+from visual_servo_epipolar.evaluation.benchmarks.mounts import on_features
+from visual_servo_epipolar.sweeping.summary import summary_of
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / 'docs'
+PAGE = DOCS / 'parameters.md'
+
+
+@pytest.fixture(scope='module')
+def generator() -> ModuleType:
+    return loaded(DOCS / 'parameters.py')
+
+
+def test_the_pages_are_what_the_settings_say(generator: ModuleType) -> None:
+    pages = {'parameters.md': generator.page(), 'upgrading.md': generator.upgrading()}
+    for name, text in pages.items():
+        assert (DOCS / name).read_text(encoding='utf-8') == text, (
+            f'docs/{name} is not up to date; run python docs/parameters.py'
+        )
+
+
+def test_every_group_of_settings_of_a_node_is_on_the_page(generator: ModuleType) -> None:
+    for name in generator.NODES:
+        module = importlib.import_module(f'visual_servo_epipolar.nodes.{name}')
+        kinds = generator.settings_of(module)
+        declared = inspect.getsource(module).count('parameters.declare(')
+        assert len(kinds) == declared >= 2, name
+        for item in (item for kind in kinds for item in fields(kind)):
+            row = f'`{item.name}`' if range_of(item).internal else f'\n| `{item.name}` |'
+            assert row in PAGE.read_text(encoding='utf-8'), item.name
+
+
+LARGEST_BYTES = 150_000
+# The arrows from node to node: topic, who publishes it, who subscribes to it.
+LOOP = {
+    'ground_truth': ('unicycle_node', ['camera_node']),
+    'image_raw': ('camera_node', ['tracker_node']),
+    'desired/image_raw': ('camera_node', ['tracker_node']),
+    'camera_info': ('camera_node', ['tracker_node', 'servo_node']),
+    'tracks': ('tracker_node', ['servo_node']),
+    'cmd_vel': ('servo_node', ['unicycle_node']),
+}
+FILE = 'a bag'  # drawn as a topic is
+
+Topics: TypeAlias = Callable[[Path], set[str]]
+
+
+@pytest.fixture(scope='module')
+def figure() -> ModuleType:
+    return loaded(DOCS / 'data_flow_figure.py')
+
+
+def source(node: str) -> Path:
+    return ROOT / 'visual_servo_epipolar' / 'nodes' / f'{node}.py'
+
+
+def test_what_a_node_is_drawn_to_publish_it_publishes(figure, published) -> None:
+    for node, topics in figure.OUTPUTS.items():
+        assert set(topics.split()) <= published(source(node)), node
+
+
+@pytest.mark.parametrize('topic', LOOP)
+def test_an_arrow_leads_from_a_publisher_to_its_subscribers(topic, published, subscribed) -> None:
+    start, ends = LOOP[topic]
+    assert topic in published(source(start))
+    assert [node for node in ends if topic not in subscribed(source(node))] == []
+
+
+def test_every_topic_that_is_drawn_is_tested_here(figure: ModuleType) -> None:
+    (axes,) = figure.draw().axes
+    texts = (text for text in axes.texts if text.get_fontfamily() == ['monospace'])
+    drawn = {line for text in texts for line in text.get_text().split('\n')}
+    others = {topic for topics in figure.OUTPUTS.values() for topic in topics.split()}
+    assert drawn == LOOP.keys() | others | {FILE}
+
+
+def test_the_picture_is_drawn_and_small(figure: ModuleType, tmp_path: Path) -> None:
+    figure.main(tmp_path / 'data_flow.png')
+    assert 10_000 < (tmp_path / 'data_flow.png').stat().st_size < LARGEST_BYTES
+    assert (DOCS / 'data_flow.png').stat().st_size < LARGEST_BYTES
+
+
+MEASUREMENTS = DOCS / 'measurements'
+FAILED = {'outcome': 'failed', 'reason': 'lost', 'position_error_m': 4.0}
+
+
+@pytest.fixture(scope='module')
+def mounts_figure() -> ModuleType:
+    return loaded(MEASUREMENTS / 'mounts_figure.py')
+
+
+def document(**changes: Any) -> dict[str, Any]:
+    """Return a document in which half of the runs of each cell arrived, 2 mm off."""
+    summary = summary_of([result(), result(**FAILED, **changes)])
+    rows = [asdict(cell) | summary for cell in on_features()]
+    head = {'source': 'features', 'region': 'front', 'starts': 2, 'seed': 0}
+    return head | {'longest_s': 180.0, 'commit': 'abc', 'rows': rows}
+
+
+def texts(drawn: Figure) -> list[str]:
+    return [text.get_text() for axes in drawn.axes[:2] for text in axes.texts]
+
+
+def frames(module: ModuleType, drawn: Figure) -> int:
+    patches = [patch for axes in drawn.axes[:2] for patch in axes.patches]
+    return sum(patch.get_linewidth() == 2.0 and not patch.get_fill() for patch in patches)
+
+
+def test_each_camera_has_a_cell_with_arrivals_and_error(mounts_figure: ModuleType) -> None:
+    drawn = mounts_figure.draw(document())
+    cells = [cell for cell in on_features() if cell.group in mounts_figure.GROUPS]
+    assert texts(drawn) == ['50 %\n2.0 mm'] * len(cells)
+    assert frames(mounts_figure, drawn) == 0
+
+
+@pytest.mark.parametrize('unsafe', [{'max_distance_ratio': 1.3}, {'wrong_geometry_s': 1.0}])
+def test_a_camera_with_an_unsafe_run_is_framed(mounts_figure, unsafe) -> None:
+    drawn = mounts_figure.draw(document(**unsafe))
+    assert frames(mounts_figure, drawn) == len(texts(drawn))
+
+
+def test_a_result_that_was_written_is_drawn(mounts_figure: ModuleType, tmp_path, capsys) -> None:
+    source, target = tmp_path / 'mounts.json', tmp_path / 'mounts.png'
+    source.write_text(json.dumps({'mounts': document()}))
+    mounts_figure.main([str(source), str(target)])
+    assert target.stat().st_size > 10_000
+    assert '| level | 50 % |' in capsys.readouterr().out
