@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.run import FOLLOWING, RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.messages.route_folder import folder_bytes, read_route
+from visual_servo_epipolar.messages.route_folder import folder_bytes, read_route, write_route
 from visual_servo_epipolar.nodes.parameters import read_sections
 from visual_servo_epipolar.nodes.startup import table
 from visual_servo_epipolar.simulation.scenario import load
@@ -28,6 +28,13 @@ def test_a_route_of_version_1_is_read_whole() -> None:
     assert route.stations == [0, 1]
     assert min(len(view.structure) for view in route.views) > 100
     assert folder_bytes(EARLIER / 'route') > 1e5
+
+
+def test_it_is_written_again_with_its_photographs_as_they_are(tmp_path: Path) -> None:
+    write_route(read_route(EARLIER / 'route'), tmp_path / 'route')
+    for name in ('000000.png', '000001.png'):
+        assert (tmp_path / 'route' / name).read_bytes() == (EARLIER / 'route' / name).read_bytes()
+    assert folder_bytes(tmp_path / 'route') < 0.9 * folder_bytes(EARLIER / 'route')
 
 
 def test_it_is_followed_from_where_its_photograph_was_taken() -> None:

@@ -1,8 +1,9 @@
 """
-Folder of a route: route.yaml, camera.yaml, structure.npz, and photographs 000000.png, ...
+Folder of a route: route.yaml, camera.yaml, structure.npz, and photographs 000000.webp, ...
 
-Photographs of stations are PNG, to the last bit; others are JPEG, at a fraction of the size. Those
-of other days are beside the first one of their key view: 000000_1.png, ...
+Photographs are WebP, those of stations to the last bit, others at a fraction of the size. Those of
+other days are beside the first one of their key view: 000000_1.webp, ... Earlier folders hold PNG
+and JPEG, which stay as they are.
 
 It is written all at once, and route.yaml has the hashes of all parts: files of two routes are
 none. Other files in the folder are the user's, and stay. Images are read when they are needed.
@@ -19,7 +20,7 @@ import os
 from pathlib import Path
 import re
 from typing import Any, NamedTuple
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZIP_LZMA, ZipFile
 
 import cv2
 import numpy as np
@@ -40,10 +41,12 @@ from visual_servo_epipolar.messages import camera_file, pictures
 VERSION = 1
 FORMER_NOISE_PX = 0.1  # of a structure that does not name its own
 ROUTE, CAMERA, STRUCTURE = 'route.yaml', 'camera.yaml', 'structure.npz'
-PHOTOGRAPH = re.compile(r'\d{6}(_\d+)?\.(png|jpg)')
-ENCODING = {'.png': [cv2.IMWRITE_PNG_COMPRESSION, 6], '.jpg': [cv2.IMWRITE_JPEG_QUALITY, 75]}
-# What is kept of a descriptor, of norm 512, and of a covariance: the noise of either is larger.
-DESCRIPTOR_STEP, COVARIANCE_BITS = 8, 8
+PHOTOGRAPH = re.compile(r'\d{6}(_\d+)?\.(webp|png|jpg)')
+QUALITY, LOSSLESS = 75, 101  # of WebP
+# What is kept of pixels, of descriptors, of norm 512, and of paths [m, rad]; and of other numbers
+# the binary digits: the noise of each is larger.
+PIXEL_STEP, DESCRIPTOR_STEP, PATH_STEP = 2.0**-4, 16, 2.0**-16
+DEPTH_BITS, BITS = 12, 8
 RENEWED = ('rows', 'pixels', 'sizes', 'angles', 'descriptors')
 AGAIN = 'copy the folder anew from where it is whole, or teach the route again'
 FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -127,22 +130,21 @@ def _write_files(route: Route, new: Path, folder: Path) -> dict[str, str]:
     for number, view in enumerate(route.views):
         for name, appearance in zip(_photographs(number, view), view.appearances, strict=True):
             load = appearance.load
-            if isinstance(load, StoredPhotograph) and load.name.endswith(name[-4:]):
-                content = load.read()  # as it is: to decode and encode it would lose something
-            else:
-                encoded = cv2.imencode(name[-4:], load(), ENCODING[name[-4:]])[1]
-                content = encoded.tobytes()
-            parts[name] = _hash(content)
             stored = load if isinstance(load, StoredPhotograph) else None
+            if stored is not None:
+                content = stored.read()  # as it is: to decode and encode it would lose something
+            else:
+                quality = [cv2.IMWRITE_WEBP_QUALITY, LOSSLESS if view.is_station else QUALITY]
+                content = cv2.imencode('.webp', load(), quality)[1].tobytes()
+            parts[name] = _hash(content)
             if stored is None or (stored.folder, stored.name) != (folder, name):
                 (new / name).write_bytes(content)
-    file = io.BytesIO()
-    np.savez_compressed(file, **_arrays(route.views))
-    (new / STRUCTURE).write_bytes(file.getvalue())
+    structure = _packed(_arrays(route.views))
+    (new / STRUCTURE).write_bytes(structure)
     camera = camera_file.to_document(route.camera)
     camera['sha256'] = calibration_hash(route.camera)
     (new / CAMERA).write_text(yaml.safe_dump(camera), encoding='utf-8')
-    parts |= {STRUCTURE: _hash(file.getvalue()), CAMERA: camera['sha256']}
+    parts |= {STRUCTURE: _hash(structure), CAMERA: camera['sha256']}
     views = [
         {
             'photograph': _photographs(number, view)[0],
@@ -163,6 +165,16 @@ def _write_files(route: Route, new: Path, folder: Path) -> dict[str, str]:
     return parts | {ROUTE: ''}
 
 
+def _packed(arrays: Mapping[str, Any]) -> bytes:
+    """Return ``arrays`` as np.savez has them, in a tenth less."""
+    file = io.BytesIO()
+    with ZipFile(file, 'w', ZIP_LZMA) as packed:
+        for name, array in arrays.items():
+            with packed.open(f'{name}.npy', 'w') as part:
+                np.lib.format.write_array(part, array, allow_pickle=False)
+    return file.getvalue()
+
+
 def _hash(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
@@ -180,18 +192,19 @@ def route_hash(folder: Path) -> str:
 
 def _photographs(number: int, view: RouteView) -> list[str]:
     """Return the names of the photographs of a key view, its first one first."""
-    kind, count = 'png' if view.is_station else 'jpg', len(view.renewed)
-    return [f'{number:06d}{"" if k == 0 else f"_{k}"}.{kind}' for k in range(1 + count)]
+    loads = [each.load for each in view.appearances]
+    kinds = [Path(it.name).suffix if isinstance(it, StoredPhotograph) else '.webp' for it in loads]
+    return [f'{number:06d}{f"_{k}" if k else ""}{kind}' for k, kind in enumerate(kinds)]
 
 
 def _columns(view: RouteView) -> dict[str, Any]:
     """Return the arrays of a key view, rows are features, or samples of the path."""
     keypoints, structure, path = view.keypoints, view.structure, view.path
     return _keypoint_columns(keypoints) | {
-        'offsets': structure.offsets.T.astype(np.float32),
-        'inverse_depth': structure.inverse_depth.astype(np.float32),
-        'covariance': _rounded(structure.covariance.transpose(2, 0, 1)),
-        'path': np.column_stack([path.way, path.poses, path.curvatures, path.speeds]),
+        'offsets': _digits(structure.offsets.T, BITS),
+        'inverse_depth': _digits(structure.inverse_depth, DEPTH_BITS),
+        'covariance': _digits(structure.covariance.transpose(2, 0, 1), BITS),
+        'path': _steps(np.column_stack([path.way, path.poses, path.curvatures, path.speeds])),
         'shared': np.concatenate([structure.shared, [structure.jitter, structure.noise]])[None],
         'tuning': np.array([[int(keypoints.tuning or 1)]]),  # type: ignore[call-overload]
     }
@@ -215,20 +228,24 @@ def _arrays(views: Sequence[RouteView]) -> dict[str, Any]:
 
 
 def _keypoint_columns(keypoints: Keypoints) -> dict[str, Any]:
-    whole = DESCRIPTOR_STEP * np.rint(keypoints.descriptors / DESCRIPTOR_STEP)
+    whole = _steps(keypoints.descriptors, DESCRIPTOR_STEP)
     return {
-        'pixels': keypoints.pixels,
-        'sizes': keypoints.sizes,
-        'angles': keypoints.angles.astype(np.float32),
+        'pixels': _steps(keypoints.pixels, PIXEL_STEP),
+        'sizes': _digits(keypoints.sizes, BITS),
+        'angles': _digits(keypoints.angles, BITS),
         'descriptors': whole.astype(np.uint8 if whole.max(initial=0) < 256 else np.uint16),
     }
 
 
-def _rounded(covariance: FloatArray) -> NDArray[np.float32]:
-    """Return a ``covariance`` to COVARIANCE_BITS, so that it is compressed well."""
-    mantissa, exponent = np.frexp(covariance)
-    whole = np.rint(np.ldexp(mantissa, COVARIANCE_BITS))
-    return np.asarray(np.ldexp(whole, exponent - COVARIANCE_BITS), np.float32)
+def _steps(values: NDArray[Any], step: float = PATH_STEP) -> NDArray[Any]:
+    """Return the nearest multiples of a ``step``, which are compressed well."""
+    return step * np.rint(values / step)
+
+
+def _digits(values: FloatArray, bits: int) -> NDArray[np.float32]:
+    """Return ``values`` to so many binary digits, which are compressed well."""
+    mantissa, exponent = np.frexp(values)
+    return np.asarray(np.ldexp(np.rint(np.ldexp(mantissa, bits)), exponent - bits), np.float32)
 
 
 class _Head(NamedTuple):
@@ -442,5 +459,5 @@ def _key_view(
 
 
 def _keypoints(part: Mapping[str, Any], tuning: int) -> Keypoints:
-    angles, descriptors = part['angles'].astype(np.float64), part['descriptors'].astype(np.float32)
-    return Keypoints(part['pixels'], part['sizes'], angles, descriptors, tuning)
+    pixels, sizes, angles = (part[it].astype(np.float64) for it in ('pixels', 'sizes', 'angles'))
+    return Keypoints(pixels, sizes, angles, part['descriptors'].astype(np.float32), tuning)

@@ -43,15 +43,15 @@ def test_a_route_is_read_as_it_was_written(folder: Path) -> None:
         off = np.abs(view.image.astype(int) - expected.image)
         assert not off.any() if view.is_station else 0 < off.max() < 60
         kept, learnt = view.structure, expected.structure
-        assert np.abs(view.keypoints.descriptors - expected.keypoints.descriptors).max() <= 4.0
-        assert np.array_equal(kept.pixels, learnt.pixels)
-        assert np.allclose(kept.inverse_depth, learnt.inverse_depth, rtol=1e-7)
-        assert np.array_equal(view.path.poses, expected.path.poses)
+        assert np.abs(view.keypoints.descriptors - expected.keypoints.descriptors).max() <= 8.0
+        assert np.allclose(kept.pixels, learnt.pixels, rtol=0.0, atol=2.0**-5)
+        assert np.allclose(kept.inverse_depth, learnt.inverse_depth, rtol=2.0**-12)
+        assert np.allclose(view.path.poses, expected.path.poses, rtol=0.0, atol=2.0**-17)
         assert view.keypoints.tuning == 2 and view.way == expected.way
     assert sorted(file.name for file in folder.iterdir()) == [
-        '000000.jpg',
-        '000001.jpg',
-        '000002.png',
+        '000000.webp',
+        '000001.webp',
+        '000002.webp',
         'camera.yaml',
         'route.yaml',
         'structure.npz',
@@ -60,7 +60,7 @@ def test_a_route_is_read_as_it_was_written(folder: Path) -> None:
 
 def test_descriptors_take_a_byte_where_that_holds_them(tmp_path: Path) -> None:
     view = key_view(0)
-    for largest, size in ((248.0, 1), (512.0, 2)):
+    for largest, size in ((240.0, 1), (512.0, 2)):
         descriptors = np.full_like(view.keypoints.descriptors, largest)
         keypoints = replace(view.keypoints, descriptors=descriptors)
         other = replace(view, keypoints=keypoints)
@@ -87,7 +87,7 @@ def test_what_the_odometry_bridged_is_marked_in_the_folder(tmp_path: Path) -> No
 
 def test_photographs_of_other_days_are_kept_and_lose_nothing(folder: Path) -> None:
     route, rows = read_route(folder), np.array([1, 4])
-    old = (folder / '000001.jpg').read_bytes()
+    old = (folder / '000001.webp').read_bytes()
     for number, days in ((1, 2), (2, 1)):
         view = route.views[number]
         looks = [
@@ -100,12 +100,12 @@ def test_photographs_of_other_days_are_kept_and_lose_nothing(folder: Path) -> No
     write_route(route, folder)
     again = read_route(folder)
     assert [len(view.renewed) for view in again.views] == [0, 2, 1]
-    assert (folder / '000001.jpg').read_bytes() == old
+    assert (folder / '000001.webp').read_bytes() == old
     assert np.array_equal(again.views[2].renewed[0].load(), key_view(10).image)
     assert np.array_equal(again.views[1].renewed[1].rows, rows)
     expected = route.views[1].keypoints.descriptors[rows]
     assert np.array_equal(again.views[1].renewed[0].keypoints.descriptors, expected)
-    (folder / '000002_1.png').unlink()
+    (folder / '000002_1.webp').unlink()
     with pytest.raises(InputError, match='1 of 6 photographs are missing, the first is 000002_1'):
         read_route(folder)
 
@@ -126,9 +126,9 @@ def test_a_file_that_is_cut_off_is_named(folder: Path, name: str, match: str) ->
 
 
 def test_a_photograph_that_is_missing_is_named(folder: Path) -> None:
-    (folder / '000001.jpg').unlink()
+    (folder / '000001.webp').unlink()
     with pytest.raises(
-        InputError, match='1 of 3 photographs are missing, the first is 000001.jpg'
+        InputError, match='1 of 3 photographs are missing, the first is 000001.webp'
     ):
         read_route(folder)
 
@@ -152,17 +152,17 @@ def test_a_folder_of_an_earlier_version_is_read_and_gets_hashes_when_it_is_writt
 
 
 def test_a_photograph_that_is_cut_off_is_named_at_once(folder: Path) -> None:
-    data = (folder / '000001.jpg').read_bytes()
-    (folder / '000001.jpg').write_bytes(data[:200])
-    with pytest.raises(InputError, match='000001.jpg: the photograph cannot be read'):
+    data = (folder / '000001.webp').read_bytes()
+    (folder / '000001.webp').write_bytes(data[:200])
+    with pytest.raises(InputError, match='000001.webp: the photograph cannot be read'):
         read_route(folder)
     without_hashes(folder)
     route = read_route(folder)
-    with pytest.raises(InputError, match='000001.jpg: the photograph cannot be read'):
+    with pytest.raises(InputError, match='000001.webp: the photograph cannot be read'):
         _ = route.views[1].image
 
 
-@pytest.mark.parametrize('name', ['route.yaml', 'camera.yaml', 'structure.npz', '000001.jpg'])
+@pytest.mark.parametrize('name', ['route.yaml', 'camera.yaml', 'structure.npz', '000001.webp'])
 def test_a_part_of_another_route_is_refused(folder: Path, tmp_path: Path, name: str) -> None:
     other = replace(route_of(*map(key_view, (0, 3, 4))), camera=LONGER)
     write_route(other, tmp_path / 'other')
@@ -195,11 +195,11 @@ def test_a_kill_at_any_moment_leaves_one_route_and_the_files_of_the_user(folder:
         (expected,) = (route for route in routes if len(route.views) == len(found.views))
         for view, before in zip(found.views, expected.views, strict=True):
             assert np.abs(view.image.astype(int) - before.image).max() < 60
-            assert np.array_equal(view.structure.pixels, before.structure.pixels)
+            assert np.allclose(view.structure.pixels, before.structure.pixels, 0.0, 0.05)
         write_route(routes[0], folder)
         assert {path: path.read_bytes() for path in own} == own
         assert sorted(item.name for item in folder.iterdir()) == sorted(
-            '.git 000000.jpg 000001.jpg 000002.png camera.yaml notes.txt route.yaml '
+            '.git 000000.webp 000001.webp 000002.webp camera.yaml notes.txt route.yaml '
             'structure.npz'.split()
         )
         if not is_killed:
@@ -220,19 +220,19 @@ def kill_at(step: int) -> None:
 
 def test_a_first_write_that_was_killed_does_not_stand_in_the_way(tmp_path: Path) -> None:
     (tmp_path / 'hall' / f'{PARTIAL}x').mkdir(parents=True)
-    (tmp_path / 'hall' / f'{PARTIAL}x' / '000000.jpg').touch()
+    (tmp_path / 'hall' / f'{PARTIAL}x' / '000000.webp').touch()
     write_route(route_of(*map(key_view, range(2))), tmp_path / 'hall')
     assert not list((tmp_path / 'hall').glob('.*'))
 
 
 def test_a_file_of_the_user_is_not_replaced_by_a_photograph(folder: Path) -> None:
-    (folder / '000003.jpg').write_text('my own')
-    with pytest.raises(InputError, match='000003.jpg is no part of the route there'):
+    (folder / '000003.webp').write_text('my own')
+    with pytest.raises(InputError, match='000003.webp is no part of the route there'):
         write_route(route_of(*map(key_view, range(4))), folder)
-    assert (folder / '000003.jpg').read_text() == 'my own' and len(read_route(folder).views) == 3
+    assert (folder / '000003.webp').read_text() == 'my own' and len(read_route(folder).views) == 3
     write_route(route_of(*map(key_view, range(2))), folder)
-    assert (folder / '000003.jpg').read_text() == 'my own'
-    assert not (folder / '000002.png').exists()
+    assert (folder / '000003.webp').read_text() == 'my own'
+    assert not (folder / '000002.webp').exists()
 
 
 def test_a_route_that_is_damaged_can_be_taught_anew(folder: Path) -> None:
@@ -240,7 +240,7 @@ def test_a_route_that_is_damaged_can_be_taught_anew(folder: Path) -> None:
     (folder / 'notes.txt').touch()
     write_route(route_of(*map(key_view, range(2))), folder)
     assert len(read_route(folder).views) == 2 and (folder / 'notes.txt').exists()
-    assert not (folder / '000002.png').exists()
+    assert not (folder / '000002.webp').exists()
 
 
 @pytest.mark.parametrize('is_there', [True, False])
@@ -304,7 +304,7 @@ def test_a_disk_that_is_full_leaves_the_earlier_route(folder: Path, monkeypatch)
     def full(*_: object, **__: object) -> None:
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr(np, 'savez_compressed', full)
+    monkeypatch.setattr(np.lib.format, 'write_array', full)
     with pytest.raises(InputError, match='No space left on device'):
         write_route(route_of(*map(key_view, range(2))), folder)
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
@@ -320,7 +320,7 @@ def test_a_folder_of_something_else_is_not_replaced(tmp_path: Path) -> None:
 
 def test_what_was_complete_when_it_was_killed_is_the_route(folder: Path) -> None:
     (folder / COMPLETE).mkdir()
-    for name in ('route.yaml', '000001.jpg'):
+    for name in ('route.yaml', '000001.webp'):
         (folder / name).rename(folder / COMPLETE / name)
     assert len(read_route(folder).views) == 3
 

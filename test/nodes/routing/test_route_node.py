@@ -213,7 +213,7 @@ def test_what_keeps_a_robot_from_repeating_is_said(bench, folder, camera, values
     ('name', 'match'),
     [
         ('structure.npz', 'missing, cut off or damaged'),
-        ('000001.jpg', '1 of 3 photographs are missing'),
+        ('000001.webp', '1 of 3 photographs are missing'),
         ('route.yaml', 'no folder of a route'),
     ],
 )
@@ -229,7 +229,7 @@ def test_a_folder_that_is_not_whole_is_refused(rig, folder, name: str, match: st
 def test_a_photograph_that_cannot_be_read_on_the_way_ends_the_run(rig, folder) -> None:
     rig.see(picture(0))
     assert rig.call('repeat')[0]
-    (folder / '000001.jpg').write_bytes(b'nothing')
+    (folder / '000001.webp').write_bytes(b'nothing')
     # What is in view is the key view whose photograph is broken.
     assert not rig.stands or rig.node.phase in ('waiting', 'localizing')
     with pytest.MonkeyPatch.context() as patch:
