@@ -1,4 +1,4 @@
-"""Eqs. (14) to (19) along integrated runs, zero dynamics, and proposition 1 beyond its proof."""
+"""Eqs. (14) to (20) along integrated runs: step 1 in finite time, and the bounds of its way."""
 
 import math
 
@@ -211,3 +211,134 @@ def test_one_common_factor_on_both_speeds_leaves_the_path(start, law, factor) ->
     other = drive(start, scaled)
     assert other.times[-1] == pytest.approx(run.times[-1] / factor, rel=1e-6)
     np.testing.assert_allclose(other.states[:4], run.states[:4], rtol=1e-5, atol=1e-6)
+
+
+LAWS = st.builds(Law, k1=floats(0.01, 0.15), k2=floats(0.3, 3.0), exponent=EXPONENTS)
+
+
+@settings(max_examples=60)
+@given(floats(0.2, 1.2), floats(0.05, 1.0), SIGNS, SIGNS, floats(1.0, 6.0), LAWS)
+def test_both_bounds_hold_as_ratios_ours_is_tighter(e_au, e_du, side, sigma, ratio, law) -> None:
+    start = Start(
+        e_current=side * e_au, e_desired=side * e_du, sigma=sigma, distance=3.0, ratio=ratio
+    )
+    run = drive(start, law)
+    assert run.ended == 'zeroed'
+    least = float(np.abs(run.e_current).min())
+    growth = run.distance.max() / start.distance
+    ours = theory.largest_growth(e_du, least)
+    printed = theory.printed_growth(e_du, least, exponent=law.exponent)
+    assert growth <= ours * (1.0 + 1e-7)
+    assert ours <= printed
+    # What the printed one bounds, and what follows for the increment of d.
+    assert run.estimate.max() / run.estimate[0] <= printed * (1.0 + 1e-7)
+    increment = run.distance.max() - start.distance
+    assert increment <= run.estimate[0] * (printed - 1.0) * (1.0 + 1e-7)
+
+
+@settings(max_examples=30)
+@given(floats(0.3, 1.2), floats(0.05, 0.4), SIGNS, SIGNS, floats(1.0, 6.0), LAWS)
+def test_a_discordant_start_keeps_beyond_the_inverse(e_au, e_du, side, sigma, ratio, law) -> None:
+    start = Start(e_current=side * e_au, e_desired=-side * e_du, sigma=sigma, ratio=ratio)
+    run = drive(start, law)
+    least = float(np.abs(run.e_current).min())
+    assert run.distance.min() * theory.largest_growth(e_du, least) >= 1.0 - 1e-7
+
+
+def test_the_increment_is_not_bounded_by_delta_as_printed() -> None:
+    # Metres cannot be bounded by a number without unit: 10 m away, d grows by 4 m, Delta is 2.1.
+    start = Start(e_current=1.0, e_desired=0.5, distance=10.0)
+    law = Law(k1=0.05, k2=2.0, exponent=1.0 / 9.0)
+    run = drive(start, law)
+    least = float(np.abs(run.e_current).min())
+    increment = run.distance.max() - start.distance
+    assert increment > 1.9 * theory.printed_growth(0.5, least, exponent=law.exponent)
+
+
+@settings(max_examples=15)
+@given(floats(0.3, 1.2), floats(0.05, 1.0), SIGNS, floats(1.0, 4.0))
+def test_the_exponent_matters_only_through_k1(e_au, e_du, side, ratio) -> None:
+    # The paper: beta/gamma "should be chosen close to zero in order to reduce Delta". The path
+    # does not know it: with k1 = 0, d_end / d_0 is the same for all.
+    start = Start(e_current=side * e_au, e_desired=side * e_du, ratio=ratio)
+    ends = [
+        drive(start, Law(k1=0.0, k2=1.0, exponent=exponent)).distance[-1]
+        for exponent in (1.0 / 9.0, 5.0 / 9.0, 7.0 / 9.0)
+    ]
+    assert ends == pytest.approx([ends[0]] * 3, rel=1e-5)
+
+
+@settings(max_examples=15)
+@given(floats(0.3, 1.2), floats(0.1, 1.0), SIGNS)
+def test_with_k1_0_and_the_true_distance_the_path_is_a_log_spiral(e_au, e_du, other) -> None:
+    run = drive(Start(e_current=e_au, e_desired=other * e_du), Law(k1=0.0, k2=1.0))
+    turned = math.atan(e_du) - np.abs(np.arctan(run.e_desired))
+    np.testing.assert_allclose(np.log(run.distance), other * turned / e_au, atol=1e-6)
+    assert np.log(run.distance[-1]) == pytest.approx(
+        other * math.log(theory.largest_growth(e_du, e_au)), rel=1e-2
+    )
+
+
+def time_of(e_current: float, law: Law) -> float:
+    """Return when |e_au|' = -k1 |e_au|^(beta/gamma) is zero [s]."""
+    rest = 1.0 - law.exponent
+    return abs(e_current) ** rest / (law.k1 * rest)
+
+
+@given(floats(-3.0, 3.0), floats(-3.0, 3.0), EXPONENTS)
+def test_20_has_the_odd_power_of_both(e_au: float, e_du: float, exponent: float) -> None:
+    found = equations.finite_time_controls(e_au, e_du, k1=0.1, k2=0.5, exponent=exponent)
+    expected = [-k * math.copysign(abs(e) ** exponent, e) for k, e in ((0.1, e_au), (0.5, e_du))]
+    assert found == pytest.approx(expected)
+
+
+@RUNS
+@given(floats(0.3, 0.8), floats(0.05, 0.6), SIGNS, SIGNS, SIGNS, EXPONENTS, floats(0.1, 0.8))
+def test_at_the_true_distance_it_is_right(e_au, e_du, side, other, sigma, exponent, part) -> None:
+    k2 = 0.5
+    most = theory.largest_finite_time_gain(e_au, e_du, k2=k2, exponent=exponent)
+    assert most == pytest.approx(k2 * (e_au / e_du) ** (1.0 - exponent))
+    law = Law(k1=part * most, k2=k2, exponent=exponent, finite=True)
+    run = drive(Start(e_current=side * e_au, e_desired=other * e_du, sigma=sigma), law)
+    assert run.ended == 'zeroed'
+    # |e_au|^(1-b) falls in a straight line; its zero is what is left to wait for.
+    rest = 1.0 - exponent
+    expected = e_au**rest - law.k1 * rest * run.times
+    np.testing.assert_allclose(np.abs(run.e_current) ** rest, expected, atol=1e-6)
+    assert run.times[-1] < time_of(e_au, law)
+
+
+@RUNS
+@given(floats(0.3, 0.8), floats(0.05, 0.6), SIGNS, SIGNS, EXPONENTS, floats(1.0, 6.0))
+def test_if_overestimated_the_corrected_is_enough(
+    e_au: float, e_du: float, side: float, sigma: float, exponent: float, ratio: float
+) -> None:
+    k2, rest = 0.5, 1.0 - exponent
+    most = theory.largest_finite_time_gain(e_au, e_du, k2=k2, exponent=exponent, ratio=ratio)
+    sine = math.sin(math.atan(e_au)) / ratio if ratio > 1.0 else e_au
+    assert most == pytest.approx(k2 * (sine / e_du) ** rest)
+    law = Law(k1=0.5 * most, k2=k2, exponent=exponent, finite=True)
+    start = Start(e_current=side * e_au, e_desired=side * e_du, sigma=sigma, ratio=ratio)
+    run = drive(start, law)
+    assert run.ended == 'zeroed'
+    # z = |sin alpha| d / d_hat: z^(1-b) falls no faster than in a straight line.
+    z = np.abs(np.sin(run.alpha)) * run.distance / run.estimate
+    least = z[0] ** rest - law.k1 * rest * run.times
+    assert (z**rest >= least - 1e-6).all()
+    # From there on e_au is alone: a finite time in all.
+    total = run.times[-1] + time_of(float(run.e_current[-1]), law)
+    assert total <= time_of(e_au, law) * (1.0 + 1e-6)
+
+
+def test_with_an_overestimate_the_printed_bound_is_not_enough() -> None:
+    k2, exponent = 0.5, 1.0 / 3.0
+    e_au, e_du = math.tan(0.15), math.tan(0.6)
+    printed = theory.largest_finite_time_gain(e_au, e_du, k2=k2, exponent=exponent)
+    law = Law(k1=0.9 * printed, k2=k2, exponent=exponent, finite=True)
+    run = drive(Start(e_current=e_au, e_desired=e_du, ratio=3.0), law, duration=1.34)
+    # e_au is zero before e_du (at 1.347 s): the law is singular, and the robot leaves for good.
+    assert abs(run.e_current[-1]) < 1e-2
+    assert abs(run.e_desired[-1]) > 0.1
+    assert run.distance[-1] > 1e6
+    right = drive(Start(e_current=e_au, e_desired=e_du), law)
+    assert right.ended == 'zeroed'
