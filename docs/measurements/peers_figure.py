@@ -25,8 +25,8 @@ FATES = {
 }
 LAWS = (laws.SMOOTH, *PEERS)
 LABELS = {'ours': 'full'}  # both are ours
-COLOURS = dict(zip(LAWS, ('#117733', '#0072B2', '#009E73', '#E69F00', '#D55E00'), strict=True))
-STYLES = dict(zip(LAWS, ('-', '-', '--', '-.', ':'), strict=True))
+COLOURS = dict(zip(LAWS, ('#117733', '#0072B2', '#009E73', '#D55E00'), strict=True))
+STYLES = dict(zip(LAWS, ('-', '-', '--', ':'), strict=True))
 
 
 def draw(document: Mapping[str, Any]) -> Figure:

@@ -2,13 +2,10 @@
 
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
 import numpy as np
 import pytest
 
 from visual_servo_epipolar.simulation.disturbances import (
-    blur_kernel,
     Disturbances,
     DisturbanceSettings,
 )
@@ -23,8 +20,6 @@ KINDS: tuple[dict[str, Any], ...] = (
     {'occlusion': 0.3},
     {'occlusion': 0.3, 'occlusion_from': 'side'},
     {'person': 0.8},
-    {'motion_blur': 8.0, 'blur_angle': 0.5},
-    {'extra_noise': 5.0},
 )
 
 
@@ -126,18 +121,3 @@ def test_a_person_walks_through() -> None:
 def test_points_outside_the_image_are_hidden_by_nothing() -> None:
     outside = np.array([[-5.0, 3.0], [1e9, 3.0], [np.nan, np.nan]])
     assert not disturbed(occlusion=0.9).hides(outside, 20).any()
-
-
-def test_extra_noise_has_the_deviation_asked_for() -> None:
-    assert disturbed(extra_noise=5.0).apply(GREY, 12).std() == pytest.approx(5.0, rel=0.05)
-
-
-@given(length=st.floats(0.0, 40.0), angle=st.floats(-3.1, 3.1))
-def test_blur_keeps_light_and_place(length: float, angle: float) -> None:
-    kernel = blur_kernel(length, angle)
-    assert kernel.sum() == pytest.approx(1.0)
-    v, u = (np.indices(kernel.shape) - np.array(kernel.shape).reshape(2, 1, 1) // 2) * kernel
-    assert abs(u.sum()) < 1e-9 and abs(v.sum()) < 1e-9
-    # The variance of a uniform stretch, and what bilinear splatting adds to it.
-    spread = ((np.indices(kernel.shape)[1] - kernel.shape[1] // 2) ** 2 * kernel).sum()
-    assert spread == pytest.approx((length * np.cos(angle)) ** 2 / 12.0, abs=0.3)

@@ -58,7 +58,9 @@ def parser(words: Collection[str] = ()) -> Parser:
     top.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     kinds = top.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name, row in COMMANDS.items():
-        command = kinds.add_parser(name, help=row.summary, description=row.description)
+        command = kinds.add_parser(
+            name, help=row.text, description=f'{row.text[:1].upper()}{row.text[1:]}.'
+        )
         row.add_options(command)
         command.set_defaults(run=partial(_call, row.function))
     for name, (tool, summary) in EVALUATION.items():

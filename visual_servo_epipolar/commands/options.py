@@ -2,7 +2,8 @@
 
 from argparse import ArgumentParser
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
+from typing import NamedTuple
 
 from visual_servo_epipolar.commands.arguments import (
     add_flags,
@@ -290,66 +291,42 @@ def _add_bag(parser: ArgumentParser, metavar: str, kinds: str) -> None:
     add_flags(parser, flags)
 
 
-@dataclass(frozen=True, slots=True)
-class CommandRow:
-    """A command: its line in the list, what it does, its options, its function as module:name."""
+class CommandRow(NamedTuple):
+    """A command: what it does, its options, its function as module:name."""
 
-    summary: str
-    description: str
+    text: str
     add_options: Callable[[ArgumentParser], None]
     function: str
 
 
 COMMANDS: Mapping[str, CommandRow] = {
-    'demo': CommandRow(
-        'drive a simulated robot with the four real nodes',
-        'Drive a simulated robot home with the four real nodes, in lockstep; write result, '
-        'figures, video and bag.',
-        add_demo,
-        'demo:demo',
-    ),
+    'demo': CommandRow('drive home with the four real nodes, in lockstep', add_demo, 'demo:demo'),
     'simulate': CommandRow(
-        'simulate one run in memory, without ROS',
-        'Simulate one run in memory, without ROS.',
-        add_simulate,
-        'simulate:simulate',
+        'simulate one run in memory, without ROS', add_simulate, 'simulate:simulate'
     ),
     'sweep': CommandRow(
-        'simulate many starts: arrivals, errors, maps',
-        'Simulate many starts, on this machine or on a cluster; write tables and maps.',
+        'simulate many starts, here or on a cluster; write tables and maps',
         add_sweep,
         'sweep:sweep',
     ),
     'inspect': CommandRow(
-        'find the epipoles of two photographs',
-        'Find the epipoles of two photographs, and tell whether they can be trusted.',
+        'find the epipoles of two photographs, and tell whether they can be trusted',
         add_inspect,
         'inspect:inspect_and_report',
     ),
     'replay': CommandRow(
-        'replay a bag, with the same or other settings',
-        'Replay a bag through the same tracker and servo, with any settings, and tell where the '
-        'commands differ from the recorded ones.',
+        'replay a bag, with the same or other settings, and compare with what was recorded',
         add_replay,
         'replay:replay_and_report',
     ),
     'report': CommandRow(
-        'write an HTML page on a run, a bag or a route',
-        'Write one HTML page on a run, a bag or a route; the page needs no network.',
-        add_report,
-        'report:report',
+        'write one HTML page on a run, a bag or a route', add_report, 'report:report'
     ),
     'route': CommandRow(
-        'learn a way from a drive, and repeat it by photographs',
-        'Routes: driven once, kept as photographs, and found by them.',
-        add_route,
-        'route:route',
+        'learn a way from a drive, and repeat it by photographs', add_route, 'route:route'
     ),
     'gains': CommandRow(
-        'derive gains from distance, image rate and speed limits',
-        'Derive the gains of section IV-C from what is known before the robot moves. Print what '
-        'they achieve and the lines for servo_node.yaml; warn where a phase may exceed its '
-        'timeout.',
+        'derive gains from distance, image rate and speed limits; warn of slow phases',
         add_gains,
         'gains:derive_and_print',
     ),

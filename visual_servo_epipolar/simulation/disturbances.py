@@ -25,7 +25,6 @@ from visual_servo_epipolar.core.arrays import (
 )
 from visual_servo_epipolar.core.settings import internal, Settings
 from visual_servo_epipolar.simulation.light import brightened
-from visual_servo_epipolar.simulation.mounts.sensor import Sensor, SensorSettings
 from visual_servo_epipolar.simulation.rooms.building import fractal_grain
 
 PHASES = 8  # silhouettes in one step
@@ -197,15 +196,13 @@ class DisturbanceSettings(Settings):
     person: float = internal(
         0.0, 'Height of a passer-by, share of the image; a third as wide', low=0.0, high=1.5
     )
-    motion_blur: float = internal(0.0, 'Length of the motion blur [px]', low=0.0, high=100.0)
-    blur_angle: float = internal(
-        0.0, 'Direction of the blur, from right to down [rad]', low=-math.pi, high=math.pi
-    )
-    extra_noise: float = internal(
-        0.0, 'Extra noise, standard deviation [grey levels]', low=0.0, high=50.0
-    )
-
-    GONE: ClassVar[Mapping[str, Any]] = {'light_period': 120.0, 'shadow_width': 0.3}
+    GONE: ClassVar[Mapping[str, Any]] = {
+        'light_period': 120.0,
+        'shadow_width': 0.3,
+        'motion_blur': 0.0,
+        'blur_angle': 0.0,
+        'extra_noise': 0.0,
+    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -239,11 +236,6 @@ class Disturbances:
                 image = shade(image, band, progress)
             for occluder in self._occluders:
                 occluder.draw(image, progress)
-            if settings.motion_blur > 0.0:
-                kernel = blur_kernel(settings.motion_blur, settings.blur_angle)
-                image = np.asarray(cv2.filter2D(image, -1, kernel), dtype=np.uint8)
-            if settings.extra_noise > 0.0:
-                image = self._noise.capture(image, frame)
         return image
 
     def hides(self, pixels: FloatArray, frame: int) -> BoolArray:
@@ -271,12 +263,6 @@ class Disturbances:
             since %= settings.disturbed_every
         share = since / settings.disturbed_for
         return share if 0.0 <= share < 1.0 else None
-
-    @cached_property
-    def _noise(self) -> Sensor:
-        # A seed of its own: the sensor that takes the image has its noise from the plain one.
-        extra = SensorSettings(noise=self.settings.extra_noise)
-        return Sensor(self._size, extra, int(self._generator(2).integers(2**31)))
 
     def _generator(self, number: int) -> np.random.Generator:
         return np.random.default_rng((self._seed, 5, number))
@@ -319,23 +305,3 @@ def shade(image: Image, band: Image, progress: float) -> Image:
     left = round((1.0 - progress) * (band.shape[1] - width))
     shade = band[:, left : left + width]
     return np.asarray(cv2.multiply(image, shade, scale=1.0 / OPAQUE), dtype=np.uint8)
-
-
-@lru_cache(maxsize=4)
-def blur_kernel(length: float, angle: float) -> FloatArray:
-    """
-    Return the kernel, shape (K, L), of a steady motion by ``length`` [px] along ``angle`` [rad].
-
-    It is centred, so that the blurred image is that of the middle of the exposure; its sum is 1.
-    """
-    reach = math.ceil(0.5 * length) + 1
-    kernel = np.zeros((2 * reach + 1, 2 * reach + 1))
-    along = length * ((np.arange(64) + 0.5) / 64 - 0.5)
-    for u, v in zip(along * math.cos(angle) + reach, along * math.sin(angle) + reach, strict=True):
-        column, row = math.floor(u), math.floor(v)
-        right, down = u - column, v - row
-        weights = np.outer([1.0 - down, down], [1.0 - right, right])
-        kernel[row : row + 2, column : column + 2] += weights / 64
-    rows = np.flatnonzero(kernel.sum(axis=1) > 1e-9)  # a level blur needs one row only
-    half = max(reach - rows[0], rows[-1] - reach)
-    return frozen(kernel[reach - half : reach + half + 1])

@@ -1,6 +1,4 @@
-"""The campaign of faults: when one strikes, what is refused, real processes."""
-
-import signal
+"""The campaign of faults: when one strikes, what is refused."""
 
 import numpy as np
 import pytest
@@ -12,9 +10,7 @@ from visual_servo_epipolar.core.odometry.path import Path as DrivenPath
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.evaluation.faults import campaign
-from visual_servo_epipolar.evaluation.faults import processes as runs
 from visual_servo_epipolar.evaluation.faults.campaign import FaultRun, FAULTS, plan, strike_time
-from visual_servo_epipolar.evaluation.faults.processes import PROCESSES
 
 
 def phases(fault: str, law: str, *, beside: bool = False) -> set[Phase]:
@@ -66,23 +62,3 @@ def test_a_limit_lowered_in_mid_route_is_safe_if_it_is_taken(reaches: bool, monk
     result = campaign.one(FaultRun('route_limits_lowered', 3))
     assert (result['safe'], result['struck_in']) == (reaches, 'approaching'), result['detail']
     assert reaches or result['verdict'] == 'limits exceeded'
-
-
-@pytest.mark.long
-@pytest.mark.alone
-def test_a_servo_whose_terminal_is_closed_leaves_the_robot_at_rest_under_nohup_too() -> None:
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup has it
-    try:
-        result = runs.run('process_hangup_servo', PROCESSES['process_hangup_servo'], 0)
-        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGHUP, before)
-    assert result['verdict'] == 'at rest', result['charges']
-    assert result['phase'] == 'waiting'
-
-
-@pytest.mark.alone
-def test_a_servo_that_is_suspended_leaves_the_robot_at_rest() -> None:
-    """The base does not stop by itself here: the servo must, before it sleeps."""
-    result = runs.run('process_suspend_servo', PROCESSES['process_suspend_servo'], 0)
-    assert result['verdict'] == 'at rest', result['charges']

@@ -253,12 +253,3 @@ def test_a_base_that_was_never_there_has_done_no_harm() -> None:
     assert (judgement.verdict, judgement.excursion_m) == (RunVerdict.AT_REST, 0.0)
     nothing.why.clear()
     assert judge_run(nothing, BOUNDS).verdict is RunVerdict.UNEXPLAINED
-
-
-@pytest.mark.parametrize(('woken_s', 'safe'), [(-math.inf, False), (4.7, True), (4.0, False)])
-def test_a_base_that_hung_is_given_the_time_to_brake_when_it_goes_on(woken_s, safe) -> None:
-    made = record([*ramp(0.3), (0.3, 4.3), (0.0, 1.0)], sight_until_s=1.5)
-    made.truths = [it for it in made.truths if not 1.6 < it.time_s < max(woken_s, 3.0)]
-    made.interventions.woken_s = woken_s
-    charges = [text for text in judge_run(made, BOUNDS).charges if 'moved without sight' in text]
-    assert (not charges) is safe

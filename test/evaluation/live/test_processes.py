@@ -24,11 +24,10 @@ from pathlib import Path
 import sys
 
 from visual_servo_epipolar.commands.ending import terminable
-from visual_servo_epipolar.evaluation.live import echo
 from visual_servo_epipolar.evaluation.live.processes import start_nodes
 
 with terminable(), ExitStack() as stack:
-    (node,) = start_nodes(stack, {echo.__name__: ()}, Path(sys.argv[1]), logs=True).values()
+    (node,) = start_nodes(stack, {'unicycle_node': ()}, Path(sys.argv[1])).values()
     print(node.pid, flush=True)
     node.wait()
 """

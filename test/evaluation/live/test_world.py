@@ -13,8 +13,6 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.evaluation.faults import campaign, robot
 from visual_servo_epipolar.evaluation.faults.campaign import FAULTS
 from visual_servo_epipolar.evaluation.faults.fault import EVERYWHERE, Fault, StruckRun
-from visual_servo_epipolar.evaluation.faults.judge import Record
-from visual_servo_epipolar.evaluation.faults.processes import RunListener
 from visual_servo_epipolar.evaluation.live.world import (
     BreakableUnicycleNode,
     Envelope,
@@ -196,20 +194,13 @@ def test_a_servo_that_hangs_is_not_waited_for() -> None:
 
 
 def test_what_fails_in_the_campaign_itself_is_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(run: object) -> object:
+    def fail(*run: object) -> object:
         raise KeyError('wire')
 
-    monkeypatch.setattr(campaign, '_driven', fail)
+    monkeypatch.setattr(campaign, 'drive_one', fail)
     result = campaign.one(campaign.FaultRun('none', 0))
     assert (result['verdict'], result['safe']) == ('not judged', False)
     assert result['detail'] == "KeyError: 'wire'"
-
-
-@pytest.mark.parametrize('name', ['camera_node', 'tracker_node'])
-def test_a_servo_must_say_that_another_process_is_gone(name: str) -> None:
-    listener = object.__new__(RunListener)
-    listener.record, listener._deaf, listener._logs = Record(), name, {}
-    assert listener.finish().why == []
 
 
 def test_a_button_that_was_pressed_leaves_the_robot_at_rest() -> None:

@@ -1,15 +1,12 @@
 """
 Latency benchmark: from an image on the wire to the twist on the wire.
 
-The floor beside it, alternating in the same run: an echo node that answers each image of the same
-size by an empty twist. The camera is this process; images are those of a run that the servo has
-driven before.
+The camera is this process; images are those of a run that the servo has driven before.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import count
 import math
 import os
@@ -31,7 +28,6 @@ from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.evaluation.live import echo
 from visual_servo_epipolar.evaluation.live.processes import (
     arguments,
     Listener,
@@ -53,7 +49,6 @@ TRACKER_AND_SERVO = {
     'tracker_node': RELIABLE,
     'servo_node': (*RELIABLE, *arguments(autostart='true', enable_stamped_cmd_vel='true')),
 }
-ECHO = {echo.__name__: ()}
 FRAME_ID = 'camera_optical_frame'
 START = (1.0, -3.5, 8.0)  # x, y [m], heading error [deg]; it takes half a minute from there
 
@@ -101,11 +96,9 @@ class PlayedCamera(Listener):
     ) -> None:
         super().__init__(stack, 'bench_camera')
         self.drive = Answers()
-        for topic in ('cmd_vel', echo.ANSWERS):
-            self.node.create_subscription(TwistStamped, topic, self._on_answer, qos.COMMAND)
+        self.node.create_subscription(TwistStamped, 'cmd_vel', self._on_answer, qos.COMMAND)
         self._camera, self._numbers = camera, count()
         self._image_pub = self.node.create_publisher(Image, 'image_raw', qos.STREAM)
-        self._echo_pub = self.node.create_publisher(Image, echo.IMAGES, qos.STREAM)
         self._info_pub = self.node.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
         self._desired_pub = self.node.create_publisher(Image, 'desired/image_raw', qos.LATCHED)
         self.processes = start_nodes(stack, nodes, folder)
@@ -126,35 +119,28 @@ class PlayedCamera(Listener):
         return str(answer.message)
 
     def show_goal(self, photograph: Pixels, images: Sequence[Pixels]) -> None:
-        """Publish the photograph, and ``images`` until the servo and the echo answer to them."""
+        """Publish the photograph, and ``images`` until the servo answers to them."""
         self._desired_pub.publish(write.image(photograph, 'mono8', 0, FRAME_ID))
-        for to_echo in (True, False):
-            answered = partial(self._are_answered, images, to_echo)
-            self.wait(answered, 'no image was answered')
+        self.wait(lambda: bool(self.show(images, LEAD_RATE).latencies), 'no image was answered')
 
-    def _are_answered(self, images: Sequence[Pixels], to_echo: bool) -> bool:
-        return bool(self.show(images, LEAD_RATE, to_echo=to_echo).latencies)
-
-    def show(self, images: Sequence[Pixels], rate: float, *, to_echo: bool = False) -> Answers:
+    def show(self, images: Sequence[Pixels], rate: float) -> Answers:
         """Publish these images at ``rate`` [Hz], stamped as they are due; return the answers."""
-        publisher = self._echo_pub if to_echo else self._image_pub
         self.drive = drive = Answers()
         begin_ns, begin = self.node.get_clock().now().nanoseconds, time.monotonic()
         for number, image in enumerate(images):
             self._spin_until(begin + number / rate)
-            self._publish(publisher, image, begin_ns + number * period_ns(rate))
+            self._publish(image, begin_ns + number * period_ns(rate))
         self.spin_for(0.5)
         return drive
 
-    def _publish(self, publisher: Any, image: Pixels, stamp_ns: int) -> None:
+    def _publish(self, image: Pixels, stamp_ns: int) -> None:
         image = image.copy()
         # No camera takes the very same image twice, and the servo does not drive by one.
         image[0, :4] = list(next(self._numbers).to_bytes(4, 'big'))
         message = write.image(image, 'mono8', stamp_ns, FRAME_ID)
-        if publisher is self._image_pub:
-            self._info_pub.publish(write.camera_info(self._camera, stamp_ns, FRAME_ID))
+        self._info_pub.publish(write.camera_info(self._camera, stamp_ns, FRAME_ID))
         self.drive.sent[stamp_ns] = time.monotonic()
-        publisher.publish(message)
+        self._image_pub.publish(message)
 
     def _on_answer(self, message: TwistStamped) -> None:
         self.drive.took(message)
@@ -214,10 +200,8 @@ CELLS = (
     FULL,
 )
 SECONDS, QUICK_SECONDS = 60.0, 4.0
-TURN_S = 20.0  # at most, nodes and echo alternating: load from elsewhere hits both
-LATENCIES = (
-    'size and rate | p50 | p99 | p99.9 | images | drops | echo p50 | echo p99 | p50 over echo'
-)
+TURN_S = 20.0  # at most, of the run that is shown again and again [s]
+LATENCIES = 'size and rate | p50 | p99 | p99.9 | images | drops'
 COSTS = 'size and rate | process | processor ms a frame | memory MB'
 QUANTILES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
@@ -263,42 +247,23 @@ def _measure_size(
 ) -> dict[str, Any]:
     """Return the row of one size: latencies, drops, and what each process costs."""
     size, rate = [settings.width, settings.height], settings.frame_rate
-    title, run_s = f'{size[0]}x{size[1]} at {rate:g} Hz', seconds / _turns(seconds)
+    title, turns = f'{size[0]}x{size[1]} at {rate:g} Hz', max(1, math.ceil(seconds / TURN_S))
+    answers, costs = Answers(), {name: list[tuple[Cost, Cost]]() for name in TRACKER_AND_SERVO}
     with TemporaryDirectory(prefix='visual_servo_') as scratch, ExitStack() as stack:
-        say(f'{title}: driving for {run_s:g} s ...')
-        run = driven(settings, run_s, Path(scratch))
+        say(f'{title}: driving ...')
+        run = driven(settings, seconds / turns, Path(scratch))
         say(f'{title}: starting nodes ...')
-        loop = PlayedCamera(stack, run.camera, Path(scratch), {**ECHO, **TRACKER_AND_SERVO})
+        loop = PlayedCamera(stack, run.camera, Path(scratch), TRACKER_AND_SERVO)
         loop.show_goal(run.photograph, run.images[:LEAD])
-        row = _by_turns(loop, run, seconds, lambda text: say(f'{title}: {text}'))
-    return {'size': size, 'rate': rate, **row}
-
-
-def _turns(seconds: float) -> int:
-    return max(1, math.ceil(seconds / TURN_S))
-
-
-def _by_turns(
-    loop: PlayedCamera, run: DrivenRun, seconds: float, say: Callable[[str], None]
-) -> dict[str, Any]:
-    """Show the run to nodes and echo alternately, and return what both took."""
-    turns = _turns(seconds)
-    each = round(seconds / turns * run.rate)
-    nodes, echoes = Answers(), Answers()
-    costs: dict[str, list[tuple[Cost, Cost]]] = {name: [] for name in TRACKER_AND_SERVO}
-    for turn in range(turns):
-        say(f'turn {turn + 1} of {turns}, {seconds / turns:g} s and its echo ...')
-        _begin(loop, run)
-        before = {name: Cost.of(loop.processes[name]) for name in costs}
-        nodes += loop.show(run.images[:each], run.rate)
-        for name, stretches in costs.items():
-            stretches.append((before[name], Cost.of(loop.processes[name])))
-        echoes += loop.show(run.images[: each // 4], run.rate, to_echo=True)
-    return {
-        'nodes': _answers(nodes),
-        'echo': _answers(echoes),
-        'processes': {name: spent(it, len(nodes.sent)) for name, it in costs.items()},
-    }
+        for turn in range(turns):
+            say(f'{title}: turn {turn + 1} of {turns}, {seconds / turns:g} s ...')
+            _begin(loop, run)
+            before = {name: Cost.of(loop.processes[name]) for name in costs}
+            answers += loop.show(run.images, rate)
+            for name, stretches in costs.items():
+                stretches.append((before[name], Cost.of(loop.processes[name])))
+    processes = {name: spent(it, len(answers.sent)) for name, it in costs.items()}
+    return {'size': size, 'rate': rate, 'nodes': _answers(answers), 'processes': processes}
 
 
 def _begin(loop: PlayedCamera, run: DrivenRun) -> None:
@@ -343,14 +308,9 @@ def table(document: Mapping[str, Any]) -> str:
 
 
 def _latencies(row: Mapping[str, Any]) -> list[str]:
-    nodes, echo = row['nodes'], row['echo']
-    return [
-        _title(row),
-        *(f'{nodes[name]:.1f}' for name in QUANTILES),
-        *(str(nodes[name]) for name in ('images', 'drops')),
-        *(f'{echo[name]:.1f}' for name in ('p50', 'p99')),
-        f'{nodes["p50"] / echo["p50"]:.2f}',
-    ]
+    nodes = row['nodes']
+    quantiles = [f'{nodes[name]:.1f}' for name in QUANTILES]
+    return [_title(row), *quantiles, *(str(nodes[name]) for name in ('images', 'drops'))]
 
 
 def _cost(title: str, name: str, it: Mapping[str, Any]) -> list[str]:

@@ -1,22 +1,11 @@
 """
-Peers: position-based, homography-based and image-based visual servoing of a unicycle.
+Peers: position-based and image-based visual servoing of a unicycle.
 
 Position-based: the polar law of Aicardi, Casalino, Bicchi, Balestrino (1995) on the relative pose.
 With e the distance, a the direction of the goal against the heading and b against the goal's
 heading, u = g cos(a) e and w = k a + g cos(a) sin(a) / a (a + h b) make (e^2 + a^2 + h b^2) / 2
 fall. It is smooth, and has no field of view. Close to the goal, where the direction of the
 residual is noise, the robot covers the way ahead and turns to the final heading.
-
-Homography-based: after Fang, Dixon, Dawson, Chawda, IEEE SMC-B 35(5), 2005. Scaled translation and
-rotation, as a homography gives them, are the errors: e1 and e2 the goal's place in the robot's
-frame over the depth d* of the plane, e3 the heading error. A turn that never rests, e2^2 sin t,
-moves what no smooth, time-invariant law can: e2. With
-
-    v = k_v e1,  w = -k_w e3 + k_s |e2| e2 sin(s t)
-
-(e1^2 + e2^2)' = -2 k_v e1^2 / d*, so that e1 goes to zero, e2 w too, and then e2 and e3. This form
-needs no estimate of d*, and turns to the goal's side first, which loses fewer features. As in the
-original convergence is not exponential: the turn fades with e2.
 
 Image-based: the classical law on points (Espiau, Chaumette, Rives 1992). The interaction matrix
 keeps the columns of v and w alone, at the depth of the scene from the goal:
@@ -57,8 +46,6 @@ from visual_servo_epipolar.simulation.view import View
 DEPTH = 5.0  # of the scene from the goal, Z, as the laws take it [m]
 CLOSE = 0.05  # distance at which directions are noise [m]
 APPROACH, TURN, ALIGN = 0.3, 1.0, 1.5  # polar law: g and k [1/s], weight h of the final heading
-FORWARD, HEADING, SEARCH = 2.0, 0.2, 10.0  # law that never rests: k_v [m/s], k_w, k_s [1/s]
-PACE = 0.4  # of its turn, the angular frequency s [rad/s]
 POINT_GAIN = 0.3  # classical law: lambda [1/s]
 
 
@@ -78,11 +65,6 @@ class RelativePose(NamedTuple):
     def ahead(self) -> float:
         """The goal's place in the robot's frame, forward, in units of Z."""
         return -self.distance * math.cos(self.psi - self.heading_error - HALF_PI)
-
-    @property
-    def left(self) -> float:
-        """The goal's place in the robot's frame, to the left, in units of Z."""
-        return -self.distance * math.sin(self.psi - self.heading_error - HALF_PI)
 
 
 def relative_pose(measurement: Measurement, observation: Observation) -> RelativePose:
@@ -153,12 +135,6 @@ def polar(pose: RelativePose, *, backwards: bool = False, close: float = CLOSE) 
     pull = APPROACH * cosine * sinc * (against_heading + ALIGN * against_goal)
     speed = APPROACH * cosine * pose.distance * DEPTH
     return Twist(-speed if backwards else speed, TURN * against_heading + pull)
-
-
-def never_resting(pose: RelativePose, elapsed: float) -> Twist:
-    """Return the twist of the homography-based law at ``elapsed`` [s] from the start."""
-    turn = SEARCH * abs(pose.left) * pose.left * math.sin(PACE * elapsed)
-    return Twist(FORWARD * pose.ahead, turn - HEADING * pose.heading_error)
 
 
 def points(current: FloatArray, desired: FloatArray) -> Twist:
@@ -284,11 +260,6 @@ PEERS: Mapping[str, Control] = {
     'ours': step,
     'position-based': as_step(
         lambda peer, seen, view: polar(relative_pose(seen, view), backwards=peer.backwards)
-    ),
-    'homography-based': as_step(
-        lambda peer, seen, view: never_resting(
-            relative_pose(seen, view), seconds_between(peer.run.run_start_ns, seen.stamp_ns)
-        )
     ),
     'image-based': as_step(
         lambda peer, seen, view: points(image_points(view.current), image_points(view.desired))

@@ -159,8 +159,6 @@ DISTURBANCES: Mapping[str, Mapping[str, Any]] = {
     'occluder at once': {'occlusion': 0.3},
     'occluder slides in': {'occlusion': 0.3, 'occlusion_from': 'side'},
     'person': {'person': 0.8, 'disturbed_for': 45},
-    'motion blur': {'motion_blur': 8.0, 'blur_angle': 0.2},
-    'noise': {'extra_noise': 5.0},
 }
 GROSS = 3.0  # a feature farther than this from its place is a wrong one [px]
 ENOUGH = 26  # features of the paper's experiments

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from itertools import groupby
-import math
 from typing import Any, NamedTuple
 import zlib
 
@@ -18,7 +17,6 @@ from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint
-from visual_servo_epipolar.evaluation.faults import processes, robot, sensing
 from visual_servo_epipolar.evaluation.faults.fault import (
     ALWAYS,
     BASE,
@@ -27,37 +25,30 @@ from visual_servo_epipolar.evaluation.faults.fault import (
     Faults,
     SERVO,
     StruckRun,
+    Table,
     Witness,
 )
 from visual_servo_epipolar.evaluation.faults.judge import (
     judge_run,
+    Judgement,
     moving,
+    Record,
     RunVerdict,
     SAFE,
     SafetyBounds,
 )
-from visual_servo_epipolar.evaluation.faults.processes import PROCESSES
+from visual_servo_epipolar.evaluation.faults.robot import ROBOT
+from visual_servo_epipolar.evaluation.faults.sensing import SENSING
 from visual_servo_epipolar.evaluation.live.world import small_camera, World, WorldSettings
 from visual_servo_epipolar.evaluation.tables import markdown
 from visual_servo_epipolar.sweeping.provenance import commit
 from visual_servo_epipolar.sweeping.workers import worker_pool
 
-FAULTS: Faults = {
-    'none': Fault('nothing is wrong'),
-    **sensing.IMAGE_STREAM,
-    **sensing.SHOWN,
-    **sensing.SCENES,
-    **sensing.TRACK_STREAM,
-    **sensing.CALIBRATION,
-    **robot.CLOCKS,
-    **robot.ORDERS,
-    **robot.WHEELS,
-    **robot.NODE_ENDS,
-    **robot.ENCODERS,
-    **robot.ROUTES,
-}
+TABLE: Table = {it: {**SENSING.get(it, {}), **ROBOT[it]} for it in ROBOT}
+FAULTS: Faults = {name: fault for rows in TABLE.values() for name, fault in rows.items()}
 WORDS = {name: fault.what for name, fault in FAULTS.items()}
-WORDS |= {name: fault.what for name, fault in PROCESSES.items()}
+# The invariant that each tries most; the judge tries each run by all.
+TRIED = {name: invariant.value for invariant, rows in TABLE.items() for name in rows}
 NAMES = tuple(WORDS)
 Result = dict[str, Any]
 
@@ -265,26 +256,17 @@ def drive(runs: Sequence[FaultRun], jobs: int, watch: Callable[[Result], None]) 
 def one(run: FaultRun) -> Result:
     """Drive one run, in this process; if it raises, that is its result."""
     try:
-        return _driven(run)
+        return drive_one(run.fault, FAULTS[run.fault], run.seed, run.law)
     except Exception as error:  # the other runs of a night shall not be lost
-        numbers = ('excursion_m', 'blind_s', 'wrong_geometry_s', 'position_error_m', 'duration_s')
-        return {
-            'fault': run.fault,
-            'seed': run.seed,
-            'safe': False,
-            'notes': [],
-            'charges': [],
-            **dict.fromkeys(numbers, math.nan),
-            **dict.fromkeys(('struck_in', 'phase', 'reason'), ''),
-            'verdict': RunVerdict.UNJUDGED.value,
-            'detail': f'{type(error).__name__}: {error}',
-        }
-
-
-def _driven(run: FaultRun) -> Result:
-    if run.fault in PROCESSES:
-        return processes.run(run.fault, PROCESSES[run.fault], run.seed)
-    return drive_one(run.fault, FAULTS[run.fault], run.seed, run.law)
+        nothing = Judgement(RunVerdict.UNJUDGED, f'{type(error).__name__}: {error}')
+        return nothing.document(
+            Record(phase=''),
+            fault=run.fault,
+            seed=run.seed,
+            notes=[],
+            struck_in='',
+            duration_s=0.0,
+        )
 
 
 def document(results: Sequence[Result], seed: int) -> dict[str, Any]:

@@ -35,9 +35,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_words(parser, numbers, type=count)
     add_seed(parser)
     words = {
-        '--only NAME,...': 'inject these faults only; simulated or processes stands for all of '
-        'that kind',
-        '--law LAW': 'law of the simulated runs (default full; those with a head have smooth)',
+        '--only NAME,...': 'inject these faults only',
+        '--law LAW': 'law of the runs (default full; those with a head have smooth)',
     }
     add_words(parser, words)
     add_words(parser, {'--table FILE': 'write the table to FILE as well'}, type=OutputFile)
@@ -52,9 +51,10 @@ def faults(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.evaluation.faults import campaign
 
     if options.list:
-        print('\n'.join(f'{name:<28} {what}' for name, what in campaign.WORDS.items()))
+        for name, what in campaign.WORDS.items():
+            print(f'{name:<24} {campaign.TRIED[name]:<22} {what}')
         return 0
-    names = _names(options.only)
+    names = options.only.split(',') if options.only is not None else []
     number = options.runs or len(names or campaign.NAMES)
     runs = campaign.plan(names, number, options.seed, options.law or '')
     with closing(Progress()) as progress:
@@ -83,18 +83,6 @@ def faults(options: argparse.Namespace) -> int:
             file=sys.stderr,
         )
     return 1 if document['unsafe'] else 0
-
-
-def _names(text: str | None) -> list[str]:
-    """Return the faults that are asked for; none stands for all."""
-    from visual_servo_epipolar.evaluation.faults.campaign import FAULTS
-    from visual_servo_epipolar.evaluation.faults.processes import PROCESSES
-
-    groups = {'simulated': list(FAULTS), 'processes': list(PROCESSES)}
-    names: list[str] = []
-    for name in text.split(',') if text is not None else ():
-        names += groups.get(name, [name])
-    return names
 
 
 def _write(path: Path, text: str) -> None:

@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.judge import (
     Limits,
     Record,
+    RunVerdict,
     SeenTracks,
     ServoCommand,
     TrueMotion,
@@ -37,14 +38,6 @@ from visual_servo_epipolar.simulation.run_monitor import LEAST_BASELINE_M, WRONG
 
 SERVO, BASE = 'servo_node', 'unicycle_node'
 LONGEST_STEP_S = 0.5  # between two measurements that count as one drive
-LIMITS = (
-    'max_linear',
-    'max_angular',
-    'max_acceleration',
-    'max_angular_acceleration',
-    'dead_band_linear',
-    'dead_band_angular',
-)
 # Phases of a route, as the servo would call them.
 OF_ROUTES = {FOLLOWING: 'approaching', LOCALIZING: Phase.WAITING.value}
 # Have a reason, or should.
@@ -62,16 +55,17 @@ class Witness:
         self._sight: ImageOrigin | None = None  # what the servo saw last
         self._measured_s: float | None = None
         self._learnt_dead_band = STANDSTILL
+        listeners = self._wire.publish_listeners
+        listeners['/ground_truth'].append(self._on_truth)
+        listeners['/image_raw'].append(self._on_image)
+        listeners['/tracks'].append(self._on_tracks)
+        listeners['/phase'].append(self._on_phase)
         for topic, hear in (
-            ('/ground_truth', self._on_truth),
-            ('/image_raw', self._on_image),
-            ('/tracks', self._on_tracks),
             ('/cmd_vel', self._on_command),
-            ('/phase', self._on_phase),
             ('/diagnostics', self._on_diagnostics),
             ('/epipoles', self._on_epipoles),
         ):
-            self._wire.publish_listeners[topic].append(hear)
+            listeners[topic].append(partial(self._of_servo, hear))
         for topic in ('/image_raw', '/image_raw/compressed'):
             self._wire.delivery_listeners[topic].append(self._on_arrival)
         self._wire.delivery_listeners['/tracks'].append(self._on_sight)
@@ -116,9 +110,24 @@ class Witness:
             record.why.append(record.reason)
         return record
 
+    def _of_servo(self, hear: Callable[[Any], None], envelope: Envelope) -> None:
+        if envelope.sender == SERVO:
+            hear(envelope.message)
+
     def _on_truth(self, envelope: Envelope) -> None:
         pose, twist = read.pose(envelope.message), read.twist(envelope.message.twist)
         self.record.truths.append(TrueMotion(self.now_s, pose, twist))
+
+    def _on_phase(self, envelope: Envelope) -> None:
+        if envelope.sender not in (SERVO, ''):  # '' in its constructor
+            return
+        word = str(envelope.message.data)
+        before, self.record.phase = self.record.phase, OF_ROUTES.get(word, word)
+        if self.record.phase == Phase.ARRIVED.value != before:
+            self.record.arrived_s = self.now_s
+
+    def _on_diagnostics(self, message: Any) -> None:
+        self.record.reason = read.diagnosis(message).get('reason', self.record.reason)
 
     def _on_image(self, envelope: Envelope) -> None:
         envelope.sight = ImageOrigin(self._wire.now_ns)
@@ -139,43 +148,27 @@ class Witness:
         self._sight = envelope.sight
         if not envelope.sight.true:
             return
-        carried_s = 0.0
-        if node.get_parameter('memory').value:
-            carried_s = ServoSettings.few_features_timeout
+        memory = node.get_parameter('memory').value
+        carried_s = ServoSettings.few_features_timeout if memory else 0.0
         enough = ServoSettings.min_features
         taken_s = envelope.sight.taken_ns / NANOSECONDS
         self.record.sight.note(_shown(envelope.message), self.now_s, taken_s, enough, carried_s)
 
-    def _on_command(self, envelope: Envelope) -> None:
-        servo = self._world.nodes.get(envelope.sender)
-        if servo is None or envelope.sender != SERVO:
+    def _on_command(self, message: Any) -> None:
+        servo = self._world.nodes.get(SERVO)
+        if servo is None:
             return
         try:
-            twist = read.twist(envelope.message)
+            twist = read.twist(message)
         except ValueError as error:
             self.record.senseless = str(error)
             return
         limits = _limits(servo, self._learnt_dead_band)
         self.record.orders.append(ServoCommand(self.now_s, twist, limits))
 
-    def _on_phase(self, envelope: Envelope) -> None:
-        if envelope.sender not in (SERVO, ''):
-            return
-        word = str(envelope.message.data)
-        before, self.record.phase = self.record.phase, OF_ROUTES.get(word, word)
-        if self.record.phase == Phase.ARRIVED.value != before:
-            self.record.arrived_s = self.now_s
-
-    def _on_diagnostics(self, envelope: Envelope) -> None:
-        said = read.diagnosis(envelope.message)
-        if envelope.sender == SERVO and 'reason' in said:
-            self.record.reason = said['reason']
-
-    def _on_epipoles(self, envelope: Envelope) -> None:
+    def _on_epipoles(self, message: Any) -> None:
         """Add up the time driven on a wrong geometry; note whether a dead band was learnt."""
-        if envelope.sender != SERVO:
-            return
-        said: dict[str, Any] = read.telemetry(envelope.message)
+        said: dict[str, Any] = read.telemetry(message)
         self._learnt_dead_band = Twist(
             said['dead_band_linear_m_s'], said['dead_band_angular_rad_s']
         )
@@ -194,21 +187,22 @@ def _limits(servo: Node, learnt: Twist) -> Limits:
     """
     Return the limits that a servo obeys.
 
-    Slow commands may jump to a dead band that is configured, or that it says it has ``learnt``.
+    Slow commands may jump to a dead band that is configured, or reported as ``learnt``.
     """
-    said = {name: servo.get_parameter(name).value for name in LIMITS}
-    for name, lower in (('max_linear', 'max_speed'), ('max_angular', 'max_turn_rate')):
-        if servo.has_parameter(lower):  # of a route
-            said[name] = min(said[name], servo.get_parameter(lower).value)
+
+    def least(*names: str) -> float:  # those of a route as well
+        return float(min(servo.get_parameter(it).value for it in names if servo.has_parameter(it)))
+
+    band = Twist(
+        max(least('dead_band_linear'), learnt.linear),
+        max(least('dead_band_angular'), learnt.angular),
+    )
     return Limits(
-        float(said['max_linear']),
-        float(said['max_angular']),
-        float(said['max_acceleration']),
-        float(said['max_angular_acceleration']),
-        Twist(
-            max(float(said['dead_band_linear']), learnt.linear),
-            max(float(said['dead_band_angular']), learnt.angular),
-        ),
+        least('max_linear', 'max_speed'),
+        least('max_angular', 'max_turn_rate'),
+        least('max_acceleration'),
+        least('max_angular_acceleration'),
+        band,
     )
 
 
@@ -310,20 +304,6 @@ def striking(act: Callable[Concatenate[StruckRun, What], object]) -> Callable[Wh
 Change = Callable[[Any, StruckRun], object]
 
 
-@striking
-def changing(
-    scene: StruckRun,
-    topic: str,
-    change: Change,
-    spell: tuple[float, float] | None = None,
-    *,
-    true: bool = True,
-) -> None:
-    """Let ``change`` alter each message of ``topic``, for a drawn ``spell`` [s] or for good."""
-    seconds = math.inf if spell is None else scene.spell(*spell)
-    scene.alter(topic, lambda message: change(message, scene), seconds, true=true)
-
-
 def world_change(**changes: Any) -> Prepare:
     """Return a change of how a world is built."""
     return lambda settings, rng: replace(settings, **changes)
@@ -347,4 +327,22 @@ class Fault:
 
 
 Faults = Mapping[str, Fault]
-always, at_first = partial(Fault, phases=ALWAYS), partial(Fault, phases=(Phase.WAITING,))
+Table = Mapping[RunVerdict, Faults]
+
+
+def driving(
+    what: str, *ways: Strike, phases: tuple[Phase, ...] = EVERYWHERE, **more: Any
+) -> Fault:
+    """Return a fault that strikes a robot that drives, in one of ``ways``, which is drawn."""
+
+    def strike(scene: StruckRun) -> None:
+        number = int(scene.rng.integers(len(ways))) if len(ways) > 1 else 0
+        if len(ways) > 1:
+            scene.notes.append(f'way {number + 1} of {len(ways)}')
+        for way in ways[number : number + 1]:
+            way(scene)
+
+    return Fault(what, strike, phases=phases, **more)
+
+
+always, at_first = partial(driving, phases=ALWAYS), partial(driving, phases=(Phase.WAITING,))

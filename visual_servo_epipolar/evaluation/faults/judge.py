@@ -65,14 +65,12 @@ class Interventions:
     What somebody did in a run; times are of the steady clock [s].
 
     ``goals`` are the poses that somebody asked for, ``moved_s`` when the robot was carried,
-    ``broken_s`` when its wheels broke, ``woken_s`` when its process went on after it had hung, in
-    which time nothing could stop it, ``stopped_s`` when it was commanded to stand for good.
+    ``broken_s`` when its wheels broke, ``stopped_s`` when it was commanded to stand for good.
     """
 
     goals: list[Pose] = field(default_factory=lambda: [DESIRED_POSE])
     moved_s: list[float] = field(default_factory=list)
     broken_s: list[float] = field(default_factory=list)
-    woken_s: float = -math.inf
     stopped_s: float = math.inf
 
 
@@ -204,28 +202,22 @@ def _blindness(record: Record, bounds: SafetyBounds) -> tuple[float, str]:
     Return how long the robot moved without sight [s], and the charge if it was too long.
 
     The newest true sight grows old from when its image was taken: a late image is an old one.
-    Beyond ``sight_s`` the robot must brake, and what it needs for that is no offence. A base whose
-    process hung begins with that when it goes on.
+    Beyond ``sight_s`` the robot must brake, and what it needs for that is no offence.
     """
-    if not record.truths:  # the base was gone before its first pose
-        return 0.0, ''
-    seen, newest_s, number = sorted(record.sight.seen), record.truths[0].time_s, 0
-    total_s, charge, at_onset, before_s = 0.0, '', STANDSTILL, newest_s
-    for truth in record.truths:
-        while number < len(seen) and seen[number].time_s <= truth.time_s:
+    seen, number, total_s, charge, at_onset = sorted(record.sight.seen), 0, 0.0, '', STANDSTILL
+    newest_s = before_s = record.truths[0].time_s if record.truths else math.nan
+    for time_s, _, twist in record.truths:
+        while number < len(seen) and seen[number].time_s <= time_s:
             newest_s = max(newest_s, seen[number].taken_s)
             number += 1
         onset_s = newest_s + bounds.sight_s
-        if truth.time_s >= record.interventions.woken_s:
-            onset_s = max(onset_s, record.interventions.woken_s + bounds.period_s)
-        if truth.time_s <= onset_s:
-            at_onset = truth.twist
-        elif moving(truth.twist):
-            total_s += truth.time_s - before_s
-            if truth.time_s > onset_s + braking_s(at_onset, bounds) and not charge:
-                age_s = truth.time_s - newest_s
-                charge = f'{speed(truth.twist)}, the last true sight {age_s:.1f} s old'
-        before_s = truth.time_s
+        if time_s <= onset_s:
+            at_onset = twist
+        elif moving(twist):
+            total_s += time_s - before_s
+            if time_s > onset_s + braking_s(at_onset, bounds) and not charge:
+                charge = f'{speed(twist)}, the last true sight {time_s - newest_s:.1f} s old'
+        before_s = time_s
     return total_s, charge
 
 
@@ -244,10 +236,10 @@ class Judgement:
 
     verdict: RunVerdict
     detail: str
-    excursion_m: float
-    blind_s: float
-    position_error_m: float
-    charges: tuple[str, ...]
+    excursion_m: float = math.nan
+    blind_s: float = math.nan
+    position_error_m: float = math.nan
+    charges: tuple[str, ...] = ()
 
     @property
     def safe(self) -> bool:
@@ -313,15 +305,15 @@ def _disobedience(record: Record, bounds: SafetyBounds) -> str:
 
 def _limits(record: Record, bounds: SafetyBounds) -> str:
     """Return which limit of speed or acceleration was exceeded, of the servo or of the base."""
-    for order in record.orders:
-        over = (
-            abs(order.twist.linear) > order.limits.linear + ROUNDING
-            or abs(order.twist.angular) > order.limits.angular + ROUNDING
-        )
-        if over:
-            limits = f'{order.limits.linear:.2f} m/s, {order.limits.angular:.2f} rad/s'
-            return f'the servo commands {speed(order.twist)} where {limits} are allowed'
+    for _, twist, limits in record.orders:
+        if _is_over(twist, limits.linear, limits.angular):
+            allowed = f'{limits.linear:.2f} m/s, {limits.angular:.2f} rad/s'
+            return f'the servo commands {speed(twist)} where {allowed} are allowed'
     return record.senseless or _ramps(record, bounds) or _base(record, bounds)
+
+
+def _is_over(twist: Twist, linear: float, angular: float) -> bool:
+    return abs(twist.linear) > linear + ROUNDING or abs(twist.angular) > angular + ROUNDING
 
 
 def _ramps(record: Record, bounds: SafetyBounds) -> str:
@@ -333,14 +325,11 @@ def _ramps(record: Record, bounds: SafetyBounds) -> str:
     for before, after in pairwise(record.orders):
         commanded, taken = after.time_s - before.time_s, _taken_s(record, after.time_s)
         dt = max(commanded, taken - _taken_s(record, before.time_s), STEP * bounds.period_s)
-        band = after.limits.dead_band
-        linear = _rise(before.twist.linear, after.twist.linear, band.linear)
-        angular = _rise(before.twist.angular, after.twist.angular, band.angular)
-        if (
-            linear > after.limits.acceleration * dt + RAMP_M_S
-            or angular > after.limits.angular_acceleration * dt + RAMP_RAD_S
-        ):
-            return f'the servo goes from {speed(before.twist)} to {speed(after.twist)} at once'
+        was, now, limits, band = before.twist, after.twist, after.limits, after.limits.dead_band
+        linear = _rise(was.linear, now.linear, band.linear) - limits.acceleration * dt
+        angular = _rise(was.angular, now.angular, band.angular) - limits.angular_acceleration * dt
+        if linear > RAMP_M_S or angular > RAMP_RAD_S:
+            return f'the servo goes from {speed(was)} to {speed(now)} at once'
     return ''
 
 
@@ -352,27 +341,23 @@ def _rise(before: float, after: float, dead_band: float) -> float:
 def _taken_s(record: Record, time_s: float) -> float:
     """Return when the newest image was taken that had come by ``time_s``; 0 if none had."""
     count = bisect_right(record.sight.seen, time_s, key=lambda seen: seen.time_s)
-    return max(
-        (seen.taken_s for seen in record.sight.seen[max(0, count - 5) : count]), default=0.0
-    )
+    newest = record.sight.seen[max(0, count - 5) : count]
+    return max((seen.taken_s for seen in newest), default=0.0)
 
 
 def _base(record: Record, bounds: SafetyBounds) -> str:
+    leaps = (*record.interventions.moved_s, *record.interventions.broken_s)  # by no motor
+    change = max(bounds.base_acceleration, bounds.base_deceleration)
     for before, after in pairwise(record.truths):
-        leaps = (*record.interventions.moved_s, *record.interventions.broken_s)  # by no motor
         if any(before.time_s <= leap <= after.time_s for leap in leaps):
             continue
-        dt = after.time_s - before.time_s
-        linear = abs(after.twist.linear - before.twist.linear)
-        angular = abs(after.twist.angular - before.twist.angular)
-        change = max(bounds.base_acceleration, bounds.base_deceleration)
+        was, now, dt = before.twist, after.twist, STEP * (after.time_s - before.time_s)
         if (
-            abs(after.twist.linear) > bounds.base_linear + ROUNDING
-            or abs(after.twist.angular) > bounds.base_angular + ROUNDING
-            or linear > STEP * change * dt + RAMP_M_S
-            or angular > STEP * bounds.base_angular_acceleration * dt + RAMP_RAD_S
+            _is_over(now, bounds.base_linear, bounds.base_angular)
+            or abs(now.linear - was.linear) > change * dt + RAMP_M_S
+            or abs(now.angular - was.angular) > bounds.base_angular_acceleration * dt + RAMP_RAD_S
         ):
-            return f'the base goes from {speed(before.twist)} to {speed(after.twist)} at once'
+            return f'the base goes from {speed(was)} to {speed(now)} at once'
     return ''
 
 
@@ -386,7 +371,7 @@ def _excursion(record: Record, bounds: SafetyBounds) -> str:
 
 
 def _arrival_error(record: Record, bounds: SafetyBounds) -> str:
-    """Return how far from each goal a robot stands that says it has arrived."""
+    """Return how far from each goal a robot stands that reports its arrival."""
     offs = [_off(record, goal) for goal in record.interventions.goals]
     if any(off <= bounds.position_m and turn <= bounds.heading_rad for off, turn in offs):
         return ''
@@ -394,21 +379,15 @@ def _arrival_error(record: Record, bounds: SafetyBounds) -> str:
     return f'{1e3 * off:.0f} mm, {math.degrees(turn):.1f} deg from the goal'
 
 
-def _last(record: Record) -> TrueMotion:
-    """Return the end of a run; a robot carried away after its arrival had arrived all the same."""
-    if record.phase != Phase.ARRIVED.value:
-        return record.truths[-1]
-    away_s = min(
-        (it for it in record.interventions.moved_s if it > record.arrived_s), default=math.inf
-    )
-    there = [truth for truth in record.truths if truth.time_s < away_s]
-    return there[-1] if there else record.truths[-1]
-
-
 def _off(record: Record, goal: Pose) -> tuple[float, float]:
     """Return how far [m] and how turned [rad] from ``goal`` the robot is at the end."""
     if not record.truths:
         return math.nan, math.nan
-    pose = _last(record).pose
+    away_s = math.inf
+    if record.phase == Phase.ARRIVED.value:  # one that is carried away afterwards had arrived
+        carried = [it for it in record.interventions.moved_s if it > record.arrived_s]
+        away_s = min(carried, default=math.inf)
+    there = [truth for truth in record.truths if truth.time_s < away_s] or record.truths
+    pose = there[-1].pose
     off = math.hypot(pose.x - goal.x, pose.y - goal.y)
     return off, abs(wrap_angle(pose.theta - goal.theta))

@@ -16,7 +16,6 @@ from rclpy.node import Node
 from visual_servo_epipolar import processes
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.nodes.startup.executor import isolated_context, new_executor, spin_once
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.threads import ONE_THREAD
 
 # Its own among benchmarks that run at a time, and above those that people use.
@@ -26,51 +25,36 @@ NODES = 'visual_servo_epipolar.nodes'
 Process = subprocess.Popen[bytes]
 
 
-GEOMETRY = ('width', 'height', 'focal_length', 'principal_u', 'principal_v', 'seed', 'frame_rate')
-
-
 def arguments(**values: Any) -> tuple[str, ...]:
     """Return the command line that sets these parameters of a node."""
     return tuple(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))
 
 
-def camera_arguments(camera: CameraSettings) -> tuple[str, ...]:
-    """Return the command line of a camera_node with this geometry."""
-    return arguments(**{name: getattr(camera, name) for name in GEOMETRY})
-
-
 def start_nodes(
-    stack: ExitStack, nodes: Mapping[str, Sequence[str]], folder: Path, *, logs: bool = False
+    stack: ExitStack, nodes: Mapping[str, Sequence[str]], folder: Path
 ) -> dict[str, Process]:
     """
-    Start each node (a module's full name, or one of ours) with its arguments in ``folder``.
+    Start each node of ours, by name, with its arguments in ``folder``.
 
     They are in sessions of their own, and end with ``stack``, and with this process, however that
-    ends. With ``logs``, what each writes to standard error is in NAME.log there.
+    ends.
     """
-    return {
-        name: _start_node(stack, name, arguments, folder, logs=logs)
-        for name, arguments in nodes.items()
-    }
-
-
-def _start_node(
-    stack: ExitStack, name: str, arguments: Sequence[str], folder: Path, *, logs: bool
-) -> Process:
-    module = name if '.' in name else f'{NODES}.{name}'
     own = {'ROS_DOMAIN_ID': str(DOMAIN), 'PYTHONPATH': _import_path()}
     environment = {**ONE_THREAD, **os.environ, **own}  # as executables do
-    said: Any = subprocess.DEVNULL
-    if logs:
-        environment['ROS_LOG_DIR'] = str(folder)
-        said = stack.enter_context((folder / f'{name}.log').open('wb'))
-    command = [sys.executable, '-m', processes.__name__, str(os.getpid()), module]
-    command += ['--ros-args', *arguments]
-    process = stack.enter_context(
-        subprocess.Popen(command, cwd=folder, env=environment, stderr=said, start_new_session=True)
-    )
-    stack.callback(_end, process)
-    return process
+    started = {}
+    for name, words in nodes.items():
+        command = [sys.executable, '-m', processes.__name__, str(os.getpid()), f'{NODES}.{name}']
+        started[name] = stack.enter_context(
+            subprocess.Popen(
+                [*command, '--ros-args', *words],
+                cwd=folder,
+                env=environment,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        )
+        stack.callback(_end, started[name])
+    return started
 
 
 def _end(process: Process) -> None:

@@ -1,10 +1,12 @@
 """A simulated car: its axle is steered to what a twist asks for, at a limited rate."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
+from typing import Any, ClassVar
 
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.settings import internal, setting
+from visual_servo_epipolar.core.settings import setting
 from visual_servo_epipolar.simulation.bases.pioneer import obeyed, Pioneer, PioneerSettings
 
 
@@ -19,9 +21,7 @@ class AckermannSettings(PioneerSettings):
     steering_rate: float = setting(
         1.0, 'Car: how fast they are steered [rad/s]', low=0.01, high=50.0
     )
-    steering_offset: float = internal(
-        0.0, 'Car: steering offset at a command of zero [rad]', low=-0.3, high=0.3
-    )
+    GONE: ClassVar[Mapping[str, Any]] = {'steering_offset': 0.0}
 
 
 class Ackermann(Pioneer):
@@ -64,5 +64,5 @@ class Ackermann(Pioneer):
         if linear == 0.0:
             return 0.0, 0.0
         grip = 1.0 - settings.slip
-        angle = math.atan(settings.wheelbase * angular / linear) + settings.steering_offset
+        angle = math.atan(settings.wheelbase * angular / linear)
         return grip * linear, grip * linear * math.tan(angle) / settings.wheelbase

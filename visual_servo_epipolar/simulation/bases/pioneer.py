@@ -2,8 +2,10 @@
 
 from array import array
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -35,7 +37,6 @@ class PioneerSettings(Settings):
     angular_acceleration: float = internal(
         1.74, 'Angular acceleration [rad/s^2]', low=0.01, high=50.0
     )
-    wheel_radius: float = internal(0.0975, 'Nominal radius of a wheel [m]', low=0.01, high=1.0)
     track: float = internal(0.33, 'Distance between the wheels [m]', low=0.05, high=2.0)
     command_timeout: float = setting(
         0.5, 'Age of the last command at which the base stops; 0 = never [s]', low=0.0, high=60.0
@@ -69,6 +70,7 @@ class PioneerSettings(Settings):
         low=0.0,
         high=0.1,
     )
+    GONE: ClassVar[Mapping[str, Any]] = {'wheel_radius': 0.0975}
 
 
 class Pioneer:

@@ -19,6 +19,7 @@ from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
 from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
 
 RATE_S = 0.2  # for which a commanded rate holds
+TILT_LIMIT, ACCELERATION = 0.6, 10.0  # of a joint: up or down [rad], [rad/s^2]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,13 +29,7 @@ class HeadSettings(Settings):
     head_pan_limit: float = setting(
         1.745, 'Largest pan angle to either side [rad]', low=0.0, high=6.2
     )
-    head_tilt_limit: float = internal(
-        0.6, 'Largest tilt angle up or down [rad]', low=0.0, high=1.5
-    )
     head_speed: float = setting(2.0, 'Speed of a joint [rad/s]', low=0.01, high=50.0)
-    head_acceleration: float = internal(
-        10.0, 'Acceleration of a joint [rad/s^2]', low=0.1, high=1000.0
-    )
     head_delay: float = internal(0.05, 'Delay from command to motion [s]', low=0.0, high=1.0)
     head_encoder_noise: float = internal(
         3e-4, 'Deviation of an angle that is read [rad]', low=0.0, high=0.1
@@ -42,8 +37,12 @@ class HeadSettings(Settings):
     head_encoder_offset: float = internal(
         0.0, 'Pan angle that is read where the head looks ahead [rad]', low=-0.5, high=0.5
     )
-    head_lever: float = internal(0.0, 'Camera ahead of the pan axis [m]', low=-0.5, high=0.5)
-    GONE: ClassVar[Mapping[str, Any]] = {'head_start_pan': 0.0}
+    GONE: ClassVar[Mapping[str, Any]] = {
+        'head_start_pan': 0.0,
+        'head_tilt_limit': 0.6,
+        'head_acceleration': 10.0,
+        'head_lever': 0.0,
+    }
 
 
 class SimulatedHead:
@@ -87,7 +86,7 @@ class SimulatedHead:
             while self._pending and self._pending[0][0] <= self.now_ns:
                 self._obey(self._pending.popleft()[1])
             dt, self.now_ns = seconds_between(self.now_ns, until_ns), until_ns
-            limits = self.settings.head_pan_limit, self.settings.head_tilt_limit
+            limits = self.settings.head_pan_limit, TILT_LIMIT
             for joint, limit in enumerate(limits):
                 self._move(joint, min(max(self._goals[joint], -limit), limit), dt)
 
@@ -101,7 +100,7 @@ class SimulatedHead:
 
     def _move(self, joint: int, goal: float, dt: float) -> None:
         """Move one joint towards ``goal`` for ``dt`` [s], so that it can stop there."""
-        left, most = goal - self._angles[joint], self.settings.head_acceleration
+        left, most = goal - self._angles[joint], ACCELERATION
         late = most * dt
         wanted = min(math.sqrt(late * late + 2.0 * most * abs(left)) - late, abs(left) / dt)
         wanted = math.copysign(min(wanted, self.settings.head_speed), left)
@@ -131,7 +130,6 @@ class PanTiltRig:
     jitter: float = 0.0
     seed: int = 0
     bumps: float = 0.0
-    lever: float = 0.0
     pan_limit: float = 0.0
     rest: Joints = AT_REST
     joints: Joints | None = None
@@ -152,9 +150,7 @@ class PanTiltRig:
         tilt, roll = (0.0, 0.0) if frame is None else floor_jitter(self.jitter, self.seed, frame)
         panned = Pose(pose.x, pose.y, pose.theta + joints.pan)
         axes = self.mount.R_world_camera(panned, tilt=joints.tilt + tilt, roll=roll)
-        looks = panned.theta + self.mount.yaw
-        lever = self.lever * np.array([math.cos(looks), math.sin(looks), 0.0])
-        camera = CameraPose(axes, self.mount.centre(pose) + lever)
+        camera = CameraPose(axes, self.mount.centre(pose))
         return on_bumps(camera, pose, 0.0 if frame is None else self.bumps, self.seed)
 
 
@@ -166,7 +162,6 @@ def pan_tilt_rig(settings: PanTiltSettings) -> PanTiltRig:
         settings.jitter,
         settings.seed,
         settings.bumps,
-        settings.head_lever,
         settings.head_pan_limit,
         Joints(-settings.head_encoder_offset),
     )
