@@ -218,30 +218,6 @@ OPENCV_JSON = """\
     }
 }
 """
-OPENCV_STEREO = """\
-%YAML:1.0
----
-M1: !!opencv-matrix
-   rows: 3
-   cols: 3
-   dt: d
-   data: [ 385.25, 0., 322.25, 0., 386.5, 238.75, 0., 0., 1. ]
-D1: !!opencv-matrix
-   rows: 1
-   cols: 5
-   dt: d
-   data: [ -0.21, 0.06, 0.0004, -0.0003, 0. ]
-M2: !!opencv-matrix
-   rows: 3
-   cols: 3
-   dt: d
-   data: [ 380., 0., 310., 0., 381., 241., 0., 0., 1. ]
-D2: !!opencv-matrix
-   rows: 1
-   cols: 5
-   dt: d
-   data: [ -0.2, 0.05, 0., 0., 0. ]
-"""
 CAMCHAIN = """\
 cam0:
   cam_overlaps: [1]

@@ -1,10 +1,9 @@
-"""Cameras of calibrations: files with a camera matrix, Kalibr's camchain, EuRoC's sensor.yaml."""
+"""Calibrations: documents with a camera matrix, by the names of ROS, and Kalibr's camchain."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 import math
-import re
 from typing import Any, TypeAlias
 
 from visual_servo_epipolar.core.cameras.registry import lens_name
@@ -54,7 +53,7 @@ def entry(document: Mapping[str, Any], key: str) -> Any:
 
 
 def numbers(value: Any, key: str, counts: Sequence[int] = ()) -> tuple[float, ...]:
-    """Return numbers of a matrix, (rows of) a list or text, of one of ``counts`` if any."""
+    """Return numbers of a matrix, a list of them or of rows, or text; of one of ``counts``."""
     many = f'{" or ".join(map(str, counts))} numbers' if counts else 'numbers'
     expected = f'{key} must be a list of {many}'
     if isinstance(value, Mapping) and 'data' in value:
@@ -63,8 +62,8 @@ def numbers(value: Any, key: str, counts: Sequence[int] = ()) -> tuple[float, ..
         value = value.split()
     if not isinstance(value, Sequence):
         raise ValueError(f'{expected}, got {as_text(value)}')
-    if any(isinstance(row, Sequence) and not isinstance(row, str) for row in value):
-        value = _flat(value, expected, is_matrix=bool(counts))
+    if value and all(isinstance(row, list) and len(row) == len(value[0]) for row in value):
+        value = [each for row in value for each in row]
     if counts and len(value) not in counts:
         raise ValueError(f'{expected}, got {len(value)}')
     return tuple(_number(each, key, expected) for each in value)
@@ -106,16 +105,6 @@ def as_text(value: Any) -> str:
     return f'{value!r:.40}' if isinstance(value, str) else f'{value!s:.40}'
 
 
-def _flat(value: Sequence[Any], expected: str, *, is_matrix: bool) -> list[Any]:
-    """Return the rows, of one length, one after the other; of a vector there is one, or of one."""
-    lengths = {len(row) if isinstance(row, Sequence) else 0 for row in value}
-    if len(lengths) > 1 or any(isinstance(row, str) for row in value):
-        raise ValueError(f'{expected}, got rows of different lengths')
-    if not is_matrix and 1 not in {len(value), *lengths}:
-        raise ValueError(f'{expected}, got {len(value)} rows of them')
-    return [each for row in value for each in row]
-
-
 def _number(value: Any, key: str, expected: str) -> float:
     try:
         if isinstance(value, bool) or not isinstance(value, int | float | str):
@@ -128,109 +117,66 @@ def _number(value: Any, key: str, expected: str) -> float:
     return result
 
 
-# Keys without case and joints: of ROS first, then as OpenCV's samples and their users call them.
+# By the names of ROS, CameraInfo's of ROS 2 and ROS 1 among them, and of OpenCV's sample.
 KEYS = {
-    'width': ('imagewidth', 'width'),
-    'height': ('imageheight', 'height'),
-    'size': ('imagesize', 'resolution'),
-    'matrix': ('cameramatrix', 'k', 'm', 'mtx', 'intrinsicmatrix', 'intrinsics'),
-    'distortion': (
-        *('distortioncoefficients', 'distcoeffs', 'distcoeff', 'distcoefs', 'distortioncoeffs'),
-        *('distortion', 'dist', 'd'),
-    ),
-    'model': ('distortionmodel', 'cameramodel'),
-    'projection': ('projectionmatrix', 'p'),
-    'fisheye': ('fisheyemodel',),
+    'width': ('image_width', 'width'),
+    'height': ('image_height', 'height'),
+    'matrix': ('camera_matrix', 'k', 'K'),
+    'distortion': ('distortion_coefficients', 'd', 'D'),
+    'projection': ('projection_matrix', 'p', 'P'),
 }
-OF_ONE = re.compile(r'(.+?)(\d+|left|right)')  # a key of one camera of several, as M1 or K_left
-BY_COUNT = {5: 'plumb_bob', 8: 'rational_polynomial', 12: 'rational_polynomial'}
-BY_COUNT |= {14: 'rational_polynomial', 0: 'plumb_bob'}
+BY_COUNT = {8: 'rational_polynomial', 12: 'rational_polynomial', 14: 'rational_polynomial'}
 
 
-def cameras_by_keys(document: Mapping[str, Any]) -> Cameras:
-    """Return the cameras of a document that has camera matrices, none if it has none."""
-    keys = {_plain(key): key for key in document if isinstance(key, str)}
-    names = [''] if any(name in keys for name in KEYS['matrix']) else []
-    for plain, key in keys.items() if not names else ():
-        match = OF_ONE.fullmatch(plain)
-        if (
-            match is not None
-            and match[1] in KEYS['matrix']
-            and not isinstance(document[key], int | float)
-        ):
-            names.append(match[2])
-    return {name: partial(_calibration, document, keys, name) for name in names}
+def by_keys(document: Mapping[str, Any]) -> Cameras:
+    """Return the camera of a document that has a camera matrix, none of others."""
+    if not any(key in document for key in KEYS['matrix']):
+        return {}
+    return {'': partial(_calibration, document)}
 
 
-def _plain(key: str) -> str:
-    return re.sub(r'[\W_]', '', key).lower()
-
-
-def _calibration(document: Mapping[str, Any], keys: Mapping[str, str], name: str) -> Calibration:
-    def find(what: str) -> tuple[str, Any]:
-        """Return the key of this camera, or of all, and what it says; '' if there is none."""
-        for plain in (*(each + name for each in KEYS[what]), *KEYS[what]):
-            if plain in keys:
-                return keys[plain], document[keys[plain]]
-        return '', None
-
-    _refuse_misspelt(keys)
-    matrix_key, matrix = find('matrix')
-    projection_key, projection = find('projection')
-    width, height = _size(find)
-    distortion_key, distortion = find('distortion')
-    d = numbers(distortion, distortion_key) if distortion_key else ()
+def _calibration(document: Mapping[str, Any]) -> Calibration:
+    known = {*KEYS['distortion'], 'distortion_model'}
+    for key in document:  # a slip would leave the distortion out
+        if str(key).lower().startswith('dist') and key not in known:
+            raise ValueError(
+                f'{key} is not a key of camera files; rename it to distortion_coefficients'
+            )
+    found = {what: next((it for it in KEYS[what] if it in document), '') for what in KEYS}
+    width, height = _size(document, found['width'], found['height'])
+    distortion = document.get(found['distortion'], ())
+    d = numbers(distortion, found['distortion'])
+    projection = found['projection']
     return Calibration(
         width=width,
         height=height,
-        k=numbers(matrix, matrix_key, (9,)),
+        k=numbers(document[found['matrix']], found['matrix'], (9,)),
         d=d,
-        distortion_model=_lens(find, d),
-        p=numbers(projection, projection_key, (12,)) if projection_key else (),
+        distortion_model=_lens(document, d),
+        p=numbers(document[projection], projection, (12,)) if projection else (),
         binning_x=whole_number(document.get('binning_x', 0), 'binning_x', 0),
         binning_y=whole_number(document.get('binning_y', 0), 'binning_y', 0),
         roi=_region(document.get('roi', {})),
     )
 
 
-def _refuse_misspelt(keys: Mapping[str, str]) -> None:
-    """Raise ValueError where the distortion would be left out for a slip in its name."""
-    known = {each for what in ('distortion', 'model') for each in KEYS[what]}
-    for plain, key in keys.items():
-        match = OF_ONE.fullmatch(plain)
-        if (
-            plain.startswith(('distort', 'distco'))
-            and not {plain, match[1] if match else plain} & known
-        ):
-            raise ValueError(
-                f'{key} is not a key of camera files; rename it to distortion_coefficients'
-            )
-
-
-def _size(find: Any) -> tuple[int, int]:
-    (width_key, width), (height_key, height), (size_key, size) = map(
-        find, ('width', 'height', 'size')
-    )
-    if size_key and not (width_key or height_key):
-        width, height = numbers(size, size_key, (2,))
-        width_key = height_key = size_key
-    if not (width_key or height_key):
+def _size(document: Mapping[str, Any], width: str, height: str) -> tuple[int, int]:
+    if not (width or height):
         return 0, 0
-    if not (width_key and height_key):
-        missing = 'image_height' if width_key else 'image_width'
-        raise ValueError(f'camera file lacks {missing!r}')
-    return whole_number(width, width_key), whole_number(height, height_key)
+    if not (width and height):
+        raise ValueError(f'camera file lacks {"image_height" if width else "image_width"!r}')
+    return whole_number(document[width], width), whole_number(document[height], height)
 
 
-def _lens(find: Any, distortion: tuple[float, ...]) -> str:
+def _lens(document: Mapping[str, Any], distortion: tuple[float, ...]) -> str:
     """Return the name of the lens: that of the file, or the one of as many coefficients."""
-    (key, model), (fisheye_key, fisheye) = find('model'), find('fisheye')
-    if key:
-        name = text(model, key)
+    if 'distortion_model' in document:
+        name = text(document['distortion_model'], 'distortion_model')
         return 'plumb_bob' if lens_name(name) == 'pinhole' else name
-    if fisheye_key and whole_number(fisheye, fisheye_key, 0):
+    fisheye = document.get('fisheye_model')
+    if fisheye is not None and whole_number(fisheye, 'fisheye_model', 0):
         return 'equidistant'
-    if len(distortion) == 4 and any(distortion) and not fisheye_key:
+    if len(distortion) == 4 and any(distortion) and fisheye is None:
         raise ValueError(
             '4 distortion_coefficients may be those of a pinhole or of a fisheye; add '
             'distortion_model plumb_bob or equidistant, or use ost.yaml instead of ost.txt'
@@ -246,21 +192,17 @@ def _region(roi: Any) -> Region:
 
 
 KALIBR_LENSES = ('', 'plumb_bob', 'equidistant')  # none, radtan, equidistant, by ROS names
+KALIBR_REMEDY = 'calibrate with pinhole-radtan, or pinhole-equi for a fisheye'
 
 
-def kalibr_cameras(document: Mapping[str, Any]) -> Cameras:
+def of_kalibr(document: Mapping[str, Any]) -> Cameras:
     """Return the cameras of Kalibr's camchain, or EuRoC's; none if it is no such document."""
-    if _is_camera(document):
-        return {'': partial(_of_kalibr, document, '')}
+    every = {f'{name}': camera for name, camera in document.items()} | {'': document}
     return {
-        str(name): partial(_of_kalibr, camera, f'{name}.')
-        for name, camera in document.items()
-        if _is_camera(camera)
+        name: partial(_of_kalibr, camera, f'{name}.' if name else '')
+        for name, camera in every.items()
+        if isinstance(camera, Mapping) and {'camera_model', 'intrinsics'} <= camera.keys()
     }
-
-
-def _is_camera(value: Any) -> bool:
-    return isinstance(value, Mapping) and {'camera_model', 'intrinsics'} <= value.keys()
 
 
 def _of_kalibr(camera: Mapping[str, Any], prefix: str) -> Calibration:
@@ -268,31 +210,26 @@ def _of_kalibr(camera: Mapping[str, Any], prefix: str) -> Calibration:
     if model != 'pinhole':
         raise ValueError(
             f'{prefix}camera_model must be pinhole, got {model!r:.40}: omni, ds and eucm are '
-            'other projections; calibrate with pinhole-radtan, or pinhole-equi for a fisheye'
+            f'other projections; {KALIBR_REMEDY}'
         )
     fx, fy, cx, cy = numbers(camera['intrinsics'], f'{prefix}intrinsics', (4,))
     name = text(camera.get('distortion_model', 'none'), f'{prefix}distortion_model')
     if lens_name(name) not in KALIBR_LENSES:
         raise ValueError(
             f'{prefix}distortion_model must be radtan, equidistant or none, got {name!r:.40}; '
-            'calibrate with pinhole-radtan, or pinhole-equi for a fisheye'
+            f'{KALIBR_REMEDY}'
         )
-    width, height = _resolution(camera, prefix)
-    key = 'distortion_coeffs' if 'distortion_coeffs' in camera else 'distortion_coefficients'
-    coefficients = entry(camera, key) if lens_name(name) else camera.get(key, ())
+    size, key = (0, 0), f'{prefix}resolution'
+    if 'resolution' in camera:
+        width, height = numbers(camera['resolution'], key, (2,))
+        size = whole_number(width, key), whole_number(height, key)
+    coefficients = 'distortion_coeffs' if 'distortion_coeffs' in camera else KEYS['distortion'][0]
+    d = entry(camera, coefficients) if lens_name(name) else camera.get(coefficients, ())
     return Calibration(
-        width=width,
-        height=height,
+        width=size[0],
+        height=size[1],
         k=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
-        d=numbers(coefficients, f'{prefix}{key}'),
+        d=numbers(d, f'{prefix}{coefficients}'),
         distortion_model=name,
-        size_keys=f'{prefix}resolution',
+        size_keys=key,
     )
-
-
-def _resolution(camera: Mapping[str, Any], prefix: str) -> tuple[int, int]:
-    if 'resolution' not in camera:
-        return 0, 0
-    key = f'{prefix}resolution'
-    width, height = numbers(camera['resolution'], key, (2,))
-    return whole_number(width, key), whole_number(height, key)

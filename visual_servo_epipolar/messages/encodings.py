@@ -53,23 +53,15 @@ ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
         '8UC1': Encoding(1),
         'bgr8': Encoding(3, cv2.COLOR_BGR2GRAY),
         'rgb8': Encoding(3, cv2.COLOR_RGB2GRAY),
-        '8UC3': Encoding(3, cv2.COLOR_BGR2GRAY),
         'bgra8': Encoding(4, cv2.COLOR_BGRA2GRAY),
         'rgba8': Encoding(4, cv2.COLOR_RGBA2GRAY),
-        '8UC4': Encoding(4, cv2.COLOR_BGRA2GRAY),
         'mono16': Encoding(1, depth=2),
         '16UC1': Encoding(1, depth=2),
-        'bgr16': Encoding(3, cv2.COLOR_BGR2GRAY, depth=2),
-        'rgb16': Encoding(3, cv2.COLOR_RGB2GRAY, depth=2),
         **{f'bayer_{name}8': Encoding(1, mosaic=True) for name in _MOSAICS},
         **{f'bayer_{name}16': Encoding(1, depth=2, mosaic=True) for name in _MOSAICS},
         **{name: Encoding(2, luminance=1) for name in ('yuv422', 'uyvy')},
-        **{name: Encoding(2, luminance=0) for name in ('yuv422_yuy2', 'yuyv', 'yuy2')},
-        **{
-            name: Encoding(1, chroma=0.5)
-            for name in ('nv12', 'nv21', 'yuv420', 'yuv420p', 'i420', 'yv12')
-        },
-        'nv16': Encoding(1, chroma=1.0),
+        **{name: Encoding(2, luminance=0) for name in ('yuv422_yuy2', 'yuyv')},
+        'nv21': Encoding(1, chroma=0.5),
         'nv24': Encoding(1, chroma=2.0),
     }
 )
@@ -91,13 +83,12 @@ class GrayReader:
 
     def raw(self, message: Any) -> Image:
         """Return the grey image of a sensor_msgs/Image, or raise ValueError."""
-        name = message.encoding
-        encoding = ENCODINGS.get(name) or ENCODINGS.get(name.lower())  # YUV420 of OAK cameras
-        if encoding is None:
+        if message.encoding not in ENCODINGS:
             raise ValueError(
                 f'image encoding must be one of {", ".join(ENCODINGS)}, got '
-                f'{name!r:.40}; convert it before it gets here'
+                f'{message.encoding!r:.40}; set the driver to one of them'
             )
+        encoding = ENCODINGS[message.encoding]
         rows = _rows(message, encoding)
         if encoding.depth == 2:
             order = '>u2' if message.is_bigendian else '<u2'

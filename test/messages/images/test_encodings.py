@@ -43,9 +43,9 @@ def of_one_colour(order: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize('padding', [0, 5])
-@pytest.mark.parametrize('encoding', ['bgr8', 'rgb8', 'bgra8', 'rgba8', '8UC3', '8UC4'])
+@pytest.mark.parametrize('encoding', ['bgr8', 'rgb8', 'bgra8', 'rgba8'])
 def test_colours_have_the_same_grey_whatever_their_order(encoding, padding) -> None:
-    order = {'8UC3': 'bgr', '8UC4': 'bgra'}.get(encoding, encoding[:-1])
+    order = encoding[:-1]
     gray = read.gray(message(of_one_colour(order), encoding, padding=padding))
     np.testing.assert_array_equal(gray, np.full((6, 8), GRAY))
 
@@ -87,7 +87,7 @@ def test_of_16_bits_the_upper_half_counts(encoding, big) -> None:
 
 @pytest.mark.parametrize(
     ('encoding', 'offset'),
-    [('yuv422', 1), ('uyvy', 1), ('yuv422_yuy2', 0), ('yuyv', 0), ('yuy2', 0)],
+    [('yuv422', 1), ('uyvy', 1), ('yuv422_yuy2', 0), ('yuyv', 0)],
 )
 def test_the_luminance_is_the_grey(encoding, offset) -> None:
     shades = np.arange(48, dtype=np.uint8).reshape(6, 8)
@@ -100,11 +100,10 @@ PLANAR = [name for name, kind in ENCODINGS.items() if kind.chroma]
 
 
 @pytest.mark.parametrize('padding', [0, 5])
-@pytest.mark.parametrize('encoding', [*PLANAR, 'YUV420', 'NV12'])
+@pytest.mark.parametrize('encoding', PLANAR)
 def test_the_grey_is_the_plane_above_those_of_the_colours(encoding, padding) -> None:
     shades = np.arange(48, dtype=np.uint8).reshape(6, 8, 1)
-    raw = message(shades, encoding.lower(), padding=padding)
-    raw.encoding = encoding
+    raw = message(shades, encoding, padding=padding)
     np.testing.assert_array_equal(read.gray(raw), shades[..., 0])
     raw.data.frombytes(b'page')  # buffers of drivers end at a page
     np.testing.assert_array_equal(read.gray(raw), shades[..., 0])
@@ -118,29 +117,11 @@ def test_colours_may_be_counted_into_the_rows(encoding) -> None:
     np.testing.assert_array_equal(read.gray(raw), shades[..., 0])
 
 
-@pytest.mark.parametrize(
-    ('code', 'encoding'),
-    [
-        (cv2.COLOR_BGR2YUV_I420, 'yuv420'),
-        (cv2.COLOR_BGR2YUV_YV12, 'yv12'),
-    ],
-)
-def test_planes_are_those_that_opencv_writes(code, encoding) -> None:
-    rng = np.random.default_rng(0)
-    scene = cv2.GaussianBlur(rng.integers(0, 256, (48, 64, 3), dtype=np.uint8), None, 3.0)
-    planes = cv2.cvtColor(scene, code)
-    raw = Image(encoding=encoding, height=48, width=64, step=64)
-    raw.data.frombytes(planes.tobytes())
-    gray = cv2.cvtColor(scene, cv2.COLOR_BGR2GRAY).astype(float)
-    luminance = (read.gray(raw).astype(float) - 16.0) * 255.0 / 219.0  # video levels
-    assert np.abs(luminance - gray).max() <= 2.0
-
-
 @pytest.mark.parametrize('encoding', ['mono8', 'bgr8', 'yuyv'])
 def test_other_images_that_are_called_planar_are_refused(encoding) -> None:
     kind = ENCODINGS[encoding]
     raw = message(np.zeros((6, 8, kind.channels), np.uint8), encoding)
-    raw.encoding = 'nv12'
+    raw.encoding = 'nv21'
     with pytest.raises(ValueError, match='bytes of colours, got .* truncated or mislabelled'):
         read.gray(raw)
 
@@ -177,7 +158,7 @@ def test_what_is_no_picture_is_refused(data) -> None:
 
 
 @pytest.mark.parametrize('bits', [10, 12, 14, 16])
-@pytest.mark.parametrize('encoding', ['mono16', '16UC1', 'bayer_rggb16', 'bgr16'])
+@pytest.mark.parametrize('encoding', ['mono16', '16UC1', 'bayer_rggb16'])
 def test_a_sensor_of_fewer_bits_is_as_bright_as_one_of_8(encoding, bits) -> None:
     channels = ENCODINGS[encoding].channels
     grays = np.repeat(np.full((6, 8, 1), 250, np.uint8), channels, axis=2)
