@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.servo.run_log import (
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.closed_loop import published, run
+from visual_servo_epipolar.simulation.closed_loop import Loop, published, run
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.mounts.sensor import Receipt
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
@@ -252,6 +252,22 @@ def test_late_images_show_where_the_robot_was_and_carry_the_time_they_came() -> 
     driven_to = np.interp(exposed, stamps, [sample.pose.y for sample in samples])
     np.testing.assert_allclose(shown, driven_to, atol=2e-3)  # arcs against straight lines
     assert abs(shown[-1] - samples[-1].pose.y) > 0.02
+
+
+def test_an_image_that_is_read_out_shows_where_the_robot_was_half_way() -> None:
+    receipt, shares = Receipt(0.12, readout=0.08), []
+    settings = LoopSettings(start=STARTS[0], max_duration=6.0, receipt=receipt)
+    loop = Loop(settings, points(), CAMERA)
+    while not loop.monitor.done:
+        loop.decide()
+        loop.record()
+        first, shown = loop.exposed_at, loop.shown
+        loop.drive()
+        way = loop.exposed_at.y - first.y  # within a period
+        if way > 0.01:
+            shares.append((shown.y - first.y) / way)
+    expected = 0.5 * receipt.readout * settings.frame_rate
+    assert np.median(shares) == pytest.approx(expected, rel=0.1)
 
 
 def test_a_start_from_which_nothing_is_in_view_ends_soon_with_the_reason() -> None:

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
-from visual_servo_epipolar.core.stamps import period_ns
+from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns
 from visual_servo_epipolar.simulation.bases.registry import new_base, nod_of
 from visual_servo_epipolar.simulation.mounts.pan_tilt import SimulatedHead
 from visual_servo_epipolar.simulation.mounts.sensor import BodyState, PoseHistory
@@ -93,6 +93,12 @@ class Loop:
     def exposed_at(self) -> Pose:
         """Where the image was exposed that comes next: where the robot is, unless it is late."""
         return self._history.at(self._exposed_ns).pose
+
+    @property
+    def shown(self) -> Pose:
+        """Where the robot was as the middle row of that image was read out: what it shows."""
+        half_ns = round(0.5 * self._receipt.readout * NANOSECONDS)
+        return self._history.at(self._exposed_ns + half_ns).pose
 
     @property
     def _body(self) -> BodyState:

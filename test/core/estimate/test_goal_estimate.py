@@ -12,7 +12,8 @@ from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.fixed_mount import offset_at_axle
 
 POSE, MOUNT = np.array([0.3, -1.2, 0.4]), np.array([0.2, 0.25, -0.1])
-MOUNTED = replace(SETTINGS.extrinsics, configured=MOUNT)
+KNOWN = SETTINGS.extrinsics
+MOUNTED = replace(KNOWN, configured=MOUNT, mean=np.concatenate([KNOWN.mean[:2], MOUNT]))
 ROOT = np.diag([0.01, 0.02, 0.003])
 OF_CAMERA = ROOT @ np.array([[1.0, 0.3, -0.2], [0.3, 1.0, 0.5], [-0.2, 0.5, 1.0]]) @ ROOT
 
@@ -55,6 +56,15 @@ def test_its_covariance_is_that_of_camera_and_mount_to_first_order() -> None:
     known = MOUNTED.covariance[2:, 2:]
     expected = by_camera @ OF_CAMERA @ by_camera.T + by_mount @ known @ by_mount.T
     np.testing.assert_allclose(goal[1], expected, rtol=1e-5, atol=1e-12)
+
+
+def test_a_mount_that_is_likely_but_not_believed_adds_what_it_differs_by() -> None:
+    off = np.array([0.05, -0.02, 0.03])
+    likely = replace(MOUNTED, mean=MOUNTED.mean + np.concatenate([np.zeros(2), off]))
+    goal, surer = estimate(mounted=likely).in_base(), estimate().in_base()
+    assert goal is not None and surer is not None
+    by_mount = slope(lambda mount: vector(POSE, mount), MOUNT) @ off
+    np.testing.assert_allclose(goal[1] - surer[1], np.outer(by_mount, by_mount), atol=1e-8)
 
 
 def test_two_views_have_bearings_and_no_pose() -> None:

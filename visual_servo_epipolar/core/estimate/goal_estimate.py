@@ -156,5 +156,6 @@ def at_axle(camera: FloatArray, measurement: Measurement, mounted: Extrinsics) -
     by_mount = np.zeros((3, 3))
     by_mount[:2, 0] = -y, x
     by_mount[:2, 1:] = -level @ camera_swing(0.0, heading)
-    known = mounted.covariance[YAW:, YAW:]
+    off = mounted.likely - mounted.mount  # until the likely one is believed
+    known = mounted.covariance[YAW:, YAW:] + np.outer(off, off)
     return np.asarray(slope @ camera @ slope.T + by_mount @ known @ by_mount.T)
