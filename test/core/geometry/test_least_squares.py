@@ -3,7 +3,9 @@
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.least_squares import (
-    gauss_newton,
+    Damped,
+    Equations,
+    least_squares,
     linear_fit,
     robust_fit,
     samples,
@@ -28,9 +30,29 @@ def test_one_step_of_gauss_newton_is_the_linear_fit() -> None:
     rng = np.random.default_rng(1)
     columns, values, weight = rng.normal(size=(20, 3)), rng.normal(size=20), rng.random(20)
     fit = linear_fit(columns, values, weight)
-    change, information = gauss_newton(columns.T[None], -values[None], weight[None], np.zeros(1))
-    assert np.allclose(change[0], fit.solution)
-    assert np.allclose(np.linalg.inv(information[0]), fit.covariance())
+    rows = np.column_stack([-values, columns]).T * np.sqrt(weight)
+    equations = Equations.of(rows[None])
+    assert np.allclose(-equations.change()[0], fit.solution)
+    assert np.allclose(np.linalg.inv(equations.information[0]), fit.covariance())
+
+
+def test_steps_end_at_the_least_squares_and_damped_ones_are_shorter() -> None:
+    def linearise(angle: np.ndarray, number: int) -> Equations:
+        (sine,), (cosine,) = np.sin(angle), np.cos(angle)
+        return Equations.of(np.array([[cosine - 0.6, sine - 0.8], [-sine, cosine]]))
+
+    def moved(angle: np.ndarray, at: Equations, change: np.ndarray) -> tuple[np.ndarray, bool]:
+        return angle - change, abs(float(change[0])) < 1e-12
+
+    angle, last = least_squares(np.array([0.2]), linearise, moved, 20)
+    assert np.allclose(angle, np.arctan2(0.8, 0.6)) and np.allclose(last.information, 1.0)
+    first = linearise(np.array([0.2]), 0)
+    assert np.allclose(Damped(first, 1.0).change(), 0.5 * first.change())
+
+
+def test_singular_equations_are_nan_and_spare_their_neighbours() -> None:
+    both = Equations(np.stack([np.zeros((2, 2)), np.eye(2)]), np.ones((2, 2)))
+    assert np.isnan(both.change()[0]).all() and (both.change()[1] == 1.0).all()
 
 
 def test_no_sample_has_one_twice() -> None:

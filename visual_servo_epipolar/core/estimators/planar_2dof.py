@@ -27,7 +27,7 @@ from visual_servo_epipolar.core.estimators.machinery.planar import (
 )
 from visual_servo_epipolar.core.estimators.machinery.refinement import (
     GaussianPrior,
-    refined_modes,
+    refined,
 )
 from visual_servo_epipolar.core.geometry.cheirality import oriented
 from visual_servo_epipolar.core.geometry.epipolar import fundamentals
@@ -72,7 +72,7 @@ def _search(rays: Rays, matches: BoolArray, prior: Prior) -> Estimate:
     hypotheses = two_point_hypotheses(remaining, PAIRS)
     best = best_modes(hypotheses, scores(hypotheses, remaining), MODES)
     starts = np.angle(hypotheses[:, best]).T
-    fits = refined_modes(starts, MODEL.problem(remaining, prior))
+    fits = refined(starts, MODEL.problem(remaining, prior))
     mode, alternative = choose_mode(fits.parameters, fits.costs, prior)
     estimate = concluded(MODEL, rays, matches, fits.take(mode).of_all(matches), prior)
     return replace(estimate, alternative=alternative)

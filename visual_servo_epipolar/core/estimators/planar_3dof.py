@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.estimators.machinery.planar import require_deter
 from visual_servo_epipolar.core.estimators.machinery.refinement import (
     GaussianPrior,
     problem_of,
-    refined_modes,
+    refined,
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import truncated_costs
 from visual_servo_epipolar.core.geometry.cheirality import cheirality
@@ -60,7 +60,7 @@ def planar_3dof(
     remaining = remaining_rays(rays, matches, MIN_MATCHES)
     problem = problem_of(_model, NO_PRIOR, remaining)
     starts = _best(_three_point_hypotheses(remaining, rng), problem.table)
-    fits = refined_modes(starts, problem)
+    fits = refined(starts, problem)
     fit = fits.take(int(fits.costs.argmin())).of_all(matches)
     covariance = fit.covariance()
     require_determined(covariance)

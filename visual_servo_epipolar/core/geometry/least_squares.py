@@ -1,17 +1,100 @@
 """
-Least squares: normal equations of weighted residuals, linear fits, samples for robust searches.
+Least squares: the one loop, normal equations, weights of outliers, linear fits, samples, noise.
 
-Callers state residuals and Jacobian, and weigh residuals as their noise and outliers ask for.
+Callers state residuals and Jacobian at some unknowns, and what a change does to these.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, IntArray, NORMAL
 
 LARGEST_CONDITION = 1.0 / float(np.finfo(np.float64).eps)  # of equations that say something
+USUAL_SQUARES = 1.3863  # median of sums of two squares of normal noise of deviation 1: 2 log 2
+TUKEY = 4.685  # deviations from which residuals count no more: 95 % efficient for normal noise
+SMALLEST = 1e-18  # squared residual by which weights are scaled at least
+
+
+class Equations(NamedTuple):
+    """Normal equations of P unknowns: ``information``, (..., P, P), and ``pull``, (..., P)."""
+
+    information: FloatArray
+    pull: FloatArray
+
+    @classmethod
+    def of(cls, rows: FloatArray, ridge: FloatArray | float = 0.0) -> 'Equations':
+        """
+        Return those of N residuals and their derivatives as ``rows``, (..., 1 + P, N).
+
+        Each column is times the root of its weight; ``ridge``, (P, P), is information of a prior
+        that draws to no change.
+        """
+        normal = rows @ rows.swapaxes(-2, -1)
+        return cls(normal[..., 1:, 1:] + ridge, normal[..., 1:, 0])
+
+    def change(self) -> FloatArray:
+        """Return by what unknowns are too large, (..., P); nan where equations are singular."""
+        try:
+            return np.asarray(np.linalg.solve(self.information, self.pull[..., None])[..., 0])
+        except np.linalg.LinAlgError:
+            if self.pull.ndim == 1:
+                return np.full_like(self.pull, np.nan)
+        return np.array([Equations(*each).change() for each in zip(*self, strict=True)])
+
+
+class Damped(NamedTuple):
+    """Equations of P unknowns whose change is shorter where little is known of them."""
+
+    equations: Equations
+    damping: float
+
+    def change(self) -> FloatArray:
+        """Return the change, (P,) (Levenberg, Marquardt)."""
+        information, pull = self.equations
+        scale = 1.0 / np.sqrt(np.diag(information))
+        matrix = information * scale * scale[:, None]
+        matrix[np.diag_indices_from(matrix)] += self.damping
+        return np.asarray(scale * np.linalg.solve(matrix, scale * pull))
+
+
+class Linearised(Protocol):
+    """What a caller finds at some unknowns: ``Equations``, or what holds more beside these."""
+
+    def change(self) -> FloatArray:
+        """Return by what unknowns are too large."""
+        ...
+
+
+Unknowns = TypeVar('Unknowns')
+Found = TypeVar('Found', bound=Linearised)
+
+
+def least_squares(
+    start: Unknowns,
+    linearise: Callable[[Unknowns, int], Found],
+    moved: Callable[[Unknowns, Found, FloatArray], tuple[Unknowns, bool]],
+    rounds: int,
+) -> tuple[Unknowns, Found]:
+    """
+    Return unknowns after one to ``rounds`` steps of Gauss and Newton, and what the last found.
+
+    ``linearise`` is given unknowns and the number of the round; ``moved`` what it found and the
+    change, and returns the next unknowns and whether they are the last.
+    """
+    unknowns = start
+    for number in range(rounds):
+        found = linearise(unknowns, number)
+        unknowns, last = moved(unknowns, found, found.change())
+        if last:
+            break
+    return unknowns, found
+
+
+def cauchy(squares: FloatArray, scale: FloatArray | float) -> FloatArray:
+    """Return by how much residuals count (Cauchy); its square is Geman and McClure's weight."""
+    return np.asarray(1.0 / (1.0 + squares / np.maximum(scale, SMALLEST)))
 
 
 class LinearFit(NamedTuple):
@@ -45,30 +128,25 @@ def robust_fit(
     values: FloatArray,
     weigh: Callable[[FloatArray], FloatArray],
     rounds: int,
+    ridge: float = 0.0,
 ) -> LinearFit | None:
-    """Return the fit reweighted by what it leaves, (N,); None where columns look alike."""
+    """Return the fit reweighted by what it leaves, (N, ...); None where columns look alike."""
     weight, fit = np.ones(len(values)), None
     for _ in range(rounds):
-        if np.linalg.cond(columns.T @ (weight[:, None] * columns)) > LARGEST_CONDITION:
+        if (
+            not ridge
+            and np.linalg.cond(columns.T @ (weight[:, None] * columns)) > LARGEST_CONDITION
+        ):
             return None
-        fit = linear_fit(columns, values, weight)
+        fit = linear_fit(columns, values, weight, ridge)
         weight = weigh(fit.residual)
     return fit
 
 
-def gauss_newton(
-    jacobian: FloatArray, residual: FloatArray, weight: FloatArray, ridge: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """
-    Return the change of parameters that lessens residuals, (..., P), and its information.
-
-    ``jacobian`` has shape (..., P, N), ``residual`` and ``weight`` (..., N); ``ridge``, (P, P), is
-    the information of a prior that draws to no change.
-    """
-    weighted = jacobian * weight[..., None, :]
-    information = weighted @ jacobian.swapaxes(-1, -2) + ridge
-    pull = weighted @ residual[..., None]
-    return np.negative(np.linalg.solve(information, pull)[..., 0]), information
+def null_vector(rows: FloatArray, weight: FloatArray | None = None) -> FloatArray:
+    """Return the unit vectors, (..., P), that rows, (..., N, P), by ``weight``, bring to least."""
+    weighted = rows if weight is None else rows * weight[..., None]
+    return np.asarray(np.linalg.eigh(rows.swapaxes(-1, -2) @ weighted)[1][..., 0])
 
 
 def deviation_of(median: float, spare: int) -> float:

@@ -12,6 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
+from visual_servo_epipolar.core.geometry.least_squares import (
+    Equations,
+    least_squares,
+    USUAL_SQUARES,
+)
 from visual_servo_epipolar.core.mapping.adjustment.equations import OUTLIER, robust_weight
 from visual_servo_epipolar.core.mapping.adjustment.projection import (
     BY_FEATURE,
@@ -37,9 +42,7 @@ STEPS = 8
 LEAST_STEP = 0.1  # squared, in deviations, below which the last step does the rest
 FAR = 1e3  # squared, likewise, from which slopes are taken anew
 NEAR = 1e2  # squared, likewise, up to which slopes are those of the last step as well
-USUAL_MEDIAN = 1.3863  # of squares of two coordinates
 RIDGE = 1e-6  # information of what no feature shows [1/m^2]
-EMPTY = np.zeros(0)
 EVERY = VIEW + 1  # element of a matrix, (5, 5), is one of its diagonal
 
 
@@ -197,13 +200,25 @@ def _slopes(
     return _Slopes(found, found[BY_VIEW], information, weighted)
 
 
+class _Step(NamedTuple):
+    """Squared residuals, (n,), at some pose, their widening, and equations of the next."""
+
+    equations: Equations
+    squares: FloatArray
+    widening: float
+
+    def change(self) -> FloatArray:
+        return self.equations.change()
+
+
 def fit_pose(anchors: Anchors, seen: MatchedFeatures, start: FloatArray) -> PoseFit:
     """Return the pose that fits best, from ``start``, (5,), by features as if independent."""
-    pose, widening, squares = start, 1.0, EMPTY
     at: _Slopes | None = None
     farthest = 0.0  # since slopes were taken
     known, ridge = anchors.known
-    for _ in range(STEPS):
+
+    def linearise(pose: FloatArray, number: int) -> _Step:
+        nonlocal at, farthest
         projection = project(anchors.structure, pose, seen.tangent_basis)
         residuals = projection.residuals
         if at is None:
@@ -211,22 +226,25 @@ def fit_pose(anchors: Anchors, seen: MatchedFeatures, start: FloatArray) -> Pose
         products = _times(at.information, residuals)
         products *= residuals
         squares = np.where(is_ahead(projection, seen.rays), products[0] + products[1], OPPOSITE)
-        widening = max(1.0, median(squares) / USUAL_MEDIAN)
+        widening = max(1.0, median(squares) / USUAL_SQUARES)
         weight = robust_weight(squares if widening == 1.0 else squares / widening)
         rows = (at.weighted * weight).reshape(VIEW, -1)
         matrix = rows @ at.own.reshape(VIEW, -1).T
         matrix.ravel()[::EVERY] += ridge
         vector = rows @ residuals.ravel()
         vector[TILT:] += known * (pose[TILT:] - anchors.attitude)
-        step = np.linalg.solve(matrix, vector)
-        pose = pose - step
-        moved = float(step @ vector)
-        farthest = max(farthest, moved)
-        if moved < LEAST_STEP * widening:
-            break
-        at = at if moved < FAR else None
-    near = at is not None and farthest < NEAR
-    return PoseFit(pose, squares, widening, at.every if at is not None and near else None)
+        return _Step(Equations(matrix, vector), squares, widening)
+
+    def moved(pose: FloatArray, step: _Step, change: FloatArray) -> tuple[FloatArray, bool]:
+        nonlocal at, farthest
+        way = float(change @ step.equations.pull)
+        farthest, last = max(farthest, way), way < LEAST_STEP * step.widening
+        at = at if last or way < FAR else None
+        return pose - change, last
+
+    pose, step = least_squares(start, linearise, moved, STEPS)
+    every = at.every if at is not None and farthest < NEAR else None
+    return PoseFit(pose, step.squares, step.widening, every)
 
 
 def _information(own: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.least_squares import USUAL_SQUARES
 from visual_servo_epipolar.core.geometry.rotation import MIN_POINTS
 from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation, OUTLIER, system_of
@@ -33,7 +34,6 @@ from visual_servo_epipolar.core.mapping.fitting import (
     Anchors,
     fit_pose,
     MatchedFeatures,
-    USUAL_MEDIAN,
 )
 
 STEPS, MORE_STEPS, LAST_STEPS, ROUNDS = 2, 6, 30, 6
@@ -145,7 +145,7 @@ def refine_narrowing(at: Evaluation) -> tuple[Evaluation, float]:
     damping = COLD_DAMPING
     for _ in range(ROUNDS):
         seen = at.window.seen
-        widening = float(np.median(at.squares[seen])) / USUAL_MEDIAN if seen.any() else 1.0
+        widening = float(np.median(at.squares[seen])) / USUAL_SQUARES if seen.any() else 1.0
         if widening < ALMOST:
             break
         wide = refine(replace(at, widening=widening), STEPS, damping)

@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.geometry.least_squares import USUAL_SQUARES
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
 from visual_servo_epipolar.core.mapping.adjustment.factors import (
     camera_poses,
@@ -39,7 +40,6 @@ from visual_servo_epipolar.core.mapping.fitting import (
     nearest_view,
     pose_covariance,
     PoseFit,
-    USUAL_MEDIAN,
 )
 from visual_servo_epipolar.core.mapping.initialization import (
     refine_narrowing,
@@ -233,8 +233,8 @@ def _noise_ratio(geometry: Geometry) -> float:
     seen = geometry.window.seen & geometry.trusted
     observed, placed, views = 2 * int(seen.sum()), int(geometry.trusted.sum()), len(seen)
     left = 1.0 - (3 * placed + VIEW * views) / (observed + 2 * placed)  # by what was fitted
-    usual = float(np.median(geometry.evaluation.squares[seen])) if observed else USUAL_MEDIAN
-    return math.sqrt(usual / USUAL_MEDIAN / max(left, LEAST_LEFT))
+    usual = float(np.median(geometry.evaluation.squares[seen])) if observed else USUAL_SQUARES
+    return math.sqrt(usual / USUAL_SQUARES / max(left, LEAST_LEFT))
 
 
 def _renoised(geometry: Geometry, ratio: float) -> Evaluation:

@@ -31,7 +31,7 @@ from visual_servo_epipolar.core.estimators.general.motion import (
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import JITTER_DEVIATIONS
-from visual_servo_epipolar.core.geometry.least_squares import gauss_newton
+from visual_servo_epipolar.core.geometry.least_squares import Equations
 from visual_servo_epipolar.core.geometry.rotation import headings
 
 RADII = np.radians([0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0])  # around the best direction
@@ -208,7 +208,8 @@ def _beside_camera(
     """
     slopes = np.concatenate([last.slopes[0], changes])
     prior = np.diag(np.r_[np.full(UNKNOWNS, RIDGE), np.full(len(changes), ALIKE * fit.scale**2)])
-    change, _ = gauss_newton(slopes, last.residual[0], last.weight[0], prior)
+    rows = np.concatenate([last.residual, slopes]) * np.sqrt(last.weight)
+    change = -Equations.of(rows, prior).change()
     best = changed(fit.motions.take(slice(1)), last.tangents, change[None, :UNKNOWNS])
     better = fit._replace(
         motions=Motions(*map(np.concatenate, zip(best, fit.motions, strict=True))),

@@ -20,14 +20,14 @@ from visual_servo_epipolar.core.estimators.machinery.five_point import (
     samples_of_five,
 )
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import INLIER_DEVIATIONS, Rays
-from visual_servo_epipolar.core.estimators.machinery.refinement import LARGEST_STEP, TUKEY
+from visual_servo_epipolar.core.estimators.machinery.refinement import LARGEST_STEP
 from visual_servo_epipolar.core.estimators.machinery.sampson import (
     linearised,
     squared_distances,
     table_of,
 )
 from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
-from visual_servo_epipolar.core.geometry.least_squares import gauss_newton
+from visual_servo_epipolar.core.geometry.least_squares import Equations, TUKEY
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 
@@ -321,9 +321,9 @@ def step(motions: Motions, table: FloatArray, scale: float) -> GeneralStep:
     rows /= np.sqrt(squared_gradient)[:, None]
     residual, slopes = rows[:, 0], rows[:, 1:]
     weight = np.maximum(1.0 - (residual / (TUKEY * scale)) ** 2, 0.0) ** 2
-    change, information = gauss_newton(slopes, residual, weight, RIDGE * np.eye(UNKNOWNS))
-    after = changed(motions, tangents, change)
-    return GeneralStep(after, information, residual, weight, slopes, tangents)
+    equations = Equations.of(rows * np.sqrt(weight)[:, None], RIDGE * np.eye(UNKNOWNS))
+    after = changed(motions, tangents, -equations.change())
+    return GeneralStep(after, equations.information, residual, weight, slopes, tangents)
 
 
 def changed(motions: Motions, tangents: FloatArray, change: FloatArray) -> Motions:
@@ -338,8 +338,9 @@ def changed(motions: Motions, tangents: FloatArray, change: FloatArray) -> Motio
 def turned_only(motions: Motions, table: FloatArray, scale: float) -> Motions:
     """Return motions, their rotations a step better, their baselines as they are."""
     now = step(motions, table, scale)
-    change, _ = gauss_newton(now.slopes[:, :3], now.residual, now.weight, RIDGE * np.eye(3))
-    change = np.clip(change, -LARGEST_STEP, LARGEST_STEP)
+    rows = np.concatenate([now.residual[:, None], now.slopes[:, :3]], axis=1)
+    equations = Equations.of(rows * np.sqrt(now.weight)[:, None], RIDGE * np.eye(3))
+    change = np.clip(-equations.change(), -LARGEST_STEP, LARGEST_STEP)
     return Motions(_rotations(change) @ motions.rotation, motions.baseline)
 
 

@@ -21,9 +21,9 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     SEPARATION,
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import linearised, table_of
+from visual_servo_epipolar.core.geometry.least_squares import Equations, least_squares, TUKEY
 from visual_servo_epipolar.core.geometry.rays import Axes, tangents
 
-TUKEY = 4.685  # 95 % efficient for Gaussian noise
 LARGEST_STEP = 0.2  # a longer one leaves where the linearisation means anything [rad]
 NEGLIGIBLE = 0.3  # step that ends the iterations, in deviations of the noise: the next is tiny
 ANNEALING = 3  # steps until a wide start has narrowed to the noise
@@ -111,50 +111,43 @@ class Fit(NamedTuple):
 
 def refined(start: FloatArray, problem: Problem, scale: float = 1.0) -> Fit:
     """
-    Minimise the robust Sampson distance by Gauss-Newton from one ``start``, shape (P,).
+    Minimise the robust Sampson distance by Gauss-Newton from ``start``, shape (P,) or (K, P).
 
-    The start is near the truth. The first steps take the noise for ``scale`` times larger: they
-    must not lose matches that the other parameters will bring back. It ends once a step is
-    negligible. Singular equations give nan.
-    """
-    for iteration in range(1, ITERATIONS + 1):
-        width = annealed(scale, iteration, SHORT_ANNEALING)
-        step = gauss_newton_step(problem, start, width)
-        if iteration == ITERATIONS or not (width > 1.0 or step.length >= problem.negligible):
-            break
-        start = step.parameters
-    return step.fit(problem, width)
-
-
-def refined_modes(starts: FloatArray, problem: Problem, scale: float = 1.0) -> Fit:
-    """
-    Minimise from many ``starts``, shape (K, P); after a few steps only the best modes go on.
-
-    The first steps take the noise for ``scale`` times larger. It ends once all steps are
-    negligible.
+    One start is near the truth; of many only the best modes go on after a few steps. The first
+    steps take the noise for ``scale`` times larger: they must not lose matches that the other
+    parameters will bring back. It ends once steps are negligible. Singular equations give nan.
 
     Raises
     ------
     DegenerateGeometryError
-        If the normal equations are singular.
+        If the normal equations of many starts are singular.
 
     """
+    many = start.ndim > 1
     rough = ROUGH if scale > 1.0 else 1
-    for iteration in range(1, ITERATIONS + 1):
-        width = annealed(scale, iteration, ANNEALING)
-        step = gauss_newton_step(problem, starts, width)
-        longest = float(np.maximum.reduce(step.length))
-        if math.isnan(longest):
+
+    def linearise(parameters: FloatArray, number: int) -> Step:
+        steps = ANNEALING if many else SHORT_ANNEALING
+        return linearised_at(problem, parameters, number, annealed(scale, number, steps))
+
+    def moved(parameters: FloatArray, step: Step, change: FloatArray) -> tuple[FloatArray, bool]:
+        longest = float(np.abs(change).max())
+        if many and math.isnan(longest):
             raise DegenerateGeometryError(
                 'the normal equations of the matches are singular; pass rays of unit length and '
                 'their noise as an angle [rad]'
             )
-        if iteration == ITERATIONS or (width == 1.0 and longest < problem.negligible):
-            break
-        starts = step.parameters
-        if len(starts) > 1 and iteration >= rough:
-            starts = starts[_best_modes(step.fit(problem, width))]
-    return step.fit(problem, width)
+        if longest > LARGEST_STEP:
+            change = np.clip(change, -LARGEST_STEP, LARGEST_STEP)
+        parameters, done = parameters - change, step.number + 1
+        if done == ITERATIONS or not (step.width > 1.0 or longest >= problem.negligible):
+            return parameters, True
+        if many and len(parameters) > 1 and done >= rough:
+            parameters = parameters[_best_modes(step.fit(problem, parameters))]
+        return parameters, False
+
+    parameters, step = least_squares(start, linearise, moved, ITERATIONS)
+    return step.fit(problem, parameters)
 
 
 def _best_modes(fit: Fit) -> IntArray:
@@ -171,43 +164,43 @@ def _best_modes(fit: Fit) -> IntArray:
 
 class Step(NamedTuple):
     """
-    One step of Gauss-Newton: new parameters, (..., P), and what it found before.
+    What a step of Gauss-Newton is made of.
 
-    Information, (..., P, P), ``squared`` distances, (..., N), and ``slopes``, (..., P, N), are as
-    a Fit has them; ``deviation`` is that from the mean of the prior, (..., P), ``length`` the
-    largest change of a parameter, (...).
+    ``squared`` distances, (..., N), and ``slopes``, (..., P, N), are as a Fit has them;
+    ``deviation`` is that from the mean of the prior, (..., P); in round ``number``, 0, 1, ...,
+    the noise is taken for ``width`` times larger.
     """
 
-    parameters: FloatArray
-    information: FloatArray
+    equations: Equations
     squared: FloatArray
     slopes: FloatArray
     deviation: FloatArray
-    length: FloatArray
+    number: int
+    width: float
 
-    def fit(self, problem: Problem, width: FloatArray | float) -> Fit:
-        """Return the fits after the step, with the costs before it."""
+    def change(self) -> FloatArray:
+        """Return by what parameters are too large, (..., P)."""
+        return self.equations.change()
+
+    def fit(self, problem: Problem, parameters: FloatArray) -> Fit:
+        """Return the fits of ``parameters`` after the step, with the costs before it."""
+        width = self.width
         costs = np.minimum(self.squared / (width * width), INLIER_DEVIATIONS**2).sum(axis=-1)
         costs += (self.deviation * _pull(problem.prior, self.deviation)).sum(axis=-1)
-        return Fit(self.parameters, self.information, costs, self.squared, self.slopes)
+        return Fit(parameters, self.equations.information, costs, self.squared, self.slopes)
 
 
-def gauss_newton_step(problem: Problem, parameters: FloatArray, width: FloatArray | float) -> Step:
-    """Return the step from ``parameters``, (..., P), with the noise ``width`` times larger."""
-    prior = problem.prior
+def linearised_at(problem: Problem, parameters: FloatArray, number: int, width: float) -> Step:
+    """Return what a step from ``parameters``, (..., P), is made of; Tukey's weights."""
     rows, squared_gradient = linearised(problem.model(parameters), problem.table)
     squared = rows[..., 0, :] * rows[..., 0, :] / squared_gradient
     weight = np.maximum(1.0 - squared / (TUKEY * TUKEY * width * width), 0.0)
     # Tukey's weight is the square of this
     rows *= (weight / np.sqrt(squared_gradient))[..., None, :]
-    normal = rows @ rows.swapaxes(-2, -1)
-    deviation = parameters - prior.mean
-    information = normal[..., 1:, 1:] + problem.ridge
-    change = _solved(information, normal[..., 1:, 0] + _pull(prior, deviation))
-    length = np.maximum.reduce(np.abs(change), axis=-1)
-    if (length > LARGEST_STEP).any():
-        change = np.clip(change, -LARGEST_STEP, LARGEST_STEP)
-    return Step(parameters - change, information, squared, rows[..., 1:, :], deviation, length)
+    deviation = parameters - problem.prior.mean
+    information, pull = Equations.of(rows, problem.ridge)
+    equations = Equations(information, pull + _pull(problem.prior, deviation))
+    return Step(equations, squared, rows[..., 1:, :], deviation, number, width)
 
 
 def _pull(prior: GaussianPrior, deviation: FloatArray) -> FloatArray:
@@ -216,18 +209,6 @@ def _pull(prior: GaussianPrior, deviation: FloatArray) -> FloatArray:
     return np.asarray((prior.information * deviation[..., None, :]).sum(axis=-1))
 
 
-def annealed(scale: Any, iteration: int, steps: int) -> Any:
-    """Return how much wider than the noise iteration 1, 2, ... takes it; 1 after ``steps``."""
-    return 1.0 + (scale - 1.0) * max(0.0, 1.0 - (iteration - 1) / steps)
-
-
-def _solved(information: FloatArray, pull: FloatArray) -> FloatArray:
-    """Return the solutions of normal equations, shape (..., P), nan where they are singular."""
-    try:
-        if pull.ndim == 1:
-            return np.asarray(np.linalg.solve(information, pull))
-        return np.asarray(np.linalg.solve(information, pull[..., None])[..., 0])
-    except np.linalg.LinAlgError:
-        if pull.ndim == 1:
-            return np.full_like(pull, np.nan)
-    return np.array([_solved(*each) for each in zip(information, pull, strict=True)])
+def annealed(scale: float, number: int, steps: int) -> float:
+    """Return how much wider than the noise round 0, 1, ... takes it; 1 after ``steps``."""
+    return 1.0 + (scale - 1.0) * max(0.0, 1.0 - number / steps)

@@ -42,7 +42,7 @@ from visual_servo_epipolar.core.estimators.machinery.planar import (
     undetermined,
     with_bearings,
 )
-from visual_servo_epipolar.core.estimators.machinery.refinement import Fit, refined, refined_modes
+from visual_servo_epipolar.core.estimators.machinery.refinement import Fit, refined
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of, truncated_costs
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
     exchanged_on_plane,
@@ -198,7 +198,7 @@ def _refined_hypotheses(
     if prior.bearings is not None:
         starts = np.vstack([starts, with_bearings(problem.prior.mean, prior)])
     least = roughness if calibrated else ROUGH_LENS
-    fits = refined_modes(starts, problem, max(least, model.widening(rays, prior)))
+    fits = refined(starts, problem, max(least, model.widening(rays, prior)))
     if not calibrated:
         return fits
     # A match that agrees from behind a camera costs as much as one that does not.

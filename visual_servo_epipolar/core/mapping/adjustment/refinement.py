@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
+from visual_servo_epipolar.core.geometry.least_squares import Damped, Equations, least_squares
 from visual_servo_epipolar.core.mapping.adjustment.equations import (
     Evaluation,
     OUTLIER,
@@ -140,23 +141,31 @@ def refine(
     start: Evaluation, steps: int, damping: float = DAMPING, system: System | None = None
 ) -> Geometry:
     """Return the geometry after at most ``steps`` (Levenberg, Marquardt) from the ``system``."""
-    # Damped steps hardly move along what so little is known of.
-    at, converged = start, False
-    if system is None:
-        at = replace(start, unknowns=start.factors.at_scale(start.unknowns))
-    for _ in range(steps):
-        system = system_of(at) if system is None else system
-        candidate = _stepped(at, system, damping)
-        gain = at.cost - candidate.cost
+
+    def linearise(now: Geometry, number: int) -> Damped:
+        nonlocal system
+        system = system_of(now.evaluation) if system is None else system
+        return Damped(Equations(system.matrix, system.vector), now.damping)
+
+    def moved(now: Geometry, found: Damped, change: FloatArray) -> tuple[Geometry, bool]:
+        nonlocal system
+        assert system is not None
+        unknowns = now.unknowns.moved(-change, system.features(-change))
+        candidate = replace(now.evaluation, unknowns=unknowns)
+        gain = now.evaluation.cost - candidate.cost
         if not gain > 0.0:
-            damping = min(100.0 * damping, 1e3)
-            converged = gain > -LEAST_GAIN
-        else:
-            at, damping, converged = candidate, max(0.1 * damping, 1e-9), gain < LEAST_GAIN
-            system = None
-        if converged:
-            break
-    return Geometry(judge_matches(at), converged, damping)
+            converged, damping = gain > -LEAST_GAIN, min(100.0 * now.damping, 1e3)
+            return Geometry(now.evaluation, converged, damping), converged
+        system, converged = None, gain < LEAST_GAIN
+        return Geometry(candidate, converged, max(0.1 * now.damping, 1e-9)), converged
+
+    at = start
+    if system is None:  # damped steps hardly move along what so little is known of
+        at = replace(start, unknowns=start.factors.at_scale(start.unknowns))
+    geometry = Geometry(at, damping=damping)
+    if steps:
+        geometry, _ = least_squares(geometry, linearise, moved, steps)
+    return replace(geometry, evaluation=judge_matches(geometry.evaluation))
 
 
 def rescale(
@@ -167,14 +176,6 @@ def rescale(
     factors = factors_of(before.factors.mount, window, settings)
     start = replace(before, window=window, factors=factors)
     return refine(start, 0, geometry.damping), factors.ratio(before.unknowns)
-
-
-def _stepped(at: Evaluation, system: System, damping: float) -> Evaluation:
-    scale = 1.0 / np.sqrt(np.diag(system.matrix))
-    matrix = system.matrix * scale * scale[:, None]
-    matrix[np.diag_indices_from(matrix)] += damping
-    step = -scale * np.linalg.solve(matrix, scale * system.vector)
-    return replace(at, unknowns=at.unknowns.moved(step, system.features(step)))
 
 
 def judge_matches(at: Evaluation) -> Evaluation:
