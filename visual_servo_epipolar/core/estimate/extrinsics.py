@@ -22,6 +22,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.least_squares import least_squares
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.rigs.fixed_mount import axle_offset, camera_swing
@@ -213,17 +214,33 @@ def moved_to(before: Extrinsics, heading: float, psi: float, deviation: float) -
     bearing tells is overrated, and the mount pays for it. Hence the update is iterated, Gauss and
     Newton's way, before it is done (Bell and Cathey 1993).
     """
-    at = before.mean
-    for _ in range(MOST_ITERATIONS):
+
+    def linearise(at: FloatArray, number: int) -> _Towards:
         ahead = moved(before, heading, at=at)
         spread = float(ahead.covariance[PSI, PSI]) + CORRELATION * deviation * deviation
         innovation = math.remainder(psi - ahead.mean[PSI], 2.0 * math.pi)
         transition = predict_path(at, (before.heading, heading), before.travel).transition
-        step = before.mean + before.covariance @ transition[PSI] * (innovation / spread) - at
-        if abs(step[RHO]) < CONVERGED:
-            break
-        at = at + step * min(LONGEST_STEP / abs(step[RHO]), 1.0)
+        step = before.covariance @ transition[PSI] * (innovation / spread)
+        return _Towards(at, before.mean + step)
+
+    def stepped(at: FloatArray, to: _Towards, change: FloatArray) -> tuple[FloatArray, bool]:
+        way = float(abs(change[RHO]))
+        if way < CONVERGED:
+            return at, True
+        return at - change * min(LONGEST_STEP / way, 1.0), False
+
+    at, _ = least_squares(before.mean, linearise, stepped, MOST_ITERATIONS)
     return moved(before, heading, at=at)
+
+
+class _Towards(NamedTuple):
+    """States, (5,), and those by the measurement as linear about them: by its gain (Kalman)."""
+
+    at: FloatArray
+    best: FloatArray
+
+    def change(self) -> FloatArray:
+        return self.at - self.best
 
 
 def seen(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, float]:

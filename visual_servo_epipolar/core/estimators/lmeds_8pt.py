@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     image_sampson_distance,
     rank_two,
 )
-from visual_servo_epipolar.core.geometry.least_squares import deviation_of, samples
+from visual_servo_epipolar.core.geometry.least_squares import deviation_of, null_vector, samples
 from visual_servo_epipolar.core.geometry.rays import homogeneous, image_points
 
 MIN_MATCHES = 8
@@ -70,8 +70,7 @@ def _minimal_solutions(
     to_current, to_desired = hartley_normalisation(current), hartley_normalisation(desired)
     rows = design_matrix(transform(to_current, current), transform(to_desired, desired))
     subsets = rows[samples(rng, SUBSETS, len(current), MIN_MATCHES)]  # (SUBSETS, 8, 9)
-    gram = np.swapaxes(subsets, 1, 2) @ subsets
-    solutions = np.linalg.eigh(gram)[1][:, :, 0].reshape(-1, 3, 3)
+    solutions = null_vector(subsets).reshape(-1, 3, 3)
     return np.asarray(to_desired.T @ rank_two(solutions) @ to_current)
 
 

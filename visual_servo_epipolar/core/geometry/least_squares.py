@@ -94,7 +94,9 @@ def least_squares(
 
 def cauchy(squares: FloatArray, scale: FloatArray | float) -> FloatArray:
     """Return by how much residuals count (Cauchy); its square is Geman and McClure's weight."""
-    return np.asarray(1.0 / (1.0 + squares / np.maximum(scale, SMALLEST)))
+    weight = squares / np.maximum(scale, SMALLEST)
+    weight += 1.0
+    return np.asarray(np.divide(1.0, weight, out=weight))
 
 
 class LinearFit(NamedTuple):

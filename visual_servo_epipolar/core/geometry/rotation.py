@@ -1,23 +1,18 @@
 """Rotation between two views without a baseline, and the parallax that it leaves unexplained."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import TypeAlias
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, median
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.geometry.least_squares import cauchy
 
 ITERATIONS = 6
 MIN_POINTS = 3
 TRUSTED_SHARE = 0.6  # of the matches that make the parallax: the worst may be outliers
-SMALLEST = 1e-18  # squared distance by which weights are scaled at least [rad^2]
 TINY = 1e-12  # angle that is divided by [rad]
-RIDGE = 1e-12  # keeps the equations of a turn regular where all matches coincide
-
-Entries: TypeAlias = Sequence[float]  # nine, of a matrix of 3 x 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +42,10 @@ def fit_rotation(current: FloatArray, desired: FloatArray) -> RotationFit:
     source, target = current.T, desired.T
     rotation = _kabsch(target @ current)
     for _ in range(ITERATIONS - 1):
-        carried = rotation @ source
-        weights = _squared(target - carried)
-        weights /= max(4.0 * median(weights), SMALLEST)
-        weights += 1.0
-        weights *= weights
-        rotation = _turned(rotation, (target / weights) @ carried.T)
+        squares = _squared(target - rotation @ source)
+        weight = cauchy(squares, 4.0 * median(squares))
+        weight *= weight
+        rotation = _kabsch((target * weight) @ current)
     ordered = np.sort(_squared(target - rotation @ source))
     kept = max(MIN_POINTS, int(TRUSTED_SHARE * count))
     parallax = np.sqrt(ordered[:kept].sum() / kept)
@@ -91,48 +84,8 @@ def _squared(offset: FloatArray) -> FloatArray:
 def _kabsch(product: FloatArray) -> FloatArray:
     """Return R that maximises tr(R^T ``product``), the sum of w target source^T, (3, 3)."""
     u, _, vt = np.linalg.svd(product)
-    nearest = np.asarray(u @ vt)
-    if _determinant(nearest.ravel().tolist()) >= 0.0:
-        return nearest
+    nearest = u @ vt
+    if np.linalg.det(nearest) >= 0.0:
+        return np.asarray(nearest)
     u[:, 2] *= -1.0
     return np.asarray(u @ vt)
-
-
-def _determinant(entries: Entries) -> float:
-    """Return the determinant of a matrix for its entries, row by row: numbers, for speed."""
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = entries
-    return xx * (yy * zz - yz * zy) - xy * (yx * zz - yz * zx) + xz * (yx * zy - yy * zx)
-
-
-def _turned(rotation: FloatArray, product: FloatArray) -> FloatArray:
-    """
-    Return ``rotation`` after one step of Newton towards that of ``_kabsch``, (3, 3).
-
-    ``product`` is the sum of w target (R source)^T, symmetric at the best R. A step leaves an
-    error of the square of its length or less: new weights turn R by little, then less and less.
-    """
-    return np.asarray(np.array(_step(product.ravel().tolist())).reshape(3, 3) @ rotation)
-
-
-def _step(entries: Entries) -> list[float]:
-    """Return the turn of a step for the entries of a product, row by row: numbers, for speed."""
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = entries
-    pull_x, pull_y, pull_z = zy - yz, xz - zx, yx - xy  # the sum of w (R source) x target
-    size = (1.0 + RIDGE) * (xx + yy + zz)
-    a, b, c = size - xx, size - yy, size - zz
-    d, e, f = -0.5 * (xy + yx), -0.5 * (xz + zx), -0.5 * (yz + zy)
-    # By the adjugate of the symmetric stiffness [[a, d, e], [d, b, f], [e, f, c]].
-    aa, ab, ac = b * c - f * f, e * f - d * c, d * f - b * e
-    bb, bc, cc = a * c - e * e, d * e - a * f, a * b - d * d
-    half = 0.5 / (a * aa + d * ab + e * ac)
-    x = half * (aa * pull_x + ab * pull_y + ac * pull_z)
-    y = half * (ab * pull_x + bb * pull_y + bc * pull_z)
-    z = half * (ac * pull_x + bc * pull_y + cc * pull_z)
-    # Cayley's map is a rotation whatever the length of the step.
-    whole = 1.0 / (1.0 + x * x + y * y + z * z)
-    rest, twice = 2.0 * whole - 1.0, 2.0 * whole
-    return [
-        *(rest + twice * x * x, twice * (x * y - z), twice * (x * z + y)),
-        *(twice * (x * y + z), rest + twice * y * y, twice * (y * z - x)),
-        *(twice * (x * z - y), twice * (y * z + x), rest + twice * z * z),
-    ]

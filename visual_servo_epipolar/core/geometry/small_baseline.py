@@ -3,9 +3,10 @@
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, medians
+from visual_servo_epipolar.core.geometry.least_squares import cauchy, Equations, least_squares
+from visual_servo_epipolar.core.geometry.rays import normalised
 
 ROUNDS = 5
-SMALLEST = 1e-18  # squared distance by which weights are scaled at least [rad^2]
 RIDGE = 1e-6  # keeps the equations regular where all matches coincide
 # Directions of the motion to start from: ahead, aside, and between.
 STARTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 1.0]])
@@ -35,27 +36,30 @@ def fundamental_of_small_baseline(
     """
     carried, target = rotation @ current.T, np.ascontiguousarray(desired.T)
     products = (carried[:, None] * target).reshape(9, -1)
-    turn, motion = np.zeros(STARTS.shape), STARTS
-    for _ in range(ROUNDS):
-        distances, jacobian = _linearised(motion, turn, target, products)
-        squared = distances * distances
-        scale = np.maximum(4.0 * medians(squared), SMALLEST)[..., None]
-        weights = np.square(squared / scale + 1.0)
-        weighted = jacobian / weights[:, None]
-        normal = weighted @ jacobian.swapaxes(-1, -2)
-        size = np.add.reduce(normal.reshape(-1, 36)[:, ::7], axis=1)[:, None, None]
-        right = weighted @ distances[..., None]
-        normal += size * RIDGES
+
+    def linearise(unknowns: FloatArray, number: int) -> Equations:
+        motion = unknowns[:, :3]
+        rows = _linearised(unknowns, target, products)
+        squared = rows[:, 0] * rows[:, 0]
+        rows *= cauchy(squared, 4.0 * medians(squared)[:, None])[:, None]
+        information, pull = Equations.of(rows)
+        size = np.trace(information, axis1=-2, axis2=-1)[:, None, None]
+        information = information + size * RIDGES
         # Keeps the length of the motion.
-        normal[:, :3, :3] += size * motion[:, :, None] * motion[:, None, :]
-        change = np.linalg.solve(normal, right)[..., 0]
-        motion = motion - change[:, :3]
-        motion /= np.sqrt(np.add.reduce(motion * motion, axis=-1))[:, None]
-        turn = turn - change[:, 3:]
-    distances, _ = _linearised(motion, turn, target, products)
-    best = medians(np.abs(distances)).argmin()
-    turned = rotation + _crossed(turn[best]) @ rotation
-    return np.asarray(_crossed(motion[best]) @ turned)
+        information[:, :3, :3] += size * motion[:, :, None] * motion[:, None, :]
+        return Equations(information, pull)
+
+    def moved(unknowns: FloatArray, at: Equations, change: FloatArray) -> tuple[FloatArray, bool]:
+        after = unknowns - change
+        after[:, :3] = normalised(after[:, :3])
+        return after, False
+
+    start = np.hstack([STARTS, np.zeros(STARTS.shape)])
+    unknowns, _ = least_squares(start, linearise, moved, ROUNDS)
+    distances = _linearised(unknowns, target, products)[:, 0]
+    best = unknowns[medians(np.abs(distances)).argmin()]
+    turned = rotation + _crossed(best[3:]) @ rotation
+    return np.asarray(_crossed(best[:3]) @ turned)
 
 
 def _crossed(vectors: FloatArray) -> FloatArray:
@@ -63,20 +67,20 @@ def _crossed(vectors: FloatArray) -> FloatArray:
     return np.asarray((vectors @ CROSS).reshape(*vectors.shape, 3))
 
 
-def _linearised(
-    motion: FloatArray, turn: FloatArray, target: FloatArray, products: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _linearised(unknowns: FloatArray, target: FloatArray, products: FloatArray) -> FloatArray:
     """
-    Return distances from the geometry [rad], (S, N), and their Jacobian, (S, 6, N).
+    Return distances from the geometry [rad] and their derivatives, (S, 7, N).
 
-    ``motion`` and ``turn``, (S, 3), are the direction and the rotation on top of the carried rays,
+    ``unknowns``, (S, 6), are the direction of the motion and the turn on top of the carried rays,
     ``products`` theirs with the ``target``, (9, N). Both are linear in these: one matrix gives all
     columns.
     """
+    motion, turn = unknowns[:, :3], unknowns[:, 3:]
     across = _crossed(motion) @ target  # epipolar lines
     across *= across
     length = np.sqrt(np.maximum(np.add.reduce(across, axis=-2), SHORTEST))[:, None]
-    rows = np.hstack([(IDENTITY + turn @ CROSS) @ LEVER, motion @ PULL])
-    jacobian = rows.reshape(-1, 6, 9) @ products
-    jacobian /= length
-    return np.add.reduce(jacobian[:, :3] * motion[..., None], axis=-2), jacobian
+    rows = np.empty((len(unknowns), 7, target.shape[1]))
+    columns = np.hstack([(IDENTITY + turn @ CROSS) @ LEVER, motion @ PULL])
+    np.divide(columns.reshape(-1, 6, 9) @ products, length, out=rows[:, 1:])
+    np.add.reduce(rows[:, 1:4] * motion[..., None], axis=-2, out=rows[:, 0])
+    return rows

@@ -14,14 +14,17 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, median
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.least_squares import robust_fit
+from visual_servo_epipolar.core.geometry.least_squares import (
+    cauchy,
+    robust_fit,
+    SMALLEST,
+    USUAL_SQUARES,
+)
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 
 LEAST_FORWARD = 0.5  # of a ray: 60 deg off the axis
 LEAST_FEATURES = 8
 ITERATIONS = 6
-USUAL_MEDIAN = 1.386  # of a sum of two squares of deviation 1
-SMALLEST = 1e-18  # variance of a coordinate at least [rad^2]
 
 
 def exchanged_bearings(view: FloatArray, across: FloatArray) -> Bearings | None:
@@ -72,12 +75,12 @@ def _noise(residual: FloatArray) -> tuple[FloatArray, float]:
     """Return squared lengths of what points are off by, (N,), and the variance of a coordinate."""
     off = residual.reshape(2, -1)
     squares = (off * off).sum(0)
-    return squares, max(median(squares) / USUAL_MEDIAN, SMALLEST)
+    return squares, max(median(squares) / USUAL_SQUARES, SMALLEST)
 
 
 def _weights(residual: FloatArray) -> FloatArray:
     squares, variance = _noise(residual)
-    return np.tile(1.0 / (1.0 + squares / (9.0 * variance)) ** 2, 2)
+    return np.tile(cauchy(squares, 9.0 * variance) ** 2, 2)
 
 
 def _points(rays: FloatArray) -> FloatArray:

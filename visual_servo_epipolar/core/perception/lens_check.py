@@ -13,6 +13,8 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.estimators.registry import DEFAULT_ESTIMATOR
+from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
+from visual_servo_epipolar.core.geometry.least_squares import null_vector
 from visual_servo_epipolar.core.geometry.lens import Lens, unknown_lens
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -93,12 +95,11 @@ def contradicted_by_pair(observation: Observation, settings: PerceptionSettings)
 def _shows_one_plane(observation: Observation) -> bool:
     """Return whether one homography takes most features from view to view."""
     current, desired = observation.current, observation.desired
+    # desired x (H current) = 0, linear in H
+    rows = (cross_matrix(desired)[..., None] * current[:, None, None, :]).reshape(-1, 9)
     weights = np.ones(len(current))
     for _ in range(PLANE_ROUNDS):
-        # desired x (H current) = 0, linear in H
-        crossed = np.cross(desired[:, None, :], np.eye(3)[None]).transpose(0, 2, 1)
-        rows = (weights[:, None, None] * crossed)[..., None] * current[:, None, None, :]
-        homography = np.linalg.svd(rows.reshape(-1, 9), full_matrices=False)[2][-1].reshape(3, 3)
+        homography = null_vector(rows, np.repeat(weights, 3)).reshape(3, 3)
         carried = normalised(current @ homography.T)
         aside = np.linalg.norm(np.cross(carried, desired), axis=1)
         misses = aside / observation.resolution[:, 1]

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, frozen, IntArray, median, NORMAL
-from visual_servo_epipolar.core.geometry.least_squares import robust_fit
+from visual_servo_epipolar.core.geometry.least_squares import cauchy, robust_fit
 from visual_servo_epipolar.core.geometry.rays import dot
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, rotated, rotation_vector
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -298,4 +298,4 @@ def _noise(misses: FloatArray) -> float:
 
 
 def _weights(misses: FloatArray) -> FloatArray:
-    return np.asarray(1.0 / (1.0 + (misses / (OUTLYING * _noise(misses))) ** 2))
+    return cauchy(misses * misses, (OUTLYING * _noise(misses)) ** 2)

@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     rank_two,
     sampson_distance,
 )
-from visual_servo_epipolar.core.geometry.least_squares import samples
+from visual_servo_epipolar.core.geometry.least_squares import cauchy, null_vector, samples
 
 EPIPOLAR_PX = 2.0  # largest distance of an inlier from its epipolar line
 AGREEMENT_PX = 1.0  # less: a fit by least squares bends towards an outlier
@@ -68,10 +68,9 @@ def agree_on_one_geometry(current: FloatArray, desired: FloatArray, pixel: float
         return _rays_agree(current, desired, pixel)
     columns, rows, scale = _normalised(current, desired)
     products = constraint_rows(columns, rows)
-    moments = products.T @ products
-    if not np.isfinite(moments).all():
+    if not np.isfinite(products).all():
         return False
-    fundamental = np.linalg.eigh(moments)[1][:, 0].reshape(3, 3)
+    fundamental = null_vector(products).reshape(3, 3)
     distance = image_sampson_distance(fundamental, columns[:, :2], rows[:, :2])
     return bool((np.abs(distance) <= scale * AGREEMENT_PX).all())
 
@@ -113,7 +112,7 @@ def _essential(
     still = np.linalg.norm(current - desired, axis=1) <= limit
     if still.sum() >= max(MIN_MATCHES, len(still) // 2):
         return cross_matrix(np.array([0.0, 0.0, 1.0])), np.asarray(still)
-    essential = _least_squares(products, np.ones(len(products)))
+    essential = rank_two(null_vector(products).reshape(3, 3))
     essential, distance = _refined(essential, current, desired, products, limit)
     inliers = distance <= limit
     # More than that, and the others have no geometry of their own.
@@ -132,7 +131,7 @@ def _rays_agree(current: FloatArray, desired: FloatArray, pixel: float) -> bool:
     products = constraint_rows(current, desired)
     if not np.isfinite(products).all():
         return False
-    essential = _least_squares(products, np.ones(len(products)))
+    essential = rank_two(null_vector(products).reshape(3, 3))
     distance = np.abs(sampson_distance(essential, current, desired))
     return bool((distance <= AGREEMENT_PX * pixel).all())
 
@@ -146,7 +145,7 @@ def _candidates(
     for size, columns, tolerance in ((3, PLANAR, LEVEL * limit), (8, np.arange(9), limit)):
         rows = products[samples(rng, SAMPLES, len(products), size)][..., columns]
         vectors = np.zeros((len(rows), 9))
-        vectors[:, columns] = np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0]
+        vectors[:, columns] = null_vector(rows)
         hypotheses = vectors.reshape(-1, 3, 3)
         distance = np.abs(sampson_distance(hypotheses, current, desired))
         cost = np.minimum(distance / tolerance, 1.0).sum(axis=1)
@@ -164,16 +163,10 @@ def _refined(
     """Return E, (3, 3), of all that fit it, by ever closer limits, and the distances from it."""
     distance = np.abs(sampson_distance(essential, current, desired))
     for tolerance in np.geomspace(LEVEL * limit, limit, ROUNDS):
-        weight = 1.0 / (1.0 + (distance / (0.5 * tolerance)) ** 2) ** 2
+        weight = cauchy(distance * distance, 0.25 * tolerance * tolerance) ** 2
         weight[distance > 2.0 * tolerance] = 0.0
         if np.count_nonzero(weight) < MIN_MATCHES:
             break
-        essential = _least_squares(products, weight)
+        essential = rank_two(null_vector(products, weight).reshape(3, 3))
         distance = np.abs(sampson_distance(essential, current, desired))
     return essential, distance
-
-
-def _least_squares(products: FloatArray, weight: FloatArray) -> FloatArray:
-    """Return E of rank 2, (3, 3), nearest to all ``products``, (N, 9), by ``weight``, (N,)."""
-    vector = np.linalg.eigh(products.T @ (products * weight[:, None]))[1][:, 0]
-    return rank_two(vector.reshape(3, 3))

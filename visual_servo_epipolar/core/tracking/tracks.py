@@ -1,10 +1,12 @@
 """Tracks: the features tracked at a time, their motion, and tests that drop outliers."""
 
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
+from visual_servo_epipolar.core.geometry.least_squares import cauchy, robust_fit
 from visual_servo_epipolar.core.geometry.rays import homogeneous
 from visual_servo_epipolar.core.tracking.alignment.warps import (
     keeps_all,
@@ -18,7 +20,7 @@ MIN_FEATURES = 15  # below which a test of outliers says nothing
 RESIDUAL_FACTOR, RESIDUAL_FLOOR = 3.0, 2.0  # limit: times the median, plus grey levels
 MIN_SUPPORT = 6  # tracked features below which no motion is fitted
 ROUNDS = 2  # of reweighting, so that one outlier does not drag the others along
-RIDGE = 1e-6 * np.eye(3)  # features in a row leave one direction open
+RIDGE = 1e-6  # features in a row leave one direction open
 NEAR_PX = 60.0  # distance within which residuals of other features count
 OUTLIER_MEDIANS = 5.0  # residual of an outlier, in medians of all, beyond its limit
 
@@ -135,12 +137,15 @@ def fit_motion(before: FloatArray, after: FloatArray) -> ImageMotion | None:
     if len(before) < MIN_SUPPORT:
         return None
     centre = np.add.reduce(before, axis=0) / len(before)
-    rows, weight = homogeneous(before - centre), np.ones(len(before))
-    for _ in range(ROUNDS):
-        weighted = rows.T * (weight * weight)
-        affine = np.linalg.solve(weighted @ rows + RIDGE, weighted @ after)
-        residual = np.sqrt(squared_lengths(after - rows @ affine))
-        weight = 1.0 / (1.0 + (residual / (2.0 * median(residual) + 0.1)) ** 2)
-    residuals: FloatArray = (after - rows @ affine) * weight[:, None]
+    fit = robust_fit(homogeneous(before - centre), after, _weights, ROUNDS, RIDGE)
+    assert fit is not None
+    affine = fit.solution
+    residuals: FloatArray = fit.residual * np.sqrt(_weights(fit.residual))[:, None]
     affine[2] -= centre @ affine[:2]
-    return ImageMotion(np.asarray(affine, dtype=np.float64), before, residuals)
+    return ImageMotion(affine, before, residuals)
+
+
+def _weights(off: FloatArray) -> FloatArray:
+    squares = squared_lengths(off)
+    usual = 2.0 * math.sqrt(median(squares)) + 0.1
+    return np.asarray(cauchy(squares, usual * usual) ** 2)
