@@ -22,7 +22,6 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.registry import GREY, phase_colour
 from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog
 from visual_servo_epipolar.report.figures import robust_limit, save, signals, trajectory
-from visual_servo_epipolar.report.page import figure_html
 from visual_servo_epipolar.report.run_file import load_run, RunFile, save_run
 from visual_servo_epipolar.report.style import (
     rgb,
@@ -267,21 +266,6 @@ def test_wedge_opens_from_the_camera_by_its_angle() -> None:
 def test_who_sees_all_around_has_a_circle_without_a_corner() -> None:
     circle = view_wedge(Pose(2.0, -1.0, 0.3), angle=math.tau, reach=0.5)
     assert np.hypot(*(circle - (2.0, -1.0)).T) == pytest.approx(0.5)
-
-
-def line_at(left: float) -> Figure:
-    figure = Figure()
-    figure.add_axes((left, 0.1, 0.8, 0.8)).plot([0.0, 1.0])
-    return figure
-
-
-def test_a_figure_is_the_same_where_its_layout_differs_in_the_last_digit() -> None:
-    after = math.nextafter(0.1, 1.0)
-    assert figure_html(line_at(0.1), 'a line') == figure_html(line_at(after), 'a line')
-
-
-def test_a_figure_of_another_layout_is_another() -> None:
-    assert figure_html(line_at(0.1), 'a line') != figure_html(line_at(0.15), 'a line')
 
 
 def test_a_run_comes_back_to_the_last_bit(log, tmp_path) -> None:

@@ -7,7 +7,7 @@ from functools import cache
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.evaluation.live.world import small_camera
+from visual_servo_epipolar.evaluation.faults.world import small_camera
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 
 S = 1_000_000_000

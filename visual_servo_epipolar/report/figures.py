@@ -120,11 +120,10 @@ def _draw_velocity(axes: Axes, log: RunLog, *, name: str, unit: str) -> None:
     # A command holds until the next one.
     axes.plot(seconds(log), values, color=INK, drawstyle='steps-post')
     axes.axhline(0.0, color=INK, linewidth=0.6)
-    low, high = min(values.min(), 0.0), max(values.max(), 0.0)
-    if high - low < STANDING:
-        low, high = -STANDING_AXIS, STANDING_AXIS
-    margin = 0.12 * (high - low)
-    axes.set(ylim=(low - margin, high + margin), ylabel=f'{name}\nvelocity [{unit}]')
+    if np.ptp(values) < STANDING:
+        axes.set_ylim(-STANDING_AXIS, STANDING_AXIS)
+    axes.margins(y=0.12)
+    axes.set_ylabel(f'{name}\nvelocity [{unit}]')
     axes.yaxis.set_major_locator(MaxNLocator(4))
 
 
@@ -181,8 +180,6 @@ def _scale_by_decades(axes: Axes, values: FloatArray) -> None:
     if _lacks(axes, positive):
         return
     axes.set_yscale('log')
-    low, high = np.floor(np.log10(positive.min())), np.ceil(np.log10(positive.max()))
-    axes.set_ylim(10.0**low, 10.0 ** max(high, low + 1.0))
     axes.yaxis.set_major_locator(LogLocator(numticks=5))
     axes.yaxis.set_minor_locator(NullLocator())
 

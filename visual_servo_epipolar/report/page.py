@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from html import escape
 import io
 from pathlib import Path
-import re
 from string import Template
 
 import cv2
@@ -18,7 +17,6 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS
 
-CLIP = re.compile(rb'\bp[0-9a-f]{10}\b')  # id of a clip path, as matplotlib makes it
 FILE = 'report.html'
 PICTURE_WIDTH = 800  # [px]
 QUALITY = 80  # of a JPEG
@@ -69,15 +67,7 @@ def figure_html(figure: Figure, caption: str) -> str:
     buffer = io.BytesIO()
     with rc_context({**FIGURE_SETTINGS, 'svg.hashsalt': 'visual_servo'}):  # twice the same
         figure.savefig(buffer, format='svg', metadata={'Date': None})
-    return _figure('image/svg+xml', _with_stable_clips(buffer.getvalue()), caption)
-
-
-def _with_stable_clips(svg: bytes) -> bytes:
-    """Return ``svg`` with its clip paths numbered in their order, not named by a hash."""
-    # The hash is of every digit of the layout, whose last one differs from drawing to drawing.
-    names = dict.fromkeys(CLIP.findall(svg))
-    numbers = {name: b'clip%d' % number for number, name in enumerate(names)}
-    return CLIP.sub(lambda match: numbers[match[0]], svg)
+    return _figure('image/svg+xml', buffer.getvalue(), caption)
 
 
 def strip(pictures: Sequence[tuple[bytes, str]], *, wide: bool = False) -> str:

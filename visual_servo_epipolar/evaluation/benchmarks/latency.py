@@ -11,15 +11,21 @@ from itertools import count
 import math
 import os
 from pathlib import Path
+import signal
+import subprocess
+import sys
 from tempfile import TemporaryDirectory
 import time
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import TwistStamped
 import numpy as np
+import rclpy
+from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
+from visual_servo_epipolar import processes
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import VisualServoError
@@ -28,27 +34,65 @@ from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.evaluation.live.processes import (
-    arguments,
-    Listener,
-    Process,
-    start_nodes,
-    START_S,
-)
 from visual_servo_epipolar.evaluation.tables import aligned
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.startup.executor import isolated_context, new_executor, spin_once
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import run as drive
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
+from visual_servo_epipolar.threads import ONE_THREAD
 
-RELIABLE = arguments(camera_reliability='reliable')
+# Its own among benchmarks that run at a time, and above those that people use.
+DOMAIN = 216 + os.getpid() % 16
+NODES = 'visual_servo_epipolar.nodes'
+RELIABLE = ('-p', 'camera_reliability:=reliable')
 # A twist with a stamp is known to answer the image of that stamp.
-TRACKER_AND_SERVO = {
-    'tracker_node': RELIABLE,
-    'servo_node': (*RELIABLE, *arguments(autostart='true', enable_stamped_cmd_vel='true')),
-}
+STAMPED = ('-p', 'autostart:=true', '-p', 'enable_stamped_cmd_vel:=true')
+TRACKER_AND_SERVO = {'tracker_node': RELIABLE, 'servo_node': (*RELIABLE, *STAMPED)}
+START_S = 60.0  # in which nodes start and answer
+
+Process = subprocess.Popen[bytes]
+
+
+def start_nodes(
+    stack: ExitStack, nodes: Mapping[str, Sequence[str]], folder: Path
+) -> dict[str, Process]:
+    """
+    Start each node of ours, by name, with its arguments in ``folder``.
+
+    They are in sessions of their own, and end with ``stack``, and with this process, however that
+    ends.
+    """
+    path = os.pathsep.join(filter(None, map(os.path.abspath, sys.path)))
+    own = {'ROS_DOMAIN_ID': str(DOMAIN), 'PYTHONPATH': path}
+    started = {}
+    for name, words in nodes.items():
+        command = [sys.executable, '-m', processes.__name__, str(os.getpid()), f'{NODES}.{name}']
+        started[name] = stack.enter_context(
+            subprocess.Popen(
+                [*command, '--ros-args', *words],
+                cwd=folder,
+                env={**ONE_THREAD, **os.environ, **own},  # as executables do
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        )
+        stack.callback(_end, started[name])
+    return started
+
+
+def _end(process: Process) -> None:
+    process.send_signal(signal.SIGCONT)
+    process.terminate()
+    try:
+        process.wait(30.0)  # for a process to end, before it is killed
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
 FRAME_ID = 'camera_optical_frame'
 START = (1.0, -3.5, 8.0)  # x, y [m], heading error [deg]; it takes half a minute from there
 
@@ -80,7 +124,7 @@ class Answers:
         return sum(twist != STANDSTILL for twist in self.twists)
 
 
-class PlayedCamera(Listener):
+class PlayedCamera:
     """
     Nodes in processes of their own; this process is their camera, and hears their twists.
 
@@ -94,7 +138,11 @@ class PlayedCamera(Listener):
         folder: Path,
         nodes: Mapping[str, Sequence[str]],
     ) -> None:
-        super().__init__(stack, 'bench_camera')
+        context = stack.enter_context(isolated_context('LOCALHOST', domain_id=DOMAIN))
+        self.node: Node = rclpy.create_node('bench_camera', context=context)
+        stack.callback(self.node.destroy_node)
+        self._executor = new_executor(context)
+        self._executor.add_node(self.node)
         self.drive = Answers()
         self.node.create_subscription(TwistStamped, 'cmd_vel', self._on_answer, qos.COMMAND)
         self._camera, self._numbers = camera, count()
@@ -121,7 +169,10 @@ class PlayedCamera(Listener):
     def show_goal(self, photograph: Pixels, images: Sequence[Pixels]) -> None:
         """Publish the photograph, and ``images`` until the servo answers to them."""
         self._desired_pub.publish(write.image(photograph, 'mono8', 0, FRAME_ID))
-        self.wait(lambda: bool(self.show(images, LEAD_RATE).latencies), 'no image was answered')
+        deadline = time.monotonic() + START_S
+        while not self.show(images, LEAD_RATE).latencies:
+            if time.monotonic() > deadline:
+                raise VisualServoError(f'no image was answered within {START_S:g} s')
 
     def show(self, images: Sequence[Pixels], rate: float) -> Answers:
         """Publish these images at ``rate`` [Hz], stamped as they are due; return the answers."""
@@ -130,8 +181,12 @@ class PlayedCamera(Listener):
         for number, image in enumerate(images):
             self._spin_until(begin + number / rate)
             self._publish(image, begin_ns + number * period_ns(rate))
-        self.spin_for(0.5)
+        self._spin_until(time.monotonic() + 0.5)
         return drive
+
+    def _spin_until(self, moment: float) -> None:
+        while (remaining := moment - time.monotonic()) > 0.0:
+            spin_once(self._executor, remaining)
 
     def _publish(self, image: Pixels, stamp_ns: int) -> None:
         image = image.copy()

@@ -39,7 +39,7 @@ from visual_servo_epipolar.evaluation.faults.judge import (
 )
 from visual_servo_epipolar.evaluation.faults.robot import ROBOT
 from visual_servo_epipolar.evaluation.faults.sensing import SENSING
-from visual_servo_epipolar.evaluation.live.world import small_camera, World, WorldSettings
+from visual_servo_epipolar.evaluation.faults.world import small_camera, World, WorldSettings
 from visual_servo_epipolar.evaluation.tables import markdown
 from visual_servo_epipolar.sweeping.provenance import commit
 from visual_servo_epipolar.sweeping.workers import worker_pool

@@ -23,7 +23,7 @@ from visual_servo_epipolar.evaluation.faults.judge import (
     ServoCommand,
     TrueMotion,
 )
-from visual_servo_epipolar.evaluation.live.world import (
+from visual_servo_epipolar.evaluation.faults.world import (
     Envelope,
     Filter,
     ImageOrigin,

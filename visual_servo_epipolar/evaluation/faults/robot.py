@@ -45,7 +45,7 @@ from visual_servo_epipolar.evaluation.faults.sensing import (
     restamped,
     TRACKER,
 )
-from visual_servo_epipolar.evaluation.live.world import (
+from visual_servo_epipolar.evaluation.faults.world import (
     BreakableUnicycleNode,
     Envelope,
     HOP_NS,

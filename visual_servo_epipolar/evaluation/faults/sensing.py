@@ -31,7 +31,7 @@ from visual_servo_epipolar.evaluation.faults.fault import (
     world_change,
 )
 from visual_servo_epipolar.evaluation.faults.judge import RunVerdict
-from visual_servo_epipolar.evaluation.live.world import Envelope, HOP_NS, WorldSettings
+from visual_servo_epipolar.evaluation.faults.world import Envelope, HOP_NS, WorldSettings
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator

@@ -10,7 +10,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray, frozen
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.rigs.rig import Joints
+from visual_servo_epipolar.core.rigs.rig import AT_REST, Joints
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
 from visual_servo_epipolar.simulation.mounts.simulated_rig import (
     CameraPose,
@@ -131,7 +131,7 @@ class FixedRig:
     lenses: tuple[LensPlacement, ...] = ONE_LENS
 
     @property
-    def views(self) -> tuple['FixedRig']:
+    def views(self) -> tuple['FixedRig', ...]:
         """The rig as it is, alone."""
         return (self,)
 
@@ -141,7 +141,12 @@ class FixedRig:
 
     def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
         """Return where the camera is with the robot at ``pose``; frame None is a level floor."""
+        return self.placed(pose, frame, AT_REST)
+
+    def placed(self, pose: Pose, frame: int | None, joints: Joints) -> CameraPose:
+        """Return where the camera is, turned by ``joints`` below it."""
         tilt, roll = (0.0, 0.0) if frame is None else floor_jitter(self.jitter, self.seed, frame)
-        axes = self.mount.R_world_camera(pose, tilt=tilt, roll=roll)
+        panned = Pose(pose.x, pose.y, pose.theta + joints.pan)
+        axes = self.mount.R_world_camera(panned, tilt=joints.tilt + tilt, roll=roll)
         bumps = 0.0 if frame is None else self.bumps
         return on_bumps(CameraPose(axes, self.mount.centre(pose)), pose, bumps, self.seed)

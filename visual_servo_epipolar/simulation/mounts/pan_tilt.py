@@ -8,13 +8,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.rigs.rig import AT_REST, HeadCommand, Joints
 from visual_servo_epipolar.core.settings import internal, setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, floor_jitter, on_bumps
+from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
 from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
 
@@ -118,24 +117,19 @@ class PanTiltSettings(HeadSettings, CameraSettings):
 
 
 @dataclass(frozen=True, slots=True)
-class PanTiltRig:
+class PanTiltRig(FixedRig):
     """
     A camera on a head, the pan axis at ``mount``; ``joints`` are the true angles [rad].
 
     The photograph is taken at ``rest``: where encoders that are off by an offset read zero.
     """
 
-    camera: CameraModel
-    mount: CameraMount = CameraMount()
-    jitter: float = 0.0
-    seed: int = 0
-    bumps: float = 0.0
     pan_limit: float = 0.0
     rest: Joints = AT_REST
     joints: Joints | None = None
 
     @property
-    def views(self) -> tuple['PanTiltRig', ...]:
+    def views(self) -> tuple[FixedRig, ...]:
         """The rig at rest, and panned from end to end."""
         pans = np.linspace(-self.pan_limit, self.pan_limit, VIEWS).tolist()
         return self, *(self.turned(Joints(pan)) for pan in pans)
@@ -146,12 +140,8 @@ class PanTiltRig:
 
     def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
         """Return where the camera is; joints are at rest unless they were turned."""
-        joints = self.rest if frame == DESIRED_FRAME or self.joints is None else self.joints
-        tilt, roll = (0.0, 0.0) if frame is None else floor_jitter(self.jitter, self.seed, frame)
-        panned = Pose(pose.x, pose.y, pose.theta + joints.pan)
-        axes = self.mount.R_world_camera(panned, tilt=joints.tilt + tilt, roll=roll)
-        camera = CameraPose(axes, self.mount.centre(pose))
-        return on_bumps(camera, pose, 0.0 if frame is None else self.bumps, self.seed)
+        joints = None if frame == DESIRED_FRAME else self.joints
+        return self.placed(pose, frame, joints or self.rest)
 
 
 def pan_tilt_rig(settings: PanTiltSettings) -> PanTiltRig:
@@ -162,6 +152,6 @@ def pan_tilt_rig(settings: PanTiltSettings) -> PanTiltRig:
         settings.jitter,
         settings.seed,
         settings.bumps,
-        settings.head_pan_limit,
-        Joints(-settings.head_encoder_offset),
+        pan_limit=settings.head_pan_limit,
+        rest=Joints(-settings.head_encoder_offset),
     )

@@ -13,7 +13,7 @@ pytest.importorskip('rclpy')
 
 from node_process import environment
 
-from visual_servo_epipolar.evaluation.live.processes import DOMAIN
+from visual_servo_epipolar.evaluation.benchmarks.latency import DOMAIN
 
 END_SEC = 8.0
 SIGNALS = ['SIGTERM', 'SIGKILL']
@@ -24,7 +24,7 @@ from pathlib import Path
 import sys
 
 from visual_servo_epipolar.commands.ending import terminable
-from visual_servo_epipolar.evaluation.live.processes import start_nodes
+from visual_servo_epipolar.evaluation.benchmarks.latency import start_nodes
 
 with terminable(), ExitStack() as stack:
     (node,) = start_nodes(stack, {'unicycle_node': ()}, Path(sys.argv[1])).values()

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.evaluation.faults import campaign, robot
 from visual_servo_epipolar.evaluation.faults.campaign import FAULTS
 from visual_servo_epipolar.evaluation.faults.fault import EVERYWHERE, Fault, StruckRun
-from visual_servo_epipolar.evaluation.live.world import (
+from visual_servo_epipolar.evaluation.faults.world import (
     BreakableUnicycleNode,
     Envelope,
     small_camera,

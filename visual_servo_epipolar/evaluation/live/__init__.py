@@ -1,1 +1,0 @@
-"""Real nodes under test: as processes, or in this process and in simulated time."""
