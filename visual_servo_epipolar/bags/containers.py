@@ -21,24 +21,7 @@ MAGICS = {
     ZSTD_MAGIC: ZSTD,
 }
 NAMES = {'.mcap': 'mcap', '.db3': 'sqlite3', '.bag': ROS1, '.active': ROS1, '.zstd': ZSTD}
-STRANGERS = {  # what it is, by first byte and what stands there
-    'a picture': (
-        (0, b'\x89PNG'),
-        (0, b'\xff\xd8\xff'),
-        (0, b'II*\x00'),
-        (0, b'MM\x00*'),
-        (8, b'WEBP'),
-    ),
-    'a video': ((4, b'ftyp'), (0, b'\x1a\x45\xdf\xa3'), (8, b'AVI ')),
-    'an archive': ((0, b'PK\x03\x04'), (0, b'\x1f\x8b'), (0, b'7z\xbc\xaf'), (257, b'ustar')),
-}
-INSTEAD = {
-    'a picture': 'two photographs are compared by "visual_servo inspect"',
-    'a video': 'play it as images and record those with "ros2 bag record"',
-    'an archive': 'unpack it and give what is in it',
-}
 EXPECTED = 'give a rosbag2 folder, a .mcap, .db3 or .bag file'
-PICTURES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp', '.pgm')
 OLD = '.damaged'  # how the old file of a repair is called, where it does not stay
 ADVICE = 'the bag is damaged or was left open by a crash; try --repair'
 
@@ -50,15 +33,10 @@ def bag_path(path: Path) -> Path:
 
 def container(path: Path) -> str:
     """Return what a file is by its bytes, or name if damaged; raises InputError for others."""
-    head = _head(path)
-    if _by_magic(head):
-        return _by_magic(head)
-    for what, magics in STRANGERS.items():
-        if any(head[at:].startswith(magic) for at, magic in magics):
-            raise InputError(f'{path}: {what}, not a bag; {INSTEAD[what]}, or {EXPECTED}')
-    if path.suffix.lower() not in NAMES:
+    kind = by_magic(path) or NAMES.get(path.suffix.lower(), '')
+    if not kind:
         raise InputError(f'{path}: not a bag; {EXPECTED}')
-    return NAMES[path.suffix.lower()]
+    return kind
 
 
 def storage_files(folder: Path) -> list[Path]:
@@ -100,8 +78,6 @@ def something_else(folder: Path) -> str:
     bags += sorted(item for item in folder.iterdir() if item.suffix == '.bag')
     if bags:  # the folder of a demo, or one of several bags
         return f', but a folder with one; give {bags[0]}'
-    if any(item.suffix.lower() in PICTURES for item in folder.iterdir()):
-        return f', but a folder of pictures; {INSTEAD["a picture"]}'
     return ''
 
 
@@ -123,12 +99,10 @@ def unpack(path: Path) -> Iterator[Path]:
         yield plain
 
 
-def _head(path: Path) -> bytes:
+def by_magic(path: Path) -> str:
+    """Return what a file is by its first bytes, '' if they are of no bag."""
     with path.open('rb') as file:
-        return file.read(300)
-
-
-def _by_magic(head: bytes) -> str:
+        head = file.read(max(map(len, MAGICS)))
     return next((name for magic, name in MAGICS.items() if head.startswith(magic)), '')
 
 
@@ -137,7 +111,7 @@ def _is_storage(path: Path) -> bool:
         return False
     inner = path.name.lower().removesuffix('.zstd')
     named = inner.endswith(tuple(metadata.SUFFIXES.values()))
-    return named or _by_magic(_head(path)) in metadata.SUFFIXES
+    return named or by_magic(path) in metadata.SUFFIXES
 
 
 def bag_parts(path: Path) -> tuple[list[Path], list[str]]:

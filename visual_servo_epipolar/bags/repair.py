@@ -224,6 +224,8 @@ def _copy_messages(file: Path, target: Path) -> str:
                 number, message.log_time, message.data, message.publish_time, message.sequence
             )
         writer.finish()
+    if not channels and containers.by_magic(file) != 'mcap':
+        raise InputError(f'{file}: not a bag, and nothing of it can be read; it stays as it is')
     return end
 
 

@@ -6,20 +6,20 @@ databases of rosbag2, of any of its versions, by sqlite3; ROS 1 by rosbags.
 """
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, ExitStack
 from dataclasses import dataclass
 from functools import cache
 import io
+from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
 import sqlite3
 from typing import Any
 
 from mcap.exceptions import EndOfFile, McapError
-from mcap.reader import make_reader
-from mcap.records import Channel, McapRecord, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.reader import make_reader, NonSeekingReader
+from mcap.records import Channel, Message, Schema
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 from rosbags import rosbag1
@@ -166,33 +166,28 @@ def _scanned(path: Path) -> StorageFile:
     channels: dict[int, Channel] = {}
     schemas: dict[int, Schema] = {}
     counts: Counter[int] = Counter()
-    first = last = 0
-    in_order = True
-    for record in _records(path):
-        if isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Message):
-            if not counts:
-                first = last = record.log_time
-            counts[record.channel_id] += 1
-            in_order = in_order and record.log_time >= last
-            first, last = min(first, record.log_time), max(last, record.log_time)
+    times: list[int] = []
+    for schema, channel, message in _every_message(path):
+        if schema is not None:
+            schemas[schema.id] = schema
+        channels[channel.id] = channel
+        counts[channel.id] += 1
+        times.append(message.log_time)
+    in_order = all(before <= after for before, after in pairwise(times))
 
     def messages(ids: Collection[int]) -> Iterator[StoredMessage]:
-        records: Iterable[Message] = (
-            item for item in _records(path) if isinstance(item, Message) and item.channel_id in ids
-        )
-        for record in records if in_order else sorted(records, key=attrgetter('log_time')):
-            yield record.channel_id, record.log_time, record.data
+        chosen = (it for _, channel, it in _every_message(path) if channel.id in ids)
+        for item in chosen if in_order else sorted(chosen, key=attrgetter('log_time')):
+            yield item.channel_id, item.log_time, item.data
 
-    return StorageFile(_mcap_topics(channels, schemas, counts), first, last, messages)
+    topics = _mcap_topics(channels, schemas, counts)
+    return StorageFile(topics, min(times, default=0), max(times, default=0), messages)
 
 
-def _records(path: Path) -> Iterator[McapRecord]:
+def _every_message(path: Path) -> Iterator[tuple[Schema | None, Channel, Message]]:
     with ExactFile(path) as file:
-        yield from StreamReader(file, validate_crcs=True, record_size_limit=file.size).records
+        reader = NonSeekingReader(file, validate_crcs=True, record_size_limit=file.size)
+        yield from reader.iter_messages(log_time_order=False)
 
 
 def _mcap_topics(

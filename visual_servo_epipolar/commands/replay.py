@@ -36,7 +36,6 @@ from visual_servo_epipolar.bags.replaying.comparison import (
     recorded_steps,
 )
 from visual_servo_epipolar.bags.replaying.plan import (
-    differing_versions,
     effective_changes,
     Moment,
     plan,
@@ -199,12 +198,6 @@ class ReplayedBag:
         return seconds_between(self.steps[0].key[0], self.steps[-1].key[0])
 
     @property
-    def comparison_document(self) -> dict[str, Any]:
-        """The comparison as JSON; what other settings change is no rounding, however small."""
-        document = as_document(self.comparison)
-        return {**document, 'rounding': None} if self.effective else document
-
-    @property
     def versions(self) -> dict[str, dict[str, str]]:
         """The versions that computed: when recording, where the bag says so, and replaying."""
         recorded: dict[str, dict[str, None]] = {}
@@ -301,7 +294,7 @@ def result_of(replayed: ReplayedBag, options: argparse.Namespace) -> dict[str, A
         'notes': replayed.notes,
         'versions': replayed.versions,
         'history': [asdict(item) for item in replayed.history],
-        'comparison': replayed.comparison_document,
+        'comparison': as_document(replayed.comparison),
     }
 
 
@@ -393,39 +386,18 @@ def in_words(result: Mapping[str, Any]) -> str:
     end_s = result['phases'][-1]['end_s']
     if duration_s > end_s:
         lines.append(f'  {result["outcome"]}; the recording goes on to {duration_s:.1f} s')
-    return '\n'.join([*lines, *compared_words(result['comparison'], result['versions'])])
+    return '\n'.join([*lines, *compared_words(result['comparison'])])
 
 
-def compared_words(
-    comparison: Mapping[str, Any], versions: Mapping[str, Mapping[str, str]]
-) -> list[str]:
+def compared_words(comparison: Mapping[str, Any]) -> list[str]:
     """Return the comparison of recorded and replayed, line by line."""
     if not comparison['compared_steps']:
         return ['nothing was recorded to compare with']
-    if comparison['rounding'] is not None:
-        return [*_rounding(comparison, versions), *_rows(comparison)]
     lines = [*_missing(comparison), _verdict(comparison)]
     divergence = comparison['parting']
     if divergence is not None:
         lines += _first(divergence['quantities'])
     return lines + _rows(comparison)
-
-
-def _rounding(
-    comparison: Mapping[str, Any], versions: Mapping[str, Mapping[str, str]]
-) -> list[str]:
-    recorded, replayed = differing_versions(versions['recorded'])
-    if recorded:
-        cause = f'recorded with {recorded}, replayed with {replayed}'
-    elif versions['recorded'].keys() < versions['replayed'].keys():
-        cause = 'the bag does not say which numpy and OpenCV recorded it'
-    else:
-        cause = 'numpy and OpenCV are the same, so another processor or build of them rounds'
-    return [
-        f'recorded and replayed: {comparison["compared_steps"]} steps, rounding only, from '
-        f'{comparison["parting"]["time_s"]:.3f} s',
-        f'  {cause}: --tolerance {comparison["rounding"]:g} takes them as equal',
-    ]
 
 
 def _rows(comparison: Mapping[str, Any]) -> list[str]:

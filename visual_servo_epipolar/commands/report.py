@@ -17,6 +17,7 @@ import numpy as np
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import Happening
+from visual_servo_epipolar.bags.replaying.comparison import as_document
 from visual_servo_epipolar.bags.replaying.replay import has_truth, ReplayedStep, TrackedImage
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.outputs import OutputFolder
@@ -301,7 +302,7 @@ def report_bag(options: argparse.Namespace, path: Path) -> None:
 
 
 def _comparison(replayed: ReplayedBag) -> Section:
-    compared = compared_words(replayed.comparison_document, replayed.versions)
+    compared = compared_words(as_document(replayed.comparison))
     lines = [*replayed.notes, *compared]
     words = f'<pre>{escape(chr(10).join(lines))}</pre>'
     caption = 'Phases, epipoles and commands as recorded, and as replayed with these parameters.'

@@ -110,7 +110,7 @@ def replay(options: argparse.Namespace) -> int:
     }
     phases = [f'  {phase}' for phase, _ in groupby(str(step['phase']) for step in steps.values())]
     lines = [*recorded.notes, f'{len(steps)} steps by {folder}:', *phases]
-    lines += compared_words(result['comparison'], versions)
+    lines += compared_words(result['comparison'])
     publish(result, '\n'.join(lines), options.json)
     return 0 if comparison.equal else 1
 

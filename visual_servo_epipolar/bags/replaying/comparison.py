@@ -10,7 +10,6 @@ from visual_servo_epipolar.bags.replaying.replay import ReplayedStep
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import seconds_between
 
-ROUNDING = 1e-6  # differences up to this, in units of the tolerance, come from other arithmetic
 COMMANDS = ('linear_m_s', 'angular_rad_s')
 Value = float | str
 
@@ -23,7 +22,6 @@ class Difference:
     differing: int = 0
     largest: float = 0.0
     root: float = 0.0  # of the sum of squares
-    scaled: float = 0.0  # largest, relative where the value is larger than one; inf for a phase
 
     @property
     def rms(self) -> float:
@@ -61,14 +59,6 @@ class Comparison:
     def equal(self) -> bool:
         """Whether nothing differs beyond the tolerance, and nothing is missing."""
         return self.divergence is None and not self.missing and not self.unpublished
-
-    @property
-    def rounding(self) -> float | None:
-        """The tolerance that forgives all differences, if they are no more than rounding."""
-        largest = max((item.scaled for item in self.differences.values()), default=0.0)
-        if self.divergence is None or self.missing or not 0.0 < largest <= ROUNDING:
-            return None
-        return float(f'1e{math.ceil(math.log10(1.001 * largest))}')
 
 
 def recorded_steps(run: Recording, steps: Sequence[ReplayedStep]) -> list[dict[str, Value]]:
@@ -157,7 +147,6 @@ def _add_pair(result: Comparison, name: str, pair: tuple[Value, Value], toleranc
     scale = 1.0
     if isinstance(recorded, float) and math.isfinite(recorded):
         scale = max(1.0, abs(recorded))
-    total.scaled = max(total.scaled, difference / scale)
     differing = difference > tolerance * scale
     total.differing += differing
     return differing
@@ -202,7 +191,6 @@ def as_document(result: Comparison) -> dict[str, Any]:
         'compared_steps': result.compared,
         'missing_steps': result.missing,
         'unheard_commands': result.unpublished,
-        'rounding': result.rounding,
         'parting': None
         if divergence is None
         else {

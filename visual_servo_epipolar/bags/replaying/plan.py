@@ -153,22 +153,18 @@ def _note_version(recorded: NodeSettings, notes: list[str]) -> None:
     new = []
     if recorded.version not in ('', __version__):
         new.append(f'recorded with version {recorded.version}, replayed with {__version__}')
-    before, now = differing_versions(recorded.versions)
-    if before:
-        new.append(f'recorded with {before}, replayed with {now}')
-    notes += [note for note in new if note not in notes]
-
-
-def differing_versions(recorded: Mapping[str, str]) -> tuple[str, str]:
-    """Return the libraries that were others when recording: as they were then, and as now."""
     now = installed_versions()
-    names = [
-        name for name in now if name != PACKAGE and recorded.get(name, now[name]) != now[name]
-    ]
-    return (
-        ', '.join(f'{name} {recorded[name]}' for name in names),
-        ', '.join(f'{name} {now[name]}' for name in names),
-    )
+    differing = {
+        name: (version, now[name])
+        for name, version in recorded.versions.items()
+        if name != PACKAGE and now.get(name, version) != version
+    }
+    if differing:
+        before, after = (
+            ', '.join(f'{name} {each[k]}' for name, each in differing.items()) for k in (0, 1)
+        )
+        new.append(f'recorded with {before}, replayed with {after}')
+    notes += [note for note in new if note not in notes]
 
 
 def effective_changes(
