@@ -180,8 +180,7 @@ class CameraNode(GuardedNode):
     def _message(self, image: Pixels, stamp_ns: int) -> Image:
         encoding = self._settings.encoding
         if encoding == 'bgr8':
-            colours = [cv2.convertScaleAbs(image, alpha=it) for it in self._simulator.colours]
-            image = np.asarray(cv2.merge(colours), np.uint8)
+            image = np.asarray(cv2.merge([image] * 3), np.uint8)
         return write.image(image, encoding, stamp_ns, self._names.camera)
 
 

@@ -49,8 +49,7 @@ class CameraSimulator:
         self.camera = rig.camera
         self._room = painted_room(settings.scene_seed, settings.scene)
         self.light = LightSettings() if light is None else light
-        has_colours = settings.encoding == 'bgr8'
-        self._exposure = Exposure(self.light, has_colours=has_colours)
+        self._exposure = Exposure(self.light)
         scene = self._scene(self.light.light_of(settings.seed), has_changed=True)
         self.renderer = Renderer(scene, rig)
         self._exposures = Exposures(self.renderer)
@@ -113,11 +112,6 @@ class CameraSimulator:
         image = toned(image, 1.0 if is_photograph else self.light.gamma)
         image = self._sensor(gain).capture(image, frame)
         return as_jpeg(image, self.settings.jpeg) if self.settings.jpeg else image
-
-    @property
-    def colours(self) -> tuple[float, ...]:
-        """Blue, green and red of the last image over its grey."""
-        return self._exposure.colours
 
     def _light_of(self, is_photograph: bool) -> Light:
         if is_photograph:

@@ -129,17 +129,14 @@ class Light:
 
     ``level`` is what a camera of fixed exposure sees of it: textures are lit without, so that
     their eight bits hold a room that is all but black. ``ceiling`` is the power of each lamp
-    on the ceiling, all of which face down and cast no shadows. ``colour`` is red, green and blue
-    of what is grey; the grey of a camera without colours does not depend on it.
+    on the ceiling, all of which face down and cast no shadows.
     """
 
     name: str
-    what: str
     level: float
     ambient: float
     ceiling: float = 0.0
     sources: tuple[Lamp | Window, ...] = ()
-    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     @property
     def windows(self) -> list[Window]:
@@ -192,15 +189,14 @@ LAMP_RIGHT, LAMP_SIDE = Lamp((3.8, -0.8, 2.2), 17.0), Lamp((-5.2, 3.0, 2.3), 16.
 LAMP_BEHIND = Lamp((0.0, -9.0, 2.4), 30.0)
 OPENED = Window((-0.6, 8.0, 2.0), (3.6, 1.4), sky=20.0, normal=(0.0, -1.0, 0.0))
 DUSK_WINDOW = Window((-5.5, 0.2, 1.75), (3.4, 1.6), sky=27.9)
-BLUE, WARM = (0.85, 1.0, 1.35), (1.35, 0.95, 0.45)
 ROWS = (
-    Light(CEILING, 'the lamps on the ceiling', 1.0, 0.75, ceiling=1.9),
-    Light('noon', 'daylight, and the sun through a window', 1.0, 0.55, sources=(NOON_WINDOW,)),
-    Light('dusk', 'a window on the left', 1.0, 0.093, sources=(DUSK_WINDOW,), colour=BLUE),
-    Light('lamp_right', 'one lamp on the right', 1.0, 0.07, sources=(LAMP_RIGHT,), colour=WARM),
-    Light('lamp_side', 'one lamp from the side', 1.0, 0.055, sources=(LAMP_SIDE,), colour=WARM),
-    Light('dark', 'one lamp far behind', 0.25, 0.15, sources=(LAMP_BEHIND,), colour=WARM),
-    Light('window', 'lamps, and a bright window ahead', 1.0, 0.75, ceiling=1.9, sources=(OPENED,)),
+    Light(CEILING, 1.0, 0.75, ceiling=1.9),
+    Light('noon', 1.0, 0.55, sources=(NOON_WINDOW,)),  # daylight, and the sun
+    Light('dusk', 1.0, 0.093, sources=(DUSK_WINDOW,)),
+    Light('lamp_right', 1.0, 0.07, sources=(LAMP_RIGHT,)),
+    Light('lamp_side', 1.0, 0.055, sources=(LAMP_SIDE,)),
+    Light('dark', 0.25, 0.15, sources=(LAMP_BEHIND,)),
+    Light('window', 1.0, 0.75, ceiling=1.9, sources=(OPENED,)),  # bright, ahead
 )
 LIGHTS: Mapping[str, Light] = MappingProxyType({light.name: light for light in ROWS})
 
@@ -276,8 +272,6 @@ SPACING = 4  # of the pixels that are metered [px]
 WHITE = 255  # of a window: what is drawn so is GLARE times as bright, however short the exposure
 GLARE = 16.0
 
-LUMA = np.array([0.299, 0.587, 0.114])  # share of red, green and blue in grey
-
 
 class LitView(NamedTuple):
     """What a sensor is to take: the image by its light."""
@@ -293,12 +287,11 @@ class Exposure:
 
     An automatic one is set by the image before, by a quarter of a stop at most, and has settled on
     the first image. Up to 1 it is a shorter shutter, and beyond it is gain, which the noise grows
-    with. A camera has colours or not; what it takes is grey.
+    with.
     """
 
-    def __init__(self, settings: LightSettings, *, has_colours: bool = False) -> None:
-        self.settings, self.has_colours = settings, has_colours
-        self.colours: tuple[float, ...] = (1.0, 1.0, 1.0)  # blue, green, red over grey, at last
+    def __init__(self, settings: LightSettings) -> None:
+        self.settings = settings
         self._steps: int | None = None  # in STOPs, None as long as there was no image
 
     def begin(self) -> None:
@@ -312,11 +305,7 @@ class Exposure:
 
     def take(self, view: LitView) -> tuple[Image, float]:
         """Return the image, shape (H, W), as it is exposed, and the gain, which noise grows by."""
-        glare, grey = view.light.casts_shadows, 1.0
-        if self.has_colours:  # how bright the grey image is in which grey things have that colour
-            grey = float(LUMA @ np.array(view.light.colour))
-            self.colours = tuple((np.array(view.light.colour) / grey)[::-1].tolist())
-        light = view.light.level * view.factor * grey
+        glare, light = view.light.casts_shadows, view.light.level * view.factor
         if self._steps is None:
             self._settle(view.image, light, glare)
         exposure = self.factor if self.settings.exposure == 'auto' else 1.0
