@@ -17,12 +17,10 @@ from visual_servo_epipolar.sweeping import store as store_module
 from visual_servo_epipolar.sweeping.plan import Chunk, SweepPlan
 from visual_servo_epipolar.sweeping.store import FILE, Store
 from visual_servo_epipolar.sweeping.summary import (
-    defective,
     quantile,
     quantile_interval,
     summaries,
     wilson,
-    wrong,
 )
 
 RESULTS = [result(seed=seed) for seed in range(3)]
@@ -198,13 +196,11 @@ def test_reasons_are_counted_whatever_their_numbers(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_is_who_says_arrived_and_is_not(tmp_path, changes, is_wrong) -> None:
-    assert wrong(result(**changes)) is is_wrong
     assert summary(tmp_path, [result(**changes)])['arrived_but_wrong'] == is_wrong
 
 
 def test_a_run_that_raised_is_a_defect(tmp_path: Path) -> None:
     raised = result(outcome='failed', position_error_m=None, traceback='Traceback ...')
-    assert defective(raised) and not defective(FAILED)
     assert summary(tmp_path, [raised, FAILED])['defects'] == 1
 
 

@@ -17,13 +17,14 @@ from visual_servo_epipolar.commands.options import SWEEP_FOLDER
 from visual_servo_epipolar.commands.outputs import publish
 from visual_servo_epipolar.core.cameras.model import field_of_view
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.servo.run_log import kind
 from visual_servo_epipolar.files import write_whole
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.provenance import digest
 from visual_servo_epipolar.sweeping.store import drive, FILE, Store
-from visual_servo_epipolar.sweeping.summary import arrived, defective, summaries, wrong
+from visual_servo_epipolar.sweeping.summary import ARRIVALS, summaries
 from visual_servo_epipolar.sweeping.workers import cluster_workers, local_workers, Workers
 
 SHOWN = 3  # runs to look into that are named
@@ -125,15 +126,15 @@ def _name_suspect_runs(plan: SweepPlan, documents: Mapping[str, Mapping[str, Any
         for law, document in documents.items()
         for index, run in enumerate(document['runs'])
     ]
-    for words, fits in (('raised', defective), ('arrived but wrong', wrong)):
-        matching = [one for one in runs if fits(one[2])]
+    for name, words in (('raised', 'raised'), ('wrong', 'arrived but wrong')):
+        matching = [one for one in runs if kind(one[2]) == name]
         for law, index, run in matching[:SHOWN]:
             print(
                 f'visual_servo sweep: {words} ({len(matching)} in all), {run["reason"]}: '
                 f'{plan.command_of_run(law, index, run["start"])}',
                 file=sys.stderr,
             )
-    return 1 if any(defective(run) for *_, run in runs) else 0
+    return 1 if any(kind(run) == 'raised' for *_, run in runs) else 0
 
 
 class SweepProgress:
@@ -158,10 +159,9 @@ class SweepProgress:
     def add(self, results: Iterable[Mapping[str, Any]]) -> None:
         """Count results."""
         for result in results:
-            self._counts['runs'] += 1
-            self._counts['arrived' if arrived(result) else 'failed'] += 1
-            self._counts['wrong'] += wrong(result)
-            self._counts['raised'] += defective(result)
+            it = kind(result)
+            self._counts.update(('runs', 'arrived' if it in ARRIVALS else 'failed'))
+            self._counts.update([it] if it in ('wrong', 'raised') else [])
 
     def line(self) -> str:
         """Return bar, counts, runs a second, and remaining time."""

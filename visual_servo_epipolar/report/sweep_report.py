@@ -15,6 +15,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI
 from visual_servo_epipolar.core.laws.registry import phase_colour
+from visual_servo_epipolar.core.servo.run_log import kind
 from visual_servo_epipolar.report.canvas import (
     draw_field_of_view,
     draw_robot,
@@ -31,7 +32,6 @@ WRONG_COLOUR = '#CC79A7'
 WEDGE_REACH = 1.0  # [m]
 PANEL_HEIGHT, PANEL_WIDTHS = 4.6, (2.5, 6.0)  # [in]; narrower ones have no room for a title
 LEAST_WIDTH = 5.0  # of the figure [in]: so wide is the key
-LIMIT_M, LIMIT_DEG = 0.05, 2.0
 
 
 @rc_context(FIGURE_SETTINGS)
@@ -55,16 +55,6 @@ def starts(
     bar.set_label('position error of the runs that arrived [mm]')
     legend_outside(figure, _key_of_starts(), 'lower center', ncols=2)
     return figure
-
-
-def kind(run: Run) -> str:
-    """Return the outcome of a run: arrived, wrong (more than 5 cm or 2 deg), failed, raised."""
-    if 'traceback' in run:
-        return 'raised'
-    if run['outcome'] != 'arrived':
-        return 'failed'
-    off = run['position_error_m'] > LIMIT_M or abs(run['heading_error_deg']) > LIMIT_DEG
-    return 'wrong' if off else 'arrived'
 
 
 def _size(documents: Mapping[str, Mapping[str, Any]]) -> tuple[float, float]:

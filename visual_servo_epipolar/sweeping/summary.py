@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.servo.run_log import kind
 from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.store import Store
 
@@ -26,8 +27,7 @@ SAFETY = {
     'reversals_v': 'v',
     'reversals_w': 'w',
 }
-# An arrival with a larger error is wrong, and the robot did not say so.
-WRONG_POSITION_M, WRONG_HEADING_DEG = 0.05, 2.0
+ARRIVALS = ('arrived', 'wrong')  # by what the robot reports
 Z = 1.959963984540054  # of the standard normal: 95 % lie within
 RESAMPLES = 1000
 BOOTSTRAP_SEED = 7
@@ -47,35 +47,19 @@ def summaries(plan: SweepPlan, store: Store) -> dict[str, dict[str, Any]]:
     }
 
 
-def arrived(result: Result) -> bool:
-    """Whether the robot reports an arrival."""
-    return bool(result['outcome'] == 'arrived')
-
-
-def wrong(result: Result) -> bool:
-    """Whether a run says ``arrived`` and is more than 5 cm or 2 deg off."""
-    return arrived(result) and (
-        result['position_error_m'] > WRONG_POSITION_M
-        or abs(result['heading_error_deg']) > WRONG_HEADING_DEG
-    )
-
-
-def defective(result: Result) -> bool:
-    """Whether a run raised: a defect of the program, not a failure of the robot."""
-    return 'traceback' in result
-
-
 def summary_of(runs: Sequence[Result]) -> dict[str, Any]:
     """Return rates, errors and efforts of runs of one law, as the JSON of a sweep has them."""
-    arrivals = [run for run in runs if arrived(run)]
+    kinds = [kind(run) for run in runs]
+    arrivals = [run for run, it in zip(runs, kinds, strict=True) if it in ARRIVALS]
+    failures = [run for run, it in zip(runs, kinds, strict=True) if it not in ARRIVALS]
     every = [{**run, **(run.get('reversals') or {})} for run in runs]
     return {
         'success_rate': len(arrivals) / len(runs),
         'success_interval': list(wilson(len(arrivals), len(runs))),
         'arrived': len(arrivals),
-        'arrived_but_wrong': sum(map(wrong, runs)),
-        'defects': sum(map(defective, runs)),
-        'failure_reasons': reasons(run for run in runs if not arrived(run)),
+        'arrived_but_wrong': kinds.count('wrong'),
+        'defects': kinds.count('raised'),
+        'failure_reasons': reasons(failures),
         **{name: _spread(arrivals, name) for name in SPREADS},
         **{key: _spread(every, name) for key, name in SAFETY.items()},
         'runs': list(runs),

@@ -1,6 +1,6 @@
 """Run log: the record of one run, from which figures, files, sweeps and the verdict are made."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 import math
@@ -18,6 +18,7 @@ SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it h
 # from its last place than this [m].
 STANDING, LEAST_STANDSTILL_S, ENDING_M = 0.01, 0.3, 0.01
 AT_GOAL_M = 0.02  # a robot this near the goal has arrived, for whoever watches it
+WRONG_M, WRONG_DEG = 0.05, 2.0  # an arrival farther off is wrong, and the robot does not say so
 LEAST_REVERSED = {'v': 0.01, 'w': 0.05}  # slower commands are no motion to and fro [m/s, rad/s]
 
 
@@ -173,6 +174,16 @@ def summarise(log: RunLog) -> dict[str, Any]:
         'attempts': log.attempts,
         **_smoothness(log),
     }
+
+
+def kind(result: Mapping[str, Any]) -> str:
+    """Return how a run ended, by its document: arrived, wrong, failed, or raised by a defect."""
+    if 'traceback' in result:
+        return 'raised'
+    if result['outcome'] != 'arrived':
+        return 'failed'
+    off = result['position_error_m'] > WRONG_M or abs(result['heading_error_deg']) > WRONG_DEG
+    return 'wrong' if off else 'arrived'
 
 
 def least_time_of(log: RunLog) -> float | None:

@@ -6,7 +6,7 @@ import math
 from operator import itemgetter
 from typing import Any
 
-from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.core.servo.run_log import summarise, WRONG_DEG, WRONG_M
 from visual_servo_epipolar.evaluation.benchmarks.peers import drive_by_pose, PEERS, POSE_LAWS
 from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
 from visual_servo_epipolar.simulation.closed_loop import run as drive
@@ -20,7 +20,6 @@ REGIONS = ('front', 'beside')
 SMOOTH = 'smooth'
 LAWS = (*PEERS, SMOOTH, *POSE_LAWS)
 STARTS, QUICK_STARTS = 20, 1
-REACHED_M, REACHED_DEG = 0.05, 2.0
 LONGEST_S = 120.0
 COLUMNS: Columns = {
     'region': itemgetter('region'),
@@ -55,7 +54,7 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
         'starts': count,
         'seed': seed,
         'longest_s': LONGEST_S,
-        'reached': {'position_m': REACHED_M, 'heading_deg': REACHED_DEG},
+        'reached': {'position_m': WRONG_M, 'heading_deg': WRONG_DEG},
         'rows': [
             {'law': law, 'region': region}
             | scores([it for it in runs if (it['law'], it['region']) == (law, region)])
@@ -88,7 +87,7 @@ def one_run(law: str, start: tuple[float, float, float], seed: int) -> Run:
 def _fate(summary: Mapping[str, Any]) -> str:
     """Return how a run ended by ground truth; what the robot reports is ``outcome``."""
     position, heading = summary['position_error_m'], abs(summary['heading_error_deg'])
-    if position <= REACHED_M and heading <= REACHED_DEG:
+    if position <= WRONG_M and heading <= WRONG_DEG:
         return 'reached'
     return 'lost' if 'features' in summary['reason'] and 'lost' in summary['reason'] else 'missed'
 
