@@ -10,25 +10,20 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import doubtful_tilt
 from visual_servo_epipolar.core.errors import DegenerateGeometryError, TrackingError
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
-from visual_servo_epipolar.core.estimators.general.deviation import (
-    bearings_of,
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import rays_of
+from visual_servo_epipolar.core.estimators.registry import estimate
+from visual_servo_epipolar.core.geometry.epipolar import in_pixels
+from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
+from visual_servo_epipolar.core.geometry.rotation import fit_rotation
+from visual_servo_epipolar.core.perception.general_motion import (
+    general_motion,
+    GeneralFit,
+    Motions,
     planar_deviations,
     planar_is_simplest,
     Spread,
     spread_of,
 )
-from visual_servo_epipolar.core.estimators.general.motion import (
-    essentials,
-    general_motion,
-    GeneralFit,
-    Motions,
-    plain_cost,
-)
-from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays, rays_of
-from visual_servo_epipolar.core.estimators.registry import estimate
-from visual_servo_epipolar.core.geometry.epipolar import in_pixels
-from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
-from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair, uncalibrated
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -205,12 +200,12 @@ def judged(
     found = Inspection(False, '', parallax_px=turn.parallax * observation.focal)
     rays = rays_of(observation.current, observation.desired, observation.resolution)
     try:
-        fit, spread = spread_of(general_motion(rays), rays, observation.shared)
+        fit, spread = spread_of(general_motion(rays), observation.shared)
     except DegenerateGeometryError as error:
         return replace(found, reason=str(error)), None
-    planar = _simplest_planar(observation, rays, fit, spread, settings)
+    planar = _simplest_planar(observation, fit, spread, settings)
     general = _with_general(found, fit, spread, settings.mount)
-    essential = essentials(fit.motions)[0]
+    essential = fit.best.essentials[0]
     if planar is None:
         found = replace(general, reason=f'the motion was not planar: {GENERAL}')
     else:
@@ -240,7 +235,7 @@ def _upside_down(observation: Observation, fit: GeneralFit, tilt: float, mount: 
     """
     if _is_told(mount) or math.isnan(tilt):
         return ''
-    inliers, baseline = fit.inliers[0], fit.motions.baseline[0]
+    inliers, baseline = fit.inliers, fit.motions.baseline[0]
     desired = observation.desired[inliers]
     turned = observation.current[inliers] @ fit.motions.rotation[0].T
     across = np.linalg.norm(np.cross(turned, baseline), axis=1)
@@ -294,14 +289,13 @@ def _wrong_lens(
     if not reason or not general:
         return reason
     fundamental = perceive(observation, uncalibrated(settings), 0).fundamental
-    costs = [plain_cost(essential, fit) for essential in essentials(fit.motions)]
-    better = fundamental is not None and plain_cost(fundamental, fit) < min(costs)
+    costs = [fit.plain_cost(essential) for essential in fit.motions.essentials]
+    better = fundamental is not None and fit.plain_cost(fundamental) < min(costs)
     return reason if better else ''
 
 
 def _simplest_planar(
     observation: Observation,
-    rays: Rays,
     fit: GeneralFit,
     spread: Spread,
     settings: PerceptionSettings,
@@ -318,9 +312,9 @@ def _simplest_planar(
         )
     except DegenerateGeometryError:
         return None
-    if planar.inliers.sum() < PLANAR_SHARE * fit.inliers[0].sum():
+    if planar.inliers.sum() < PLANAR_SHARE * fit.inliers.sum():
         return None  # its twin may explain more, as in a mirrored image
-    return planar if planar_is_simplest(planar, fit, spread, rays, settings.mount) else None
+    return planar if planar_is_simplest(planar, fit, spread, settings.mount) else None
 
 
 def _with_planar(found: Inspection, planar: Estimate, spread: Spread) -> Inspection:
@@ -351,9 +345,8 @@ def _with_general(
     """Return what is found with a general motion: in the ground plane by a known mount."""
     known = _is_told(mount)
     level = rotation_level_camera(mount.tilt, mount.roll) if known else np.eye(3)
-    best = fit.motions.take(slice(1))
-    levelled = Motions(level @ best.rotation @ level.T, best.baseline @ level.T)
-    current, desired, rotation = bearings_of(levelled)[0].tolist()
+    levelled = Motions(level @ fit.best.rotation @ level.T, fit.best.baseline @ level.T)
+    current, desired, rotation = levelled.bearings[0].tolist()
     return replace(
         found,
         bearing_current=current,
@@ -362,7 +355,7 @@ def _with_general(
         sigma=-math.copysign(1.0, math.cos(current)),
         deviation=float(spread.whole[:2].max()),
         rotation_deviation=float(spread.whole[2]),
-        inliers=int(fit.inliers[0].sum()),
+        inliers=int(fit.inliers.sum()),
         planar=False,
         ground=known,
     )
@@ -370,8 +363,8 @@ def _with_general(
 
 def _refusal(found: Inspection, fit: GeneralFit, mount: Attitude) -> str:
     """Return why what is ``found`` is not to be trusted, in words, or ''."""
-    count = fit.inliers.shape[1]
-    if min(found.inliers, int(fit.inliers[0].sum())) < max(MIN_INLIERS, MIN_SHARE * count):
+    count = len(fit.inliers)
+    if min(found.inliers, int(fit.inliers.sum())) < max(MIN_INLIERS, MIN_SHARE * count):
         return Reason.FEW_INLIERS.of(found.inliers, count)
     if found.deviation > LARGEST_DEVIATION:
         return _uncertain(found, fit)

@@ -19,7 +19,9 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.least_squares import cauchy, null_vector, samples
+from visual_servo_epipolar.core.geometry.rays import image_points
 
+LEAST_FORWARD = 0.1  # z of a ray that has an image-plane point: 84 deg off the axis
 EPIPOLAR_PX = 2.0  # largest distance of an inlier from its epipolar line
 AGREEMENT_PX = 1.0  # less: a fit by least squares bends towards an outlier
 MIN_MATCHES = 8
@@ -53,6 +55,27 @@ def epipolar_geometry(
         # Any epipole does; with one in the middle, lines are those of driving ahead.
         return cross_matrix(np.append(desired[still].mean(axis=0), 1.0)), np.asarray(still)
     return geometry, inliers
+
+
+def essential_matrices(current: FloatArray, desired: FloatArray, pixel: float) -> FloatArray:
+    """
+    Return E, (K, 3, 3), of unit rays, (N, 3), by USAC with several limits, a ``pixel`` [rad] wide.
+
+    Those behind a camera are left out: OpenCV has no rays.
+    """
+    front = np.minimum(current[:, 2], desired[:, 2]) > LEAST_FORWARD
+    points = image_points(current[front]), image_points(desired[front])
+    found = [np.empty((0, 3, 3))]
+    for limit in (0.5 * AGREEMENT_PX, AGREEMENT_PX, EPIPOLAR_PX):
+        try:
+            essential, _ = cv2.findEssentialMat(
+                *points, np.eye(3), cv2.USAC_MAGSAC, CONFIDENCE, limit * pixel
+            )
+        except cv2.error:  # of too few matches
+            break
+        if essential is not None and np.shape(essential) == (3, 3):
+            found.append(np.asarray(essential)[None])
+    return np.concatenate(found)
 
 
 def agree_on_one_geometry(current: FloatArray, desired: FloatArray, pixel: float = 1.0) -> bool:

@@ -17,9 +17,8 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.estimators.general.deviation import bearings_of
-from visual_servo_epipolar.core.estimators.general.motion import Motions
 from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.core.perception.general_motion import Motions
 from visual_servo_epipolar.core.perception.inspection import inspect
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.evaluation.tables import aligned, percentiles
@@ -105,7 +104,7 @@ def opencv_motion(rays: Rays, noise: float, method: int) -> FloatArray:
     if essential is None or essential.shape != (3, 3):
         return np.full(3, math.nan)
     _, rotation, centre, _ = cv2.recoverPose(essential, *points, np.eye(3), mask=mask)
-    return np.asarray(bearings_of(Motions(rotation[None], centre.ravel()[None]))[0])
+    return np.asarray(Motions(rotation[None], centre.ravel()[None]).bearings[0])
 
 
 def table(document: Mapping[str, Any]) -> str:

@@ -1,1 +1,0 @@
-"""General motion of a camera in the hand: found, refined, with the deviation of its bearings."""
