@@ -43,6 +43,7 @@ from visual_servo_epipolar.evaluation.tables import aligned
 TRIALS, QUICK_TRIALS = 500, 12
 BASELINES = (6.0, 3.0, 1.5, 0.75, 0.4, 0.2)  # [m]
 REALISTIC: Mapping[str, Any] = {'tilt': 1.0, 'roll': 0.5, 'jitter': 0.1, 'outliers': 0.2}
+CONDITIONS: Mapping[str, Mapping[str, Any]] = {'ideal': {}, 'realistic': REALISTIC}
 GROSS = 5.0  # error that counts as a failure [deg]
 NO_ANSWER = 90.0  # what a refusal counts as [deg]
 REFERENCE = 'opencv LMedS F'  # of times
@@ -127,12 +128,7 @@ def _opencv(method: int, pair: Pair, cell: Cell) -> Bearings | None:
     )
 
 
-def _poselib_f(poselib: Any, pair: Pair, cell: Cell) -> Bearings | None:
-    options = {'max_epipolar_error': _threshold(cell), 'seed': 0}
-    return _from_fundamental(poselib.estimate_fundamental(*_pixels(pair), options, {})[0])
-
-
-def _poselib_e(poselib: Any, pair: Pair, cell: Cell) -> Bearings | None:
+def _poselib(poselib: Any, pair: Pair, cell: Cell) -> Bearings | None:
     options = {'max_epipolar_error': _threshold(cell), 'seed': 0}
     params = [FOCAL, FOCAL, 0.0, 0.0]
     camera = {'model': 'PINHOLE', 'width': 1280, 'height': 1024, 'params': params}
@@ -149,9 +145,7 @@ def peers() -> Mapping[str, Solver]:
         'opencv MAGSAC F': partial(_opencv, cv2.USAC_MAGSAC),
     }
     if find_spec('poselib') is not None:
-        poselib = import_module('poselib')
-        solvers['poselib F'] = partial(_poselib_f, poselib)
-        solvers['poselib E'] = partial(_poselib_e, poselib)
+        solvers['poselib E'] = partial(_poselib, import_module('poselib'))
     return solvers
 
 
@@ -177,14 +171,14 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
             },
             'accuracy': [_accuracy(*cell, trials, seed, say) for cell in _cells()],
             'bound': [_bound(baseline, trials, seed) for baseline in BASELINES[1:]],
-            'honesty': [_consistency(*case, trials, seed, say) for case in _cases()],
+            'honesty': [
+                _consistency(method, baseline, trials, seed, say)
+                for method, baseline in product(STATED, BASELINES[1:4])
+            ],
             'signs': [_signs(baseline, trials, seed) for baseline in (0.1, 0.3, 1.0)],
             'time': [
-                _times(name, cell, trials, seed, say)
-                for name, cell in (
-                    ('ideal, 3 m', Cell(baseline=3.0)),
-                    ('realistic, 3 m', Cell(baseline=3.0, **REALISTIC)),
-                )
+                _times(f'{kind}, 3 m', Cell(baseline=3.0, **more), trials, seed, say)
+                for kind, more in CONDITIONS.items()
             ],
         }
     finally:
@@ -193,7 +187,7 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
 
 def _cells() -> Iterator[tuple[str, str, Cell]]:
     """Yield kind, name and cell of every column of the tables of accuracy."""
-    for kind, conditions in (('ideal', {}), ('realistic', REALISTIC)):
+    for kind, conditions in CONDITIONS.items():
         for baseline in BASELINES:
             yield kind, f'{baseline:g} m', Cell(baseline=baseline, **conditions)
     for scene in ('slanted', 'frontal'):
@@ -231,14 +225,13 @@ def _summary(errors: FloatArray) -> dict[str, float]:
 
 def _bound(baseline: float, trials: int, seed: int) -> dict[str, Any]:
     """Return the error of planar_2dof in units of the Cramer-Rao bound."""
-    cell = Cell(baseline=baseline)
-    squared, sizes = [], []
+    cell, squared, sizes = Cell(baseline=baseline), [], []
     for pair in draw_pairs(cell, trials, seed):
         information = fisher_information(pair, cell.ray_noise)
         bearings = _bearings('planar_2dof', pair, cell)
         if bearings is not None:
-            deviation = difference(bearings, pair.bearings)
-            squared.append(float(deviation @ information @ deviation) / 2.0)
+            away = difference(bearings, pair.bearings)
+            squared.append(float(away @ information @ away) / 2.0)
         sizes.append(np.linalg.inv(information).trace() / 2.0)
     bound = math.degrees(math.sqrt(float(np.median(sizes))))
     return {'case': f'{baseline:g} m, bound {bound:.3f} deg', **_normalised(squared)}
@@ -247,28 +240,23 @@ def _bound(baseline: float, trials: int, seed: int) -> dict[str, Any]:
 def _normalised(squared: list[float]) -> dict[str, float]:
     """Return the root mean square of normalised errors, whole and without the largest 1 %."""
     trimmed = np.sort(squared)[: max(1, math.ceil(0.99 * len(squared)))]
-    return {
-        'rms': math.sqrt(float(np.mean(squared))),
-        'trimmed_rms': math.sqrt(float(trimmed.mean())),
-        'count': len(squared),
-    }
+    rms, trimmed_rms = (math.sqrt(float(np.mean(it))) for it in (squared, trimmed))
+    return {'rms': rms, 'trimmed_rms': trimmed_rms, 'count': len(squared)}
 
 
-def _cases() -> Iterator[tuple[str, str, Cell]]:
-    """Yield name, method and cell of errors that are compared with the stated deviations."""
-    ours: tuple[tuple[str, Mapping[str, Any]], ...] = (
-        ('planar_2dof', {}),
-        ('soft cold', REALISTIC),
-        ('soft calibrated', REALISTIC),
-    )
-    for (method, conditions), baseline in product(ours, BASELINES[1:4]):
-        yield f'{method}, {baseline:g} m', method, Cell(baseline=baseline, **conditions)
+# Methods whose errors are compared with the deviations that they state.
+STATED: Mapping[str, Mapping[str, Any]] = {
+    'planar_2dof': {},
+    'soft cold': REALISTIC,
+    'soft calibrated': REALISTIC,
+}
 
 
 def _consistency(
-    case: str, method: str, cell: Cell, trials: int, seed: int, say: Callable[[str], None]
+    method: str, baseline: float, trials: int, seed: int, say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Return errors in units of stated deviations, at a parallax above 25 of the noise."""
+    case, cell = f'{method}, {baseline:g} m', Cell(baseline=baseline, **STATED[method])
     say(f'covariance: {case}')
     squared = []
     for pair in draw_pairs(cell, trials, seed):
@@ -276,8 +264,8 @@ def _consistency(
             continue
         answer = estimate(method, pair, cell)
         if answer is not None:
-            errors = difference(answer.bearings, pair.bearings)
-            squared.append(float(errors @ np.linalg.solve(answer.covariance, errors)) / 2.0)
+            away = difference(answer.bearings, pair.bearings)
+            squared.append(float(away @ np.linalg.solve(answer.covariance, away)) / 2.0)
     return {'case': case, **_normalised(squared)}
 
 
