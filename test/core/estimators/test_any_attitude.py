@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.estimators.machinery.tilted_planar import PHI, P
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rays import image_points, rotation_level_camera
-from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (
+from visual_servo_epipolar.evaluation.benchmarks.scenes import (
     Cell,
     draw_pair,
     draw_pairs,

@@ -33,7 +33,7 @@ from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
 from visual_servo_epipolar.core.geometry.motion import Pose, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import normalised, unit_rays
-from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import Cell, draw_pairs, error
+from visual_servo_epipolar.evaluation.benchmarks.scenes import Cell, draw_pairs, error
 
 NOISE = 0.3 / 769.0
 ALL = pytest.mark.parametrize('estimator', [planar_2dof, planar_3dof, soft_planar])

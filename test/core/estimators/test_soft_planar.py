@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.epipolar import image_sampson_distance, sampson_distance
 from visual_servo_epipolar.core.geometry.lens import unknown_lens
 from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
-from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (
+from visual_servo_epipolar.evaluation.benchmarks.scenes import (
     Cell,
     draw_pair,
     draw_pairs,

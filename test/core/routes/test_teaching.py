@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.route import Appearance, in_memory, RouteView
 from visual_servo_epipolar.core.routes.settings import TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
-from visual_servo_epipolar.evaluation.benchmarks.estimation.routes import read_clips
+from visual_servo_epipolar.evaluation.benchmarks.routes import read_clips
 
 DONKEY = Path(__file__).parents[2] / 'evaluation' / 'benchmarks' / 'estimation' / 'donkey'
 SIZE = (160, 120)

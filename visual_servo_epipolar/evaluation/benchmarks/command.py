@@ -23,7 +23,7 @@ from visual_servo_epipolar.nodes.startup.missing import remedy
 # table(document) -> text; OPTIONS are those of the command line that its run takes beside.
 HERE = 'visual_servo_epipolar.evaluation.benchmarks'
 BENCHMARKS: Mapping[str, str] = {
-    'estimation': f'{HERE}.estimation.benchmark',
+    'estimation': f'{HERE}.estimation',
     'tracking': f'{HERE}.tracking',
     'laws': f'{HERE}.laws',
     'latency': f'{HERE}.latency',
@@ -31,16 +31,16 @@ BENCHMARKS: Mapping[str, str] = {
     'ablation': f'{HERE}.ablation',
     'consistency': f'{HERE}.consistency',
     'mounts': f'{HERE}.mounts',
-    'real': f'{HERE}.estimation.real',
-    'routes': f'{HERE}.estimation.routes',
+    'real': f'{HERE}.real',
+    'routes': f'{HERE}.routes',
     'report': f'{HERE}.report',
 }
 # Too long to be run unless they are named.
 ON_REQUEST = ('real', 'routes', 'report')
 # What reads the FOLDER after the name of a benchmark, by the option that it becomes.
 FOLDERS = {
-    'real': ('photographs', f'{HERE}.estimation.real:read_pairs'),
-    'routes': ('clips', f'{HERE}.estimation.routes:read_clips'),
+    'real': ('photographs', f'{HERE}.real:read_pairs'),
+    'routes': ('clips', f'{HERE}.routes:read_clips'),
     'report': ('out', 'builtins:str'),
 }
 

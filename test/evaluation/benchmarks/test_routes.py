@@ -10,7 +10,7 @@ import pytest
 from visual_servo_epipolar.commands.main import main
 
 DONKEY = Path(__file__).parent / 'donkey'
-REAL = Path(__file__).resolve().parents[5] / 'shared' / 'real_clips'
+REAL = Path(__file__).resolve().parents[4] / 'shared' / 'real_clips'
 
 
 def bench(folder: Path, result: Path) -> tuple[int, dict[str, Any]]:

@@ -34,7 +34,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.evaluation.benchmarks.estimation.real import (
+from visual_servo_epipolar.evaluation.benchmarks.real import (
     angle_errors,
     opencv_motion,
     read_truth,

@@ -29,7 +29,7 @@ from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, epipoles
 from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
-from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (
+from visual_servo_epipolar.evaluation.benchmarks.scenes import (
     Cell,
     difference,
     draw_pairs,

@@ -12,8 +12,8 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.rays import image_points
-from visual_servo_epipolar.evaluation.benchmarks.estimation import benchmark as estimation
-from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (
+from visual_servo_epipolar.evaluation.benchmarks import estimation
+from visual_servo_epipolar.evaluation.benchmarks.scenes import (
     Cell,
     difference,
     draw_pair,

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
-PAIRS = Path(__file__).resolve().parents[5] / 'shared' / 'real_pairs'
+PAIRS = Path(__file__).resolve().parents[4] / 'shared' / 'real_pairs'
 POSE = Pose.from_start(0.8, -3.0, 10.0)
 SMALL = small_cameras.sized(640, 480, 384.6, 327.0, 233.0)
 CAMERA = """

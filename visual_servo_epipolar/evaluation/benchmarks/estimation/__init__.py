@@ -1,1 +1,0 @@
-"""Estimation benchmark: our estimators and peers on synthetic pairs of views."""
