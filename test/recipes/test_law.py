@@ -6,16 +6,15 @@ import math
 import pytest
 from untold_bases import driven
 
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.conditions import is_untrusted, leads_home
 from visual_servo_epipolar.core.laws.machine import PhaseRow, StateMachine
+from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.registry import phase_colour, phase_row, sentence
-from visual_servo_epipolar.core.laws.state import DriveState
-from visual_servo_epipolar.core.laws.timing import goal_distance
 from visual_servo_epipolar.core.laws.two_steps import FULL, TWO_STEPS
-from visual_servo_epipolar.core.perception.measurement import Measurement
 
 SPEED = 0.2  # [m/s]
 
@@ -24,19 +23,19 @@ PURSUING = Phase('pursuing', drives=True, closes_in=True)
 CLOSE = Event('close', 'a straight line leads home')
 
 
-def classify(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
-    if is_untrusted(measurement, settings) or measurement.bearings is None:
+def classify(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
+    if is_untrusted(goal, settings) or goal.bearings is None:
         return Event.LOST
-    return CLOSE if leads_home(measurement, settings) else Event.NOTHING
+    return CLOSE if leads_home(goal, settings) else Event.NOTHING
 
 
-def command(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def command(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
     """Return the twist of Park and Kuipers (2011), along one curve to the axis of the goal."""
-    assert measurement.bearings is not None
-    delta = -math.remainder(measurement.bearings.phi + math.pi, 2.0 * math.pi)
-    aside = -math.remainder(measurement.bearings.psi + 0.5 * math.pi, 2.0 * math.pi)
+    assert goal.bearings is not None
+    delta = -math.remainder(goal.bearings.phi + math.pi, 2.0 * math.pi)
+    aside = -math.remainder(goal.bearings.psi + 0.5 * math.pi, 2.0 * math.pi)
     turn = 3.0 * (delta + math.atan(aside)) + (1.0 + 1.0 / (1.0 + aside**2)) * math.sin(delta)
-    return Twist(SPEED, -SPEED * turn / goal_distance(state, measurement))
+    return Twist(SPEED, -SPEED * turn / goal.distance())
 
 
 ROW = PhaseRow(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, PSI, RHO, YAW
-from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate
+from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate, GoalEstimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
@@ -20,6 +20,8 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import advance
 
 SETTINGS = ServoSettings(law='full')
+START = ServoState()
+KEPT = 'jitter', 'trusted_heading'  # which an estimate takes over from the one before
 TWO_VIEWS = ServoSettings(law='full', memory=False)  # who has no memory of views never doubts
 MEMORY = fresh_memory(SETTINGS)
 PHASES = tuple(TWO_STEPS.rows)
@@ -96,17 +98,45 @@ def learnt_yaw(degrees: float) -> Extrinsics:
 def in_phase(phase: Phase, **changes: Any) -> ServoState:
     """Return a state at time zero in ``phase``, as a run would have it, at a standstill."""
     running = {'measurement': sight(0), 'distance': 8.0, 'side': -1.0, 'target': 0.2}
-    return estimated(
-        ServoState().changed(phase=phase, **{**running, 'mount': np.zeros(3), **changes})
+    return seeing(ServoState(), phase=phase, **{**running, 'mount': np.zeros(3), **changes})
+
+
+def goal(seen: Measurement, state: ServoState = START) -> GoalEstimate:
+    """Return the estimate of the goal by what is ``seen``, and what a ``state`` has."""
+    known, before, memory = state.identified, state.measurement, state.view.memory
+    kept = {name: getattr(before, name) for name in KEPT if hasattr(before, name)}
+    return goal_estimate(
+        seen,
+        None,
+        known.extrinsics or SETTINGS.extrinsics,
+        known.base,
+        place=state.map.place,
+        motion=state.motion,
+        period=state.view.period,
+        followed=None if memory is None else memory.rivals,
+        **kept,
     )
+
+
+def seeing(state: ServoState, **changes: Any) -> ServoState:
+    """Return ``state`` with changes, and the estimate of the goal by its parts."""
+    known = {name: changes.pop(name) for name in KEPT if name in changes}
+    state = state.changed(**changes)
+    if state.measurement is not None or known:
+        now = replace(goal(state.measurement or sight(0), state), **known)
+        state = state.changed(measurement=now)
+    rest = state.settling.rest
+    return state if rest is None else state.changed(rest=goal(rest, state))
+
+
+def asked(question: Any, state: ServoState, seen: Measurement, settings: ServoSettings) -> Any:
+    """Return what a function of laws answers in a ``state`` where that is ``seen``."""
+    return question(goal(seen, state), state, settings)
 
 
 def estimated(state: ServoState) -> ServoState:
     """Return ``state`` with the estimate of the goal by its parts."""
-    known = state.identified
-    mounted, seen = known.extrinsics or SETTINGS.extrinsics, state.measurement or sight(0)
-    estimate = goal_estimate(seen, None, mounted, known.base, state.map.place)
-    return state.changed(estimate=estimate)
+    return seeing(state, measurement=state.measurement or sight(0))
 
 
 def then(

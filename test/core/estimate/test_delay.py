@@ -10,7 +10,7 @@ from servo_states import SETTINGS, sight
 
 from visual_servo_epipolar.core.estimate.base_model import Delay, MOST_DEVIATION
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.laws.timing import BORNE, felt_latency, is_late
+from visual_servo_epipolar.core.laws.prediction import BORNE, felt_latency, is_late
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 

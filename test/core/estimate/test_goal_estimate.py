@@ -69,9 +69,9 @@ def test_a_mount_that_is_likely_but_not_believed_adds_what_it_differs_by() -> No
 
 def test_two_views_have_bearings_and_no_pose() -> None:
     of_two = goal_estimate(sight(), None, MOUNTED, BaseModel())
-    assert (of_two.source, of_two.reason) == (Source.TWO_VIEWS, Reason.NONE)
+    assert (of_two.source, of_two.cause) == (Source.TWO_VIEWS, Reason.NONE)
     assert of_two.in_base() is None
-    assert np.isnan(of_two.covariance).all()
+    assert np.isnan(of_two.pose_covariance).all()
 
 
 def test_it_says_what_it_is_by_and_why_it_has_no_bearings() -> None:
@@ -81,4 +81,4 @@ def test_it_says_what_it_is_by_and_why_it_has_no_bearings() -> None:
     blind = goal_estimate(
         replace(sight(), bearings=None, reason=doubt), None, MOUNTED, BaseModel()
     )
-    assert (blind.source, blind.reason) == (Source.NOTHING, Reason.TILTED)
+    assert (blind.source, blind.cause) == (Source.NOTHING, Reason.TILTED)

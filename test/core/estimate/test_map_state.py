@@ -9,7 +9,7 @@ from map_study import (
 from map_study import StudySettings, trial
 import numpy as np
 import pytest
-from servo_states import in_phase, reading
+from servo_states import asked, goal, in_phase, reading
 
 from visual_servo_epipolar.core.estimate.map_state import (
     localize,
@@ -51,7 +51,7 @@ def test_the_surer_bearings_are_taken(two_views: float, memory: float, expected:
     assert better.bearings == expected
     assert better.deviation == (memory if expected is MEMORY else two_views)
     assert (better.offset, better.heading_error, better.difference) == ((0.004, -0.5), 0.01, -0.02)
-    assert lateral_offset(ServoState(), better) == 0.004
+    assert lateral_offset(goal(better, ServoState())) == 0.004
 
 
 def test_uncertain_bearings_of_the_memory_are_none() -> None:
@@ -64,33 +64,43 @@ def test_uncertain_bearings_of_the_memory_are_none() -> None:
 def test_no_memory_overrules_an_image_that_looks_another(pixels: float, seen: bool) -> None:
     """Through a lens that is told wrong it may have a geometry that is not there."""
     there = replace(measurement(), offset=(0.0, 0.0), offset_deviation=1e-3)
-    assert has_parallax(ServoState(), replace(there, parallax=pixels / 769.0), SETTINGS) is seen
+    assert (
+        asked(has_parallax, ServoState(), replace(there, parallax=pixels / 769.0), SETTINGS)
+        is seen
+    )
 
 
 @pytest.mark.parametrize(('away', 'deviation'), [(0.0, 1e-4), (0.01, 0.01), (ARRIVAL_OFFSET, 0.0)])
 def test_who_is_at_the_goal_by_the_memory_has_no_parallax(away: float, deviation: float) -> None:
     there = replace(measurement(), offset=(away, 0.0), offset_deviation=deviation, parallax=1e-3)
-    assert not has_parallax(ServoState(), there, SETTINGS)
+    assert not asked(has_parallax, ServoState(), there, SETTINGS)
 
 
 @pytest.mark.parametrize(('away', 'deviation'), [(0.003, 1e-3), (-0.01, 1e-3), (math.nan, 1e-3)])
 def test_who_is_not_has(away: float, deviation: float) -> None:
     off = replace(measurement(), offset=(away, 0.0), offset_deviation=deviation, parallax=0.0)
-    assert has_parallax(ServoState(), off, SETTINGS)
+    assert asked(has_parallax, ServoState(), off, SETTINGS)
 
 
 def test_what_is_left_along_the_axis_is_no_reason_for_an_attempt_that_ends_as_the_last() -> None:
     short = replace(measurement(), offset=(0.0, -0.003), offset_deviation=1e-4)
     short = replace(short, difference_slope=0.1, difference_deviation=1e-6, difference=-3e-4)
-    assert has_parallax(ServoState(), short, SETTINGS)
+    assert asked(has_parallax, ServoState(), short, SETTINGS)
     banded = replace(SETTINGS, dead_band_linear=0.07)  # half a hop of 7 mm
-    assert not has_parallax(ServoState(), short, banded)
+    assert not asked(has_parallax, ServoState(), short, banded)
 
 
 @pytest.mark.parametrize(('attempts', 'there'), [(2, False), (3, True), (5, True)])
 def test_a_base_that_misses_by_the_same_again_and_again_is_asked_for_less(attempts, there) -> None:
     beside = replace(measurement(), offset=(0.005, 0.0), offset_deviation=1e-4)
-    assert has_parallax(ServoState().changed(attempts=attempts), beside, SETTINGS) is not there
+    assert (
+        has_parallax(
+            goal(beside, ServoState().changed(attempts=attempts)),
+            ServoState().changed(attempts=attempts),
+            SETTINGS,
+        )
+        is not there
+    )
 
 
 @pytest.mark.parametrize('mount', [(0.0, 0.3, 0.0), (0.1, 0.2, -0.1), (-0.4, 0.0, 0.05)])

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from servo_states import in_phase, MEMORY, reading, SETTINGS, sight, TWO_VIEWS
+from servo_states import in_phase, MEMORY, reading, seeing, SETTINGS, sight, TWO_VIEWS
 
 from visual_servo_epipolar.core.estimate.extrinsics import (
     Extrinsics,
@@ -161,12 +161,12 @@ def test_who_knows_the_offset_needs_no_new_attempt_for_a_yaw() -> None:
         settled=SETTINGS.arrival_frames,
         settled_parallax=0.0,
     )
-    assert classify(state.changed(measurement=near), TWO_VIEWS) is Event.MISSED
+    assert classify(seeing(state, measurement=near), TWO_VIEWS) is Event.MISSED
     known = replace(
         near, offset=(0.0, 0.0), offset_deviation=1e-3, heading_deviation=1e-3,
         difference_slope=0.05, difference_deviation=0.0,
     )  # fmt: skip
-    assert classify(state.changed(measurement=known), SETTINGS) is Event.MATCHED
+    assert classify(seeing(state, measurement=known), SETTINGS) is Event.MATCHED
 
 
 def test_what_a_turn_may_have_swung_counts_as_noise() -> None:

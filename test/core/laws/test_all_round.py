@@ -5,7 +5,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
-from servo_states import behind, in_phase, sight
+from servo_states import asked, behind, in_phase, seeing, sight
 from strategies import floats
 
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
@@ -35,7 +35,7 @@ def test_from_every_pose_it_comes_near_the_goal(distance, direction, heading) ->
     for _ in range(1000):
         if not goes_around(x, y, heading, seen(x, y, heading)):
             break
-        twist = approach(ServoState(), seen(x, y, heading), SETTINGS)
+        twist = asked(approach, ServoState(), seen(x, y, heading), SETTINGS)
         turn = float(np.clip(twist.angular, -SETTINGS.max_angular, SETTINGS.max_angular))
         heading = wrap_angle(heading + PERIOD_S * turn)
         x -= PERIOD_S * twist.linear * math.sin(heading)
@@ -53,7 +53,7 @@ def test_beside_and_ahead_of_the_goal_nobody_backs_off_who_sees_all_around(side,
     for x, y in ((side * distance, 0.0), (0.1, distance)):
         known = {'bearings': beside, 'offset': (x, y), 'offset_deviation': 0.01}
         events = [
-            classify(state.changed(measurement=sight(view_margins=margins, **known)), SETTINGS)
+            classify(seeing(state, measurement=sight(view_margins=margins, **known)), SETTINGS)
             for margins in (ENDLESS, (1.0, 1.0))
         ]
         assert events[0] is Event.NOTHING

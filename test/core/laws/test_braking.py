@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from servo_states import behind, in_phase, sight
+from servo_states import behind, goal, in_phase, sight
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.base_model import Delay
@@ -27,7 +27,7 @@ def turned(angle: float, settings: ServoSettings, *, delay: int) -> tuple[float,
     left, waiting, before, last = [angle], [0.0] * delay, Twist(0.0, 0.0), 0.0
     for frame in range(150):
         state = in_phase(Phase.ORIENTING, period=FRAME_S, command=Command(before))
-        wanted = Twist(0.0, braked_turn(left[-1], state, settings))
+        wanted = Twist(0.0, braked_turn(left[-1], state.measurement, settings))
         if settings.options.speed_ramps:
             wanted = settings.drive.within_speed(wanted)
             before = settings.drive.within_acceleration(wanted, before, FRAME_S)
@@ -69,7 +69,9 @@ def landed(angle: float, late: float) -> tuple[float, FloatArray, list[float]]:
             sent=sent,
             delay=known,
         )
-        wanted = FULL.drive.within_speed(Twist(0.0, braked_turn(-heading, state, FULL)))
+        wanted = FULL.drive.within_speed(
+            Twist(0.0, braked_turn(-heading, state.measurement, FULL))
+        )
         before = FULL.drive.within_acceleration(wanted, before, FRAME_S)
         sent = sent.after(now_ns, before)
         next_ns = now_ns + round(FRAME_S * 1e9)
@@ -93,16 +95,20 @@ def test_a_turn_ends_soon_whatever_the_base_delays_it_by(angle: float, delay: in
 def test_by_pulses_a_turn_is_no_sharper_than_each_can_be_seen() -> None:
     state = in_phase(Phase.ORIENTING, period=FRAME_S)
     pulsed = replace(FULL, dead_band_angular=0.05)
-    assert braked_turn(0.01, state, pulsed) == pytest.approx(0.01 * FULL.turn_gain, rel=0.01)
-    assert braked_turn(0.1, state, pulsed) == braked_turn(0.1, state, FULL)
-    assert braked_turn(0.01, state, FULL) == pytest.approx(0.04 * FULL.turn_gain, rel=0.03)
+    assert braked_turn(0.01, state.measurement, pulsed) == pytest.approx(
+        0.01 * FULL.turn_gain, rel=0.01
+    )
+    assert braked_turn(0.1, state.measurement, pulsed) == braked_turn(0.1, state.measurement, FULL)
+    assert braked_turn(0.01, state.measurement, FULL) == pytest.approx(
+        0.04 * FULL.turn_gain, rel=0.03
+    )
 
 
 def closing_in(x: float, *, heading: float = 0.0, y: float = -0.2) -> Twist:
     """Return the command of step 2 of who is at ``x``, ``y`` [m] by a memory of views."""
     seen = sight(offset=(x, y), heading_error=heading, difference=0.4 * y, view_margins=(1.0, 1.0))
     state = in_phase(Phase.MATCHING_FEATURES, slope=Slope(0.4, 1e6))
-    return FULL.machine.row(state.phase).command(state, seen, FULL)
+    return FULL.machine.row(state.phase).command(goal(seen, state), state, FULL)
 
 
 def test_step_2_closes_in_slower_where_more_is_aside_or_unknown(monkeypatch) -> None:
@@ -125,9 +131,12 @@ def test_on_its_last_centimetre_step_2_faces_the_goal() -> None:
 def test_turns_in_place_of_step_1_brake(phase: Phase) -> None:
     seen = sight(bearings=behind(0.0, 0.2), view_margins=(1.0, 1.0))
     state = in_phase(phase, latched=True, target=0.0)
-    twist = FULL.machine.row(phase).command(state, seen, FULL)
+    twist = FULL.machine.row(phase).command(goal(seen, state), state, FULL)
     assert twist.linear == 0.0
-    assert twist.angular == pytest.approx(braked_turn(-0.2, state, FULL))
+    assert twist.angular == pytest.approx(braked_turn(-0.2, state.measurement, FULL))
     assert FULL.turn_gain * 0.2 < -twist.angular
     own = replace(FULL, law='full-speed_ramps')
-    assert FULL.turn_gain * 0.2 > -own.machine.row(phase).command(state, seen, own).angular
+    assert (
+        FULL.turn_gain * 0.2
+        > -own.machine.row(phase).command(goal(seen, state), state, own).angular
+    )

@@ -4,7 +4,7 @@ from dataclasses import replace
 import math
 
 import pytest
-from servo_states import BEARINGS, behind, DRIVING, in_phase, ranged, SETTINGS, sight
+from servo_states import asked, BEARINGS, behind, DRIVING, goal, in_phase, ranged, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.arrival import (
@@ -84,7 +84,8 @@ def test_nobody_is_asked_for_less_than_the_base_can_move(mode, frames) -> None:
     exact = sight(difference_slope=0.06, difference_deviation=0.0, offset=(0.0, 0.002))
     banded = replace(SETTINGS, dead_band_linear=0.05, dead_band_mode=mode)
     assert matched_bound(exact, banded) == pytest.approx(frames * 0.1 * 0.05 * 0.06)
-    slowly = trial_of(in_phase(Phase.MATCHING_FEATURES, period=0.2))
+    slow = in_phase(Phase.MATCHING_FEATURES, period=0.2)
+    slowly = trial_of(goal(exact, slow), slow)
     assert matched_bound(exact, banded, slowly) == pytest.approx(frames * 0.2 * 0.05 * 0.06)
     vague = replace(exact, difference_deviation=1e-3)  # a hop is no finer than a look
     assert matched_bound(vague, banded) == pytest.approx(1e-3)
@@ -114,8 +115,8 @@ def test_who_lingers_at_the_goal_is_asked_for_no_more_than_usual() -> None:
         assert is_close(state, SETTINGS)
         assert is_settled(state.changed(time_in_tolerance=PATIENCE_S + 0.1), SETTINGS)
     turned = in_phase(Phase.ORIENTING, time_in_tolerance=PATIENCE_S + 0.1)
-    assert is_at_goal(turned, exact, SETTINGS)
-    assert not is_at_goal(in_phase(Phase.ORIENTING), exact, SETTINGS)
+    assert asked(is_at_goal, turned, exact, SETTINGS)
+    assert not asked(is_at_goal, in_phase(Phase.ORIENTING), exact, SETTINGS)
     assert not is_close(in_phase(Phase.RETREATING, measurement=exact), SETTINGS)
 
 
@@ -136,15 +137,21 @@ def test_who_is_near_lingers_and_a_new_phase_begins_anew() -> None:
     away = replace(near, stamp_ns=2 * 10**9, difference=0.1)
     state = update(state, Perception(away, fresh_memory(without)), 0.25, without)
     assert state.settling.time_in_tolerance == 0.25
-    assert switch_phase(state, away, Event.MISSED, without).settling.time_in_tolerance == 0.0
+    assert (
+        switch_phase(state, goal(away, state), Event.MISSED, without).settling.time_in_tolerance
+        == 0.0
+    )
     # What could not be had there is not tried for once more in the turn that ends it.
-    assert switch_phase(state, away, Event.TURNED, without).settling.time_in_tolerance == 0.25
+    assert (
+        switch_phase(state, goal(away, state), Event.TURNED, without).settling.time_in_tolerance
+        == 0.25
+    )
 
 
 def test_a_parallax_that_is_not_known_is_not_that_of_the_goal() -> None:
     state = in_phase(Phase.MATCHING_FEATURES)
-    assert has_parallax(state, sight(parallax=math.nan), SETTINGS)
-    assert not has_parallax(state, sight(parallax=0.0), SETTINGS)
+    assert has_parallax(goal(sight(parallax=math.nan), state), state, SETTINGS)
+    assert not has_parallax(goal(sight(parallax=0.0), state), state, SETTINGS)
 
 
 @pytest.mark.parametrize(
@@ -181,7 +188,7 @@ def test_an_excursion_refers_to_half_a_metre_at_least(first: float, led: bool) -
     leg = Leg(psi, (distance - first) * math.cos(psi), (distance - first) * math.sin(psi))
     state = in_phase(Phase.ZEROING_EPIPOLES, leg=leg, extrinsics=ranged(distance))
     settings = type(SETTINGS)(max_excursion=1.5)
-    assert bool(excursion_limit(state, sight(), settings)) == led
+    assert bool(excursion_limit(goal(sight(), state), state, settings)) == led
 
 
 @pytest.mark.parametrize(
@@ -198,7 +205,10 @@ def test_what_the_leg_leads_backward_is_no_excursion(away, travel, led) -> None:
     psi = BEARINGS.psi
     leg = Leg(psi, away * math.cos(psi), away * math.sin(psi), travel)
     state = in_phase(Phase.MATCHING_FEATURES, leg=leg, extrinsics=ranged(1.0 + away))
-    assert bool(excursion_limit(state, sight(), type(SETTINGS)(max_excursion=1.5))) == led
+    assert (
+        bool(excursion_limit(goal(sight(), state), state, type(SETTINGS)(max_excursion=1.5)))
+        == led
+    )
 
 
 @pytest.mark.parametrize('phase', DRIVING)

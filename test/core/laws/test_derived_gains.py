@@ -7,7 +7,7 @@ from typing import Any
 from hypothesis import example, given
 from hypothesis import strategies as st
 import pytest
-from servo_states import PHASES
+from servo_states import goal, PHASES, seeing
 from strategies import bearings, floats
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.laws.braking import BRAKING
 from visual_servo_epipolar.core.laws.derived_gains import circumstances
 from visual_servo_epipolar.core.laws.gains import derive, longest_convergence
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.timing import BORNE
+from visual_servo_epipolar.core.laws.prediction import BORNE
 from visual_servo_epipolar.core.odometry.ranging import Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
@@ -69,7 +69,7 @@ def test_step_1_begins_with_the_gains_of_what_is_seen_then(law: str) -> None:
     state = after(settings, 0.32, -0.3, frames=2)  # where law full displaces e_au to
     assert state.phase is Phase.ZEROING_EPIPOLES
     assert state.law.gains is not None
-    start = circumstances(state, sight(1, 0.32, -0.3), settings, alpha=0.32)
+    start = circumstances(goal(sight(1, 0.32, -0.3), state), state, settings, alpha=0.32)
     assert not start.concordant
     assert (start.current, start.desired) == pytest.approx((0.32, 0.3))
     assert start.rate == pytest.approx(1.0 / PERIOD)
@@ -142,7 +142,7 @@ def test_what_turns_illegal_in_the_last_moment_turns_the_robot_after_all() -> No
     turning = after(settings, 0.6, 0.2, frames=1)
     assert turning.phase is Phase.DISPLACING
     assert math.atan(turning.law.target) == pytest.approx(0.6)
-    moved = turning.changed(target=math.tan(0.2), measurement=sight(0, 0.2, 0.4))
+    moved = seeing(turning, target=math.tan(0.2), measurement=sight(0, 0.2, 0.4))
     state = advance(moved, sight(1, 0.2, 0.4), settings)
     assert state.phase is Phase.DISPLACING
     assert state.law.target < 0.0
@@ -170,7 +170,7 @@ def test_gains_too_slow_for_the_phase_are_a_warning_and_the_reason_why_it_fails(
     state = after(late, 0.32, -0.3, frames=2)
     assert state.phase is Phase.ZEROING_EPIPOLES
     assert state.law.gains is not None
-    start = circumstances(state, sight(1, 0.32, -0.3), late, alpha=0.32)
+    start = circumstances(goal(sight(1, 0.32, -0.3), state), state, late, alpha=0.32)
     needed = longest_convergence(start, state.law.gains)
     assert needed > late.phase_timeout
     assert state.run.warning.startswith(

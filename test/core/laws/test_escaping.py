@@ -5,7 +5,7 @@ from itertools import pairwise
 import math
 
 import pytest
-from servo_states import behind, in_phase, SETTINGS, sight
+from servo_states import behind, goal, in_phase, seeing, SETTINGS, sight
 
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
@@ -47,22 +47,22 @@ def test_an_offset_shrinks_by_as_much_as_line_following_leaves_of_it(seen, dista
 @pytest.mark.parametrize('chi', [0.06, -0.06])
 def test_what_step_2_takes_up_does_not_begin_step_1_anew(chi: float) -> None:
     there = replace(REMEMBERED, bearings=behind(chi, 0.1))
-    assert classify(STATE.changed(measurement=there), SETTINGS) is Event.NOTHING
+    assert classify(seeing(STATE, measurement=there), SETTINGS) is Event.NOTHING
     away = replace(REMEMBERED, bearings=behind(2.0 * chi, 0.1))
-    assert classify(STATE.changed(measurement=away), SETTINGS) is Event.ESCAPED
+    assert classify(seeing(STATE, measurement=away), SETTINGS) is Event.ESCAPED
 
 
 @pytest.mark.parametrize('law', ['paper', 'corrected', 'full-line_following'])
 def test_laws_that_follow_no_line_have_to_zero_it(law: str) -> None:
     settings = replace(SETTINGS, law=law)
-    assert escape_bound(STATE, REMEMBERED, settings) == settings.latch_release
+    assert escape_bound(goal(REMEMBERED, STATE), STATE, settings) == settings.latch_release
     there = replace(REMEMBERED, bearings=behind(0.06, 0.1))
-    assert classify(STATE.changed(measurement=there), settings) is Event.ESCAPED
+    assert classify(seeing(STATE, measurement=there), settings) is Event.ESCAPED
 
 
 def test_near_the_goal_less_is_taken_up() -> None:
     bounds = [
-        escape_bound(STATE, replace(REMEMBERED, offset=(0.0, -y)), SETTINGS)
+        escape_bound(goal(replace(REMEMBERED, offset=(0.0, -y)), STATE), STATE, SETTINGS)
         for y in (0.2, 0.3, 0.4, 1.4)
     ]
     assert bounds == sorted(bounds)
@@ -72,24 +72,28 @@ def test_near_the_goal_less_is_taken_up() -> None:
 @pytest.mark.parametrize('event', [Event.ESCAPED, Event.SIDEWAYS])
 def test_each_time_step_1_is_given_up_it_is_held_on_to_more(event) -> None:
     """One hysteresis for both steps: else noise leads to and fro, or a geometry told wrong."""
-    state = switch_phase(STATE, REMEMBERED, event, SETTINGS)
+    state = switch_phase(STATE, goal(REMEMBERED, STATE), event, SETTINGS)
     assert (state.run.restarts, hysteresis(state, SETTINGS)) == (1, 2.0)
     again = STATE.changed(restarts=1)
     near = replace(REMEMBERED, offset=(0.0, -0.1), deviation=0.01)
-    assert escape_bound(again, near, SETTINGS) == 2.0 * escape_bound(STATE, near, SETTINGS)
+    assert escape_bound(goal(near, again), again, SETTINGS) == 2.0 * escape_bound(
+        goal(near, STATE), STATE, SETTINGS
+    )
     held = again.changed(latched=False, target=0.2)
     away = replace(REMEMBERED, bearings=behind(0.01, -0.2))
-    assert classify(held.changed(restarts=0, measurement=away), SETTINGS) is Event.ESCAPED
-    assert classify(held.changed(measurement=away), SETTINGS) is Event.NOTHING
+    assert classify(seeing(held, restarts=0, measurement=away), SETTINGS) is Event.ESCAPED
+    assert classify(seeing(held, measurement=away), SETTINGS) is Event.NOTHING
 
 
 def test_step_1_that_is_given_up_too_often_ends_the_run() -> None:
     state = STATE.changed(phase=Phase.DISPLACING, restarts=MOST_RESTARTS - 1)
-    held = switch_phase(state, REMEMBERED, Event.LOST, SETTINGS)
+    held = switch_phase(state, goal(REMEMBERED, state), Event.LOST, SETTINGS)
     assert (held.phase, held.run.restarts) == (Phase.HOLDING, MOST_RESTARTS)
-    again = switch_phase(held, REMEMBERED, Event.APART, SETTINGS)
+    again = switch_phase(held, goal(REMEMBERED, held), Event.APART, SETTINGS)
     assert again.phase is Phase.FAILED and 'given up 12 times' in again.reason
-    once = switch_phase(held.changed(restarts=1), REMEMBERED, Event.APART, SETTINGS)
+    once = switch_phase(
+        held.changed(restarts=1), goal(REMEMBERED, held.changed(restarts=1)), Event.APART, SETTINGS
+    )
     assert once.phase is Phase.DISPLACING
 
 
@@ -99,9 +103,9 @@ def test_laws_that_never_back_off_give_up_as_ever() -> None:
 
 def test_who_has_no_room_for_the_spiral_backs_off_before_step_1_begins_anew() -> None:
     away = replace(REMEMBERED, bearings=behind(0.3, 0.0), view_margins=(0.01, 0.01))
-    assert classify(STATE.changed(measurement=away), SETTINGS) is Event.SIDEWAYS
+    assert classify(seeing(STATE, measurement=away), SETTINGS) is Event.SIDEWAYS
     room = replace(away, view_margins=(0.5, 0.5))
-    assert classify(STATE.changed(measurement=room), SETTINGS) is Event.ESCAPED
+    assert classify(seeing(STATE, measurement=room), SETTINGS) is Event.ESCAPED
 
 
 def test_a_leaning_camera_far_ahead_of_the_axle_does_not_lead_to_and_fro() -> None:

@@ -6,11 +6,14 @@ from typing import Any
 
 import pytest
 from servo_states import (
+    asked,
     BEARINGS,
     DRIVING,
     estimated,
+    goal,
     in_phase,
     ranged,
+    seeing,
     SETTINGS,
     sight,
     STEPS,
@@ -48,10 +51,17 @@ def test_the_bound_holds_while_tracks_are_lost() -> None:
 def test_a_law_that_leads_away_by_itself_may_drive_half_as_far_again_backward(law: str) -> None:
     settings = replace(SETTINGS, law=law)
     assert (
-        excursion_limit(in_phase(Phase.ZEROING_EPIPOLES, reversed=29.9), sight(), settings) == ''
+        excursion_limit(
+            goal(sight(), in_phase(Phase.ZEROING_EPIPOLES, reversed=29.9)),
+            in_phase(Phase.ZEROING_EPIPOLES, reversed=29.9),
+            settings,
+        )
+        == ''
     )
     assert 'max_retreat' in excursion_limit(
-        in_phase(Phase.RETREATING, reversed=30.1), sight(), settings
+        goal(sight(), in_phase(Phase.RETREATING, reversed=30.1)),
+        in_phase(Phase.RETREATING, reversed=30.1),
+        settings,
     )
 
 
@@ -82,7 +92,7 @@ def test_what_former_attempts_drove_backward_counts_as_well() -> None:
     there = sight(difference=0.0, heading_error=0.0)
     state = then(missed.changed(settled=3 * SETTINGS.arrival_frames, settled_parallax=1.0), there)
     assert (state.phase, state.run.attempts) == (Phase.RETREATING, 2)
-    assert (state.motion.travel, state.motion.reversed) == (0.0, 0.4)
+    assert (state.run.travel, state.motion.reversed) == (0.0, 0.4)
 
 
 @pytest.mark.parametrize('linear', [-0.2, 0.2])
@@ -125,13 +135,17 @@ def test_no_way_is_longer_than_the_distance_allows(phase: Phase, sign: float) ->
 def test_by_its_memory_it_may_have_begun_twice_as_far_away(left, travel, ends) -> None:
     settings = replace(SETTINGS, initial_distance=4.0)
     seen = replace(sight(), offset=(0.1, math.sqrt(left**2 - 0.01)))
-    limit = excursion_limit(in_phase(Phase.ZEROING_EPIPOLES, travel=travel), seen, settings)
+    limit = excursion_limit(
+        goal(seen, in_phase(Phase.ZEROING_EPIPOLES, travel=travel)),
+        in_phase(Phase.ZEROING_EPIPOLES, travel=travel),
+        settings,
+    )
     assert ('initial_distance' in limit) is ends
 
 
 @pytest.mark.parametrize('phase', [Phase.ORIENTING, Phase.DISPLACING, Phase.RETREATING])
 def test_other_phases_have_no_longest_way(phase: Phase) -> None:
-    assert excursion_limit(in_phase(phase, travel=1e3), sight(), SETTINGS) == ''
+    assert asked(excursion_limit, in_phase(phase, travel=1e3), sight(), SETTINGS) == ''
 
 
 # The excursion
@@ -181,30 +195,31 @@ def test_no_bound_of_the_excursion_is_zero() -> None:
     ids=['no leg', 'no belief', 'not ranged', 'backing off', 'displacing'],
 )
 def test_a_distance_that_is_not_known_leads_nobody_astray(changes: dict[str, Any]) -> None:
-    assert excursion_limit(off(2.0), sight(), SETTINGS) != ''
+    assert asked(excursion_limit, off(2.0), sight(), SETTINGS) != ''
     known = estimated(off(2.0).changed(**changes))
-    assert excursion_limit(known, sight(), SETTINGS) == ''
+    assert asked(excursion_limit, known, sight(), SETTINGS) == ''
 
 
 def test_without_bearings_nobody_is_astray() -> None:
-    assert excursion_limit(off(2.0), sight(bearings=None), SETTINGS) == ''
+    assert asked(excursion_limit, off(2.0), sight(bearings=None), SETTINGS) == ''
 
 
 def test_a_law_that_leads_away_by_itself_may_do_so() -> None:
     # Without retreat a law begins with concordant epipoles as well, and backs away.
-    assert excursion_limit(off(2.0), sight(), replace(SETTINGS, law='full-retreat')) == ''
+    assert asked(excursion_limit, off(2.0), sight(), replace(SETTINGS, law='full-retreat')) == ''
 
 
 def test_near_the_goal_the_excursion_refers_to_half_a_metre() -> None:
     near = ranged(0.3)
     at_first = Leg(BEARINGS.psi, 0.29 * math.cos(BEARINGS.psi), 0.29 * math.sin(BEARINGS.psi))
-    assert excursion_limit(off(2.0, leg=at_first, extrinsics=near), sight(), SETTINGS) == ''
+    state = off(2.0, leg=at_first, extrinsics=near)
+    assert asked(excursion_limit, state, sight(), SETTINGS) == ''
 
 
 @pytest.mark.parametrize('phase', DRIVING)
 def test_steps_1_and_2_end_where_they_lead_astray(phase: Phase) -> None:
     state = off(2.0, phase, travel=-1e3)
-    state = state.changed(measurement=sight())
+    state = seeing(state, measurement=sight())
     bounded = phase in STEPS
     assert (classify(state, SETTINGS) is Event.EXCURSION) == bounded
 
@@ -221,8 +236,15 @@ def test_who_may_not_back_off_at_all_does_not_and_says_what_to_do() -> None:
 def test_small_corrections_backward_are_no_backing_off() -> None:
     settings = replace(SETTINGS, max_retreat=0.0)
     assert (
-        excursion_limit(in_phase(Phase.MATCHING_FEATURES, reversed=0.09), sight(), settings) == ''
+        excursion_limit(
+            goal(sight(), in_phase(Phase.MATCHING_FEATURES, reversed=0.09)),
+            in_phase(Phase.MATCHING_FEATURES, reversed=0.09),
+            settings,
+        )
+        == ''
     )
     assert 'backward' in excursion_limit(
-        in_phase(Phase.MATCHING_FEATURES, reversed=0.11), sight(), settings
+        goal(sight(), in_phase(Phase.MATCHING_FEATURES, reversed=0.11)),
+        in_phase(Phase.MATCHING_FEATURES, reversed=0.11),
+        settings,
     )

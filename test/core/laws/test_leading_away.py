@@ -4,7 +4,7 @@ from dataclasses import replace
 import math
 
 import pytest
-from servo_states import behind, in_phase, SETTINGS, sight
+from servo_states import behind, in_phase, seeing, SETTINGS, sight
 
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.two_steps import leads_away
@@ -26,7 +26,7 @@ STATE = in_phase(Phase.ZEROING_EPIPOLES, target=math.tan(-0.14), side=1.0)
 def test_it_is_on_the_wrong_side_if_both_epipoles_are_on_one(chi, alpha, away) -> None:
     there = sight(bearings=behind(-chi, alpha))
     assert leads_away(there, SETTINGS) is away
-    event = classify(STATE.changed(measurement=there), SETTINGS)
+    event = classify(seeing(STATE, measurement=there), SETTINGS)
     assert (event is Event.ESCAPED) is away
 
 
@@ -43,5 +43,5 @@ def test_laws_that_may_lead_away_at_first_do(law: str) -> None:
 
 def test_once_e_du_is_zero_a_turn_is_left() -> None:
     there = sight(bearings=behind(-0.06, 0.03))
-    latched = STATE.changed(measurement=there, latched=True)
+    latched = seeing(STATE, measurement=there, latched=True)
     assert classify(latched, replace(SETTINGS, latch_release=0.5)) is not Event.ESCAPED

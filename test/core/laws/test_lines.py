@@ -4,7 +4,7 @@ from dataclasses import replace
 import math
 
 import pytest
-from servo_states import in_phase, SETTINGS, sight
+from servo_states import goal, in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.core.laws.conditions import (
     is_far_enough,
@@ -45,7 +45,7 @@ def end_of_line(measurement: Measurement) -> float:
     heading = measurement.heading_error
     while y < 0.0:
         seen = replace(measurement, offset=(x, y))
-        length = line_look_ahead(STATE, seen, SETTINGS)
+        length = line_look_ahead(goal(seen, STATE), SETTINGS)
         heading += follow_line(1.0, x, heading, look_ahead=length).angular * 1e-4
         x, y = x - 1e-4 * math.sin(heading), y + 1e-4 * math.cos(heading)
     return x
@@ -83,17 +83,17 @@ def test_who_does_not_know_the_offset_does_not_know_the_line() -> None:
 
 def test_the_look_ahead_is_shorter_where_the_offset_is_known() -> None:
     near = in_phase(Phase.MATCHING_FEATURES, range=0.1)
-    assert line_look_ahead(near, sight(), SETTINGS) == LEAST_LOOK_AHEAD
-    assert line_look_ahead(near, at(0.0, -0.3), SETTINGS) == LEAST_REMEMBERED
-    assert line_look_ahead(near, at(0.0, -0.1), SETTINGS) == pytest.approx(0.05)
-    assert line_look_ahead(near, at(0.0, -0.01), SETTINGS) == LAST_LOOK_AHEAD
-    assert line_look_ahead(near, at(0.0, 0.05), SETTINGS) == LAST_LOOK_AHEAD
+    assert line_look_ahead(goal(sight(), near), SETTINGS) == LEAST_LOOK_AHEAD
+    assert line_look_ahead(goal(at(0.0, -0.3), near), SETTINGS) == LEAST_REMEMBERED
+    assert line_look_ahead(goal(at(0.0, -0.1), near), SETTINGS) == pytest.approx(0.05)
+    assert line_look_ahead(goal(at(0.0, -0.01), near), SETTINGS) == LAST_LOOK_AHEAD
+    assert line_look_ahead(goal(at(0.0, 0.05), near), SETTINGS) == LAST_LOOK_AHEAD
     # No sharp turns for an offset that is large, or hardly known.
-    assert line_look_ahead(near, at(0.002, -0.01), SETTINGS) == pytest.approx(0.04)
-    assert line_look_ahead(near, at(0.01, -0.01), SETTINGS) == LEAST_REMEMBERED
+    assert line_look_ahead(goal(at(0.002, -0.01), near), SETTINGS) == pytest.approx(0.04)
+    assert line_look_ahead(goal(at(0.01, -0.01), near), SETTINGS) == LEAST_REMEMBERED
     doubtful = replace(at(0.0, -0.01), offset_deviation=0.003)
-    assert line_look_ahead(near, doubtful, SETTINGS) == pytest.approx(0.06)
-    assert line_look_ahead(near, at(0.0, -9.0), SETTINGS) == SETTINGS.look_ahead
+    assert line_look_ahead(goal(doubtful, near), SETTINGS) == pytest.approx(0.06)
+    assert line_look_ahead(goal(at(0.0, -9.0), near), SETTINGS) == SETTINGS.look_ahead
 
 
 def test_a_retreat_ends_where_a_line_leads_home_or_where_there_is_room() -> None:

@@ -4,7 +4,7 @@ from itertools import product
 import pickle
 
 import pytest
-from servo_states import DRIVING, ENDED, EVENTS, in_phase, PHASES, SETTINGS, sight
+from servo_states import DRIVING, ENDED, EVENTS, goal, in_phase, PHASES, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.machine import interruption, StateMachine
@@ -195,5 +195,5 @@ def test_the_servo_holds_in_a_phase_that_its_law_does_not_have() -> None:
     machine = StateMachine(STANDING, {})
     row = machine.row(Phase.DISPLACING)
     state = in_phase(Phase.DISPLACING)
-    assert row.command(state, sight(), SETTINGS) == STANDSTILL
-    assert row.classify(state, sight(), SETTINGS) is Event.LOST
+    assert row.command(goal(sight(), state), state, SETTINGS) == STANDSTILL
+    assert row.classify(goal(sight(), state), state, SETTINGS) is Event.LOST

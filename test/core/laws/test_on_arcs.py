@@ -4,7 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from servo_states import in_phase, sight
+from servo_states import in_phase, seeing, sight
 
 from visual_servo_epipolar.commands.arguments import rig_path
 from visual_servo_epipolar.core.laws.on_arcs import ON_ARCS
@@ -49,7 +49,7 @@ def test_it_reverses_as_often_as_it_says(beside: RunLog) -> None:
 
 def event(attempts: int = 1, **known: object) -> Event:
     seen = sight(offset_deviation=1e-3, **known)
-    state = in_phase(APPROACHING.phase).changed(measurement=seen, attempts=attempts)
+    state = seeing(in_phase(APPROACHING.phase), measurement=seen, attempts=attempts)
     return classify(state, SETTINGS)
 
 
@@ -67,7 +67,7 @@ def test_attempts_are_bounded() -> None:
 def test_who_looks_aside_at_the_goal_backs_off_again() -> None:
     known = {'offset': (0.0, 0.0), 'difference': 0.0, 'difference_slope': 0.3}
     seen = sight(offset_deviation=1e-3, heading_error=0.05, parallax=0.0, **known)
-    state = in_phase(APPROACHING.phase).changed(measurement=seen, settled=9)
+    state = seeing(in_phase(APPROACHING.phase), measurement=seen, settled=9)
     assert classify(state, SETTINGS) is Event.MISSED
 
 
@@ -84,7 +84,7 @@ def test_the_tolerance_of_the_heading_is_given(attempts, tolerance, heading, exp
     known |= {'offset_deviation': 1e-3, 'heading_deviation': 1e-4, 'parallax': 0.0}
     seen = sight(heading_error=heading, **known)
     settled = {'settled': 9, 'settled_parallax': 0.0, 'attempts': attempts}
-    state = in_phase(APPROACHING.phase).changed(measurement=seen, **settled)
+    state = seeing(in_phase(APPROACHING.phase), measurement=seen, **settled)
     assert classify(state, replace(SETTINGS, arrival_heading=tolerance)) is expected
 
 

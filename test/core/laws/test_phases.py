@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from servo_states import behind, in_phase, sight
+from servo_states import behind, in_phase, seeing, sight
 
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.smooth import APPROACHING, ONE_MOTION
@@ -17,7 +17,7 @@ SETTINGS = ServoSettings(law='smooth')
 
 def event(measurement: Measurement, settled: int = 0, law: str = 'smooth') -> Event:
     """Return the event of a measurement on the way."""
-    state = in_phase(APPROACHING.phase).changed(measurement=measurement, settled=settled)
+    state = seeing(in_phase(APPROACHING.phase), measurement=measurement, settled=settled)
     return classify(state, ServoSettings(law=law))
 
 
@@ -50,7 +50,7 @@ def test_it_ends_where_the_way_ends_though_aside_d_is_not_zero_there() -> None:
         difference_deviation=1e-5,
         difference_slope=0.3,
     )
-    state = in_phase(APPROACHING.phase).changed(measurement=aside)
+    state = seeing(in_phase(APPROACHING.phase), measurement=aside)
     assert is_settled(state, SETTINGS)
     assert event(aside, settled=SETTINGS.arrival_frames) is Event.MISSED
 
@@ -58,7 +58,7 @@ def test_it_ends_where_the_way_ends_though_aside_d_is_not_zero_there() -> None:
 @pytest.mark.parametrize('chi, begun', [(0.62, Event.APART), (0.7, Event.SIDEWAYS)])
 def test_it_begins_as_far_aside_as_the_least_way_does(chi: float, begun: Event) -> None:
     start = sight(bearings=behind(chi, -0.3), heading_error=chi + 0.3, view_margins=(0.5, 0.1))
-    state = in_phase(Phase.WAITING).changed(measurement=start)
+    state = seeing(in_phase(Phase.WAITING), measurement=start)
     assert classify(state, SETTINGS) is begun
 
 
@@ -78,7 +78,7 @@ def test_on_the_last_way_each_settled_frame_asks_for_less() -> None:
         difference_deviation=1e-4,
         difference_slope=0.3,
     )
-    first = in_phase(APPROACHING.phase).changed(measurement=near)
+    first = seeing(in_phase(APPROACHING.phase), measurement=near)
     assert is_settled(first, SETTINGS)
     assert not is_settled(first.changed(settled=SETTINGS.arrival_frames - 1), SETTINGS)
 

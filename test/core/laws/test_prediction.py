@@ -4,12 +4,13 @@ from dataclasses import replace
 import math
 
 import pytest
-from servo_states import in_phase, MEMORY, sight
+from servo_states import in_phase, MEMORY, seeing, sight
 
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.timing import BORNE, predicted
+from visual_servo_epipolar.core.laws.prediction import BORNE, predicted
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.dead_reckoning import actuation
@@ -35,7 +36,11 @@ def seen_from_here(**changes: object) -> ServoState:
     for stamp in range(measurement.stamp_ns - 500_000_000, measurement.stamp_ns, 100_000_000):
         sent = sent.after(stamp, TWIST)
     state = in_phase(Phase.MATCHING_FEATURES, sent=sent)
-    return state.changed(measurement=replace(measurement, **changes))
+    return seeing(state, measurement=replace(measurement, **changes))
+
+
+def ahead(state: ServoState, settings: ServoSettings) -> GoalEstimate:
+    return predicted(state.measurement, state.phase, settings)
 
 
 def then() -> Pose:
@@ -52,8 +57,7 @@ def then() -> Pose:
 
 
 def test_what_was_told_and_not_done_is_driven_ahead() -> None:
-    after = predicted(seen_from_here(), LATE).measurement
-    assert after is not None
+    after = ahead(seen_from_here(), LATE)
     assert after.offset == pytest.approx((then().x, then().y), abs=2e-4)
     assert after.heading_error == pytest.approx(then().theta - 0.5 * math.pi, abs=1e-9)
     expected = Bearings.from_pose(then())
@@ -67,10 +71,10 @@ def test_what_was_told_and_not_done_is_driven_ahead() -> None:
 
 
 def test_without_an_offset_bearings_turn_all_the_same() -> None:
-    after = predicted(seen_from_here(offset=None), LATE).measurement
+    after = ahead(seen_from_here(offset=None), LATE)
     assert after.offset is None
     assert after.bearings.heading_error == pytest.approx(after.heading_error)
-    nothing = predicted(seen_from_here(bearings=None), LATE).measurement
+    nothing = ahead(seen_from_here(bearings=None), LATE)
     assert nothing.bearings is None
 
 
@@ -79,14 +83,14 @@ def test_without_an_offset_bearings_turn_all_the_same() -> None:
 )
 def test_who_obeys_soon_or_has_another_law_looks_not_ahead(settings) -> None:
     state = seen_from_here()
-    assert predicted(state, settings) is state
+    assert ahead(state, settings) is state.measurement
     acted = actuation(state, state.measurement.stamp_ns + 10**8, 0.1, settings)
     assert (acted.twist, acted.longest) == (state.twist, state.twist)
 
 
 def test_who_stands_looks_not_ahead() -> None:
     holding = seen_from_here().changed(phase=Phase.HOLDING)
-    assert predicted(holding, LATE) is holding
+    assert ahead(holding, LATE) is holding.measurement
 
 
 def test_what_acted_since_the_last_image_is_what_was_told_before() -> None:
@@ -104,7 +108,7 @@ def test_a_dead_band_sees_pulses_as_they_were_told() -> None:
     state = seen_from_here()
     sent = CommandsSent().after(0, TWIST).after(60_000_000, STANDSTILL)
     measurement = replace(state.measurement, stamp_ns=LATE_NS)
-    state = state.changed(sent=sent, measurement=measurement)
+    state = seeing(state, sent=sent, measurement=measurement)
     assert actuation(state, LATE_NS + 100_000_000, 0.1, LATE).longest == TWIST
     assert actuation(state, LATE_NS + 100_000_000, 0.1, LATE).twist.linear == pytest.approx(0.24)
     assert actuation(state, LATE_NS, 0.1, ServoSettings()).longest is state.twist
@@ -121,5 +125,5 @@ def test_who_has_settled_must_be_there_when_all_has_acted(queued, settled) -> No
     )  # fmt: skip
     sent = CommandsSent().after(there.stamp_ns - 300_000_000, Twist(0.0, queued))
     state = in_phase(Phase.ORIENTING, sent=sent)
-    state = state.changed(measurement=replace(there, stamp_ns=there.stamp_ns - 100_000_000))
+    state = seeing(state, measurement=replace(there, stamp_ns=there.stamp_ns - 100_000_000))
     assert advance(state, Perception(there, MEMORY), LATE).settling.settled == settled

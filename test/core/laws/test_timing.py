@@ -9,10 +9,10 @@ from servo_states import DRIVING, in_phase, PHASES, SETTINGS, sight, then
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
-from visual_servo_epipolar.core.laws.timing import phase_timeout
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.timing import phase_timeout
 
 PERIOD = 0.1
 LEAPS = [130.0, -900.0, 1e6]
@@ -115,7 +115,7 @@ def test_a_slow_camera_may_take_as_long_as_its_tracks_may_age(gap: float, held: 
 def test_a_leap_teaches_nothing(leap: float) -> None:
     before = driving(Phase.ZEROING_EPIPOLES).changed(distance=5.0, range=4.0)
     state = then(before, at(1000.1 + leap))
-    assert (state.motion.distance, state.motion.range, state.view.period, state.motion.travel) == (
+    assert (state.motion.distance, state.motion.range, state.view.period, state.run.travel) == (
         5.0,
         4.0,
         PERIOD,

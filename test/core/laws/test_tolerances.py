@@ -6,7 +6,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-from servo_states import in_phase, SETTINGS, sight
+from servo_states import asked, goal, in_phase, seeing, SETTINGS, sight
 from strategies import floats
 
 from visual_servo_epipolar.core.geometry.motion import Twist
@@ -69,7 +69,7 @@ def test_near_enough_is_within_the_tolerance_at_worst(x, y, deviation, tolerance
     settings = replace(SETTINGS, arrival_position=tolerance)
     measurement = near(x, y, deviation=deviation)
     state = ending(measurement, command=Command(Twist(speed, 0.0)))
-    if is_near_enough(state, measurement, settings):
+    if is_near_enough(goal(measurement, state), state, settings):
         assert math.hypot(x, y) + 2.0 * deviation <= tolerance
         assert math.hypot(x, y + speed * settings.latency) + 2.0 * deviation <= tolerance
 
@@ -80,14 +80,20 @@ def test_a_coarser_tolerance_passes_what_a_finer_does(x, y, deviation, tolerance
     state = ending(measurement)
     finer = replace(SETTINGS, arrival_position=tolerance)
     coarser = replace(SETTINGS, arrival_position=factor * tolerance)
-    for passes in (is_near_enough, is_settled_within):
+    for passes in (is_near_enough_within, is_settled_within):
         assert passes(state, measurement, coarser) or not passes(state, measurement, finer)
+
+
+def is_near_enough_within(
+    state: ServoState, measurement: Measurement, settings: ServoSettings
+) -> bool:
+    return bool(asked(is_near_enough, state, measurement, settings))
 
 
 def is_settled_within(
     state: ServoState, measurement: Measurement, settings: ServoSettings
 ) -> bool:
-    return is_settled(state.changed(measurement=measurement), settings)
+    return is_settled(seeing(state, measurement=measurement), settings)
 
 
 @given(floats(FACING, 0.1), floats(1.0, 3.0), floats(0.0, 0.01), st.booleans(), st.booleans())
@@ -115,24 +121,24 @@ def test_a_tolerance_of_the_heading_has_its_effect_at_once() -> None:
 
 def test_without_tolerances_nothing_is_let_pass() -> None:
     measurement = near(y=-1e-3)
-    assert not is_near_enough(ending(measurement), measurement, SETTINGS)
+    assert not asked(is_near_enough, ending(measurement), measurement, SETTINGS)
     assert not is_settled(ending(measurement), SETTINGS)
     assert is_settled(ending(measurement), OWNERS)
 
 
 def test_who_would_roll_past_the_tolerance_is_not_near_enough() -> None:
     ahead = near(y=4e-3)
-    assert is_near_enough(ending(ahead), ahead, OWNERS)
-    assert not is_near_enough(ending(ahead, command=MOVING), ahead, OWNERS)
+    assert asked(is_near_enough, ending(ahead), ahead, OWNERS)
+    assert not asked(is_near_enough, ending(ahead, command=MOVING), ahead, OWNERS)
     behind = near(y=-4e-3)
-    assert is_near_enough(ending(behind, command=MOVING), behind, OWNERS)
+    assert asked(is_near_enough, ending(behind, command=MOVING), behind, OWNERS)
 
 
 def test_who_would_turn_past_the_tolerance_does_not_face_the_goal() -> None:
     turned = near(heading_error=0.007)
     for rate, faces in ((0.0, True), (-0.05, True), (0.05, False)):
         state = in_phase(Phase.ORIENTING, measurement=turned, command=Command(Twist(0.0, rate)))
-        assert faces_goal(state, turned, OWNERS) == faces
+        assert faces_goal(goal(turned, state), state, OWNERS) == faces
 
 
 @pytest.mark.parametrize(
@@ -145,9 +151,9 @@ def test_who_would_turn_past_the_tolerance_does_not_face_the_goal() -> None:
 )
 def test_two_views_turn_d_into_metres_by_its_slope(slope: Slope, near_enough: bool) -> None:
     short = by_two_views(-3e-3)
-    assert is_near_enough(ending(short, slope=slope), short, OWNERS) == near_enough
+    assert asked(is_near_enough, ending(short, slope=slope), short, OWNERS) == near_enough
     far = by_two_views(-6e-3)
-    assert not is_near_enough(ending(far, slope=slope), far, OWNERS)
+    assert not asked(is_near_enough, ending(far, slope=slope), far, OWNERS)
 
 
 @pytest.mark.parametrize('remembered', [True, False])
@@ -156,8 +162,8 @@ def test_the_way_that_is_left_explains_its_parallax(remembered: bool) -> None:
     coarse, y = replace(SETTINGS, arrival_position=0.1, memory=remembered), -0.06
     seen = near(y=y) if remembered else by_two_views(y)
     state = ending(seen, slope=Slope(SLOPE, 0.01))
-    assert is_near_enough(state, seen, coarse)
-    assert not is_near_enough(state.changed(settled_parallax=0.1), seen, coarse)
+    assert is_near_enough(goal(seen, state), state, coarse)
+    assert not asked(is_near_enough, state.changed(settled_parallax=0.1), seen, coarse)
 
 
 def test_at_the_end_of_step_2_who_is_within_both_tolerances_has_arrived() -> None:
@@ -170,21 +176,21 @@ def test_at_the_end_of_step_2_who_is_within_both_tolerances_has_arrived() -> Non
 def test_who_arrived_is_not_sent_away_by_noise() -> None:
     """Between the end of step 2 and that of the turn a deviation is let pass."""
     measurement = near(y=-4.7e-3)
-    assert not is_near_enough(ending(measurement), measurement, OWNERS)
-    assert is_at_goal(in_phase(Phase.ORIENTING), measurement, OWNERS)
+    assert not asked(is_near_enough, ending(measurement), measurement, OWNERS)
+    assert asked(is_at_goal, in_phase(Phase.ORIENTING), measurement, OWNERS)
     outside = near(y=-4.9e-3)
-    assert not is_at_goal(in_phase(Phase.ORIENTING), outside, OWNERS)
+    assert not asked(is_at_goal, in_phase(Phase.ORIENTING), outside, OWNERS)
 
 
 def test_a_parallax_within_the_tolerance_alone_is_no_miss_but_leads_on() -> None:
     other = replace(by_two_views(-3e-3), parallax=1e-2)
     without = replace(OWNERS, memory=False)
     state = ending(other, slope=Slope(SLOPE, 0.01))
-    assert has_parallax(state, other, without)
+    assert has_parallax(goal(other, state), state, without)
     assert not is_settled(state, without)
     assert classify(state, without) is Event.NOTHING
     matched = replace(other, difference=0.0)
-    assert classify(state.changed(measurement=matched), without) is Event.MISSED
+    assert classify(seeing(state, measurement=matched), without) is Event.MISSED
 
 
 @pytest.mark.parametrize('attempt', [1, 4])

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from servo_states import sight
+from servo_states import asked, sight
 
 from visual_servo_epipolar.core.laws.smooth import approach, back_off
 from visual_servo_epipolar.core.laws.steering import (
@@ -72,15 +72,15 @@ def test_at_the_goal_and_behind_it_the_line_is_followed() -> None:
 def test_a_car_far_off_its_heading_drives_on_in_any_view(margins, heading: float) -> None:
     beside = sight(offset=(-2.0, -0.5), heading_error=heading, view_margins=margins)
     assert not leads_around(polar_pose(-2.0, -0.5, heading), beside, CAR)
-    assert abs(approach(ServoState(), beside, CAR).linear) > 0.05
-    assert back_off(ServoState(), beside, CAR).linear == -CAR.retreat_speed
+    assert abs(asked(approach, ServoState(), beside, CAR).linear) > 0.05
+    assert asked(back_off, ServoState(), beside, CAR).linear == -CAR.retreat_speed
 
 
 @pytest.mark.parametrize('aside', [-0.05, 0.0, 0.05])
 def test_behind_its_goal_a_wide_view_backs_off_straight(aside: float) -> None:
     """Around the goal there is no way from here, to either side: it would turn to and fro."""
     behind = sight(offset=(aside, -0.6), heading_error=0.0, view_margins=HEAD)
-    twist = back_off(ServoState(), behind, FREE)
+    twist = asked(back_off, ServoState(), behind, FREE)
     assert twist.linear < -0.1 and abs(twist.angular) < 0.05
 
 
@@ -91,7 +91,7 @@ def test_ahead_of_its_goal_a_wide_view_backs_off_on_one_arc(x: float, y: float) 
     while y > 0.2 and len(turns) < 400:
         margins = 2.2 - heading, 2.2 + heading
         here = sight(offset=(x, y), heading_error=heading, view_margins=margins)
-        twist = back_off(ServoState(), here, FREE)
+        twist = asked(back_off, ServoState(), here, FREE)
         x -= 0.1 * twist.linear * math.sin(heading)
         y += 0.1 * twist.linear * math.cos(heading)
         heading += 0.1 * twist.angular
@@ -112,17 +112,17 @@ def test_a_turn_goes_the_long_way_where_the_short_one_leads_out_of_view() -> Non
 def test_the_base_waits_for_a_head_that_lags(side: float) -> None:
     settings = ServoSettings(law='smooth', rig='pan_tilt', pan_speed=0.1)
     ahead = sight(offset=(side * 2.0, -1.0), heading_error=0.0, view_margins=HEAD)
-    free = approach(ServoState(), ahead, settings)
+    free = asked(approach, ServoState(), ahead, settings)
     assert side * free.angular > 0.3
     lagging = replace(ahead, present_margins=(0.05, 0.05))
-    held = approach(ServoState(), lagging, settings)
+    held = asked(approach, ServoState(), lagging, settings)
     assert side * held.angular == pytest.approx(settings.pan_speed)
 
 
 def test_turned_away_it_turns_back_the_way_that_shows_the_goal() -> None:
     settings = ServoSettings(law='smooth', rig='pan_tilt')
     away = sight(offset=(-2.0, -0.5), heading_error=-3.07, view_margins=(0.02, 4.2))
-    assert approach(ServoState(), away, settings).angular < -0.3
+    assert asked(approach, ServoState(), away, settings).angular < -0.3
 
 
 @pytest.mark.parametrize('start', [(-2.0, 0.1, 5.0), (0.4, 2.0, 80.0)])

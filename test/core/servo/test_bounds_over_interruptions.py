@@ -25,7 +25,7 @@ def test_backing_off_goes_on_counting_after_tracks_were_lost() -> None:
         assert state.phase is Phase.HOLDING
         state = then(state, replace(aside, stamp_ns=sight(2 + number).stamp_ns))
     assert state.phase is Phase.RETREATING
-    assert (state.motion.travel, state.motion.reversed) == (pytest.approx(-9.5), 9.5)
+    assert (state.run.travel, state.motion.reversed) == (pytest.approx(-9.5), 9.5)
 
 
 def test_who_backs_off_begins_a_way_of_his_own() -> None:
@@ -33,7 +33,7 @@ def test_who_backs_off_begins_a_way_of_his_own() -> None:
     leg = Leg(BEARINGS.psi, 0.3, 1.0)
     state = then(in_phase(Phase.ZEROING_EPIPOLES, leg=leg), aside)
     assert state.phase is Phase.RETREATING
-    assert state.motion.leg is None
+    assert state.law.leg is None
 
 
 @pytest.mark.parametrize(('attempts', 'event'), [(1, Event.MISSED), (5, Event.MATCHED)])

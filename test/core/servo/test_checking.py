@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from servo_states import in_phase, SETTINGS, sight
+from servo_states import goal, in_phase, SETTINGS, sight
 from strategies import blurred, matches, through_lens
 
 from visual_servo_epipolar.core.estimate.base_model import Curvature
@@ -29,19 +29,25 @@ def seen(count: int) -> Observation:
 def test_a_metre_shows_the_part_of_the_parallax_that_it_is_of_the_distance() -> None:
     measurement = sight(parallax=0.08)
     near = parallax_of_way(
-        in_phase(Phase.RETREATING, distance=2.0), measurement, seen(20), SETTINGS
+        in_phase(Phase.RETREATING, distance=2.0),
+        goal(measurement, in_phase(Phase.RETREATING, distance=2.0)),
+        seen(20),
+        SETTINGS,
     )
     far = parallax_of_way(
-        in_phase(Phase.RETREATING, distance=80.0), measurement, seen(20), SETTINGS
+        in_phase(Phase.RETREATING, distance=80.0),
+        goal(measurement, in_phase(Phase.RETREATING, distance=80.0)),
+        seen(20),
+        SETTINGS,
     )
     assert near > 3.9 * far > 0.0  # a distance beyond initial_distance, 8 m, counts as that
 
 
 def test_no_way_is_expected_to_be_seen_near_the_goal_or_by_no_feature() -> None:
     state = in_phase(Phase.MATCHING_FEATURES, distance=2.0)
-    assert parallax_of_way(state, sight(parallax=1e-4), seen(20), SETTINGS) == 0.0
+    assert parallax_of_way(state, goal(sight(parallax=1e-4), state), seen(20), SETTINGS) == 0.0
     carried = sight(parallax=0.08, bearings=None)
-    assert parallax_of_way(state, carried, seen(0), SETTINGS) == 0.0
+    assert parallax_of_way(state, goal(carried, state), seen(0), SETTINGS) == 0.0
 
 
 def test_from_afar_where_the_scene_looks_small_a_way_shows_less() -> None:
@@ -52,7 +58,7 @@ def test_from_afar_where_the_scene_looks_small_a_way_shows_less() -> None:
     shown = [
         parallax_of_way(
             state,
-            measurement,
+            goal(measurement, state),
             Observation(10**8, rays, desired, 769.0, ids=np.arange(20)),
             SETTINGS,
         )

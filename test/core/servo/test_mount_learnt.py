@@ -24,6 +24,7 @@ from strategies import CAMERA, matches
 from visual_servo_epipolar.core.estimate.extrinsics import MAX_CONTRADICTIONS, YAW
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.memory import yaw_learnt
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.odometry.ranging import Leg
@@ -96,7 +97,7 @@ def test_step_1_begins_anew_where_the_yaw_turns_out_to_be_another() -> None:
     assert (state.phase, state.reason) == (Phase.DISPLACING, 'escaped')
     assert state.run.mount is not None
     assert state.run.mount[0] == pytest.approx(math.radians(1.6))
-    assert state.yaw_learnt == 0.0
+    assert yaw_learnt(state.measurement, state) == 0.0
     assert then(zeroing.changed(extrinsics=learnt_yaw(1.4))).phase is zeroing.phase
 
 
@@ -130,10 +131,10 @@ def test_step_2_by_a_wrong_yaw_is_another_attempt(degrees: float, phase: Phase) 
 
 
 def test_nothing_is_learnt_of_the_yaw_before_anything_is() -> None:
-    assert ServoState().yaw_learnt == 0.0
-    assert estimated(ServoState().changed(extrinsics=learnt_yaw(2.0))).yaw_learnt == 0.0
-    state = ServoState().changed(extrinsics=learnt_yaw(-2.0), mount=np.zeros(3))
-    assert estimated(state).yaw_learnt == pytest.approx(math.radians(2.0))
+    unmoved = estimated(ServoState().changed(extrinsics=learnt_yaw(2.0)))
+    assert yaw_learnt(unmoved.measurement, unmoved) == 0.0
+    state = estimated(ServoState().changed(extrinsics=learnt_yaw(-2.0), mount=np.zeros(3)))
+    assert yaw_learnt(state.measurement, state) == pytest.approx(math.radians(2.0))
 
 
 # The update by a measurement
@@ -170,7 +171,7 @@ def test_travel_is_that_of_commands_which_act_late(latency: float, travel: float
     )
     after = then(state, settings=settings)
     assert after.phase is state.phase
-    assert after.motion.travel == pytest.approx(1.0 + travel)
+    assert after.run.travel == pytest.approx(1.0 + travel)
     assert after.motion.last_linear == 0.3
 
 
@@ -185,7 +186,7 @@ def test_what_was_ranged_by_another_mount_is_forgotten() -> None:
     after = then(state)
     assert after.identified.extrinsics is not None
     assert after.identified.extrinsics.believed
-    assert after.motion.leg is None
+    assert after.law.leg is None
     assert after.motion.range == pytest.approx(after.identified.extrinsics.distance)
     again = then(after.changed(range=5.0), sight(2))
     assert again.motion.range == pytest.approx(5.0)

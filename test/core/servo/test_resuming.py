@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from servo_states import in_phase, SETTINGS, sight
+from servo_states import in_phase, seeing, SETTINGS, sight
 
 from visual_servo_epipolar.core.laws.conditions import TURNED
 from visual_servo_epipolar.core.laws.phase import Event, Phase
@@ -41,21 +41,16 @@ def test_who_never_drove_goes_on_soon() -> None:
 
 def seen(state: ServoState, **changes: object) -> float:
     measurement = sight(2, **changes)
-    return update(
-        state, Perception(measurement, fresh_memory(SETTINGS)), 0.1, SETTINGS
-    ).view.trusted_heading
+    perception = Perception(measurement, fresh_memory(SETTINGS))
+    return update(state, perception, 0.1, SETTINGS).measurement.trusted_heading
 
 
 def test_the_heading_is_that_of_trusted_sights_of_who_drives() -> None:
     driving = in_phase(Phase.MATCHING_FEATURES)
     assert seen(driving) == THERE.heading_error
-    known = driving.changed(trusted_heading=THERE.heading_error)
-    assert (
-        seen(known, heading_error=THERE.heading_error + 0.5 * TURNED) != known.view.trusted_heading
-    )
-    assert (
-        seen(known, heading_error=THERE.heading_error + 1.5 * TURNED) == known.view.trusted_heading
-    )
-    assert seen(known, bearings=None, parallax=1.0) == known.view.trusted_heading
+    known, before = seeing(driving, trusted_heading=THERE.heading_error), THERE.heading_error
+    assert seen(known, heading_error=before + 0.5 * TURNED) != before
+    assert seen(known, heading_error=before + 1.5 * TURNED) == before
+    assert seen(known, bearings=None, parallax=1.0) == before
     held = in_phase(Phase.HOLDING, trusted_heading=0.7)
     assert seen(held) == 0.7

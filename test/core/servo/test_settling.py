@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import pytest
-from servo_states import in_phase, SETTINGS, sight
+from servo_states import in_phase, seeing, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.smooth import APPROACHING
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
-from visual_servo_epipolar.core.perception.memory import fresh_memory
-from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import is_settled, SEEN_S, settle
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -38,8 +36,7 @@ def stood(
             difference_deviation=1e-6,
         )
         sent = sent.after(frame * FRAME_NS - 1, STANDSTILL)
-        perception = Perception(seen, fresh_memory(SETTINGS))
-        state = settle(state.changed(measurement=seen, sent=sent), perception, None, 0.1, BANDED)
+        state = settle(seeing(state, measurement=seen, sent=sent), None, None, 0.1, BANDED)
         sent = sent.after(frame * FRAME_NS, last)
     return state
 
@@ -51,7 +48,7 @@ def test_a_mean_of_what_is_seen_at_rest_decides_not_each_image() -> None:
     assert state.settling.rest.difference == pytest.approx(0.0, abs=1e-12)
     assert state.settling.rest.offset == pytest.approx((0.0, 0.0))
     assert is_settled(state, BANDED)
-    assert not is_settled(state.changed(rest=None), BANDED)
+    assert not is_settled(seeing(state, rest=None), BANDED)
     assert stood([*swings, 3.0 * BOUND]).settling.settled > 1  # no outlier begins anew
     assert not is_settled(stood([1.5 * BOUND] * 8), BANDED)
 
@@ -61,8 +58,8 @@ def test_two_views_alone_are_averaged_at_rest_as_well() -> None:
     for frame, difference in enumerate([0.1] * SEEN + [3e-3, -3e-3] * 4, start=1):
         seen = replace(sight(frame), difference=difference, difference_deviation=1e-6)
         sent = sent.after(frame * FRAME_NS - 1, STANDSTILL)
-        state = state.changed(measurement=seen, sent=sent)
-        state = settle(state, Perception(seen, fresh_memory(SETTINGS)), None, 0.1, BANDED)
+        state = seeing(state, measurement=seen, sent=sent)
+        state = settle(state, None, None, 0.1, BANDED)
     assert state.settling.rest is not None
     assert state.settling.rest.difference == pytest.approx(0.0, abs=1e-12)
 
@@ -88,7 +85,7 @@ def test_a_mean_at_the_goal_is_no_miss_for_the_swing_of_one_image() -> None:
     frames = {'settled': BANDED.arrival_frames, 'settled_parallax': 0.0}
     state = in_phase(Phase.MATCHING_FEATURES, measurement=swung, rest=here, **frames)
     assert classify(state, BANDED) is Event.MATCHED
-    assert classify(state.changed(rest=None), BANDED) is not Event.MATCHED
+    assert classify(seeing(state, rest=None), BANDED) is not Event.MATCHED
 
 
 @pytest.mark.parametrize(('turned', 'event'), [(0.05, Event.TURNED), (1e-3, Event.MATCHED)])
@@ -102,4 +99,4 @@ def test_one_motion_ends_with_a_turn_in_place_where_it_does_not_face(turned, eve
     assert is_settled(state, smooth)
     assert classify(state, smooth) is event
     if event is Event.TURNED:
-        assert not is_settled(state.changed(rest=None), smooth)  # it may still turn on its way
+        assert not is_settled(seeing(state, rest=None), smooth)  # it may still turn on its way

@@ -4,6 +4,7 @@ from dataclasses import replace
 import math
 
 import pytest
+from servo_states import seeing
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
@@ -36,7 +37,8 @@ SEEN = Measurement(
 
 def speed(seconds: float, since_command: float, command: Command = DRIVEN) -> float:
     """Return the speed commanded by an image so many ``seconds`` after the last, in step 2."""
-    state = ServoState().changed(
+    state = seeing(
+        ServoState(),
         phase=Phase.MATCHING_FEATURES,
         measurement=SEEN,
         distance=8.0,
@@ -65,7 +67,7 @@ def test_commands_in_time_go_by_stamps(since_command: float) -> None:
 
 
 def test_the_time_is_told_for_replays() -> None:
-    state = ServoState().changed(phase=Phase.MATCHING_FEATURES, measurement=SEEN, distance=8.0)
+    state = seeing(ServoState(), phase=Phase.MATCHING_FEATURES, measurement=SEEN, distance=8.0)
     sight = Perception(replace(SEEN, stamp_ns=10**8), fresh_memory(SETTINGS))
     told = telemetry(advance(state, sight, SETTINGS, since_command=0.07))
     assert told['since_command_s'] == 0.07

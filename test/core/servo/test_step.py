@@ -7,7 +7,7 @@ from typing import Any
 from hypothesis import example, given
 from hypothesis import strategies as st
 import pytest
-from servo_states import DRIVING, PHASES
+from servo_states import DRIVING, PHASES, seeing
 from strategies import bearings, CAMERA, floats, matches, twists
 
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES
@@ -15,9 +15,8 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.conditions import displacement
+from visual_servo_epipolar.core.laws.memory import RunProgress
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.state import RunState
-from visual_servo_epipolar.core.laws.timing import phase_timeout
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -28,6 +27,7 @@ from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import nominal_twist
+from visual_servo_epipolar.core.servo.timing import phase_timeout
 
 # Accelerations as good as unlimited: what the laws ask for shows at once.
 SETTINGS = ServoSettings(
@@ -108,10 +108,10 @@ def after(
 
 def in_phase(phase: Phase, **changes: Any) -> ServoState:
     """Return a state at time zero in ``phase``, as a run would have it."""
-    running = ServoState().changed(
-        phase=phase, measurement=measurement(), distance=8.0, side=-1.0, target=0.2
+    running = seeing(
+        ServoState(), phase=phase, measurement=measurement(), distance=8.0, side=-1.0, target=0.2
     )
-    return running.changed(**changes)
+    return seeing(running, **changes)
 
 
 def sights() -> st.SearchStrategy[Measurement]:
@@ -152,7 +152,7 @@ def states() -> st.SearchStrategy[ServoState]:
             'frame': st.integers(0, 1000),
         }
     )
-    return flat.map(lambda fields: ServoState().changed(**fields))
+    return flat.map(lambda fields: seeing(ServoState(), **fields))
 
 
 NOTHING_AHEAD = measurement(0.1, bearings=None, difference=math.nan)
@@ -617,7 +617,7 @@ def test_a_gap_in_a_long_phase_counts_from_the_last_tracks_on() -> None:
 
 
 def test_a_state_changes_fields_of_several_parts() -> None:
-    run = RunState(reason='why')
+    run = RunProgress(reason='why')
     after = ServoState(run=run).changed(settled=3, attempts=2, known=None)
     assert (after.settling.settled, after.run) == (3, replace(run, attempts=2))
     with pytest.raises(TypeError, match='setled'):

@@ -1,22 +1,27 @@
-"""The estimate of the goal: its pose and covariance, mount and base; one value an image."""
+"""The estimate of the goal: where it is, how sure, by which motion; one value an image."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from enum import Enum
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, YAW
 from visual_servo_epipolar.core.estimate.map_state import FilteredPose
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
+from visual_servo_epipolar.core.odometry.ranging import Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.rivals import Rivals
 from visual_servo_epipolar.core.reasons import Reason, reason_of
 from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
+from visual_servo_epipolar.core.rigs.rig import Command, HALT
 
 UNKNOWN: FloatArray = np.full((3, 3), np.nan)
+USUAL_STEP_S = 0.1  # between two images, where no others came before
 
 
 class Source(Enum):
@@ -42,37 +47,76 @@ class BaseModel(NamedTuple):
     curvature: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GoalEstimate:
+@dataclass(frozen=True)
+class MotionState:
     """
-    Where the goal is, by all images up to that of ``stamp_ns``.
+    What was commanded, and how far that has led.
 
-    ``bearings`` are those of the axle, None where none are trusted: the ``reason`` says why not;
-    ``bearings_covariance`` is that of psi and phi, (2, 2) [rad^2]. ``offset`` is the axle's, right
-    and ahead of the goal's [m], None without a scale, and ``heading`` its heading error, left
-    positive [rad], with the ``covariance`` of right, ahead and heading, (3, 3), nan without a
-    scale. ``difference`` is D at unit focal length with its ``difference_slope`` along the goal's
-    axis [1/m], and ``difference_deviation``; ``margins``, how far the robot may turn to the left
-    and to the right before features leave the view [rad]. ``mount`` is yaw [rad], forward and
-    left [m] of the camera, (3,), and ``base`` the model of the base by which it was made.
-    ``range`` is the distance that bearings and commands show [m], nan while they hardly do, and
-    ``place`` the average of what the map has, None without.
+    ``command``, the last one, of those ``sent``; ``since_command``, the time between the one
+    before and it, by the clock of their sender [s], nan where unknown;
+    ``dead_band_residual``, the part of it that the dead band of the base withheld [m/s, rad/s];
+    ``last_linear``, the speed of the command before the last [m/s].
+
+    ``distance`` to the goal, d_hat of eq. (13) [m], nan before the first image; ``range``, the
+    distance measured over the leg of step 1 [m], nan while unknown; ``slope`` of D in step 2;
+    ``reversed``, the most that was driven backward in the run [m].
     """
 
-    stamp_ns: int
-    bearings: Bearings | None
-    bearings_covariance: FloatArray
-    offset: tuple[float, float] | None
-    heading: float
-    covariance: FloatArray
-    difference: tuple[float, float, float]
-    margins: tuple[float, float]
-    mount: FloatArray
-    base: BaseModel
-    range: float
-    place: FilteredPose | None
-    source: Source
-    reason: Reason
+    command: Command = HALT
+    sent: CommandsSent = CommandsSent()
+    since_command: float = math.nan
+    dead_band_residual: Twist = STANDSTILL
+    last_linear: float = 0.0
+    distance: float = math.nan
+    range: float = math.nan
+    slope: Slope = Slope()
+    reversed: float = 0.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GoalEstimate(Measurement):
+    """
+    Where the goal is, by all images up to that of ``stamp_ns``: all that a law goes by.
+
+    It is the measurement of the axle; ``offset`` and ``heading_error`` have the
+    ``pose_covariance`` of right, ahead and heading, (3, 3), nan without a scale. ``mount`` is yaw
+    [rad], forward and left [m] of the camera, (3,), and ``base`` the model of the base by which it
+    was made. ``range`` is the distance that bearings and commands show [m], nan while they hardly
+    do, and ``place`` the average of what the map has, None without. ``motion`` is what was
+    commanded until then; ``period`` the time between two images [s], smoothed, nan before the
+    second, and ``jitter``, by how much it varies [s]; ``trusted_heading``, the heading error of
+    the last measurement by which it drove [rad], nan before; ``followed``, two geometries that
+    fit, until the way shows which is false, None where one is left.
+    """
+
+    pose_covariance: FloatArray = field(default_factory=lambda: UNKNOWN)
+    mount: FloatArray = field(default_factory=lambda: np.zeros(3))
+    base: BaseModel = BaseModel()
+    range: float = math.nan
+    place: FilteredPose | None = None
+    motion: MotionState = MotionState()
+    period: float = math.nan
+    jitter: float = 0.0
+    trusted_heading: float = math.nan
+    followed: Rivals | None = None
+    source: Source = Source.NOTHING
+
+    @property
+    def cause(self) -> Reason:
+        """Why no bearings are trusted, or what else is wrong."""
+        return reason_of(self.reason)
+
+    @property
+    def twist(self) -> Twist:
+        """Velocity of the last command [m/s, rad/s]."""
+        return self.motion.command.twist
+
+    def distance(self, most: float = math.inf) -> float:
+        """Return the distance from the goal [m]; ``most`` of d_hat where none was measured."""
+        if self.offset is not None:
+            return math.hypot(*self.offset)
+        measured = self.range if self.range > 0.0 else self.motion.range
+        return measured if measured > 0.0 else min(self.motion.distance, most)
 
     def in_base(self) -> tuple[FloatArray, FloatArray] | None:
         """
@@ -82,7 +126,7 @@ class GoalEstimate:
         """
         if self.offset is None:
             return None
-        return in_base(np.array([*self.offset, self.heading]), self.covariance)
+        return in_base(np.array([*self.offset, self.heading_error]), self.pose_covariance)
 
 
 def in_base(place: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -98,14 +142,19 @@ def in_base(place: FloatArray, covariance: FloatArray) -> tuple[FloatArray, Floa
     return np.array([x, y, -heading]), slope @ covariance @ slope.T
 
 
+def usual_step(period: float) -> float:
+    """Return the time that usually passes between two images [s], by their smoothed ``period``."""
+    return period if period > 0.0 else USUAL_STEP_S
+
+
 def goal_estimate(
     measurement: Measurement,
     reading: MapMeasurement | None,
     mounted: Extrinsics,
     base: BaseModel,
-    place: FilteredPose | None = None,
+    **known: Any,
 ) -> GoalEstimate:
-    """Return the estimate by a ``measurement`` of the axle, and what the map has ``reading``."""
+    """Return the estimate by a ``measurement`` of the axle, a ``reading`` of the map, and more."""
     covariance, source = UNKNOWN, Source.NOTHING
     if measurement.offset is not None and reading is not None:
         covariance = at_axle(reading.pose_covariance, measurement, mounted)
@@ -113,24 +162,13 @@ def goal_estimate(
     elif measurement.bearings is not None:
         source = Source.TWO_VIEWS
     return GoalEstimate(
-        measurement.stamp_ns,
-        measurement.bearings,
-        measurement.covariance,
-        measurement.offset,
-        measurement.heading_error,
-        covariance,
-        (
-            measurement.difference,
-            measurement.difference_slope,
-            measurement.difference_deviation,
-        ),
-        measurement.view_margins,
-        mounted.mount,
-        base,
-        mounted.distance if mounted.is_ranged else math.nan,
-        place,
-        source,
-        reason_of(measurement.reason),
+        **{item.name: getattr(measurement, item.name) for item in fields(Measurement)},
+        pose_covariance=covariance,
+        mount=mounted.mount,
+        base=base,
+        range=mounted.distance if mounted.is_ranged else math.nan,
+        source=source,
+        **known,
     )
 
 

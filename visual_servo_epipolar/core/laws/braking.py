@@ -7,11 +7,11 @@ at 0.8 1/s. With limited accelerations a base brakes by these instead, and only 
 
 import math
 
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.equations import LINE_DAMPING
 from visual_servo_epipolar.core.laws.gains import CRITICAL_GAIN_DELAY
-from visual_servo_epipolar.core.laws.state import DriveState
-from visual_servo_epipolar.core.laws.timing import is_late, usual_step
+from visual_servo_epipolar.core.laws.prediction import is_late
 from visual_servo_epipolar.core.mapping.adjustment.window import X
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
@@ -43,7 +43,7 @@ def rate_within(margin: float, *, deceleration: float, delay: float) -> float:
 
 
 def converging_speed(
-    aside: float, left: float, state: DriveState, braking: float, power: float
+    aside: float, left: float, goal: GoalEstimate, braking: float, power: float
 ) -> float:
     """
     Return the speed at which what is ``aside`` [m] decays on the way that is ``left`` [m/s].
@@ -52,7 +52,7 @@ def converging_speed(
     CONVERGING_S; from farther away than NEAR it falls as a ``power`` of the distance until then.
     """
     aside *= min(NEAR / max(left, NEAR), 1.0) ** power
-    decays = math.log(max(aside / _residual(state), 1.0))
+    decays = math.log(max(aside / _residual(goal), 1.0))
     if decays == 0.0:
         return math.inf
     near = min(left, NEAR)
@@ -60,24 +60,23 @@ def converging_speed(
     return math.sqrt(speed * speed + 2.0 * braking * (left - near))
 
 
-def looking_speed(left: float, state: DriveState, settings: DriveSettings) -> float:
+def looking_speed(left: float, goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the speed [m/s] at which views enough show what is aside on the way ``left`` [m]."""
     # What is unknown falls as 1 / sqrt of the views that see it from near.
-    known = min(WELL_KNOWN / max(place_deviation(state), WELL_KNOWN), 1.0) ** 2
+    known = min(WELL_KNOWN / max(place_deviation(goal), WELL_KNOWN), 1.0) ** 2
     slow = max(known * settings.max_linear, CREEP)
     braking = BRAKING * settings.max_acceleration
     return math.sqrt(slow * slow + 2.0 * braking * max(left - NEAR, 0.0))
 
 
-def place_deviation(state: DriveState) -> float:
+def place_deviation(goal: GoalEstimate) -> float:
     """Return what the averaged place is unknown by, aside [m]; 0 without an average."""
-    place = state.view.estimate and state.view.estimate.place
-    return 0.0 if place is None else math.sqrt(place.covariance[X, X])
+    return 0.0 if goal.place is None else math.sqrt(goal.place.covariance[X, X])
 
 
-def _residual(state: DriveState) -> float:
+def _residual(goal: GoalEstimate) -> float:
     """Return what steering may leave aside [m]: half of what the place is unknown by."""
-    deviation = place_deviation(state)
+    deviation = place_deviation(goal)
     return min(max(0.5 * deviation, LEAST_RESIDUAL), RESIDUAL) if deviation else RESIDUAL
 
 
@@ -87,52 +86,49 @@ def heading_share(left: float) -> float:
     return min(max(share, 0.0), 1.0)
 
 
-def braked_turn(angle: float, state: DriveState, settings: DriveSettings) -> float:
+def braked_turn(angle: float, goal: GoalEstimate, settings: DriveSettings) -> float:
     """
     Return the rate [rad/s] of a turn in place of which an ``angle`` [rad] is left, as seen.
 
     It is a trapezoid once turns have shown how late the base obeys. Without speed ramps the rate
     is that of ``turn_gain``.
     """
-    landing = _landing_turn(angle, state, settings)
+    landing = _landing_turn(angle, goal, settings)
     return (
         landing
         if abs(landing) > settings.dead_band_angular
-        else settled_turn(angle, state, settings)
+        else settled_turn(angle, goal, settings)
     )
 
 
-def settled_turn(angle: float, state: DriveState, settings: DriveSettings) -> float:
+def settled_turn(angle: float, goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the same for a turn that ends as an exponential, however late the base obeys."""
     if not settings.options.speed_ramps:
         return settings.turn_gain * angle
     return braked(
-        angle - state.twist.angular * unfelt_latency(settings),
-        state,
+        angle - goal.twist.angular * unfelt_latency(settings),
+        goal,
         gain=settings.turn_gain,
         deceleration=BRAKING * settings.max_angular_acceleration,
         dead_band=settings.dead_band_angular,
     )
 
 
-def _landing_turn(angle: float, state: DriveState, settings: DriveSettings) -> float:
+def _landing_turn(angle: float, goal: GoalEstimate, settings: DriveSettings) -> float:
     """
     Return the rate [rad/s] of a turn of a trapezoid, whose last frame ends where it is to.
 
     What was commanded and has not acted is turned already; 0 where that is unknown.
     """
-    estimate, measurement = state.view.estimate, state.measurement
-    if estimate is None or measurement is None or is_late(settings):
-        return 0.0
-    late = estimate.base.response
+    late = math.nan if is_late(settings) else goal.base.response
     if math.isnan(late):
         return 0.0
     if not (settings.turn_gain and settings.options.speed_ramps):
         return 0.0
-    now_ns = measurement.stamp_ns
-    acting = state.motion.sent.acting(now_ns, now_ns + round(late * NANOSECONDS), late)
+    now_ns = goal.stamp_ns
+    acting = goal.motion.sent.acting(now_ns, now_ns + round(late * NANOSECONDS), late)
     left = angle - math.fsum(span * twist.angular for span, twist in acting)
-    frame_s = LANDING * usual_step(state)
+    frame_s = LANDING * usual_step(goal.period)
     rate = rate_within(
         left, deceleration=TURN_BRAKING * settings.max_angular_acceleration, delay=0.5 * frame_s
     )
@@ -140,7 +136,7 @@ def _landing_turn(angle: float, state: DriveState, settings: DriveSettings) -> f
 
 
 def braked(
-    left: float, state: DriveState, *, gain: float, deceleration: float, dead_band: float
+    left: float, goal: GoalEstimate, *, gain: float, deceleration: float, dead_band: float
 ) -> float:
     """
     Return the speed of a motion of which ``left`` is left, that ends by ``gain`` [1/s] unbraked.
@@ -150,7 +146,7 @@ def braked(
     """
     if gain == 0.0:
         return 0.0
-    sharp = min(SHARPER * gain, max(gain, CRITICAL_GAIN_DELAY / usual_step(state)))
+    sharp = min(SHARPER * gain, max(gain, CRITICAL_GAIN_DELAY / usual_step(goal.period)))
     speed = rate_within(left, deceleration=deceleration, delay=1.0 / sharp)
     if abs(speed) > dead_band:
         return speed

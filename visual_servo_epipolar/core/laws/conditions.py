@@ -1,5 +1,5 @@
 """
-Conditions on a measurement that phases share: where the goal lies, what can be trusted.
+Conditions on an estimate that phases share: where the goal lies, what can be trusted.
 
 Also lines to the goal, where step 2 alone leads home as a memory of views has the offset, and how
 far a run may lead away from the goal, and backward.
@@ -7,12 +7,13 @@ far a run may lead away from the goal, and backward.
 
 import math
 
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.arrival import engage_bound
+from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Event
-from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,
@@ -21,7 +22,6 @@ from visual_servo_epipolar.core.odometry.ranging import (
     LOOK_AHEADS,
     UNKNOWN_RANGE,
 )
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.reasons import Reason
 
 TURNED = 1.0  # more than a robot turns between two images, or while it stands [rad]
@@ -42,41 +42,39 @@ LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of 
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 
 
-def is_sideways(measurement: Measurement, settings: DriveSettings) -> bool:
+def is_sideways(goal: GoalEstimate, settings: DriveSettings) -> bool:
     """
     Return whether a law with retreat backs off before step 1.
 
     From beside or past the goal, and where the field of view leaves no room for a displacement
     that would bring the robot onto the axis before it is at the goal.
     """
-    return _backs_off(measurement, settings, settings.least_spiral_ratio)
+    return _backs_off(goal, settings, settings.least_spiral_ratio)
 
 
-def is_off_course(
-    measurement: Measurement, settings: DriveSettings, *, factor: float = 1.0
-) -> bool:
+def is_off_course(goal: GoalEstimate, settings: DriveSettings, *, factor: float = 1.0) -> bool:
     """Return whether step 1, once begun, is given up for a retreat: ``factor`` of hysteresis."""
-    return _backs_off(measurement, settings, settings.least_spiral_ratio ** (1.0 + factor))
+    return _backs_off(goal, settings, settings.least_spiral_ratio ** (1.0 + factor))
 
 
-def _backs_off(measurement: Measurement, settings: DriveSettings, least_ratio: float) -> bool:
+def _backs_off(goal: GoalEstimate, settings: DriveSettings, least_ratio: float) -> bool:
     """Return whether the goal is not ahead, or the spiral ends below ``least_ratio``."""
-    bearings, law = measurement.bearings, settings.options
+    bearings, law = goal.bearings, settings.options
     if not law.retreat or bearings is None:
         return False
     if not is_behind(bearings) or abs(bearings.chi) > settings.sideways_bearing:
         return True
     if not law.discordant_turn:
         return False
-    return displacement(measurement, settings, least_ratio=least_ratio) is None
+    return displacement(goal, settings, least_ratio=least_ratio) is None
 
 
-def is_far_enough(measurement: Measurement, settings: DriveSettings) -> bool:
+def is_far_enough(goal: GoalEstimate, settings: DriveSettings) -> bool:
     """Return whether there is room for step 1; with a memory of the goal less is needed."""
-    known = measurement.deviation <= KNOWN
-    if measurement.offset is not None and measurement.offset[1] <= -ROOM and known:
+    known = goal.deviation <= KNOWN
+    if goal.offset is not None and goal.offset[1] <= -ROOM and known:
         return True
-    return measurement.difference <= -settings.retreat_difference
+    return goal.difference <= -settings.retreat_difference
 
 
 def is_behind(bearings: Bearings) -> bool:
@@ -85,7 +83,7 @@ def is_behind(bearings: Bearings) -> bool:
 
 
 def displacement(
-    measurement: Measurement, settings: DriveSettings, *, least_ratio: float | None = None
+    goal: GoalEstimate, settings: DriveSettings, *, least_ratio: float | None = None
 ) -> float | None:
     """
     Return the bearing of e_au [rad] to hold in step 1, as far as the field of view allows.
@@ -93,7 +91,7 @@ def displacement(
     None where the spiral would end below ``least_ratio`` of its first distance, by default that of
     the settings: see ``equations.displaced_epipole``.
     """
-    bearings = measurement.bearings
+    bearings = goal.bearings
     if bearings is None:
         return None
     alpha, chi = bearings.alpha, bearings.chi
@@ -103,17 +101,17 @@ def displacement(
         low=settings.min_displacement,
         high=settings.max_displacement,
     )
-    left, right = measurement.view_margins
+    left, right = goal.view_margins
     target = math.atan(epipole)
     visible = min(max(target, alpha - right), alpha + left)
-    if abs(chi) <= engage_bound(measurement, settings) or visible == target:
+    if abs(chi) <= engage_bound(goal, settings) or visible == target:
         return visible
     least_tangent = abs(chi) / math.log(1.0 / (least_ratio or settings.least_spiral_ratio))
     ends_in_time = visible * target > 0.0 and math.tan(abs(visible)) >= least_tangent
     return visible if ends_in_time else None
 
 
-def discordant_bearing(measurement: Measurement, settings: DriveSettings) -> float:
+def discordant_bearing(goal: GoalEstimate, settings: DriveSettings) -> float:
     """
     Return the bearing of e_au [rad] for DISPLACING, 0 where there is none.
 
@@ -121,53 +119,49 @@ def discordant_bearing(measurement: Measurement, settings: DriveSettings) -> flo
     ends: it has no other way to begin.
     """
     least_ratio = None if settings.options.retreat else LEAST_RATIO
-    return displacement(measurement, settings, least_ratio=least_ratio) or 0.0
+    return displacement(goal, settings, least_ratio=least_ratio) or 0.0
 
 
-def sees_too_little(measurement: Measurement, settings: DriveSettings) -> bool:
+def sees_too_little(goal: GoalEstimate, settings: DriveSettings) -> bool:
     """Return whether too few features are in view, and no memory of views carries on."""
-    return measurement.features < settings.min_features and not measurement.carried
+    return goal.features < settings.min_features and not goal.carried
 
 
-def is_untrusted(measurement: Measurement, settings: DriveSettings) -> bool:
+def is_untrusted(goal: GoalEstimate, settings: DriveSettings) -> bool:
     """Return whether the bearings are not trusted, and the goal is not near or D unknown."""
-    if measurement.bearings is not None:  # facing far away no feature counts in D
-        return False
-    is_far = measurement.parallax > settings.near_parallax
-    return is_far or not math.isfinite(measurement.difference)
+    return goal.is_untrusted(settings.near_parallax)
 
 
-def has_turned(state: DriveState, measurement: Measurement) -> bool:
-    """Return whether the heading is not that of the last trusted image, by far."""
-    turn = math.remainder(measurement.heading_error - state.view.trusted_heading, 2.0 * math.pi)
-    return abs(turn) > TURNED
+def turned_by_far(heading: float, trusted: float) -> bool:
+    """Return whether a ``heading`` is not the last ``trusted`` one, by far [rad]."""
+    return abs(math.remainder(heading - trusted, 2.0 * math.pi)) > TURNED
 
 
-def begun_step_1(measurement: Measurement, settings: DriveSettings, event: Event) -> Event:
+def begun_step_1(goal: GoalEstimate, settings: DriveSettings, event: Event) -> Event:
     """Return the ``event`` that begins step 1; where there is no room the robot backs off."""
-    room = is_far_enough(measurement, settings) and not is_sideways(measurement, settings)
+    room = is_far_enough(goal, settings) and not is_sideways(goal, settings)
     return event if room or not settings.options.retreat else Event.SIDEWAYS
 
 
-def with_new_leg(state: DriveState, measurement: Measurement) -> DriveState:
-    """Return ``state`` where step 1 begins: the side of e_du, not at zero yet, and a new leg."""
-    if measurement.bearings is None:
-        return state
-    side = math.copysign(1.0, measurement.bearings.chi)
-    return state.changed(side=side, latched=False, leg=Leg(measurement.bearings.psi))
+def with_new_leg(goal: GoalEstimate, memory: Memory) -> Memory:
+    """Return ``memory`` where step 1 begins: the side of e_du, not at zero yet, and a new leg."""
+    if goal.bearings is None:
+        return memory
+    side = math.copysign(1.0, goal.bearings.chi)
+    return memory.changed(side=side, latched=False, leg=Leg(goal.bearings.psi))
 
 
-def line_look_ahead(state: DriveState, measurement: Measurement, settings: DriveSettings) -> float:
+def line_look_ahead(goal: GoalEstimate, settings: DriveSettings) -> float:
     """
     Return the look-ahead of line following [m]: shorter where the offset is known.
 
     What only the last decimetres show of that is undone there, within half of the way that is
     left; the turn that it takes is small, and undone at the goal.
     """
-    if measurement.offset is None:
-        return look_ahead(state.motion.range, settings.look_ahead)
-    x, y = measurement.offset
-    gentle = max(abs(x), measurement.offset_deviation) / LAST_TURN
+    if goal.offset is None:
+        return look_ahead(goal.motion.range, settings.look_ahead)
+    x, y = goal.offset
+    gentle = max(abs(x), goal.offset_deviation) / LAST_TURN
     least = min(max(-LAST_SHARE * y, LAST_LOOK_AHEAD, gentle), LEAST_REMEMBERED)
     return _remembered_look_ahead(y, settings, least)
 
@@ -179,14 +173,14 @@ def _remembered_look_ahead(
     return look_ahead(max(-y, LEAST_REMEMBERED), settings.look_ahead, least=least)
 
 
-def offset_ratio(distance: float, measurement: Measurement, settings: DriveSettings) -> float:
+def offset_ratio(distance: float, goal: GoalEstimate, settings: DriveSettings) -> float:
     """
     Return the part of an offset that line following leaves over a ``distance`` to the goal [m].
 
     It falls by exp(-0.9 ds / L) over ds, and the look-ahead L shrinks with the way that is left: a
     quarter of that, between its bounds.
     """
-    least = LEAST_LOOK_AHEAD if measurement.offset is None else LEAST_REMEMBERED
+    least = LEAST_LOOK_AHEAD if goal.offset is None else LEAST_REMEMBERED
     least = min(least, settings.look_ahead)
     near, far = LOOK_AHEADS * least, LOOK_AHEADS * settings.look_ahead
     lengths = min(distance, near) / least + max(distance - far, 0.0) / settings.look_ahead
@@ -194,33 +188,33 @@ def offset_ratio(distance: float, measurement: Measurement, settings: DriveSetti
     return math.exp(-equations.LINE_DAMPING * lengths)
 
 
-def leads_home(measurement: Measurement, settings: DriveSettings) -> bool:
+def leads_home(goal: GoalEstimate, settings: DriveSettings) -> bool:
     """Return whether line following from here ends on the goal, as far as the offset is known."""
-    if measurement.offset is None or not settings.options.line_following:
+    if goal.offset is None or not settings.options.line_following:
         return False
-    x, y = measurement.offset
-    length, turned = _remembered_look_ahead(y, settings), measurement.heading_error
+    x, y = goal.offset
+    length, turned = _remembered_look_ahead(y, settings), goal.heading_error
     if y > -length or abs(turned) > MOST_TURNED or abs(x) > MOST_ASIDE * length:
         return False
     aside = abs(x) + length * math.tan(abs(turned))
     return aside * math.exp(equations.LINE_DAMPING * y / length) <= RESIDUAL_OFFSET
 
 
-def lateral_offset(state: DriveState, measurement: Measurement) -> float:
+def lateral_offset(goal: GoalEstimate) -> float:
     """Return the lateral offset x = d cos(psi) [m], right positive; 0 without bearings."""
-    if measurement.offset is not None:
-        return measurement.offset[0]
-    if measurement.bearings is None:
+    if goal.offset is not None:
+        return goal.offset[0]
+    if goal.bearings is None:
         return 0.0
     distance = (
-        min(state.motion.distance, UNKNOWN_RANGE)
-        if math.isnan(state.motion.range)
-        else state.motion.range
+        min(goal.motion.distance, UNKNOWN_RANGE)
+        if math.isnan(goal.motion.range)
+        else goal.motion.range
     )
-    return distance * math.cos(measurement.bearings.psi)
+    return distance * math.cos(goal.bearings.psi)
 
 
-def excursion_limit(state: DriveState, measurement: Measurement, settings: DriveSettings) -> str:
+def excursion_limit(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> str:
     """
     Return in words that the robot is farther from the goal than its run may lead it.
 
@@ -230,42 +224,41 @@ def excursion_limit(state: DriveState, measurement: Measurement, settings: Drive
     that spirals inwards the distance hardly grows, and no way is longer than its upper bound
     allows.
     """
-    name, law = state.phase.value, settings.options
-    backward, wider = state.motion.reversed, 1.0 if law.retreat else LEADING_AWAY
-    if settings.max_retreat == 0.0 and state.phase.backs_off:
+    name, law = memory.phase.value, settings.options
+    backward, wider = goal.motion.reversed, 1.0 if law.retreat else LEADING_AWAY
+    if settings.max_retreat == 0.0 and memory.phase.backs_off:
         return Reason.NO_RETREAT.of()
     if backward > wider * max(settings.max_retreat, CORRECTION):
         return Reason.BACKWARD.of(backward, name)
     spirals = law.discordant_turn and law.retreat  # laws without lead away first
-    if not spirals or not state.phase.closes_in:
+    if not spirals or not memory.phase.closes_in:
         return ''
-    bounds = LONGEST_NEARING if _is_nearing(state, measurement) else LONGEST_WAY
-    longest = bounds * settings.initial_distance + state.motion.reversed
-    if abs(state.motion.travel) > longest:
+    bounds = LONGEST_NEARING if _is_nearing(goal, memory) else LONGEST_WAY
+    longest = bounds * settings.initial_distance + goal.motion.reversed
+    if abs(memory.run.travel) > longest:
         return Reason.LONG_WAY.of(longest, name)
-    ratio = _excursion(state, measurement)
+    ratio = _excursion(goal, memory)
     if settings.max_excursion == 0.0 or ratio <= settings.max_excursion:
         return ''
     return Reason.EXCURSION.of(name, ratio)
 
 
-def _is_nearing(state: DriveState, measurement: Measurement) -> bool:
+def _is_nearing(goal: GoalEstimate, memory: Memory) -> bool:
     """Return whether less is left, by the memory of views, than a part of what was driven."""
-    if measurement.offset is None:
+    if goal.offset is None:
         return False
-    return math.hypot(*measurement.offset) < NEARER * abs(state.motion.travel)
+    return math.hypot(*goal.offset) < NEARER * abs(memory.run.travel)
 
 
-def _excursion(state: DriveState, measurement: Measurement) -> float:
+def _excursion(goal: GoalEstimate, memory: Memory) -> float:
     """
     Return the distance over that at which the leg began; 1 where it is not known.
 
     What the leg has led backward is left out, up to a metre: near the goal step 1 may need it.
     """
-    estimate, leg, bearings = state.view.estimate, state.motion.leg, measurement.bearings
-    if estimate is None or leg is None or bearings is None or math.isnan(estimate.range):
+    leg, bearings, distance = memory.law.leg, goal.bearings, goal.range
+    if leg is None or bearings is None or math.isnan(distance):
         return 1.0
-    distance = estimate.range
     x = distance * math.cos(bearings.psi) - leg.x
     y = distance * math.sin(bearings.psi) - leg.y
     backward = min(max(-leg.travel, 0.0), MOST_BACKWARD)

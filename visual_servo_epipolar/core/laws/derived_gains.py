@@ -8,6 +8,7 @@ a phase may last are a warning.
 
 import math
 
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.arrival import engage_bound
 from visual_servo_epipolar.core.laws.circumstances import Circumstances
@@ -18,25 +19,22 @@ from visual_servo_epipolar.core.laws.gains import (
     longest_convergence,
     longest_matching,
 )
+from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.state import DriveState
-from visual_servo_epipolar.core.laws.timing import felt_latency
-from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.laws.prediction import felt_latency
 
 NEARLY_ZERO = 2.0  # bearing of an e_du that counts as zero, in landings
 USUAL_RATE = 11.0  # before two images have come [Hz]
 
 
-def gains_in_use(state: DriveState, settings: DriveSettings) -> Gains | None:
+def gains_in_use(memory: Memory, settings: DriveSettings) -> Gains | None:
     """Return the gains derived for this step, unless those given are to hold by now."""
-    return state.law.gains if settings.derives else None
+    return memory.law.gains if settings.derives else None
 
 
-def with_gains_of_now(
-    state: DriveState, measurement: Measurement, settings: DriveSettings
-) -> DriveState:
+def with_gains_of_now(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
     """
-    Return ``state`` with gains for its step, 1 or 2, derived from the estimates of this moment.
+    Return ``memory`` with gains for its step, 1 or 2, derived from the estimates of this moment.
 
     Gains that are too slow for the phase are a warning.
 
@@ -46,12 +44,12 @@ def with_gains_of_now(
         If no gain is legal: see ``gains.derive``.
 
     """
-    alpha = 0.0 if measurement.bearings is None else measurement.bearings.alpha
-    now = circumstances(state, measurement, settings, alpha=alpha)
+    alpha = 0.0 if goal.bearings is None else goal.bearings.alpha
+    now = circumstances(goal, memory, settings, alpha=alpha)
     gains = derive(now)
-    first = state.phase is Phase.ZEROING_EPIPOLES
+    first = memory.phase is Phase.ZEROING_EPIPOLES
     duration = longest_convergence(now, gains) if first else longest_matching(now, gains)
-    return state.changed(gains=gains, warning=slow_gains(duration, settings))
+    return memory.changed(gains=gains, warning=slow_gains(duration, settings))
 
 
 def slow_gains(duration: float, settings: DriveSettings) -> str:
@@ -72,7 +70,7 @@ def enough(duration: float) -> float:
 
 
 def circumstances(
-    state: DriveState, measurement: Measurement, settings: DriveSettings, *, alpha: float
+    goal: GoalEstimate, memory: Memory, settings: DriveSettings, *, alpha: float
 ) -> Circumstances:
     """
     Return the circumstances of a step that begins with e_au at the bearing ``alpha`` [rad].
@@ -80,10 +78,10 @@ def circumstances(
     d_hat - d does not change while d_hat follows (13), so that the lower bound of d at the start
     moves along. Step 2 begins aligned: its k_t depends on no bearing.
     """
-    chi = 0.0 if measurement.bearings is None else measurement.bearings.chi
-    landed = _has_converged(state, measurement, settings)
+    chi = 0.0 if goal.bearings is None else goal.bearings.chi
+    landed = _has_converged(goal, memory, settings)
     landing = max(settings.latch_engage, 1e-6)
-    farthest = min(max(state.motion.distance, 0.1), 100.0)
+    farthest = min(max(goal.motion.distance, 0.1), 100.0)
     nearest = farthest - (settings.initial_distance - settings.nearest_distance)
     return Circumstances(
         concordant=not landed and alpha * chi > 0.0,
@@ -94,23 +92,21 @@ def circumstances(
         max_linear=settings.max_linear,
         max_angular=settings.max_angular,
         deceleration=min(2.0 * settings.max_acceleration, 20.0),  # slowing down is twice as fast
-        rate=min(max(1.0 / state.view.period, 0.5), 1000.0)
-        if state.view.period > 0.0
-        else USUAL_RATE,
+        rate=min(max(1.0 / goal.period, 0.5), 1000.0) if goal.period > 0.0 else USUAL_RATE,
         latency=felt_latency(settings),
         landing=landing,
         depth=settings.scene_depth,
     )
 
 
-def _has_converged(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _has_converged(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """Return whether e_du counts as zero when the step begins."""
-    if state.phase is Phase.MATCHING_FEATURES or measurement.bearings is None:
+    if memory.phase is Phase.MATCHING_FEATURES or goal.bearings is None:
         return True
-    return abs(measurement.bearings.chi) <= engage_bound(measurement, settings)
+    return abs(goal.bearings.chi) <= engage_bound(goal, settings)
 
 
-def legal_target(state: DriveState, measurement: Measurement, settings: DriveSettings) -> float:
+def legal_target(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> float:
     """
     Return the abscissa of e_au, at unit focal length, for DISPLACING: one that has legal gains.
 
@@ -120,12 +116,12 @@ def legal_target(state: DriveState, measurement: Measurement, settings: DriveSet
         If neither the present e_au nor the discordant one has any.
 
     """
-    if measurement.bearings is None:
+    if goal.bearings is None:
         return 0.0
     reason = 'the field of view leaves no room to turn e_au to where a gain is legal'
-    for alpha in _displacements(measurement.bearings.alpha, measurement, settings):
+    for alpha in _displacements(goal.bearings.alpha, goal, settings):
         try:
-            derive(_worst_circumstances(alpha, state, measurement, settings))
+            derive(_worst_circumstances(alpha, goal, memory, settings))
         except ValueError as error:
             reason = str(error)
         else:
@@ -133,20 +129,20 @@ def legal_target(state: DriveState, measurement: Measurement, settings: DriveSet
     raise ValueError(reason)
 
 
-def _displacements(alpha: float, measurement: Measurement, settings: DriveSettings) -> list[float]:
+def _displacements(alpha: float, goal: GoalEstimate, settings: DriveSettings) -> list[float]:
     """Return the bearings of e_au [rad] to try: ``alpha`` first, if the law may keep it."""
     if settings.options.discordant_turn:
-        return [discordant_bearing(measurement, settings)]
-    discordant = displacement(measurement, settings)
+        return [discordant_bearing(goal, settings)]
+    discordant = displacement(goal, settings)
     regular = abs(alpha) >= 2.0 * settings.singular_epipole
     return ([alpha] if regular else []) + ([] if discordant is None else [discordant])
 
 
 def _worst_circumstances(
-    alpha: float, state: DriveState, measurement: Measurement, settings: DriveSettings
+    alpha: float, goal: GoalEstimate, memory: Memory, settings: DriveSettings
 ) -> Circumstances:
     """Return the circumstances at the worst bearing that is within tolerance of ``alpha``."""
     tolerance = settings.displacement_tolerance
-    concordant = circumstances(state, measurement, settings, alpha=alpha).concordant
+    concordant = circumstances(goal, memory, settings, alpha=alpha).concordant
     worst = max(abs(alpha) - tolerance, 0.0) if concordant else abs(alpha) + tolerance
-    return circumstances(state, measurement, settings, alpha=math.copysign(worst, alpha))
+    return circumstances(goal, memory, settings, alpha=math.copysign(worst, alpha))

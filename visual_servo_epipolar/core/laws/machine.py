@@ -1,7 +1,7 @@
 """
 A law and its state machine: one row for each of its phases, and the events that lead between them.
 
-A row holds what a step asks of a phase, as functions of state, measurement and settings. Every
+A row holds what a step asks of a phase, as functions of goal, memory and settings. Every
 machine stops, loses its tracks and fails in the same way, whatever phases a law brings. A law is
 chosen by an expression: a name of ``registry.LAWS``, then departures to add or to leave out, such
 as ``full-retreat`` or ``paper+true_sigma+speed_ramps``.
@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar, TypeAlias
 
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import (
     Departures,
     DriveSettings,
@@ -20,14 +21,13 @@ from visual_servo_epipolar.core.estimate.settings import (
 )
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.state import DriveState
-from visual_servo_epipolar.core.perception.measurement import Measurement
 
-Classifier: TypeAlias = Callable[[DriveState, Measurement, DriveSettings], Event]
-Command: TypeAlias = Callable[[DriveState, Measurement, DriveSettings], Twist]
-Predicate: TypeAlias = Callable[[DriveState, Measurement, DriveSettings], bool]
-Update: TypeAlias = Callable[[DriveState, Measurement, DriveSettings], DriveState]
+Classifier: TypeAlias = Callable[[GoalEstimate, Memory, DriveSettings], Event]
+Command: TypeAlias = Callable[[GoalEstimate, Memory, DriveSettings], Twist]
+Predicate: TypeAlias = Callable[[GoalEstimate, Memory, DriveSettings], bool]
+Update: TypeAlias = Callable[[GoalEstimate, Memory, DriveSettings], Memory]
 
 FAILURES = (Event.TIMED_OUT, Event.DIVERGED, Event.EXHAUSTED, Event.DISOBEYED, Event.EXCURSION)
 REQUIRED = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)  # of any law
@@ -42,7 +42,7 @@ class PhaseRow:
     ``classify`` returns the event of an image, ``command`` the nominal twist, before limits, ramps
     and dead band. ``is_settled``: whether an image fulfils the aim of the phase; ``settling``
     counts such images in a row. ``is_close``: whether it is within the usual tolerance, where a
-    memory of views asks for less. ``begin`` changes the state when the phase begins, and raises
+    memory of views asks for less. ``begin`` changes the memory when the phase begins, and raises
     ValueError where it cannot: the event is then NO_GAIN. ``observe`` changes it at each image.
     """
 
@@ -53,8 +53,8 @@ class PhaseRow:
     command: Command = lambda *_: STANDSTILL
     is_settled: Predicate = lambda *_: False
     is_close: Predicate = lambda *_: False
-    begin: Update = lambda state, *_: state
-    observe: Update = lambda state, *_: state
+    begin: Update = lambda _, memory, __: memory
+    observe: Update = lambda _, memory, __: memory
 
 
 class StateMachine:

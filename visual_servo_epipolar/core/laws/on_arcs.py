@@ -17,6 +17,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.bases.car import LAG_WAY
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.arrival import (
@@ -28,6 +29,7 @@ from visual_servo_epipolar.core.laws.arrival import (
 from visual_servo_epipolar.core.laws.braking import BRAKING, rate_within
 from visual_servo_epipolar.core.laws.conditions import is_untrusted
 from visual_servo_epipolar.core.laws.machine import StateMachine
+from visual_servo_epipolar.core.laws.memory import Backing, Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.smooth import (
     approach,
@@ -39,11 +41,8 @@ from visual_servo_epipolar.core.laws.smooth import (
     seen_from,
     Sight,
 )
-from visual_servo_epipolar.core.laws.state import Backing, DriveState
 from visual_servo_epipolar.core.laws.steering import GAINS, RESERVE
-from visual_servo_epipolar.core.laws.timing import usual_step
 from visual_servo_epipolar.core.laws.two_steps import FULL
-from visual_servo_epipolar.core.perception.measurement import Measurement
 
 STEP, LEAST_STEP = 0.06, 0.006  # of a way ahead in thought: part of the distance, at least [m]
 STEPS = 110
@@ -159,34 +158,34 @@ def turned_back(kappa: float, way: float, most: float) -> float:
     return most * way - (most + kappa) * lag_way(way)
 
 
-def _approaching(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
-    event = APPROACHING.classify(state, measurement, settings)
+def _approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
+    event = APPROACHING.classify(goal, memory, settings)
     if event in (Event.MATCHED, Event.TURNED):
-        faces = abs(measurement.heading_error) <= FACES
+        faces = abs(goal.heading_error) <= FACES
         if settings.arrival_heading > FACING:
-            faces = faces_goal(state, measurement, settings)
-        return Event.MATCHED if faces else missed(state, settings)
-    sight = _sight(state, measurement, settings)
+            faces = faces_goal(goal, memory, settings)
+        return Event.MATCHED if faces else missed(memory, settings)
+    sight = _sight(goal, settings)
     if event not in (Event.NOTHING, Event.SIDEWAYS) or sight is None:
         return event
-    if state.settling.settled or sight.y > -DECIDED or not settings.options.retreat:
+    if memory.settling.settled or sight.y > -DECIDED or not settings.options.retreat:
         return Event.NOTHING
     tolerated = MISSED * (1.0 - sight.y / FAR)
-    gone = _misses(sight, measurement, settings) > tolerated
-    return missed(state, settings) if gone else Event.NOTHING
+    gone = _misses(sight, goal, settings) > tolerated
+    return missed(memory, settings) if gone else Event.NOTHING
 
 
-def _approach(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def _approach(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
     """
     Return the velocity of one motion, which ends on an arc to the goal's heading.
 
     That begins at the last image from which the wheels, which lag, can still turn the car to it.
     """
-    twist, sight = approach(state, measurement, settings), _sight(state, measurement, settings)
+    twist, sight = approach(goal, memory, settings), _sight(goal, settings)
     if sight is None or twist.linear <= 0.0 or not -DECIDED < sight.y < 0.0:
         return twist
-    kappa, most = _present_curvature(state), settings.drive.max_curvature
-    way, left = twist.linear * usual_step(state), -sight.y
+    kappa, most = _present_curvature(goal), settings.drive.max_curvature
+    way, left = twist.linear * usual_step(goal.period), -sight.y
     after = lagged(kappa, twist.angular / twist.linear, way)
     heading = sight.heading + 0.5 * (kappa + after) * way
     undone = turned_back(math.copysign(1.0, heading) * after, left - way, SPARED * most)
@@ -196,20 +195,20 @@ def _approach(state: DriveState, measurement: Measurement, settings: DriveSettin
     return replace(twist, angular=min(max(last, -most), most) * twist.linear)
 
 
-def _retreating(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
-    backing = state.law.backing
-    if measurement.offset is None or backing is None:
-        return retreating(state, measurement, settings)
-    if is_untrusted(measurement, settings):
+def _retreating(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
+    backing = memory.law.backing
+    if goal.offset is None or backing is None:
+        return retreating(goal, memory, settings)
+    if is_untrusted(goal, settings):
         return Event.LOST
     return Event.APART if backing.way == 0.0 else Event.NOTHING
 
 
-def _retreat(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def _retreat(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
     """Return the velocity on the arc backward; by two views alone, as on any base."""
-    backing = state.law.backing
+    backing = memory.law.backing
     if backing is None or math.isinf(backing.way) or settings.max_retreat == 0.0:
-        return RETREATING_FREELY.command(state, measurement, settings)
+        return RETREATING_FREELY.command(goal, memory, settings)
     speed = rate_within(
         backing.way, deceleration=BRAKING * settings.max_acceleration, delay=settings.latency
     )
@@ -217,47 +216,45 @@ def _retreat(state: DriveState, measurement: Measurement, settings: DriveSetting
     return Twist(speed, speed * backing.curvature)
 
 
-def _with_way_back(
-    state: DriveState, measurement: Measurement, settings: DriveSettings
-) -> DriveState:
-    """Return ``state`` with the arc to back off on from where the robot is."""
-    sight = _sight(state, measurement, settings)
+def _with_way_back(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
+    """Return ``memory`` with the arc to back off on from where the robot is."""
+    sight = _sight(goal, settings)
     backing = None
     if sight is not None:
-        bounds = _bounds(measurement, settings, SPARED)
-        backing = way_back(sight, _present_curvature(state), bounds)
-    return state.changed(backing=backing)
+        bounds = _bounds(goal, settings, SPARED)
+        backing = way_back(sight, _present_curvature(goal), bounds)
+    return memory.changed(backing=backing)
 
 
-def _sight(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Sight | None:
+def _sight(goal: GoalEstimate, settings: DriveSettings) -> Sight | None:
     """Return where the robot will be when it obeys, by a memory of views; None without one."""
-    if measurement.offset is None:
+    if goal.offset is None:
         return None
-    return seen_from(state, measurement, settings)
+    return seen_from(goal, settings)
 
 
-def _misses(sight: Sight, measurement: Measurement, settings: DriveSettings) -> float:
+def _misses(sight: Sight, goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return by how much the motion from here misses the goal: 1 is what it may."""
     place = GoalOffset(*(np.array([value]) for value in sight))
-    bounds = _bounds(measurement, settings, 1.0)
+    bounds = _bounds(goal, settings, 1.0)
     return float(misses(place, sight.heading, bounds)[0])
 
 
-def _bounds(measurement: Measurement, settings: DriveSettings, part: float) -> Bounds:
-    left, right = (min(max(margin - RESERVE, 0.0), WIDEST) for margin in measurement.view_margins)
+def _bounds(goal: GoalEstimate, settings: DriveSettings, part: float) -> Bounds:
+    left, right = (min(max(margin - RESERVE, 0.0), WIDEST) for margin in goal.view_margins)
     return Bounds(part * settings.drive.max_curvature, left, right)
 
 
-def _present_curvature(state: DriveState) -> float:
-    return state.twist.angular / state.twist.linear if state.twist.linear else 0.0
+def _present_curvature(goal: GoalEstimate) -> float:
+    return goal.twist.angular / goal.twist.linear if goal.twist.linear else 0.0
 
 
-def _ends(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _ends(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """Return whether the motion leads no farther: the heading cannot be turned there."""
-    if measurement.offset is None:
+    if goal.offset is None:
         return False
-    through = is_through(state, measurement, settings, trial_of(state))
-    return through or is_near_enough(state, measurement, settings)
+    through = is_through(goal, memory, settings, trial_of(goal, memory))
+    return through or is_near_enough(goal, memory, settings)
 
 
 RETREATING_FREELY = ONE_MOTION.rows[Phase.RETREATING]

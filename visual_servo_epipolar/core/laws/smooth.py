@@ -11,6 +11,7 @@ import math
 from typing import NamedTuple
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist, wrap_angle
@@ -45,6 +46,7 @@ from visual_servo_epipolar.core.laws.conditions import (
     with_new_leg,
 )
 from visual_servo_epipolar.core.laws.machine import Classifier, PhaseRow, StateMachine
+from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.standing import (
     ARRIVED,
@@ -55,7 +57,6 @@ from visual_servo_epipolar.core.laws.standing import (
     RETREATING,
     WAITING,
 )
-from visual_servo_epipolar.core.laws.state import DriveState
 from visual_servo_epipolar.core.laws.steering import (
     aim,
     curvature,
@@ -80,7 +81,6 @@ from visual_servo_epipolar.core.laws.steering import (
 )
 from visual_servo_epipolar.core.laws.two_steps import MATCHING_FEATURES, transitions_by
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
-from visual_servo_epipolar.core.perception.measurement import Measurement
 
 AHEAD, STILL_LEFT = 0.5, 0.1  # cosine of a bearing; way at least where bearings say none [m]
 TURN_S = 0.5  # time constant of turns to where features stay in view
@@ -106,45 +106,41 @@ class Sight(NamedTuple):
     heading: float
 
 
-def approach(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def approach(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
     """Return the velocity of one motion to the goal."""
-    sight = seen_from(state, measurement, settings)
+    sight = seen_from(goal, settings)
     if sight is None:
         return STANDSTILL
-    around = goes_around(*sight, measurement)
-    left = max(way_left(measurement, state), _least_left(measurement, settings))
-    in_view = not around and goes_around_in_view(polar_pose(*sight), measurement, settings)
+    around = goes_around(*sight, goal)
+    left = max(way_left(goal), _least_left(goal, settings))
+    in_view = not around and goes_around_in_view(polar_pose(*sight), goal, settings)
     if around or in_view:
         left = max(left, LEAST_WAY * math.hypot(sight.x, sight.y))
     braking = BRAKING * settings.max_acceleration
-    speed = min(
-        rate_within(left, deceleration=braking, delay=TAIL_S), _certain(measurement, settings)
-    )
+    speed = min(rate_within(left, deceleration=braking, delay=TAIL_S), _certain(goal, settings))
     if in_view:
-        return _around_in_view(polar_pose(*sight), speed, measurement, settings)
-    if measurement.offset is None and not around:
-        speed = min(
-            speed, max(settings.k_t * abs(measurement.difference), _least_speed(measurement))
-        )
+        return _around_in_view(polar_pose(*sight), speed, goal, settings)
+    if goal.offset is None and not around:
+        speed = min(speed, max(settings.k_t * abs(goal.difference), _least_speed(goal)))
     elif speed > 0.0 and not around:
         aside = abs(sight.x) + LEAST_LOOK_AHEAD * abs(sight.heading)
-        speed = min(speed, converging_speed(aside, left, state, braking, 1.0 + GAINS.k1))
+        speed = min(speed, converging_speed(aside, left, goal, braking, 1.0 + GAINS.k1))
         if settings.max_retreat == 0.0:  # a miss is final
-            speed = min(speed, looking_speed(left, state, settings))
+            speed = min(speed, looking_speed(left, goal, settings))
     # What is not known to be aside is no reason to turn.
-    look_ahead = max(STEERING_S * abs(speed), LEAST_LOOK_AHEAD, place_deviation(state) / LAST_TURN)
+    look_ahead = max(STEERING_S * abs(speed), LEAST_LOOK_AHEAD, place_deviation(goal) / LAST_TURN)
     pose = _aimed_pose(sight, look_ahead, around)
-    kappa = _visible_curvature(pose, measurement)
+    kappa = _visible_curvature(pose, goal)
     speed = min(speed, _steerable(kappa, settings))
     turn = kappa * speed if speed > 0.0 else 0.0
     if around:
         return _around(pose, speed, turn, settings)
-    if measurement.offset is not None:
+    if goal.offset is not None:
         facing = heading_share(left)
         calm = min(max(1.5 - left / NEAR, 0.0), 1.0) * CALM
-        turn += calm * (state.twist.angular - turn)
-        turn = (1.0 - facing) * turn - facing * measurement.heading_error / TAIL_S
-    return Twist(speed, _within_view(turn, measurement, settings))
+        turn += calm * (goal.twist.angular - turn)
+        turn = (1.0 - facing) * turn - facing * goal.heading_error / TAIL_S
+    return Twist(speed, _within_view(turn, goal, settings))
 
 
 def _aimed_pose(sight: Sight, look_ahead: float, around: bool) -> PolarPose:
@@ -165,14 +161,14 @@ def _around(pose: PolarPose, speed: float, turn: float, settings: DriveSettings)
 
 
 def _around_in_view(
-    pose: PolarPose, speed: float, measurement: Measurement, settings: DriveSettings
+    pose: PolarPose, speed: float, goal: GoalEstimate, settings: DriveSettings
 ) -> Twist:
     """Return the velocity around the goal of a wide view: far off its aim it turns in place."""
-    low, high = heading_window(measurement, RESERVE)
+    low, high = heading_window(goal, RESERVE)
     # Headings from -180 to 180 deg: a turn to one in the window is never the way around the back.
     wanted = aim(pose.phi) - pose.phi
     target = min(max(wanted, low), high)
-    left, right = measurement.view_margins
+    left, right = goal.view_margins
     heading = wrap_angle(pose.delta - pose.phi)
     # Turned away by half a turn, it turns back the way that shows the goal.
     middle = heading + 0.5 * (left - right)
@@ -182,64 +178,50 @@ def _around_in_view(
     share = driving_share(pose.delta, off, in_place=IN_PLACE)
     speed = min(speed, _steerable(kappa, settings))
     turn = share * kappa * speed - (1.0 - share) * off / TURN_S
-    return Twist(share * speed, _within_view(turn, measurement, settings))
+    return Twist(share * speed, _within_view(turn, goal, settings))
 
 
-def _visible_curvature(pose: PolarPose, measurement: Measurement) -> float:
+def _visible_curvature(pose: PolarPose, goal: GoalEstimate) -> float:
     """Return the curvature of the path from ``pose`` [1/m] that keeps features in view."""
-    left, right = measurement.view_margins
+    left, right = goal.view_margins
     held = visible_aim(aim(pose.phi), pose.delta, (left - RESERVE, right - RESERVE))
     return curvature(pose, delta_held=held)
 
 
-def way_left(measurement: Measurement, state: DriveState) -> float:
+def way_left(goal: GoalEstimate) -> float:
     """Return the way that is left along the heading [m]; negative past the goal."""
-    if measurement.offset is not None:
-        x, y = measurement.offset
-        return x * math.sin(measurement.heading_error) - y * math.cos(measurement.heading_error)
-    if measurement.bearings is None:
+    if goal.offset is not None:
+        x, y = goal.offset
+        return x * math.sin(goal.heading_error) - y * math.cos(goal.heading_error)
+    if goal.bearings is None:
         return 0.0
-    return believed_distance(state) * math.cos(measurement.bearings.current)
+    return goal.distance(UNKNOWN_RANGE) * math.cos(goal.bearings.current)
 
 
-def seen_from(
-    state: DriveState, measurement: Measurement, settings: DriveSettings
-) -> Sight | None:
+def seen_from(goal: GoalEstimate, settings: DriveSettings) -> Sight | None:
     """Return where the robot will be when it obeys, by memory or by bearings; None of neither."""
-    if measurement.offset is not None:
-        x, y = measurement.offset
-        x -= unmodelled_yaw(state) * min(max(y, -NEAR), NEAR)  # it is not known as well from afar
-    elif measurement.bearings is not None:
-        distance = believed_distance(state)
-        psi = measurement.bearings.psi
+    if goal.offset is not None:
+        x, y = goal.offset
+        x -= unmodelled_yaw(goal) * min(max(y, -NEAR), NEAR)  # it is not known as well from afar
+    elif goal.bearings is not None:
+        distance = goal.distance(UNKNOWN_RANGE)
+        psi = goal.bearings.psi
         x, y = distance * math.cos(psi), distance * math.sin(psi)
     else:
         return None
     late = unfelt_latency(settings)
-    turn, way = state.twist.angular * late, state.twist.linear * late
-    heading = measurement.heading_error
+    turn, way = goal.twist.angular * late, goal.twist.linear * late
+    heading = goal.heading_error
     middle = heading + 0.5 * turn
     return Sight(x - way * math.sin(middle), y + way * math.cos(middle), heading + turn)
 
 
-def unmodelled_yaw(state: DriveState) -> float:
+def unmodelled_yaw(goal: GoalEstimate) -> float:
     """Return the yaw of the camera [rad], to the left, that its places show and no mount has."""
-    estimate = state.view.estimate
-    if estimate is None or estimate.place is None or estimate.mount[0]:
-        return 0.0
-    return estimate.place.slip
+    return 0.0 if goal.place is None or goal.mount[0] else goal.place.slip
 
 
-def believed_distance(state: DriveState) -> float:
-    """Return d_hat [m] by two views: too small does no harm, too large leaves heading errors."""
-    if state.view.estimate is not None and state.view.estimate.range > 0.0:
-        return state.view.estimate.range
-    if state.motion.range > 0.0:
-        return state.motion.range
-    return min(state.motion.distance, UNKNOWN_RANGE)
-
-
-def back_off(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def back_off(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
     """
     Return the velocity backward, on an arc: onto the axis behind the goal, or to a turn ahead.
 
@@ -248,19 +230,19 @@ def back_off(state: DriveState, measurement: Measurement, settings: DriveSetting
     heading and turns to where it will drive at the end of that. One that steers turns by driving
     alone, and does not slow down for it.
     """
-    sight, bearings = seen_from(state, measurement, settings), measurement.bearings
+    sight, bearings = seen_from(goal, settings), goal.bearings
     turn, speed = 0.0, settings.retreat_speed
     pose = None if sight is None else polar_pose(-sight.x, -sight.y, sight.heading, ahead=RUN_UP)
     behind = sight is not None and abs(math.atan2(sight.x, -sight.y)) <= settings.sideways_bearing
     if (
         pose is not None
         and not behind
-        and goes_around_in_view(pose, measurement, settings, least=0.0, aside=BACKING)
+        and goes_around_in_view(pose, goal, settings, least=0.0, aside=BACKING)
     ):
-        twist = _around_in_view(pose, speed, measurement, settings)
+        twist = _around_in_view(pose, speed, goal, settings)
         return Twist(-twist.linear, twist.angular)
     if pose is not None and max(abs(pose.delta), abs(pose.phi)) < BACKING:
-        kappa = _visible_curvature(pose, measurement)
+        kappa = _visible_curvature(pose, goal)
         speed = min(speed, _steerable(kappa, settings))
         turn = kappa * speed
     else:
@@ -269,13 +251,13 @@ def back_off(state: DriveState, measurement: Measurement, settings: DriveSetting
             pose = polar_pose(math.cos(bearings.psi), math.sin(bearings.psi), 0.0)
             beyond = (abs(pose.phi) - settings.retreat_bearing) / TURNING_BEARING
             wanted = math.copysign(MOST_ASIDE * min(max(beyond, 0.0), 1.0), pose.phi)
-        left, right = measurement.view_margins
-        angle = wanted - measurement.heading_error
+        left, right = goal.view_margins
+        angle = wanted - goal.heading_error
         angle = min(max(angle, RESERVE - right), left - RESERVE)
         turn = angle / TURN_S
         if turns_in_place(settings.drive):
             speed *= max(1.0 - abs(angle), 0.0)
-    return Twist(-speed, _within_view(turn, measurement, settings))
+    return Twist(-speed, _within_view(turn, goal, settings))
 
 
 def _steerable(kappa: float, settings: DriveSettings) -> float:
@@ -283,36 +265,36 @@ def _steerable(kappa: float, settings: DriveSettings) -> float:
     return settings.max_angular / abs(kappa) if kappa else math.inf
 
 
-def _certain(measurement: Measurement, settings: DriveSettings) -> float:
+def _certain(goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the speed by how well the line is known [m/s]."""
-    deviation = 0.0 if math.isnan(measurement.deviation) else measurement.deviation
+    deviation = 0.0 if math.isnan(goal.deviation) else goal.deviation
     return settings.max_linear / (1.0 + (deviation / UNCERTAIN) ** 2)
 
 
-def _least_left(measurement: Measurement, settings: DriveSettings) -> float:
+def _least_left(goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the way that is left at least [m], where D says that the goal is ahead and far."""
-    bearings = measurement.bearings
-    if measurement.offset is not None or bearings is None or math.cos(bearings.current) < AHEAD:
+    bearings = goal.bearings
+    if goal.offset is not None or bearings is None or math.cos(bearings.current) < AHEAD:
         return -math.inf
-    return STILL_LEFT if measurement.difference <= -settings.retreat_difference else -math.inf
+    return STILL_LEFT if goal.difference <= -settings.retreat_difference else -math.inf
 
 
-def _least_speed(measurement: Measurement) -> float:
+def _least_speed(goal: GoalEstimate) -> float:
     """Return the least speed by two views [m/s]: aside of the axis D may be zero far away."""
-    bearings = measurement.bearings
+    bearings = goal.bearings
     return LEAST_ASIDE if bearings is not None and abs(bearings.chi) > ON_AXIS else 0.0
 
 
-def _within_view(turn: float, measurement: Measurement, settings: DriveSettings) -> float:
+def _within_view(turn: float, goal: GoalEstimate, settings: DriveSettings) -> float:
     """
     Return a turn that features stay in view of [rad/s]: the barrier.
 
     Of what a head can reach, and of where it looks now: no faster than it follows from there.
     """
-    turn = _within_present(turn, measurement, settings)
+    turn = _within_present(turn, goal, settings)
     bounds = [
         rate_within(margin - RESERVE, deceleration=settings.max_angular_acceleration, delay=TURN_S)
-        for margin in measurement.view_margins
+        for margin in goal.view_margins
         if math.isfinite(margin)
     ]
     if not bounds:
@@ -323,7 +305,7 @@ def _within_view(turn: float, measurement: Measurement, settings: DriveSettings)
     return min(max(turn, -right), left)
 
 
-def _within_present(turn: float, measurement: Measurement, settings: DriveSettings) -> float:
+def _within_present(turn: float, goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return a turn that a head follows before features leave its view as it is [rad/s]."""
     left, right = (
         settings.carrier.turn_rate
@@ -332,46 +314,46 @@ def _within_present(turn: float, measurement: Measurement, settings: DriveSettin
         )
         if math.isfinite(margin)
         else math.inf
-        for margin in measurement.present_margins
+        for margin in goal.present_margins
     )
     return min(max(turn, -max(right, 0.0)), max(left, 0.0))
 
 
-def approaching(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
+def approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
     """Return the event of one motion: lost, beside, missed, or at its end."""
-    if is_untrusted(measurement, settings):
+    if is_untrusted(goal, settings):
         return Event.LOST
-    if measurement.offset is None:
+    if goal.offset is None:
         # A single view without the memory is none; near the goal two views know no direction.
-        if measurement.bearings is None or _is_lined_up(measurement, measurement.bearings):
+        if goal.bearings is None or _is_lined_up(goal, goal.bearings):
             return Event.ALIGNED
-        return Event.SIDEWAYS if _lies_beside(measurement, settings) else Event.NOTHING
-    if state.settling.settled >= settings.arrival_frames:
-        if has_parallax(state, measurement, settings):
-            return missed(state, settings)
-        bound = facing_bound(measurement, settings, trial_of(state, spent=True))
-        turned = abs(measurement.heading_error) > bound
-        pulses = ends_by_pulses(measurement, settings)
+        return Event.SIDEWAYS if _lies_beside(goal, settings) else Event.NOTHING
+    if memory.settling.settled >= settings.arrival_frames:
+        if has_parallax(goal, memory, settings):
+            return missed(memory, settings)
+        bound = facing_bound(goal, settings, trial_of(goal, memory, spent=True))
+        turned = abs(goal.heading_error) > bound
+        pulses = ends_by_pulses(goal, settings)
         return Event.TURNED if turned and pulses else Event.MATCHED
-    x, y = measurement.offset
-    pose = polar_pose(x, y, measurement.heading_error)
-    all_round = goes_around(x, y, measurement.heading_error, measurement)
-    if all_round or goes_around_in_view(pose, measurement, settings):
+    x, y = goal.offset
+    pose = polar_pose(x, y, goal.heading_error)
+    all_round = goes_around(x, y, goal.heading_error, goal)
+    if all_round or goes_around_in_view(pose, goal, settings):
         return Event.NOTHING
-    if not state.settling.settled and y > -PASSED and max(y, abs(x)) > PASSED:
-        return missed(state, settings)
-    beside = y < -NEAR_GOAL and _lies_beside(measurement, settings)
+    if not memory.settling.settled and y > -PASSED and max(y, abs(x)) > PASSED:
+        return missed(memory, settings)
+    beside = y < -NEAR_GOAL and _lies_beside(goal, settings)
     return Event.SIDEWAYS if beside else Event.NOTHING
 
 
-def _is_lined_up(measurement: Measurement, bearings: Bearings) -> bool:
+def _is_lined_up(goal: GoalEstimate, bearings: Bearings) -> bool:
     """Return whether the second step leads to the goal: near it, where D is small, on its axis."""
-    near = abs(measurement.difference) <= HANDOVER_DIFFERENCE
+    near = abs(goal.difference) <= HANDOVER_DIFFERENCE
     return near and max(abs(bearings.chi), abs(bearings.alpha)) <= LINED_UP
 
 
 def _lies_beside(
-    measurement: Measurement,
+    goal: GoalEstimate,
     settings: DriveSettings,
     *,
     beyond: float = HYSTERESIS,
@@ -382,41 +364,41 @@ def _lies_beside(
 
     It does not where a wide view leads around it with the ``least`` share of the distance left.
     """
-    bearings = measurement.bearings
-    if bearings is None or not settings.options.retreat or sees_all_round(measurement):
+    bearings = goal.bearings
+    if bearings is None or not settings.options.retreat or sees_all_round(goal):
         return False
     pose = polar_pose(math.cos(bearings.psi), math.sin(bearings.psi), bearings.heading_error)
-    if leads_around(pose, measurement, settings, least=least):
+    if leads_around(pose, goal, settings, least=least):
         return False
     return not is_behind(bearings) or abs(bearings.chi) > settings.sideways_bearing + beyond
 
 
-def missed(state: DriveState, settings: DriveSettings) -> Event:
+def missed(memory: Memory, settings: DriveSettings) -> Event:
     """Return the event of a miss: a new attempt backs off first, as far as that is allowed."""
     repeats = settings.options.new_attempts and settings.options.retreat
-    again = repeats and state.run.attempts < settings.max_attempts
+    again = repeats and memory.run.attempts < settings.max_attempts
     return Event.MISSED if again else Event.EXHAUSTED
 
 
-def _ends(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _ends(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """
     Return whether the motion ends here, along the axis and in heading, both by a memory.
 
     A base with a dead band turns by pulses, in place, which end finer than those on the way.
     """
-    if measurement.offset is None:
+    if goal.offset is None:
         return False
-    trial = trial_of(state)
-    rest = 1.0 / _decay(state, settings, trial)
-    turned = abs(measurement.heading_error) > rest * _heading_bound(measurement, settings, trial)
-    stands = state.settling.rest is not None and ends_by_pulses(measurement, settings)
+    trial = trial_of(goal, memory)
+    rest = 1.0 / _decay(memory, settings, trial)
+    turned = abs(goal.heading_error) > rest * _heading_bound(goal, settings, trial)
+    stands = memory.settling.rest is not None and ends_by_pulses(goal, settings)
     if turned and not stands:
         return False
-    through = is_through(state, measurement, settings, trial, rest=rest)
-    return through or is_near_enough(state, measurement, settings)
+    through = is_through(goal, memory, settings, trial, rest=rest)
+    return through or is_near_enough(goal, memory, settings)
 
 
-def _decay(state: DriveState, settings: DriveSettings, trial: Trial) -> float:
+def _decay(memory: Memory, settings: DriveSettings, trial: Trial) -> float:
     """
     Return the share of what is left now that is left when the last frame has settled.
 
@@ -426,19 +408,19 @@ def _decay(state: DriveState, settings: DriveSettings, trial: Trial) -> float:
     """
     if max(settings.dead_band_linear, settings.dead_band_angular) > 0.0:
         return 1.0
-    frames = max(settings.arrival_frames - 1 - state.settling.settled, 0)
+    frames = max(settings.arrival_frames - 1 - memory.settling.settled, 0)
     return math.exp(-frames * trial.frame_s / TAIL_S)
 
 
-def _heading_bound(measurement: Measurement, settings: DriveSettings, trial: Trial) -> float:
+def _heading_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial) -> float:
     """Return the largest heading error [rad] that counts as zero: that which is not known."""
-    known = min(measurement.heading_deviation, FACING, settings.arrival_heading)
-    return max(facing_bound(measurement, settings, trial), known)
+    known = min(goal.heading_deviation, FACING, settings.arrival_heading)
+    return max(facing_bound(goal, settings, trial), known)
 
 
 def is_through(
-    state: DriveState,
-    measurement: Measurement,
+    goal: GoalEstimate,
+    memory: Memory,
     settings: DriveSettings,
     trial: Trial,
     *,
@@ -449,45 +431,41 @@ def is_through(
 
     Aside of the goal they are not zero at one place, and the motion stands where the way ends.
     """
-    bound = rest * matched_bound(measurement, settings, trial)
-    left = abs(way_left(measurement, state)) * measurement.difference_slope
-    return min(abs(measurement.difference), left) <= bound
+    bound = rest * matched_bound(goal, settings, trial)
+    left = abs(way_left(goal)) * goal.difference_slope
+    return min(abs(goal.difference), left) <= bound
 
 
-def is_close(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
+def is_close(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """Return whether the motion leads no farther, within the usual bounds."""
-    known = measurement.offset is not None
-    return known and is_through(state, measurement, settings, trial_of(state, spent=True))
+    known = goal.offset is not None
+    return known and is_through(goal, memory, settings, trial_of(goal, memory, spent=True))
 
 
-def retreating(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
+def retreating(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
     """Return the event of backing off: whether the goal lies ahead by now."""
-    if is_untrusted(measurement, settings):
+    if is_untrusted(goal, settings):
         return Event.LOST
-    has_room = has_run_up(state, measurement, settings) and is_far_enough(measurement, settings)
-    if measurement.bearings is None or not has_room:
+    has_room = has_run_up(goal, memory, settings) and is_far_enough(goal, settings)
+    if goal.bearings is None or not has_room:
         return Event.NOTHING
-    return (
-        Event.NOTHING
-        if _lies_beside(measurement, settings, beyond=0.0, least=1.0)
-        else Event.APART
-    )
+    return Event.NOTHING if _lies_beside(goal, settings, beyond=0.0, least=1.0) else Event.APART
 
 
-def _back_off(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
-    return STANDSTILL if settings.max_retreat == 0.0 else back_off(state, measurement, settings)
+def _back_off(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
+    return STANDSTILL if settings.max_retreat == 0.0 else back_off(goal, memory, settings)
 
 
 def surveyed(row: PhaseRow) -> PhaseRow:
     """Return the row of a robot that stands: one motion begins wherever the goal is known."""
 
-    def classify(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
-        event = row.classify(state, measurement, settings)
+    def classify(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
+        event = row.classify(goal, memory, settings)
         if event is Event.SIDEWAYS and not _lies_beside(
-            measurement, settings, beyond=BESIDE, least=LEAST_SHARE
+            goal, settings, beyond=BESIDE, least=LEAST_SHARE
         ):
             event = Event.APART
-        known = measurement.offset is not None or measurement.bearings is not None
+        known = goal.offset is not None or goal.bearings is not None
         return Event.APART if known and event in (Event.ALIGNED, Event.NO_BASELINE) else event
 
     survey: Classifier = classify
@@ -502,7 +480,7 @@ APPROACHING = PhaseRow(
     command=approach,
     is_settled=_ends,
     is_close=is_close,
-    begin=lambda state, measurement, _: with_new_leg(state, measurement),
+    begin=lambda goal, memory, _: with_new_leg(goal, memory),
 )
 ONE_MOTION = StateMachine(
     (

@@ -25,9 +25,9 @@ import math
 from typing import NamedTuple
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
-from visual_servo_epipolar.core.perception.measurement import Measurement
 
 TURN = 2.0 * math.pi
 NEAR_LINE, TURNED = 0.35, 0.7  # [m], [rad]: within both the line to the goal is followed,
@@ -121,15 +121,15 @@ def visible_aim(wanted: float, delta: float, margins: tuple[float, float]) -> fl
     return None if visible == wanted and abs(visible - delta) <= math.pi else visible
 
 
-def sees_all_round(measurement: Measurement) -> bool:
+def sees_all_round(goal: GoalEstimate) -> bool:
     """Return whether no turn leads features out of view."""
-    return math.isinf(min(measurement.view_margins))
+    return math.isinf(min(goal.view_margins))
 
 
-def goes_around(x: float, y: float, heading: float, measurement: Measurement) -> bool:
+def goes_around(x: float, y: float, heading: float, goal: GoalEstimate) -> bool:
     """Return whether one at ``x``, ``y`` [m] goes around the goal, not up a line to it."""
     distance = math.hypot(x, y)
-    if not sees_all_round(measurement) or distance < AT_GOAL_AROUND:
+    if not sees_all_round(goal) or distance < AT_GOAL_AROUND:
         return False
     return distance > NEAR_LINE or abs(heading) > TURNED or abs(x) > -LINE_SLOPE * y
 
@@ -163,9 +163,9 @@ def driving_share(delta: float, off: float, *, in_place: float = TURNS_IN_PLACE)
     return min(steered, nearing)
 
 
-def heading_window(measurement: Measurement, reserve: float) -> tuple[float, float]:
+def heading_window(goal: GoalEstimate, reserve: float) -> tuple[float, float]:
     """Return the least and the largest heading error at which features are in view [rad]."""
-    left, right = measurement.view_margins
+    left, right = goal.view_margins
     if math.isinf(left + right):
         return -math.inf, math.inf
     # About the photograph's heading, whatever features are tracked from here: of a fixed lens
@@ -197,7 +197,7 @@ def share_left(phi: float, window: tuple[float, float]) -> float:
 
 def leads_around(
     pose: PolarPose,
-    measurement: Measurement,
+    goal: GoalEstimate,
     settings: DriveSettings,
     *,
     least: float = LEAST_SHARE,
@@ -207,14 +207,14 @@ def leads_around(
 
     A base that steers cannot turn to the aim first: ``on_arcs`` says where its motion leads.
     """
-    window = heading_window(measurement, WIDE_RESERVE)
+    window = heading_window(goal, WIDE_RESERVE)
     wide = turns_in_place(settings.drive) and is_wide(window)
     return wide and share_left(pose.phi, window) >= least
 
 
 def goes_around_in_view(
     pose: PolarPose,
-    measurement: Measurement,
+    goal: GoalEstimate,
     settings: DriveSettings,
     *,
     least: float = KEPT_SHARE,
@@ -223,4 +223,4 @@ def goes_around_in_view(
     """Return whether it goes around the goal now: it is ``aside`` [rad] of the way ahead."""
     if pose.distance < AT_GOAL or max(abs(pose.phi), abs(pose.delta)) < aside:
         return False
-    return leads_around(pose, measurement, settings, least=least)
+    return leads_around(pose, goal, settings, least=least)

@@ -8,6 +8,7 @@ features match, eqs. (21)-(22).
 
 import math
 
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES, DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
@@ -63,12 +64,11 @@ from visual_servo_epipolar.core.laws.machine import (
     PhaseRow,
     StateMachine,
 )
+from visual_servo_epipolar.core.laws.memory import Memory, yaw_learnt
 from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.prediction import felt_latency
 from visual_servo_epipolar.core.laws.standing import ORIENTING, RETREATING, STANDING
-from visual_servo_epipolar.core.laws.state import DriveState
-from visual_servo_epipolar.core.laws.timing import felt_latency
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.reasons import Reason
 
 MOST_RESTARTS = 12  # of step 1 in an attempt: it goes to and fro
@@ -81,58 +81,56 @@ YAW_FOR_NEW_ATTEMPT = math.radians(0.5)  # that the camera is learnt to differ b
 LEAST_DELAY = 1e-3  # of a loop [s]
 
 
-def _displaced(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
-    if measurement.bearings is None:
+def _displaced(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
+    if goal.bearings is None:
         return Event.LOST
-    alpha = measurement.bearings.alpha
-    if abs(measurement.bearings.chi) <= engage_bound(measurement, settings):
+    alpha = goal.bearings.alpha
+    if abs(goal.bearings.chi) <= engage_bound(goal, settings):
         return Event.DISPLACED  # e_du is zero already: any e_au will do
     if not settings.options.discordant_turn and not settings.derives:
         return Event.DISPLACED if abs(alpha) > settings.singular_epipole else Event.NOTHING
-    off = alpha - math.atan(state.law.target)
+    off = alpha - math.atan(memory.law.target)
     if settings.options.speed_ramps:  # also once it stands
-        turn = stopping(state.twist.angular, settings.max_angular_acceleration, settings)
+        turn = stopping(goal.twist.angular, settings.max_angular_acceleration, settings)
         off = max(off, off + turn, key=abs)
     return Event.DISPLACED if abs(off) <= settings.displacement_tolerance else Event.NOTHING
 
 
-def _displace(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def _displace(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
     """Return the turn in place of e_au to its target (section IV-B, remarks)."""
-    if measurement.bearings is None:
+    if goal.bearings is None:
         return STANDSTILL
-    bearings = measurement.bearings
+    bearings = goal.bearings
     if settings.options.speed_ramps:
-        angle = math.atan(state.law.target) - bearings.alpha
-        return Twist(0.0, braked_turn(angle, state, settings))
+        angle = math.atan(memory.law.target) - bearings.alpha
+        return Twist(0.0, braked_turn(angle, goal, settings))
     return equations.turn_epipole(
-        bearings.epipole_current, state.law.target, k1=settings.turn_gain
+        bearings.epipole_current, memory.law.target, k1=settings.turn_gain
     )
 
 
-def _begin_displacing(
-    state: DriveState, measurement: Measurement, settings: DriveSettings
-) -> DriveState:
+def _begin_displacing(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
     """
-    Return ``state`` with a new leg, and the target of e_au.
+    Return ``memory`` with a new leg, and the target of e_au.
 
     ValueError if none is legal, or step 1 was given up too often in this attempt.
     """
-    if state.run.restarts >= MOST_RESTARTS and settings.options.speed_ramps:
-        raise ValueError(Reason.RESTARTED.of(state.run.restarts))
-    state = with_new_leg(state, measurement)
+    if memory.run.restarts >= MOST_RESTARTS and settings.options.speed_ramps:
+        raise ValueError(Reason.RESTARTED.of(memory.run.restarts))
+    memory = with_new_leg(goal, memory)
     if settings.derives:
-        return state.changed(target=legal_target(state, measurement, settings))
-    return state.changed(target=_target(measurement, settings))
+        return memory.changed(target=legal_target(goal, memory, settings))
+    return memory.changed(target=_target(goal, settings))
 
 
-def _target(measurement: Measurement, settings: DriveSettings) -> float:
+def _target(goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the abscissa of e_au for DISPLACING (section IV-B, remarks; or discordant)."""
-    bearings = measurement.bearings
+    bearings = goal.bearings
     if bearings is None:
         return 0.0
     if not settings.options.discordant_turn:
         return math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
-    return math.tan(discordant_bearing(measurement, settings))
+    return math.tan(discordant_bearing(goal, settings))
 
 
 DISPLACING = PhaseRow(
@@ -145,38 +143,38 @@ DISPLACING = PhaseRow(
 )
 
 
-def _zeroed(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
-    if measurement.bearings is None:
-        return Event.NO_BASELINE if measurement.parallax <= settings.near_parallax else Event.LOST
-    chi = measurement.bearings.chi
+def _zeroed(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
+    if goal.bearings is None:
+        return Event.NO_BASELINE if goal.parallax <= settings.near_parallax else Event.LOST
+    chi = goal.bearings.chi
     if abs(chi) >= settings.divergence:
         return Event.DIVERGED
-    factor = hysteresis(state, settings)
-    turned = state.yaw_learnt > factor * YAW_FOR_NEW_START
-    off_course = is_off_course(measurement, settings, factor=factor)
-    if not state.law.latched and not turned and off_course:
-        return Event.ALIGNED if leads_home(measurement, settings) else Event.SIDEWAYS
-    if state.law.latched:
-        escaped = abs(chi) > escape_bound(state, measurement, settings)
+    factor = hysteresis(memory, settings)
+    turned = yaw_learnt(goal, memory) > factor * YAW_FOR_NEW_START
+    off_course = is_off_course(goal, settings, factor=factor)
+    if not memory.law.latched and not turned and off_course:
+        return Event.ALIGNED if leads_home(goal, settings) else Event.SIDEWAYS
+    if memory.law.latched:
+        escaped = abs(chi) > escape_bound(goal, memory, settings)
     else:
-        escaped = leads_away(measurement, settings, factor=factor)
-    if escaped or (turned and not _goes_on(state, measurement, settings)):
-        return begun_step_1(measurement, settings, Event.ESCAPED)
-    return Event.ALIGNED if state.settling.settled >= settings.align_frames else Event.NOTHING
+        escaped = leads_away(goal, settings, factor=factor)
+    if escaped or (turned and not _goes_on(goal, memory, settings)):
+        return begun_step_1(goal, settings, Event.ESCAPED)
+    return Event.ALIGNED if memory.settling.settled >= settings.align_frames else Event.NOTHING
 
 
-def _goes_on(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _goes_on(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """Return whether step 1 leads home as it is, though the yaw of the camera is another."""
-    if not settings.options.line_following or measurement.bearings is None:
+    if not settings.options.line_following or goal.bearings is None:
         return False
-    if state.law.latched:
+    if memory.law.latched:
         return True
     # The spiral of the held e_au, as in ``equations.displaced_epipole``.
-    least_tangent = abs(measurement.bearings.chi) / math.log(1.0 / settings.least_spiral_ratio)
-    return abs(state.law.target) >= least_tangent and not is_off_course(measurement, settings)
+    least_tangent = abs(goal.bearings.chi) / math.log(1.0 / settings.least_spiral_ratio)
+    return abs(memory.law.target) >= least_tangent and not is_off_course(goal, settings)
 
 
-def escape_bound(state: DriveState, measurement: Measurement, settings: DriveSettings) -> float:
+def escape_bound(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> float:
     """
     Return the bearing of e_du [rad] beyond which step 1 has to begin anew.
 
@@ -184,91 +182,91 @@ def escape_bound(state: DriveState, measurement: Measurement, settings: DriveSet
     camera ahead of the axle swings aside while the robot turns: to begin anew would displace e_au
     by as much, and the camera would swing aside once more.
     """
-    bound = hysteresis(state, settings) * release_bound(measurement, settings)
+    bound = hysteresis(memory, settings) * release_bound(goal, settings)
     if not settings.options.line_following:
         return bound
-    if measurement.offset is None:
-        motion = state.motion
+    if goal.offset is None:
+        motion = goal.motion
         distance = motion.range if motion.range > 0.0 else min(motion.distance, UNKNOWN_RANGE)
     else:
-        distance = math.hypot(*measurement.offset)
-    most = RESIDUAL_OFFSET / max(offset_ratio(distance, measurement, settings), 1e-9)
+        distance = math.hypot(*goal.offset)
+    most = RESIDUAL_OFFSET / max(offset_ratio(distance, goal, settings), 1e-9)
     return max(bound, min(most / distance, LARGEST_ESCAPE))
 
 
-def leads_away(measurement: Measurement, settings: DriveSettings, *, factor: float = 1.0) -> bool:
+def leads_away(goal: GoalEstimate, settings: DriveSettings, *, factor: float = 1.0) -> bool:
     """
     Return whether both epipoles are on one side, from where step 1 drives away from the goal.
 
     e_au is turned to the other side first, but on the sign that e_du had then: it may have been
     lost in noise, or that of a mount that was taken for another.
     """
-    law, bearings = settings.options, measurement.bearings
+    law, bearings = settings.options, goal.bearings
     if bearings is None or not (law.discordant_turn and law.retreat):
         return False
-    known = abs(bearings.chi) > factor * release_bound(measurement, settings)
+    known = abs(bearings.chi) > factor * release_bound(goal, settings)
     return known and bearings.alpha * bearings.chi > 0.0
 
 
-def _zero_epipoles(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def _zero_epipoles(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
     """Return eqs. (16)-(17), braked before contact if the law says so."""
-    bearings, law = measurement.bearings, settings.options
+    bearings, law = goal.bearings, settings.options
     if bearings is None:
         return STANDSTILL
-    if state.law.latched and _turns_back(state, settings):
-        return Twist(0.0, braked_turn(-bearings.alpha, state, settings))
-    nu = _auxiliary_controls(bearings, state, measurement, settings)
+    if memory.law.latched and _turns_back(memory, settings):
+        return Twist(0.0, braked_turn(-bearings.alpha, goal, settings))
+    nu = _auxiliary_controls(bearings, goal, memory, settings)
     twist = equations.linearizing_control(
         bearings.epipole_current,
         bearings.epipole_desired,
         sigma=_sigma(bearings, settings),
-        distance=state.motion.distance,
-        nu=(nu[0], 0.0) if state.law.latched else nu,
+        distance=goal.motion.distance,
+        nu=(nu[0], 0.0) if memory.law.latched else nu,
     )
     if not law.contact_braking:
         return twist
-    rate, braking = state.law.desired_rate, settings.braking
+    rate, braking = memory.law.desired_rate, settings.braking
     speed = equations.braking_speed(bearings.chi, rate, deceleration=braking)
     return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
 
 
-def _turns_back(state: DriveState, settings: DriveSettings) -> bool:
+def _turns_back(memory: Memory, settings: DriveSettings) -> bool:
     """Return whether a turn in place that brakes zeroes e_au, not the controls of the law."""
-    own = settings.options.epipole_controls is None and gains_in_use(state, settings) is None
+    own = settings.options.epipole_controls is None and gains_in_use(memory, settings) is None
     return own and settings.options.speed_ramps
 
 
 def _auxiliary_controls(
-    bearings: Bearings, state: DriveState, measurement: Measurement, settings: DriveSettings
+    bearings: Bearings, goal: GoalEstimate, memory: Memory, settings: DriveSettings
 ) -> tuple[float, float]:
     """Return (nu_1, nu_2) of the law; a discordant turn holds e_au until e_du is latched."""
     law = settings.options
-    gains = _first_gains(state, settings)
-    if law.discordant_turn and not state.law.latched and not settings.finite_time:
-        gains['e_target'] = _held_epipole(state, measurement)
+    gains = _first_gains(memory, settings)
+    if law.discordant_turn and not memory.law.latched and not settings.finite_time:
+        gains['e_target'] = _held_epipole(goal, memory)
     controls = epipole_controls(law, finite_time=settings.finite_time)
     return controls(bearings.epipole_current, bearings.epipole_desired, **gains)
 
 
-def _first_gains(state: DriveState, settings: DriveSettings) -> dict[str, float]:
+def _first_gains(memory: Memory, settings: DriveSettings) -> dict[str, float]:
     """Return k1, k2 and the exponent of (12), given or derived; a held e_au has the turn gain."""
-    derived, holds = gains_in_use(state, settings), settings.options.discordant_turn
+    derived, holds = gains_in_use(memory, settings), settings.options.discordant_turn
     k1 = settings.turn_gain if holds else settings.k1
     if derived is None:
         return {'k1': k1, 'k2': settings.k2, 'exponent': settings.exponent}
     if holds:
         k1 = min(k1, derived.k1_alone)
     else:
-        k1 = derived.k1_alone if state.law.latched else derived.k1
+        k1 = derived.k1_alone if memory.law.latched else derived.k1
     return {'k1': k1, 'k2': derived.k2, 'exponent': derived.exponent}
 
 
-def _held_epipole(state: DriveState, measurement: Measurement) -> float:
+def _held_epipole(goal: GoalEstimate, memory: Memory) -> float:
     """Return the abscissa to hold e_au at: the target, as far as features stay in view."""
-    if measurement.bearings is None:
-        return state.law.target
-    alpha, (left, right) = measurement.bearings.alpha, measurement.view_margins
-    return math.tan(min(max(math.atan(state.law.target), alpha - right), alpha + left))
+    if goal.bearings is None:
+        return memory.law.target
+    alpha, (left, right) = goal.bearings.alpha, goal.view_margins
+    return math.tan(min(max(math.atan(memory.law.target), alpha - right), alpha + left))
 
 
 def _sigma(bearings: Bearings, settings: DriveSettings) -> float:
@@ -278,36 +276,32 @@ def _sigma(bearings: Bearings, settings: DriveSettings) -> float:
     return equations.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
 
 
-def _are_zero(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
+def _are_zero(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """Return whether both epipoles are zero, or so small that step 2 leads home from here."""
-    if not state.law.latched or measurement.bearings is None:
+    if not memory.law.latched or goal.bearings is None:
         return False
-    if _turns_back(state, settings) and leads_home(measurement, settings):
+    if _turns_back(memory, settings) and leads_home(goal, settings):
         return True
-    return abs(measurement.bearings.alpha) <= align_bound(measurement, settings)
+    return abs(goal.bearings.alpha) <= align_bound(goal, settings)
 
 
-def _with_gains(
-    state: DriveState, measurement: Measurement, settings: DriveSettings
-) -> DriveState:
-    """Return ``state`` with its derived gains, if any; ValueError if none is legal."""
-    return with_gains_of_now(state, measurement, settings) if settings.derives else state
+def _with_gains(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
+    """Return ``memory`` with its derived gains, if any; ValueError if none is legal."""
+    return with_gains_of_now(goal, memory, settings) if settings.derives else memory
 
 
-def _begin_zeroing(
-    state: DriveState, measurement: Measurement, settings: DriveSettings
-) -> DriveState:
-    """Return ``state`` with a new leg, and its derived gains; ValueError if none is legal."""
-    return _with_gains(with_new_leg(state, measurement), measurement, settings)
+def _begin_zeroing(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
+    """Return ``memory`` with a new leg, and its derived gains; ValueError if none is legal."""
+    return _with_gains(goal, with_new_leg(goal, memory), settings)
 
 
-def _observe(state: DriveState, measurement: Measurement, settings: DriveSettings) -> DriveState:
+def _observe(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
     """Latch e_du at zero, once it is small or of the other sign, until a new phase."""
-    if state.law.latched or measurement.bearings is None:
-        return state
-    bearing = measurement.bearings.chi
-    near = abs(bearing) <= engage_bound(measurement, settings)
-    return state.changed(latched=near or bearing * state.law.side < 0.0)
+    if memory.law.latched or goal.bearings is None:
+        return memory
+    bearing = goal.bearings.chi
+    near = abs(bearing) <= engage_bound(goal, settings)
+    return memory.changed(latched=near or bearing * memory.law.side < 0.0)
 
 
 ZEROING_EPIPOLES = PhaseRow(
@@ -322,130 +316,122 @@ ZEROING_EPIPOLES = PhaseRow(
 )
 
 
-def _matched(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Event:
-    if is_untrusted(measurement, settings):
+def _matched(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
+    if is_untrusted(goal, settings):
         return Event.LOST
-    if state.settling.settled < _looks(state, measurement, settings) * settings.arrival_frames:
+    if memory.settling.settled < _looks(goal, memory, settings) * settings.arrival_frames:
         return Event.NOTHING
-    attempts_remain = state.run.attempts < settings.max_attempts
+    attempts_remain = memory.run.attempts < settings.max_attempts
     repeats = settings.options.new_attempts and attempts_remain
     missed = Event.MISSED if repeats else Event.EXHAUSTED
-    if has_parallax(state, measurement, settings):
+    if has_parallax(goal, memory, settings):
         # Within a tolerance of the owner's alone it is no miss: it goes on, nearer.
-        return missed if is_matched(measurement, settings, trial_of(state)) else Event.NOTHING
-    if repeats and measurement.offset is None and state.yaw_learnt > YAW_FOR_NEW_ATTEMPT:
+        return missed if is_matched(goal, settings, trial_of(goal, memory)) else Event.NOTHING
+    if repeats and goal.offset is None and yaw_learnt(goal, memory) > YAW_FOR_NEW_ATTEMPT:
         return Event.MISSED  # aside by as much as two views cannot tell
-    if faces_goal(state, measurement, settings):
+    if faces_goal(goal, memory, settings):
         return Event.MATCHED
     if settings.options.final_turn:
         return Event.TURNED
     return missed if settings.arrival_heading > FACING else Event.MATCHED
 
 
-def _looks(state: DriveState, measurement: Measurement, settings: DriveSettings) -> int:
+def _looks(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> int:
     """Return how many times the usual frames decide whether this is the goal."""
-    if not is_in_doubt(measurement, settings) or stands_aside(state, measurement, settings):
+    if not is_in_doubt(goal, settings) or stands_aside(goal, memory, settings):
         return 1
     return DOUBTFUL_LOOKS
 
 
-def _match(state: DriveState, measurement: Measurement, settings: DriveSettings) -> Twist:
+def _match(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
     """Return eqs. (21)-(22), or their u_1 with line following instead of u_2 = 0."""
-    control, difference = matching_control(settings.options), measurement.difference
-    if _brakes(state, settings):
-        difference += state.motion.slope.value * state.twist.linear * unfelt_latency(settings)
-    twist = control(difference, k_t=_matching_gain(difference, state, settings))
+    control, difference = matching_control(settings.options), goal.difference
+    if _brakes(goal, settings):
+        difference += goal.motion.slope.value * goal.twist.linear * unfelt_latency(settings)
+    twist = control(difference, k_t=_matching_gain(difference, goal, memory, settings))
     if not settings.options.line_following:
         return twist
-    fastest = min(settings.max_linear, _converging_speed(state, measurement, settings))
+    fastest = min(settings.max_linear, _converging_speed(goal, settings))
     linear = min(max(twist.linear, -settings.max_linear), fastest)
     twist = equations.follow_line(
         linear,
-        lateral_offset(state, measurement),
-        measurement.heading_error,
-        look_ahead=_look_ahead(abs(linear), state, measurement, settings),
+        lateral_offset(goal),
+        goal.heading_error,
+        look_ahead=_look_ahead(abs(linear), goal, settings),
     )
-    if (
-        not _brakes(state, settings)
-        or measurement.offset is None
-        or not settings.options.final_turn
-    ):
+    if not _brakes(goal, settings) or goal.offset is None or not settings.options.final_turn:
         return twist
-    facing = heading_share(measurement.offset[1])
-    turn = settled_turn(-measurement.heading_error, state, settings)
+    facing = heading_share(goal.offset[1])
+    turn = settled_turn(-goal.heading_error, goal, settings)
     return Twist(linear, (1.0 - facing) * twist.angular + facing * turn)
 
 
-def _converging_speed(
-    state: DriveState, measurement: Measurement, settings: DriveSettings
-) -> float:
+def _converging_speed(goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the speed at which line following ends on the axis, by a memory of views [m/s]."""
-    if measurement.offset is None or not _brakes(state, settings):
+    if goal.offset is None or not _brakes(goal, settings):
         return math.inf
-    x, y = measurement.offset
+    x, y = goal.offset
     if y >= 0.0:
         return math.inf
     braking = BRAKING * settings.max_acceleration
-    aside = abs(x) + LEAST_LOOK_AHEAD * abs(measurement.heading_error)
-    speed = converging_speed(aside, -y, state, braking, 1.0)
-    return min(speed, looking_speed(-y, state, settings))
+    aside = abs(x) + LEAST_LOOK_AHEAD * abs(goal.heading_error)
+    speed = converging_speed(aside, -y, goal, braking, 1.0)
+    return min(speed, looking_speed(-y, goal, settings))
 
 
-def _look_ahead(
-    speed: float, state: DriveState, measurement: Measurement, settings: DriveSettings
-) -> float:
+def _look_ahead(speed: float, goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the look-ahead of line following [m], in time no less than a loop can follow."""
-    length = line_look_ahead(state, measurement, settings)
-    return max(length, STEERING_S * speed) if _brakes(state, settings) else length
+    length = line_look_ahead(goal, settings)
+    return max(length, STEERING_S * speed) if _brakes(goal, settings) else length
 
 
-def _matching_gain(difference: float, state: DriveState, settings: DriveSettings) -> float:
+def _matching_gain(
+    difference: float, goal: GoalEstimate, memory: Memory, settings: DriveSettings
+) -> float:
     """Return k_t of (21) [m/s]: given, derived, or a rate over the slope of D once it is known."""
-    derived = gains_in_use(state, settings)
+    derived = gains_in_use(memory, settings)
     k_t = settings.k_t if derived is None else derived.k_t
-    if not settings.options.slope_gain or not state.motion.slope.value > 0.0:
+    if not settings.options.slope_gain or not goal.motion.slope.value > 0.0:
         return k_t
     factor = equations.adaptive_gain(
         difference, at_zero=settings.gain_at_goal, far=1.0, slope=settings.gain_slope
     )
     rate = settings.approach_rate
-    rate = (
-        min(k_t * state.motion.slope.value, rate) if derived is None else min(derived.rate, rate)
-    )
-    rate = min(factor * rate, max(rate, _damped_rate(state, settings)))
-    if _brakes(state, settings):
-        rate = _braked_rate(rate, difference / state.motion.slope.value, state, settings)
-    return rate / state.motion.slope.value
+    rate = min(k_t * goal.motion.slope.value, rate) if derived is None else min(derived.rate, rate)
+    rate = min(factor * rate, max(rate, _damped_rate(goal, settings)))
+    if _brakes(goal, settings):
+        rate = _braked_rate(rate, difference / goal.motion.slope.value, goal, settings)
+    return rate / goal.motion.slope.value
 
 
-def _brakes(state: DriveState, settings: DriveSettings) -> bool:
+def _brakes(goal: GoalEstimate, settings: DriveSettings) -> bool:
     """Return whether step 2 ends at a constant deceleration: its way is known, gains are given."""
     law = settings.options
-    known = law.slope_gain and state.motion.slope.value > 0.0
+    known = law.slope_gain and goal.motion.slope.value > 0.0
     return known and law.speed_ramps and not settings.derives
 
 
-def _braked_rate(rate: float, way: float, state: DriveState, settings: DriveSettings) -> float:
+def _braked_rate(rate: float, way: float, goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the speed over the ``way`` left [1/s] that brakes in time, near its end that rate."""
     if way == 0.0:
         return rate
     deceleration, band = BRAKING * settings.max_acceleration, settings.dead_band_linear
-    return braked(way, state, gain=rate, deceleration=deceleration, dead_band=band) / way
+    return braked(way, goal, gain=rate, deceleration=deceleration, dead_band=band) / way
 
 
-def _damped_rate(state: DriveState, settings: DriveSettings) -> float:
+def _damped_rate(goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the rate [1/s] that is critically damped under the delay of the loop."""
-    delay = felt_latency(settings) + (state.view.period if state.view.period > 0.0 else 0.0)
+    delay = felt_latency(settings) + (goal.period if goal.period > 0.0 else 0.0)
     return CRITICAL_GAIN_DELAY / max(delay, LEAST_DELAY)
 
 
-def _is_matched(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
-    matched = is_matched(measurement, settings, trial_of(state))
-    return matched or is_near_enough(state, measurement, settings)
+def _is_matched(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
+    matched = is_matched(goal, settings, trial_of(goal, memory))
+    return matched or is_near_enough(goal, memory, settings)
 
 
-def _nearly_matched(state: DriveState, measurement: Measurement, settings: DriveSettings) -> bool:
-    return is_matched(measurement, settings, trial_of(state, spent=True))
+def _nearly_matched(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
+    return is_matched(goal, settings, trial_of(goal, memory, spent=True))
 
 
 MATCHING_FEATURES = PhaseRow(

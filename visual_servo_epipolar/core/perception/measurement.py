@@ -70,6 +70,12 @@ class Measurement:
         """The bearings of the cameras, which images show."""
         return self.camera_bearings or self.bearings
 
+    def is_untrusted(self, near_parallax: float) -> bool:
+        """Return whether no bearings are trusted, and the goal is not near or D unknown."""
+        if self.bearings is not None:  # facing far away no feature counts in D
+            return False
+        return self.parallax > near_parallax or not math.isfinite(self.difference)
+
     @property
     def noise(self) -> float:
         """Deviation of the angle of a ray at the image centre [rad], as the residuals show it."""

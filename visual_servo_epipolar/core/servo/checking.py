@@ -11,15 +11,14 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import median
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.motion_check import (
     Evidence,
     MotionCheck,
     NOISE_OF_PARALLAX,
 )
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.timing import goal_distance
 from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Known, ServoState
@@ -67,7 +66,7 @@ def check_lens(
     return state.changed(measurement=measurement, reason=trouble, settled=0), Event.LOST
 
 
-def _undone(state: ServoState, measurement: Measurement) -> ServoState:
+def _undone(state: ServoState, measurement: GoalEstimate) -> ServoState:
     """Return ``state`` as known before a motion that contradicts commands, and the reason."""
     trouble = state.check.trouble
     if trouble:
@@ -91,7 +90,7 @@ def _undone(state: ServoState, measurement: Measurement) -> ServoState:
 
 
 def parallax_of_way(
-    state: ServoState, measurement: Measurement, observation: Observation, settings: ServoSettings
+    state: ServoState, measurement: GoalEstimate, observation: Observation, settings: ServoSettings
 ) -> float:
     """
     Return what a metre driven shows of parallax [rad/m]; 0 where unknown.
@@ -103,7 +102,7 @@ def parallax_of_way(
     noise, parallax = NOISE_OF_PARALLAX * measurement.noise, measurement.parallax
     if not parallax > KNOWN_PARALLAX * noise or not len(observation):
         return 0.0
-    distance = goal_distance(state, measurement)
+    distance = measurement.distance()
     most = settings.initial_distance + state.motion.reversed
     distance = min(distance, most) if distance > 0.0 else math.inf
     shown = math.sqrt(parallax * parallax - noise * noise) / max(distance, settings.min_distance)

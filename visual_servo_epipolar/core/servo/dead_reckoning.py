@@ -4,17 +4,17 @@ from dataclasses import replace
 import math
 from typing import NamedTuple
 
+from visual_servo_epipolar.core.estimate.goal_estimate import MotionState, usual_step
 from visual_servo_epipolar.core.estimate.odometry import Odometry
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws import equations
-from visual_servo_epipolar.core.laws.state import MotionState, ViewState
-from visual_servo_epipolar.core.laws.timing import is_late, usual_step
+from visual_servo_epipolar.core.laws.prediction import is_late
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.odometry.ranging import Leg, MIN_TURN, Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import Identification, ServoState
+from visual_servo_epipolar.core.servo.state import Identification, ServoState, ViewState
 
 RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next two
 RANGE_SMOOTHING = 0.2
@@ -85,29 +85,27 @@ def reckon(
     identified: Identification,
     drive: DrivenInterval,
     settings: ServoSettings,
-) -> MotionState:
-    """Return where a ``drive`` has led to; a range by other extrinsics is forgotten."""
+) -> tuple[Leg | None, MotionState]:
+    """Return leg and motion after a ``drive``; a range by other extrinsics is forgotten."""
     extrinsics, acted = identified.extrinsics, drive.acted
-    known, ranged = state.identified.extrinsics, state.motion
+    known, leg, ranged = state.identified.extrinsics, state.law.leg, state.motion.range
     if extrinsics is not None and extrinsics.believed != (known is not None and known.believed):
-        ranged = replace(ranged, leg=None, range=extrinsics.distance)
-    leg = _leg(ranged.leg, state.measurement, acted)
-    return replace(
-        ranged,
+        leg, ranged = None, extrinsics.distance
+    leg = _leg(leg, state.measurement, acted)
+    return leg, replace(
+        state.motion,
         distance=_distance(state, acted, settings),
-        leg=leg,
-        range=_range(state, ranged.range, measurement, leg, acted),
+        range=_range(state, ranged, measurement, leg, acted),
         slope=_slope(state, measurement, acted),
         last_linear=state.twist.linear,
-        travel=ranged.travel + drive.travel,
-        reversed=ranged.reversed + _backward(state, acted.dt),
+        reversed=state.motion.reversed + _backward(state, acted.dt),
     )
 
 
 def _backward(state: ServoState, dt: float) -> float:
     """Return the most that was driven backward since the last image [m]: commands act late."""
     fastest = max(-state.twist.linear, -state.motion.last_linear, 0.0)
-    return fastest * (dt or usual_step(state))
+    return fastest * (dt or usual_step(state.view.period))
 
 
 def _distance(state: ServoState, acted: Actuation, settings: ServoSettings) -> float:
@@ -188,9 +186,10 @@ def usual_period(before: float, dt: float) -> float:
 
 def jitter(view: ViewState, dt: float) -> float:
     """Return the mean by which the time between images differs from its mean [s], smoothed."""
+    before = 0.0 if view.measurement is None else view.measurement.jitter
     if dt == 0.0 or math.isnan(view.period):
-        return view.jitter
-    return view.jitter + PERIOD_SMOOTHING * (abs(dt - view.period) - view.jitter)
+        return before
+    return before + PERIOD_SMOOTHING * (abs(dt - view.period) - before)
 
 
 def desired_rate(state: ServoState, measurement: Measurement, dt: float) -> float:

@@ -17,11 +17,10 @@ from visual_servo_epipolar.core.estimate.extrinsics import (
     straight_on,
     update_extrinsics,
 )
-from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate
+from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate, MotionState
 from visual_servo_epipolar.core.estimate.map_state import localize, MapState, measurement_of
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
-from visual_servo_epipolar.core.laws.conditions import has_turned, is_untrusted
-from visual_servo_epipolar.core.laws.state import ViewState
+from visual_servo_epipolar.core.laws.conditions import turned_by_far
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.odometry.increments import OdometryIncrement
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -46,7 +45,7 @@ from visual_servo_epipolar.core.servo.dead_reckoning import (
     usual_period,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import Identification, ServoState
+from visual_servo_epipolar.core.servo.state import Identification, ServoState, ViewState
 
 SKIPPED = 3  # views between two that are estimated all the same: noise and attitude may change
 BIAS_SMOOTHING = 0.2  # weight of the newest value in an exponential mean
@@ -76,11 +75,14 @@ def estimate(
     fusion = fuse(state, perception, drive.increment, dt, settings)
     fusion, identified = identify(state, perception, fusion, drive, settings)
     measurement = fusion.measurement
+    leg, motion = reckon(state, measurement, identified, drive, settings)
     return state.changed(
-        view=_see(state, fusion, identified, perception.observation, dt, settings),
+        view=_see(state, fusion, identified, motion, perception.observation, dt, settings),
         goal=replace(state.goal, map=fusion.map),
         identified=identified,
-        motion=reckon(state, measurement, identified, drive, settings),
+        motion=motion,
+        leg=leg,
+        travel=state.run.travel + drive.travel,
         desired_rate=desired_rate(state, measurement, dt),
     )
 
@@ -89,22 +91,30 @@ def _see(
     state: ServoState,
     fusion: Fusion,
     identified: Identification,
+    motion: MotionState,
     observation: Observation | None,
     dt: float,
     settings: ServoSettings,
 ) -> ViewState:
     """Return what is seen, with what perception and the map carry on."""
     mounted = identified.extrinsics or settings.extrinsics
+    period = usual_period(state.view.period, dt)
     return ViewState(
-        measurement=fusion.measurement,
-        estimate=goal_estimate(
-            fusion.measurement, fusion.reading, mounted, identified.base, fusion.map.place
+        measurement=goal_estimate(
+            fusion.measurement,
+            fusion.reading,
+            mounted,
+            identified.base,
+            place=fusion.map.place,
+            motion=motion,
+            period=period,
+            jitter=jitter(state.view, dt),
+            trusted_heading=_trusted_heading(state, fusion.measurement, settings),
+            followed=fusion.memory.rivals,
         ),
         memory=fusion.memory,
-        period=usual_period(state.view.period, dt),
-        jitter=jitter(state.view, dt),
+        period=period,
         rotation_bias=fusion.rotation_bias,
-        trusted_heading=_trusted_heading(state, fusion.measurement, settings),
         frame=state.view.frame,
         seen_ns=_seen_ns(state, fusion.measurement, settings),
         joints=None if observation is None else observation.joints,
@@ -122,10 +132,11 @@ def _trusted_heading(
     state: ServoState, measurement: Measurement, settings: ServoSettings
 ) -> float:
     """Return the heading error of the last trusted image by which it drove [rad]."""
-    trusted = state.phase.drives and not is_untrusted(measurement, settings)
-    if trusted and not has_turned(state, measurement):
+    before = math.nan if state.measurement is None else state.measurement.trusted_heading
+    trusted = state.phase.drives and not measurement.is_untrusted(settings.near_parallax)
+    if trusted and not turned_by_far(measurement.heading_error, before):
         return measurement.heading_error
-    return state.view.trusted_heading
+    return before
 
 
 def update_map(state: ServoState) -> ServoState:

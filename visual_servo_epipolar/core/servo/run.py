@@ -15,7 +15,6 @@ from visual_servo_epipolar.core.cameras.plausibility import differences
 from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.machine import interruption
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.state import ViewState
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.rig import HALT
@@ -23,7 +22,7 @@ from visual_servo_epipolar.core.servo import supervisor
 from visual_servo_epipolar.core.servo.admission import Arrival, disorder, FrozenImageCheck, refusal
 from visual_servo_epipolar.core.servo.estimator import update_map
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.state import ServoState, ViewState
 from visual_servo_epipolar.core.tracking.features import Features
 
 

@@ -13,6 +13,7 @@ import math
 from typing import Any, NamedTuple
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.geometry.wall import aside
 from visual_servo_epipolar.core.laws.arrival import (
@@ -24,9 +25,9 @@ from visual_servo_epipolar.core.laws.arrival import (
 from visual_servo_epipolar.core.laws.conditions import sees_too_little
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.timing import predicted
+from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
@@ -40,43 +41,34 @@ def row_of(state: ServoState, settings: ServoSettings) -> PhaseRow:
     return settings.machine.row(state.phase)
 
 
-def at_rest(state: ServoState) -> ServoState:
-    """Return ``state`` with the mean of its measurements since it stands, if it does."""
-    mean = state.settling.rest
-    return state if mean is None else state.changed(measurement=mean)
-
-
 def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     """Return whether this frame fulfils the aim of the phase."""
-    if state.settling.rest is not None:
-        return _is_settled(at_rest(state), settings)
-    if not _is_settled(state, settings):
+    rest, goal = state.settling.rest, state.measurement
+    if rest is not None or goal is None:
+        return rest is not None and _is_settled(rest, state, settings)
+    if not _is_settled(goal, state, settings):
         return False
     # Commands that have not acted yet must not lead away again.
-    ahead = predicted(state, settings)
-    return ahead is state or _is_settled(ahead, settings)
+    ahead = predicted(goal, state.phase, settings)
+    return ahead is goal or _is_settled(ahead, state, settings)
 
 
-def _is_settled(state: ServoState, settings: ServoSettings) -> bool:
-    """Return whether the measurement of ``state`` fulfils the aim of the phase."""
-    measurement = state.measurement
-    if measurement is None or sees_too_little(measurement, settings):
+def _is_settled(goal: GoalEstimate, state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether an estimate fulfils the aim of the phase."""
+    if sees_too_little(goal, settings):
         return False
-    return row_of(state, settings).is_settled(state, measurement, settings)
+    return row_of(state, settings).is_settled(goal, state, settings)
 
 
 def is_close(state: ServoState, settings: ServoSettings) -> bool:
     """Return whether this frame is within the usual bounds, where a memory asks for finer ones."""
-    state = at_rest(state)
-    measurement = state.measurement
-    if measurement is None:
-        return False
-    return row_of(state, settings).is_close(state, measurement, settings)
+    goal = state.settling.rest or state.measurement
+    return goal is not None and row_of(state, settings).is_close(goal, state, settings)
 
 
 def settle(
     state: ServoState,
-    perception: Perception,
+    observation: Observation | None,
     previous: Measurement | None,
     dt: float,
     settings: ServoSettings,
@@ -85,8 +77,8 @@ def settle(
     state = state.changed(**_rest(state, settings))
     if is_close(state, settings):
         state = state.changed(time_in_tolerance=state.settling.time_in_tolerance + dt)
-    measurement = state.measurement or perception.measurement
-    if not is_settled(state, settings):
+    measurement = state.measurement
+    if measurement is None or not is_settled(state, settings):
         return state.changed(settled=0) if state.settling.settled else state
     if state.phase is Phase.HOLDING and not _follows(measurement, previous, settings):
         state = state.changed(settled=0)
@@ -96,7 +88,7 @@ def settle(
     return state.changed(
         settled=settled,
         settled_parallax=math.sqrt(max(square, 0.0)),
-        settled_aside=_aside(state, measurement, perception, settings),
+        settled_aside=_aside(state, measurement, observation, settings),
     )
 
 
@@ -134,12 +126,12 @@ def seen_after(settings: ServoSettings) -> float:
 
 
 def _aside(
-    state: ServoState, measurement: Measurement, perception: Perception, settings: ServoSettings
+    state: ServoState, goal: GoalEstimate, seen: Observation | None, settings: ServoSettings
 ) -> float:
     """Return the mean by which settled frames look aside, for want of a better estimate."""
-    seen, settling = perception.observation, state.settling
+    settling = state.settling
     before = settling.settled_aside if settling.settled else 0.0
-    if seen is None or not state.phase.straight or not is_in_doubt(measurement, settings):
+    if seen is None or not state.phase.straight or not is_in_doubt(goal, settings):
         return before
     return before + (aside(seen.current, seen.desired) - before) / (state.settling.settled + 1)
 
@@ -184,11 +176,11 @@ def pulsed_move(
     if seen is None or settings.dead_band_mode != 'pulse' or not turns_in_place(settings.drive):
         return None
     if state.phase.turns_in_place and seen.offset is not None:
-        bound = facing_bound(seen, settings, trial_of(state))
+        bound = facing_bound(seen, settings, trial_of(seen, state))
         aim = Aim(-seen.heading_error, bound, settings.dead_band_angular, room=seen.view_margins)
         if abs(wanted.angular) >= aim.threshold:
             return None
-        ramp = settings.max_angular_acceleration * trial_of(state).frame_s
+        ramp = settings.max_angular_acceleration * usual_step(state.view.period)
         most = min(max(aim.threshold, abs(state.twist.angular)) + ramp, settings.max_angular)
         turn, more = _next_pulse(aim, rest.angular, most, state, settings)
         return Twist(0.0, turn), Twist(0.0, more)
@@ -196,7 +188,7 @@ def pulsed_move(
     slope = slope if slope > 0.0 else state.motion.slope.value  # nan by two views
     if state.phase.turns_in_place or not slope > 0.0:
         return None
-    bound = matched_bound(seen, settings, trial_of(state)) / slope
+    bound = matched_bound(seen, settings, trial_of(seen, state)) / slope
     error = math.sqrt(settling.rest_square) / max(settling.rested - 1, 1) / slope
     # It slows down twice as fast as it speeds up. If it is faster than its ramps, less is lost:
     # where a move leads past the aim, it is to end nearer.
@@ -210,7 +202,7 @@ def pulsed_move(
     moves = abs(rest.linear) >= aim.threshold * (1.0 - ROUNDING)
     if not moves and abs(aim.left) <= bound:  # there, but it may have to turn
         return settings.drive.beyond_dead_band(Twist(0.0, wanted.angular), rest, mode='pulse')
-    ramp = settings.max_acceleration * trial_of(state).frame_s
+    ramp = settings.max_acceleration * usual_step(state.view.period)
     most = min(max(aim.threshold, abs(state.twist.linear)) + ramp, settings.max_linear)
     speed, more = _next_pulse(aim, rest.linear, most, state, settings)
     return Twist(speed, 0.0), Twist(more, 0.0)
@@ -223,7 +215,7 @@ def _next_pulse(
     if abs(moving) < aim.threshold * (1.0 - ROUNDING):  # the last move is over
         # What the mean may be wrong by is no reason to move.
         measured = state.settling.rested >= settings.arrival_frames and aim.error <= aim.bound
-        frame_s = trial_of(state).frame_s
+        frame_s = usual_step(state.view.period)
         way = way_of_move(aim.left, aim.bound, aim.threshold * frame_s, aim.room)
         moving = (way + math.copysign(aim.lost, way)) / frame_s if measured and way else 0.0
     pulse = first_pulse(moving, aim.threshold, most)

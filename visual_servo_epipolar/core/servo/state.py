@@ -1,19 +1,24 @@
-"""State of the servo: what laws go by, and what estimators carry from one image to the next."""
+"""State of the servo: the memory of its law, and what estimators carry from image to image."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+import math
 from typing import ClassVar, NamedTuple
 
 from visual_servo_epipolar.core.estimate.base_model import Curvature, Delay
 from visual_servo_epipolar.core.estimate.dead_band import DeadBand
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, StraightLeg
-from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel
+from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel, GoalEstimate, MotionState
 from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.estimate.motion_check import MotionCheck
 from visual_servo_epipolar.core.estimate.odometry import Odometry
 from visual_servo_epipolar.core.estimate.settings import SettingsT
+from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.goal import Goal
-from visual_servo_epipolar.core.laws.state import DriveState, parts_by_field
+from visual_servo_epipolar.core.laws.memory import Memory, parts_by_field
+from visual_servo_epipolar.core.perception.memory import PerceptionMemory
+from visual_servo_epipolar.core.rigs.rig import Command, Joints
+from visual_servo_epipolar.core.stamps import seconds_between
 
 NO_MAP = MapState()
 
@@ -55,7 +60,31 @@ class Identification:
 
 
 @dataclass(frozen=True)
-class ServoState(DriveState):
+class ViewState:
+    """
+    What is seen: ``measurement``, the last estimate of the goal, and perception's ``memory``.
+
+    Both are None before the first. ``period`` is the time between two images [s], smoothed, nan
+    before the second; ``rotation_bias``, what the best rotation is off in heading [rad], nan while
+    unknown; ``frame``, the number of steps; ``seen_ns``, the stamp of the last image with enough
+    features, or of the first one; ``joints``, those of the head at the last image.
+    """
+
+    measurement: GoalEstimate | None = None
+    memory: PerceptionMemory | None = None
+    period: float = math.nan
+    rotation_bias: float = math.nan
+    frame: int = 0
+    seen_ns: int | None = None
+    joints: Joints | None = None
+
+    def unseen(self, stamp_ns: int) -> float:
+        """Return for how long too few features have been seen, at the time of an image [s]."""
+        return 0.0 if self.seen_ns is None else seconds_between(self.seen_ns, stamp_ns)
+
+
+@dataclass(frozen=True)
+class ServoState(Memory):
     """
     State of the servo, in parts; a new run starts from ``ServoState()``.
 
@@ -64,17 +93,42 @@ class ServoState(DriveState):
     the one before, None before the second.
     """
 
+    view: ViewState = ViewState()
+    motion: MotionState = MotionState()
     goal: Goal[MapState] = Goal()
     identified: Identification = Identification()
     check: MotionCheck = MotionCheck()
     known: tuple[Known, Known] | None = None
 
     part_of: ClassVar[Mapping[str, str]] = {
-        **DriveState.part_of,
-        **parts_by_field(identified=Identification),
+        **Memory.part_of,
+        **parts_by_field(view=ViewState, motion=MotionState, identified=Identification),
     }
 
     @property
     def map(self) -> MapState:
         """Map of the goal's surroundings."""
         return self.goal.map or NO_MAP
+
+    @property
+    def measurement(self) -> GoalEstimate | None:
+        """The last measurement; None before the first image."""
+        return self.view.measurement
+
+    @property
+    def command(self) -> Command:
+        """The last command."""
+        return self.motion.command
+
+    @property
+    def twist(self) -> Twist:
+        """Velocity of the last command [m/s, rad/s]."""
+        return self.motion.command.twist
+
+    @property
+    def longitudinal_error(self) -> float:
+        """Longitudinal error y = D / (dD/dy) [m], negative behind the goal; nan while unknown."""
+        measurement = self.measurement
+        return (
+            math.nan if measurement is None else measurement.difference / self.motion.slope.value
+        )

@@ -11,6 +11,11 @@ import math
 from typing import cast
 
 from visual_servo_epipolar.core.bases.limiter import Limiter
+from visual_servo_epipolar.core.estimate.goal_estimate import (
+    GoalEstimate,
+    usual_step,
+    USUAL_STEP_S,
+)
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.arrival import FACING
 from visual_servo_epipolar.core.laws.conditions import (
@@ -18,18 +23,8 @@ from visual_servo_epipolar.core.laws.conditions import (
     sees_too_little,
 )
 from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.standing import classify_probe, is_probing, probe
-from visual_servo_epipolar.core.laws.state import ViewState
-from visual_servo_epipolar.core.laws.timing import (
-    after_clock_jump,
-    clock_jump,
-    has_timed_out,
-    phase_timeout,
-    predicted,
-    time_step,
-    usual_step,
-    USUAL_STEP_S,
-)
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
@@ -38,8 +33,15 @@ from visual_servo_epipolar.core.rigs.rig import Command, Gaze, HeadCommand
 from visual_servo_epipolar.core.servo.checking import check_lens, check_motion
 from visual_servo_epipolar.core.servo.estimator import estimate, update_map
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.settling import at_rest, pulsed_move, row_of, settle
-from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.settling import pulsed_move, row_of, settle
+from visual_servo_epipolar.core.servo.state import ServoState, ViewState
+from visual_servo_epipolar.core.servo.timing import (
+    after_clock_jump,
+    clock_jump,
+    has_timed_out,
+    phase_timeout,
+    time_step,
+)
 from visual_servo_epipolar.core.stamps import seconds_between
 
 LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
@@ -47,23 +49,22 @@ LATE_S = 0.02  # by which a command may go out late of its image, and the next i
 
 def classify(state: ServoState, settings: ServoSettings) -> Event:
     """Return the event of ``state.measurement`` in ``state.phase``."""
-    state = at_rest(state)
-    measurement, phase = state.measurement, state.phase
-    if measurement is None or phase.ended:
+    goal, phase = state.settling.rest or state.measurement, state.phase
+    if goal is None or phase.ended:
         return Event.NOTHING
-    if has_timed_out(state, measurement, settings):
+    if has_timed_out(state, goal, settings):
         return Event.TIMED_OUT
     if state.check.trouble:
         return _disobeyed(state)
-    if sees_too_little(measurement, settings):
+    if sees_too_little(goal, settings):
         return Event.LOST if phase.drives else Event.NOTHING
-    if excursion_limit(state, measurement, settings):
+    if excursion_limit(goal, state, settings):
         return Event.EXCURSION
     if is_probing(state):
-        return classify_probe(state, measurement, settings)
-    event = row_of(state, settings).classify(state, measurement, settings)
+        return classify_probe(goal, state, settings)
+    event = row_of(state, settings).classify(goal, state, settings)
     straight_on = settings.machine.next_phase(phase, event).straight
-    return Event.LOST if straight_on and not math.isfinite(measurement.difference) else event
+    return Event.LOST if straight_on and not math.isfinite(goal.difference) else event
 
 
 def _disobeyed(state: ServoState) -> Event:
@@ -77,9 +78,9 @@ def nominal_twist(state: ServoState, settings: ServoSettings) -> Twist:
     """Return the nominal twist of the phase: that of its law, before saturation."""
     if state.measurement is None:
         return STANDSTILL
-    if is_probing(state):
-        return probe(state, state.measurement, settings)
-    return row_of(state, settings).command(state, state.measurement, settings)
+    goal = predicted(state.measurement, state.phase, settings)
+    command = probe if is_probing(state) else row_of(state, settings).command
+    return command(goal, state, settings)
 
 
 def compensate_curvature(twist: Twist, state: ServoState, settings: ServoSettings) -> Twist:
@@ -90,27 +91,25 @@ def compensate_curvature(twist: Twist, state: ServoState, settings: ServoSetting
 
 
 def switch_phase(
-    state: ServoState, measurement: Measurement, event: Event, settings: ServoSettings
+    state: ServoState, goal: GoalEstimate, event: Event, settings: ServoSettings
 ) -> ServoState:
     """Return the state in the phase that follows ``event``; that of NO_GAIN if none is legal."""
     phase = settings.machine.next_phase(state.phase, event)
     if phase is state.phase:
-        return _waiting(state, measurement, settings)
+        return _waiting(state, goal, settings)
     state = state.changed(
         phase=phase,
         event=event,
-        phase_start_ns=measurement.stamp_ns,
-        run_start_ns=measurement.stamp_ns
-        if state.phase is Phase.WAITING
-        else state.run.run_start_ns,
+        phase_start_ns=goal.stamp_ns,
+        run_start_ns=goal.stamp_ns if state.phase is Phase.WAITING else state.run.run_start_ns,
         mount=None if state.identified.extrinsics is None else state.identified.extrinsics.mount,
         # Bounds of a phase hold when it goes on after tracks were lost.
-        travel=state.motion.travel if Phase.HOLDING in (phase, state.phase) else 0.0,
+        travel=state.run.travel if Phase.HOLDING in (phase, state.phase) else 0.0,
         settled=0,
         # What a phase could not do near the goal, the turn that ends it is not to try again.
         time_in_tolerance=state.settling.time_in_tolerance if event is Event.TURNED else 0.0,
         gains=state.law.gains if settings.derives else None,
-        reason=_reason(state, measurement, event, settings),
+        reason=_reason(state, goal, event, settings),
         restarts=0
         if event is Event.MISSED
         else state.run.restarts + _gives_up(state.phase, event),
@@ -118,9 +117,9 @@ def switch_phase(
         warning='',
     )
     try:
-        return cast(ServoState, row_of(state, settings).begin(state, measurement, settings))
+        return cast(ServoState, row_of(state, settings).begin(goal, state, settings))
     except ValueError as error:
-        state = switch_phase(state, measurement, Event.NO_GAIN, settings)
+        state = switch_phase(state, goal, Event.NO_GAIN, settings)
         return state.changed(reason=str(error))
 
 
@@ -133,15 +132,15 @@ def _gives_up(phase: Phase, event: Event) -> bool:
     )
 
 
-def _waiting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+def _waiting(state: ServoState, goal: GoalEstimate, settings: ServoSettings) -> ServoState:
     """Return ``state`` with the reason to go on waiting, orienting or holding, by this image."""
-    if state.run.event is Event.NO_BASELINE and measurement.bearings is not None:
+    if state.run.event is Event.NO_BASELINE and goal.bearings is not None:
         return state.changed(reason='')  # it ends where bearings are trusted
-    if state.phase is Phase.HOLDING and not state.settling.settled and measurement.reason:
-        return state.changed(reason=measurement.reason)
-    if state.phase is not Phase.WAITING or not sees_too_little(measurement, settings):
+    if state.phase is Phase.HOLDING and not state.settling.settled and goal.reason:
+        return state.changed(reason=goal.reason)
+    if state.phase is not Phase.WAITING or not sees_too_little(goal, settings):
         return state
-    return state.changed(reason=too_few_features(measurement.features, settings))
+    return state.changed(reason=too_few_features(goal.features, settings))
 
 
 def too_few_features(features: int, settings: ServoSettings) -> str:
@@ -151,39 +150,37 @@ def too_few_features(features: int, settings: ServoSettings) -> str:
     return Reason.FEW_IN_VIEW.of(features, settings.min_features)
 
 
-def _reason(
-    state: ServoState, measurement: Measurement, event: Event, settings: ServoSettings
-) -> str:
+def _reason(state: ServoState, goal: GoalEstimate, event: Event, settings: ServoSettings) -> str:
     """Return the reason to leave the phase, for the log and for the verdict on the run."""
     name = state.phase.value
-    run = seconds_between(state.run.run_start_ns, measurement.stamp_ns)
+    run = seconds_between(state.run.run_start_ns, goal.stamp_ns)
     if event is Event.TIMED_OUT and run > settings.run_timeout:
         return Reason.RUN_TIMED_OUT.of(settings.run_timeout, name)
     if event is Event.TIMED_OUT and state.check.troubled_since(state.run.phase_start_ns):
         return Reason.HELD.of(settings.holding_timeout, state.reason)
     if event is Event.TIMED_OUT and state.phase is Phase.HOLDING:
-        ago = state.settling.settled * usual_step(state)
+        ago = state.settling.settled * usual_step(state.view.period)
         return Reason.LOST.of(settings.holding_timeout, state.reason, ago)
     if event is Event.TIMED_OUT:
         return _too_long(state, settings)
     if event is Event.EXCURSION:
-        return excursion_limit(state, measurement, settings)
+        return excursion_limit(goal, state, settings)
     if event is Event.DIVERGED:
         return Reason.DIVERGED.of(name)
     if event in (Event.MISSED, Event.EXHAUSTED):
-        error = measurement.feature_error * measurement.focal
-        beyond = _against_tolerances(measurement, settings)
-        return Reason.MISSED.of(error, measurement.parallax_px, state.run.attempts, beyond)
+        error = goal.feature_error * goal.focal
+        beyond = _against_tolerances(goal, settings)
+        return Reason.MISSED.of(error, goal.parallax_px, state.run.attempts, beyond)
     if event is Event.DISOBEYED and state.check.head.slip:
-        return measurement.reason
+        return goal.reason
     if event is Event.DISOBEYED:
-        return Reason.DISOBEYED.of(state.check.contradictions, measurement.reason)
+        return Reason.DISOBEYED.of(state.check.contradictions, goal.reason)
     if state.check.trouble:
-        return measurement.reason
-    if event is Event.LOST and not math.isfinite(measurement.difference):
-        return measurement.reason or Reason.NONE_AHEAD.of()
+        return goal.reason
+    if event is Event.LOST and not math.isfinite(goal.difference):
+        return goal.reason or Reason.NONE_AHEAD.of()
     if event is Event.LOST:
-        return measurement.reason or Reason.UNTRUSTED.of(name)
+        return goal.reason or Reason.UNTRUSTED.of(name)
     return str(event.value)
 
 
@@ -213,9 +210,10 @@ def update(
 ) -> ServoState:
     """Return the state updated by a ``perception``; ``settings`` have what was identified."""
     after = estimate(state, perception, dt, settings)
-    measurement = after.measurement or perception.measurement
-    latched = row_of(after, settings).observe(after, measurement, settings)
-    return settle(cast(ServoState, latched), perception, state.measurement, dt, settings)
+    if after.measurement is not None:
+        latched = row_of(after, settings).observe(after.measurement, after, settings)
+        after = cast(ServoState, latched)
+    return settle(after, perception.observation, state.measurement, dt, settings)
 
 
 def step(
@@ -249,7 +247,8 @@ def advance(
     since_command: float = math.nan,
 ) -> ServoState:
     """Return the state after a ``perception``: the part of ``decide`` that needs no features."""
-    last_twist, measurement, usual_s = state.twist, perception.measurement, usual_step(state)
+    last_twist, measurement = state.twist, perception.measurement
+    usual_s = usual_step(state.view.period)
     leapt = clock_jump(state, measurement.stamp_ns, settings)
     dt = 0.0 if leapt else time_step(state, measurement.stamp_ns)
     if leapt:
@@ -262,8 +261,9 @@ def advance(
     if leapt and event not in (Event.TIMED_OUT, Event.EXCURSION):
         state, event = _held(state, leapt)
     state, event = check_lens(state, perception.observation, event, settings)
-    state = switch_phase(state, state.measurement or measurement, event, settings)
-    nominal = nominal_twist(predicted(state, settings), settings)
+    if state.measurement is not None:
+        state = switch_phase(state, state.measurement, event, settings)
+    nominal = nominal_twist(state, settings)
     nominal = compensate_curvature(nominal, state, settings)
     ramp_s = _ramp_step(last_twist, dt, usual_s, since_command)
     limited = _limited(nominal, last_twist, ramp_s, state, settings)

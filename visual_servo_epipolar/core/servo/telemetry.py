@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 import math
 
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.smooth import believed_distance
+from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.rigs.rig import Joints
@@ -109,13 +110,11 @@ def joints_of(values: Mapping[str, float]) -> Joints | None:
     return None if math.isnan(pan + tilt) else Joints(pan, tilt)
 
 
-def _distance(state: ServoState, measurement: Measurement) -> float:
+def _distance(state: ServoState, measurement: GoalEstimate) -> float:
     """Return d_hat as its law uses it [m]: law smooth takes it from the memory, or as ranged."""
     if not (state.phase.ranges and state.phase.straight):
         return state.motion.distance
-    if measurement.offset is not None:
-        return math.hypot(*measurement.offset)
-    return believed_distance(state)
+    return measurement.distance(UNKNOWN_RANGE)
 
 
 def _epipoles(measurement: Measurement) -> dict[str, float]:

@@ -65,10 +65,10 @@ def drawn(scenario: Scenario, seed: int) -> Scenario:
 def ratios(estimate: GoalEstimate, pose: Pose) -> list[float]:
     """Return chi square over its expected value of each of PARTS, at the true ``pose``."""
     right, ahead = estimate.offset or (math.nan, math.nan)
-    turn = math.remainder(estimate.heading - pose.heading_error, 2.0 * math.pi)
+    turn = math.remainder(estimate.heading_error - pose.heading_error, 2.0 * math.pi)
     error = np.array([right - pose.x, ahead - pose.y, turn])
     return [
-        float(error[it] @ np.linalg.solve(estimate.covariance[np.ix_(it, it)], error[it]))
+        float(error[it] @ np.linalg.solve(estimate.pose_covariance[np.ix_(it, it)], error[it]))
         / len(it)
         for it in PARTS.values()
     ]
@@ -81,14 +81,14 @@ def ratios_of_run(settings: Run) -> Iterator[list[float]]:
 
     def control(state: ServoState, seen: Observation, servo: ServoSettings) -> ServoState:
         after = step(state, seen, servo)
-        if after.view.estimate is not None and after.phase.runs:
-            found.append((loop.shown, after.view.estimate))
+        if after.measurement is not None and after.phase.runs:
+            found.append((loop.shown, after.measurement))
         return after
 
     loop.run(control=control)
     for pose, estimate in found:
         late = seconds_between(found[0][1].stamp_ns, estimate.stamp_ns) > 1.0  # [s]
-        if late and np.isfinite(estimate.covariance).all():
+        if late and np.isfinite(estimate.pose_covariance).all():
             yield ratios(estimate, pose)
 
 

@@ -37,7 +37,7 @@ class Reports(NodeReports):
         stamp_ns, frame_id = image
         self.phase(state, words)
         self._telemetry_pub.publish(write.telemetry(telemetry(state), stamp_ns, frame_id))
-        estimate = state.view.estimate
+        estimate = state.measurement
         if estimate is not None and (goal := estimate.in_base()) is not None:
             self._goal_pub.publish(write.pose_with_covariance(goal, stamp_ns, self._base_frame))
         self._progress_pub.publish(write.telemetry(progress(state), stamp_ns, frame_id))
