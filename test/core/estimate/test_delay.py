@@ -87,6 +87,15 @@ def test_a_delay_little_beyond_what_laws_bear_is_found_out(delay) -> None:
     assert learnt(delay, rate=15.0).value == pytest.approx(delay, abs=0.06)
 
 
+def test_laws_look_ahead_by_the_best_guess_before_it_is_certain() -> None:
+    soon = learnt(0.35, seconds=1.4, rate=15.0)
+    assert soon.value == 0.0
+    late = soon.beside(SETTINGS)
+    assert is_late(late)
+    assert late.latency == pytest.approx(0.35, abs=0.06)
+    assert learnt(0.1, seconds=1.4, rate=15.0).beside(SETTINGS) is SETTINGS
+
+
 def test_turns_that_a_dead_band_swallows_tell_no_delay() -> None:
     """They would hide for long that turns come late."""
     seen, commands = replace(sight(), heading_deviation=1e-3, offset=(0.0, -1.0)), CommandsSent()
@@ -109,6 +118,7 @@ def test_a_base_that_only_begins_late_is_not_late(deaf_s) -> None:
     assert once.value == 0.0
     turns = learnt(0.1, deaf_s=deaf_s, command=lambda t: 0.5 if t < 3.0 else 0.0, seconds=8.0)
     assert turns.value == 0.0
+    assert turns.beside(SETTINGS) is SETTINGS
 
 
 @pytest.mark.parametrize(('first', 'then'), [(1.0, 0.5), (0.5, 1.0), (0.6, 0.1), (0.8, 0.85)])

@@ -176,9 +176,9 @@ class Delay:
             return began
         # Of a turn that no base need follow, none tells nothing.
         slow = max(LEAST_TURN, gap * largest_dead_band(settings.max_angular))
-        if abs(turn) < CERTAINLY_LESS * LEAST_TURN and gap * sent.fastest_turn < slow:
-            return began
         turns = sent.turns(self.since_ns, now_ns, DELAYS)
+        if abs(turn) < CERTAINLY_LESS * LEAST_TURN and np.abs(turns).max() < slow:
+            return began
         largest = max(abs(turn), float(np.abs(turns).max()))
         if largest < LEAST_TURN:
             return began
@@ -219,8 +219,8 @@ class Delay:
 
     @property
     def response(self) -> float:
-        """How late it turns [s], finer than DELAYS, up to what laws bear; nan until turns tell."""
-        left = self._left(LEAST_RESPONSE_POWER)[: len(_usual(BORNE))]
+        """How late it turns [s], finer than DELAYS; nan until turns tell."""
+        left = self._left(LEAST_RESPONSE_POWER)
         best = int(left.argmin())
         if not 0.0 < left[best] <= UNEXPLAINED * self.energy:
             return math.nan
@@ -230,10 +230,12 @@ class Delay:
         return float(DELAYS[best]) + 0.5 * STEP_S * (before - after) / (before - 2 * least + after)
 
     def beside(self, settings: SettingsT) -> SettingsT:
-        """Return ``settings`` with the delay that was learnt, where it is longer."""
-        if not settings.options.anticipation or self.value <= settings.latency:
+        """Return ``settings`` with the delay that turns show, where it is longer."""
+        # The one that fits best is a better guess than none at all, also before it is certain.
+        late = self.value or (self.response if self.response > BORNE else 0.0)
+        if not settings.options.anticipation or late <= settings.latency:
             return settings
-        return with_identified(settings, latency=self.value)
+        return with_identified(settings, latency=late)
 
 
 def _usual(configured_s: float) -> range:

@@ -184,7 +184,8 @@ def _offset_bound(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -
     if tolerance > 0.0:  # a promise: no attempt makes it larger, and no noise
         return max(tolerance - noise, min(noise, tolerance))
     # A worn base may never come as near as the memory can tell: each attempt asks for less.
-    if memory.run.attempts == 1:
+    # Where the memory can tell that much, the first one does not stop within its noise.
+    if memory.run.attempts == 1 and goal.offset_deviation <= ARRIVAL_OFFSET:
         noise = goal.offset_deviation
     return max(ARRIVAL_OFFSET * memory.run.attempts, noise)
 

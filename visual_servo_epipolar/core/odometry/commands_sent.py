@@ -56,11 +56,6 @@ class CommandsSent:
             (last.linear - before.linear) / seconds, (last.angular - before.angular) / seconds
         )
 
-    @property
-    def fastest_turn(self) -> float:
-        """Largest angular velocity that was commanded, to either side [rad/s]."""
-        return max((abs(twist.angular) for twist in self.twists), default=0.0)
-
     def turns(self, begin_ns: int, end_ns: int, delays: FloatArray) -> FloatArray:
         """Return the turns commanded between two times less each of ``delays`` [s]: (N,) [rad]."""
         return self._driven([twist.angular for twist in self.twists], begin_ns, end_ns, delays)
