@@ -6,9 +6,7 @@ from functools import wraps
 from typing import Any, TypeVar
 
 from lifecycle_msgs.srv import ChangeState
-from rclpy.lifecycle import LifecyclePublisher
-from rclpy.lifecycle.managed_entity import TransitionCallbackReturn
-from rclpy.lifecycle.node import LifecycleState
+from rclpy.lifecycle import LifecyclePublisher, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger

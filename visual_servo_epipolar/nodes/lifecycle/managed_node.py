@@ -4,8 +4,7 @@ from collections.abc import Callable
 import traceback
 from typing import Any
 
-from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
-from rclpy.lifecycle.node import LifecycleState
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.nodes.lifecycle.gates import (
@@ -27,7 +26,7 @@ SUCCESS, FAILURE, ERROR = (
 REFUSALS = (VisualServoError, ValueError, OSError)  # what configure and activate may raise
 
 
-class ManagedNode(GuardedNode, LifecycleNode):
+class ManagedNode(GuardedNode, LifecycleNodeMixin):
     """
     Node with a life cycle: unconfigured, inactive, active.
 
@@ -43,8 +42,15 @@ class ManagedNode(GuardedNode, LifecycleNode):
 
     __is_made = False  # until then rclpy creates what is its own; no kind of node has the names
 
-    def __init__(self, name: str, **options: Any) -> None:
+    def __init__(
+        self, name: str, *, enable_communication_interface: bool = True, **options: Any
+    ) -> None:
         super().__init__(name, **options)
+        of_the_node = set(vars(self))
+        LifecycleNodeMixin.__init__(
+            self, enable_communication_interface=enable_communication_interface
+        )
+        self.__life_cycle = set(vars(self)) - of_the_node
         self.__created: dict[Any, Callable[[Any], object]] = {}  # and how each is destroyed
         self.__mailboxes: dict[Any, Mailbox] = {}
         self.__state, self.__is_configured, self.__is_starting = 'unconfigured', False, False
@@ -84,11 +90,11 @@ class ManagedNode(GuardedNode, LifecycleNode):
         self.__is_starting = False
 
     def destroy_node(self) -> None:
-        """Destroy the node; rclpy alone would leave its life cycle on the graph, and its name."""
+        """Destroy the node, and let its life cycle go, which would keep its name on the graph."""
         self.__state = 'finalized'
         super().destroy_node()
-        for part in list(vars(self).values()):
-            getattr(part, 'destroy_when_not_in_use', lambda: None)()
+        while self.__life_cycle:
+            delattr(self, self.__life_cycle.pop())
 
     @property
     def state(self) -> str:
@@ -215,9 +221,6 @@ class ManagedNode(GuardedNode, LifecycleNode):
         while self.__created:
             entity, destroy = self.__created.popitem()
             destroy(entity)
-        # rclpy keeps a reference to each that was ever in the group, and its set grows.
-        group = self.default_callback_group
-        group.entities = {each for each in group.entities if each() is not None}
         self.__is_configured = False
 
     def __end_in(
