@@ -38,7 +38,7 @@ RAYS, PIXEL = unit_rays(POINTS), np.full((30, 2), 1e-3)
 FRESH = fresh_memory(SETTINGS)
 GOOD = Estimate(
     bearings=BEARINGS,
-    fundamental=np.eye(3),
+    fundamental=cross_matrix(np.array([1.0, 0.0, 0.0])),
     inliers=np.ones(30, dtype=bool),
     confidence=0.9,
     covariance=1e-6 * np.eye(2),
@@ -157,13 +157,21 @@ def test_noise_is_told_from_what_is_wrong(noise: float, wrong: float) -> None:
 
 
 def test_residuals_above_the_noise_enlarge_the_deviation() -> None:
-    sideways = replace(GOOD, fundamental=cross_matrix(np.array([1.0, 0.0, 0.0])))
     up_and_down = np.resize([1.0, -1.0], (30, 1)) * [0.0, 1.0, 0.0]
     deviations = [
-        fit_quality(sideways, RAYS, RAYS + away * 1e-3 * up_and_down, PIXEL, 0.3).deviation
+        fit_quality(GOOD, RAYS, RAYS + away * 1e-3 * up_and_down, PIXEL, 0.3).deviation
         for away in (0.0, 1.2)  # px
     ]
     assert deviations[1] > 1.5 * deviations[0]
+
+
+def test_residuals_that_err_together_in_a_part_of_the_image_do_not_average_out() -> None:
+    alternating, aside = np.resize([1.0, -1.0], 30), np.sign(RAYS[:, 0])
+    apart, together = (
+        fit_quality(GOOD, RAYS, RAYS + 1e-4 * np.outer(sign, [0.0, 1.0, 0.0]), PIXEL, 0.3)
+        for sign in (alternating, aside)
+    )
+    assert together.deviation > 1.5 * apart.deviation
 
 
 def test_a_leap_is_doubted_until_it_is_seen_three_times() -> None:

@@ -16,6 +16,23 @@ SAMPLE, MODELS = 7, 3  # matches that define a geometry, and how many they defin
 CROSSED = 4000  # pairs that are crossed, about
 TURN = math.radians(30.0)  # features of one view turn alike, within this of the median
 ZOOM = 0.75  # and grow alike, octaves
+PARTS = 4, 2  # of the image, across and down, in each of which residuals may err together
+LEAST_SQUARE = 1e-300
+
+
+def together(pulls: FloatArray, inverse: FloatArray, rays: FloatArray) -> float:
+    """
+    Return how much larger a variance is than if each residual had its own, at least 1.
+
+    What moves, a lens, a shutter or a look-alike moves all matches of a part of the image: their
+    ``pulls``, (K, N), whose covariance is ``inverse``, (K, K), then add up within parts, more than
+    by chance. ``rays``, (N, 3), are those of the matches.
+    """
+    rank = np.arctan2(rays[:, 0], rays[:, 2]).argsort().argsort()
+    part = rank * PARTS[0] // len(rays) * PARTS[1] + (rays[:, 1] > np.median(rays[:, 1]))
+    sums = pulls @ (part[:, None] == np.arange(PARTS[0] * PARTS[1]))
+    each, whole = (float((inverse * (of @ of.T)).sum()) for of in (pulls, sums))
+    return max(whole / max(each, LEAST_SQUARE), 1.0)
 
 
 def log_false_alarms(

@@ -37,6 +37,7 @@ from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
 from visual_servo_epipolar.core.geometry.least_squares import Equations, least_squares, TUKEY
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, headings
+from visual_servo_epipolar.core.geometry.significance import together
 from visual_servo_epipolar.core.tracking.robust_geometry import essential_matrices, MIN_MATCHES
 
 WIDTHS = (4.0, 3.0, 2.0, 1.5, 1.2, 1.0)  # of the noise, step by step
@@ -62,7 +63,6 @@ TURNED = math.radians(2.0)  # less where it has not turned: what moves in a hand
 # Of the images for which these pixels hold: larger ones are those of a sensor that was binned, or
 # of an image that was reduced, and neither lens nor hand is worse [rad].
 LARGEST_PIXEL = 1.0 / 400.0
-PARTS = 4, 2  # of the image, across and down, in each of which residuals may err together
 ALIKE = 4.0  # matches that tell as much of these errors as one would, if its noise were its own
 
 
@@ -348,10 +348,12 @@ def spread_of(fit: GeneralFit, shared: float = 1.0) -> tuple[GeneralFit, Spread]
     pulls = np.asarray(rows[1:] * weight**2)
     information = Equations.of(rows * weight, _ridge(rows[None])).information
     inverse = np.asarray(np.linalg.inv(information))
-    together = _together(pulls * left, inverse, fit.matched.rays)
+    rays = fit.matched.rays
+    desired = np.stack([rays.x_d, rays.y_d, rays.z_d], axis=1)
+    parts = together(pulls * left, inverse, desired)
     meat = (pulls * rows[0]) @ (pulls * rows[0]).T
     count = max(int((weight > 0.0).sum()), 6)
-    spare = max(shared, together) * count / (count - 5)
+    spare = max(shared, parts) * count / (count - 5)
     tails = max(float(np.trace(inverse @ meat)) / (5 * fit.scale**2), 1.0) * spare
     covariance = inverse @ (0.5 * spare * (meat + fit.scale**2 * information)) @ inverse
     slopes = _bearing_slopes(fit.best)
@@ -393,20 +395,6 @@ def _implied(motions: Motions, excess: FloatArray, fit: GeneralFit, tails: float
     excess = np.maximum(excess, 0.0) / tails
     implied = away / np.sqrt(np.maximum(excess, 1.0))[:, None]
     return np.asarray(implied[excess < POSSIBLE].max(axis=0, initial=0.0))
-
-
-def _together(pulls: FloatArray, inverse: FloatArray, rays: Rays) -> float:
-    """
-    Return how much larger the variance is than if each residual had its own, at least 1.
-
-    What moves, a shutter or a look-alike moves all matches of a part of the image: their
-    ``pulls``, (5, N), then add up within parts, more than by chance.
-    """
-    rank = np.arctan2(rays.x_d, rays.z_d).argsort().argsort()
-    part = rank * PARTS[0] // rays.matches * PARTS[1] + (rays.y_d > np.median(rays.y_d))
-    sums = pulls @ (part[:, None] == np.arange(PARTS[0] * PARTS[1]))
-    each, whole = ((inverse * (of @ of.T)).sum() for of in (pulls, sums))
-    return max(float(whole / each), 1.0)
 
 
 def _camera_changes(fit: GeneralFit, residual: FloatArray) -> FloatArray:

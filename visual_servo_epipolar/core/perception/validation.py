@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
 from visual_servo_epipolar.core.geometry.rays import handedness, rotation_level_camera
+from visual_servo_epipolar.core.geometry.significance import together
 from visual_servo_epipolar.core.perception.memory import MAX_REJECTIONS, PerceptionMemory
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.reasons import Reason
@@ -23,7 +24,7 @@ MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floo
 # That jitter where a view shows bumps, wide enough to draw no estimate [rad]; bumps of 1 deg under
 # either view, and a nod of the body, are less than 3.4 deg.
 ROUGH_FLOOR, ROUGH_JUMP = 1.5e-2, 4.0
-TINY = 1e-30
+TINY, ONE = 1e-30, np.eye(1)
 FIRST, STEP = -4, 1.25  # power of the least noise that is compared, and ratio to the next
 SCALES = STEP ** np.arange(FIRST, 8.0)  # of what it is taken for
 SPENT = 4  # parameters that the fit spends on noise
@@ -67,11 +68,14 @@ def fit_quality(
     """
     Return how well ``estimate`` fits unit rays, (N, 3), with angles of a pixel, (N, 2).
 
-    It took the noise of a coordinate for ``noise`` [px]; ``shared`` matches count as one.
+    It took the noise of a coordinate for ``noise`` [px]; ``shared`` matches count as one, and
+    what errs together in a part of the image does not average out.
     """
-    distances = np.abs(sampson_distance(estimate.fundamental, current, desired, resolution))
-    inliers = int(np.count_nonzero(estimate.inliers))
-    shown = likeliest_noise(distances, noise)
+    distances = sampson_distance(estimate.fundamental, current, desired, resolution)
+    agree = estimate.inliers
+    inliers = int(np.count_nonzero(agree))
+    shown = likeliest_noise(np.abs(distances), noise)
+    shared *= together(distances[None, agree], ONE, desired[agree]) if inliers else 1.0
     growth = max(shown / noise, 1.0) * tails_of_few(inliers) * math.sqrt(shared)
     variance = max(estimate.covariance[0, 0], estimate.covariance[1, 1], 0.0)
     extent = angular_extent(desired, estimate.inliers)
