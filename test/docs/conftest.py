@@ -17,9 +17,7 @@ def parts(source: Path) -> list[Path]:
     found = [source]
     for path in found:
         text = path.read_text(encoding='utf-8')
-        names = re.findall(
-            rf'from visual_servo_epipolar\.{source.parent.name}\.([\w.]+) import', text
-        )
+        names = re.findall(rf'from visual_servo_epipolar\.{source.parent.name}\.([\w.]+) im', text)
         modules = [source.parent / f'{name.replace(".", "/")}.py' for name in names]
         found += [it for it in dict.fromkeys(modules) if it.is_file() and it not in found]
     return found

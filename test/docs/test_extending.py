@@ -29,11 +29,8 @@ def test_a_phase_has_a_way_in(phase: Phase) -> None:
 
 @pytest.mark.parametrize('phase', PHASES)
 def test_a_phase_has_a_way_out(phase: Phase) -> None:
-    exits = {
-        event
-        for (start, event), then in transitions().items()
-        if start is phase and then is not phase
-    }
+    pairs = transitions().items()
+    exits = {event for (start, event), then in pairs if start is phase and then is not phase}
     # Of an ended run the only one; any other phase ends by itself as well.
     assert exits == {Event.STOPPED} if phase.ended else exits - {Event.STOPPED}
 

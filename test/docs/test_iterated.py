@@ -2,15 +2,7 @@
 
 import math
 
-from iterated import (
-    AttemptError,
-    bound,
-    errors,
-    EXCURSION,
-    fixed_point,
-    Plant,
-    PLANTS,
-)
+from iterated import AttemptError, bound, errors, EXCURSION, fixed_point, Plant, PLANTS
 import pytest
 
 DISCRETE = 0.01  # size of an error that steps in time leave [m]

@@ -144,10 +144,8 @@ def test_the_simulation_is_four_nodes_and_more_only_if_asked_for() -> None:
 
 
 def test_on_a_real_robot_run_tracker_and_servo_alone() -> None:
-    assert [node.executable for node in Launch('robot.launch.py').nodes] == [
-        'tracker_node',
-        'servo_node',
-    ]
+    nodes = Launch('robot.launch.py').nodes
+    assert [node.executable for node in nodes] == ['tracker_node', 'servo_node']
     launch = Launch('robot.launch.py', record='/bags/one')
     assert values(by_name(launch)['recorder_node']) == {'bag': '/bags/one'}
 
@@ -242,11 +240,8 @@ def test_a_dock_node_is_told_what_tracker_and_servo_are(dock, serves) -> None:
     launch = Launch('robot.launch.py', namespace='r', dock=dock, params_file='mine.yaml', **topics)
     node = by_name(launch)['dock_node']
     assert values(node) == {'serve_action': serves}
-    assert [Path(item).name for item in node.parameters[:3]] == [
-        'dock_node.yaml',
-        'robot.yaml',
-        'mine.yaml',
-    ]
+    names = [Path(item).name for item in node.parameters[:3]]
+    assert names == ['dock_node.yaml', 'robot.yaml', 'mine.yaml']
     assert (dict(node.remappings), node.namespace) == (topics, 'r')
 
 
@@ -292,10 +287,8 @@ def test_a_frame_prefix_reaches_every_node_that_names_frames() -> None:
 def test_a_frame_prefix_wins_over_the_base_frame_of_a_file() -> None:
     # robot.yaml names a base_frame, and may be given to two robots.
     launch = Launch('simulation.launch.py', frame_prefix='r/', params_file='robot.yaml')
-    assert by_name(launch)['servo_node'].parameters[1:] == [
-        'robot.yaml',
-        {'base_frame': 'r/base_link'},
-    ]
+    servo = by_name(launch)['servo_node']
+    assert servo.parameters[1:] == ['robot.yaml', {'base_frame': 'r/base_link'}]
 
 
 def test_a_recorder_in_a_namespace_records_that_robot_alone() -> None:

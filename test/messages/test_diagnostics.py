@@ -20,11 +20,7 @@ STEP_1 = 'zeroing_epipoles: the robot drives onto the axis of the photograph (st
     ('carried', 'level', 'words'),
     [
         (False, DiagnosticStatus.OK, STEP_1),
-        (
-            True,
-            DiagnosticStatus.WARN,
-            f'{STEP_1}; 8 features in view, by the memory of views',
-        ),
+        (True, DiagnosticStatus.WARN, f'{STEP_1}; 8 features in view, by the memory of views'),
     ],
 )
 def test_too_few_features_are_a_warning_while_the_memory_carries_on(carried, level, words) -> None:

@@ -33,9 +33,8 @@ def test_angles_come_back_from_among_others() -> None:
     message.name, message.position = ['wheel', *message.name], [9.0, *message.position]
     assert read_joints(message, NAMES) == {'pan_joint': 0.3, 'tilt_joint': -0.2}
     assert read_joints(message, ('other', 'another')) == {}
-    assert read_joints(JointState(name=['tilt_joint'], position=[0.4]), NAMES) == {
-        'tilt_joint': 0.4
-    }
+    one = JointState(name=['tilt_joint'], position=[0.4])
+    assert read_joints(one, NAMES) == {'tilt_joint': 0.4}
 
 
 def test_a_head_without_tilt_has_no_angle_of_it() -> None:
@@ -104,10 +103,8 @@ def test_the_camera_sits_where_it_is_mounted_and_looks_ahead() -> None:
     message = transforms.mount_transform(
         'base_link', 'camera_optical_frame', mount.R_world_camera(BASE), mount.centre(BASE)
     )
-    assert (message.header.frame_id, message.child_frame_id) == (
-        'base_link',
-        'camera_optical_frame',
-    )
+    frames = message.header.frame_id, message.child_frame_id
+    assert frames == ('base_link', 'camera_optical_frame')
     np.testing.assert_allclose(origin(message), [0.2, -0.1, 0.6])
     right, down, ahead = rotation(message).as_matrix().T  # REP 103: x right, y down, z ahead
     np.testing.assert_allclose(ahead, [1.0, 0.0, 0.0], atol=1e-12)

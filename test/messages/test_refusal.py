@@ -34,9 +34,8 @@ def info():
 
 
 def tracks():
-    value = Features(
-        ids=[1, 2], current=np.ones((2, 2)), desired=np.ones((2, 2)), ages=[1, 1], errors=[0, 0]
-    )
+    two = np.ones((2, 2))
+    value = Features(ids=[1, 2], current=two, desired=two, ages=[1, 1], errors=[0, 0])
     return write.features(value, 0, 'camera')
 
 
@@ -138,9 +137,8 @@ def test_a_feature_may_lie_a_pixel_outside_and_no_more(u, count, of_desired) -> 
 
 
 def test_ids_that_stand_twice_are_refused() -> None:
-    taken, warning = checked_features(
-        replace(features(10.0, of_desired=False), ids=[1, 1]), CAMERA
-    )
+    wrong = replace(features(10.0, of_desired=False), ids=[1, 1])
+    taken, warning = checked_features(wrong, CAMERA)
     assert len(taken) == 0
     assert warning.startswith('tracks refused: of 2 ids 1 differ')
 

@@ -20,9 +20,8 @@ from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 @given(gain=st.floats(0.0, 5.0), after=st.none() | st.integers(0, 2**62))
 def test_settings_come_back_to_the_last_bit(gain: float, after: int | None) -> None:
     settings = ServoSettings(k1=gain, law='paper')
-    node_settings = settings_text.from_text(
-        settings_text.to_text('/a/servo_node', [settings], after)
-    )
+    text = settings_text.to_text('/a/servo_node', [settings], after)
+    node_settings = settings_text.from_text(text)
     assert (node_settings.node, node_settings.after_stamp_ns) == ('/a/servo_node', after)
     assert from_mapping(ServoSettings, node_settings.values, 'bag') == settings
 

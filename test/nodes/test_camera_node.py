@@ -197,9 +197,8 @@ def matrix(message):
 def test_the_tree_leads_from_the_world_to_where_the_robot_really_is(bench, sent) -> None:
     truth, odometry = bench.listen(Odometry, 'ground_truth'), bench.listen(Odometry, 'odom')
     command = bench.talk(TwistMessage, 'cmd_vel')
-    node = bench.start(
-        UnicycleNode, lockstep=True, begin=False, command_timeout=0.0, odometry_noise=0.5
-    )
+    values = {'lockstep': True, 'command_timeout': 0.0, 'odometry_noise': 0.5}
+    node = bench.start(UnicycleNode, begin=False, **values)
     node.begin()
     for step in range(20):
         bench.until(lambda count=step + 1: len(truth) == count, 'the next frame')
@@ -208,9 +207,8 @@ def test_the_tree_leads_from_the_world_to_where_the_robot_really_is(bench, sent)
     to_odom, to_base = sent[-1]
     assert [message.header.frame_id for message in sent[-1]] == ['world', 'odom']
     assert [message.child_frame_id for message in sent[-1]] == ['odom', 'base_link']
-    assert {read.stamp_ns(message.header) for message in sent[-1]} == {
-        read.stamp_ns(truth[-1].header)
-    }
+    stamps = {read.stamp_ns(message.header) for message in sent[-1]}
+    assert stamps == {read.stamp_ns(truth[-1].header)}
     pose, wheels = read.pose(truth[-1]), read.pose(odometry[-1])
     at = transforms.on_the_floor('world', 'base_link', pose, 0)
     np.testing.assert_allclose(matrix(to_odom) @ matrix(to_base), matrix(at), atol=1e-9)
@@ -222,10 +220,8 @@ def test_the_tree_leads_from_the_world_to_where_the_robot_really_is(bench, sent)
 def test_the_camera_hangs_on_the_base_once_and_for_all(bench, sent) -> None:
     bench.start(CameraNode, **MINUTE, mount_height=0.5, mount_forward=0.2)
     ((mounted,),) = sent
-    assert (mounted.header.frame_id, mounted.child_frame_id) == (
-        'base_link',
-        'camera_optical_frame',
-    )
+    frames = mounted.header.frame_id, mounted.child_frame_id
+    assert frames == ('base_link', 'camera_optical_frame')
     place = mounted.transform.translation
     np.testing.assert_allclose([place.x, place.y, place.z], [0.2, 0.0, 0.5])
 
@@ -287,9 +283,8 @@ def test_with_tf2_msgs_transforms_are_one_message(monkeypatch, static, topic, pr
         made.append(arguments)
         return SimpleNamespace(publish=published.append)
 
-    broadcaster = TransformBroadcaster(
-        SimpleNamespace(create_publisher=create_publisher), static=static
-    )
+    node = SimpleNamespace(create_publisher=create_publisher)
+    broadcaster = TransformBroadcaster(node, static=static)
     broadcaster.send(['first', 'second'])
     assert made == [(SimpleNamespace, topic, profile)]
     assert [message.transforms for message in published] == [['first', 'second']]

@@ -90,9 +90,8 @@ def test_two_runs_are_equal() -> None:
 
 
 def test_another_seed_is_another_run() -> None:
-    first, second = (
-        drive(short().seeded(seed), short().seeded(seed).loop(CLOSE, seed)) for seed in (1, 2)
-    )
+    runs = [short().seeded(seed) for seed in (1, 2)]
+    first, second = (drive(it, it.loop(CLOSE, seed)) for seed, it in enumerate(runs, 1))
     assert repr(first.samples) != repr(second.samples)
 
 
@@ -172,9 +171,8 @@ def test_nodes_that_do_not_find_each_other_are_reported(monkeypatch) -> None:
     monkeypatch.setattr(lockstep, 'STALL_S', 0.5)
     scenario = short()
     with Lockstep(scenario, scenario.loop(CLOSE, 0)) as nodes:
-        photograph = next(
-            item for item in nodes.tracker.subscriptions if 'desired' in item.topic_name
-        )
+        heard = nodes.tracker.subscriptions
+        photograph = next(item for item in heard if 'desired' in item.topic_name)
         nodes.tracker.destroy_subscription(photograph)
         with pytest.raises(LockstepError, match='every node to find its peers and the photograph'):
             nodes.run(lambda: False)

@@ -123,10 +123,8 @@ def test_the_files_of_the_package_hold_in_a_namespace(bench, tmp_path, monkeypat
 def test_every_file_is_keyed_for_any_node(path) -> None:
     # What is given after robot.yaml and sets a homonym names its node, in any namespace; so does
     # what is for nodes of others.
-    keys = {
-        'small_computer': ['/**/tracker_node'],
-        'obstacles': ['/**/twist_mux', '/**/collision_monitor'],
-    }
+    others = ['/**/twist_mux', '/**/collision_monitor']
+    keys = {'small_computer': ['/**/tracker_node'], 'obstacles': others}
     assert [section.key for section in read_sections(str(path))] == keys.get(path.stem, ['/**'])
 
 
@@ -155,13 +153,7 @@ def test_a_file_that_sets_the_clock_alone_is_not_warned_of(bench, tmp_path) -> N
 
 @pytest.mark.parametrize('kind', [ServoNode, TrackerNode, UnicycleNode, CameraNode])
 def test_a_file_may_hold_the_parameters_of_all_nodes(bench, tmp_path, kind) -> None:
-    values = {
-        'latency': 0.5,
-        'max_features': 90,
-        'wheel_ratio': 1.1,
-        'tilt': 0.1,
-        'split_size': 1.0,
-    }
+    values = {'latency': 0.5, 'max_features': 90, 'wheel_ratio': 1.1, 'tilt': 0.1}
     node = start(bench, kind, *given(file(tmp_path, **under('/**', **values))))
     assert sum(node.has_parameter(name) for name in values) == 1
 
@@ -273,10 +265,7 @@ def test_the_tracker_of_a_small_computer_takes_its_file_after_the_robots(bench) 
 
 @pytest.mark.parametrize(
     ('kind', 'other', 'name'),
-    [
-        (ServoNode, 'unicycle_node', 'max_angular'),
-        (ServoNode, 'recorder_node', 'autostart'),
-    ],
+    [(ServoNode, 'unicycle_node', 'max_angular'), (ServoNode, 'recorder_node', 'autostart')],
 )
 def test_the_file_of_another_node_is_refused_where_it_means_else(bench, kind, other, name) -> None:
     with pytest.raises(ValueError, match=f'is of {other} alone, .* would set {name} of'):

@@ -69,9 +69,8 @@ def settings_fields(name):
 
 
 def written(name, file=None):
-    return yaml.safe_load((CONFIG / (file or f'{name}.yaml')).read_text())['/**'][
-        'ros__parameters'
-    ]
+    text = (CONFIG / (file or f'{name}.yaml')).read_text()
+    return yaml.safe_load(text)['/**']['ros__parameters']
 
 
 def plain(value):
@@ -88,9 +87,8 @@ def test_every_setting_is_declared_with_text_range_and_whether_it_is_fixed(runni
     name, bench, _ = running
     fields_by_name = settings_fields(name)
     request = DescribeParameters.Request(names=list(fields_by_name))
-    descriptors = bench.call(
-        f'{name}/describe_parameters', DescribeParameters, request
-    ).descriptors
+    answer = bench.call(f'{name}/describe_parameters', DescribeParameters, request)
+    descriptors = answer.descriptors
     for descriptor, item in zip(descriptors, fields_by_name.values(), strict=True):
         limits = range_of(item)
         assert descriptor.type != ParameterType.PARAMETER_NOT_SET
@@ -208,10 +206,8 @@ def test_two_changes_that_need_each_other_are_taken_together(bench) -> None:
         Parameter('max_linear', value=0.6),
     )
     assert result.successful, result.reason
-    assert tuple(servo.get_parameter(it).value for it in ('dead_band_linear', 'max_linear')) == (
-        0.5,
-        0.6,
-    )
+    names = 'dead_band_linear', 'max_linear'
+    assert [servo.get_parameter(name).value for name in names] == [0.5, 0.6]
 
 
 @pytest.mark.parametrize(

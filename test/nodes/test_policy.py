@@ -22,9 +22,8 @@ OWN = ('reset', 'start', 'stop', 'repeat', 'cancel', 'capture_desired', 'set_par
 def allowed(node: str, part: str, how: str) -> set[str]:
     """Return the full names that the policy allows to ``node``: topics, services or actions."""
     (profile,) = ElementTree.parse(POLICY).iterfind(f".//profile[@node='{node}']")
-    texts = (
-        item.text or '' for group in profile.iterfind(f"{part}[@{how}='ALLOW']") for item in group
-    )
+    groups = profile.iterfind(f"{part}[@{how}='ALLOW']")
+    texts = (item.text or '' for group in groups for item in group)
     return {text if text[:1] == '/' else f'/{text.replace("~", node)}' for text in texts}
 
 
@@ -32,9 +31,8 @@ def allowed(node: str, part: str, how: str) -> set[str]:
 def test_a_node_is_allowed_all_that_it_uses(name: str, bench: Bench, tmp_path: Path) -> None:
     kind = ''.join(map(str.capitalize, name.split('_')))
     values = NODES[name] | ({'bag': str(tmp_path / 'bag')} if name == 'recorder_node' else {})
-    node = bench.start(
-        getattr(import_module(f'visual_servo_epipolar.nodes.{name}'), kind), **values
-    )
+    module = import_module(f'visual_servo_epipolar.nodes.{name}')
+    node = bench.start(getattr(module, kind), **values)
     for part, how, used in (
         ('topics', 'publish', node.get_publisher_names_and_types_by_node),
         ('topics', 'subscribe', node.get_subscriber_names_and_types_by_node),

@@ -62,9 +62,8 @@ class Team:
     def standstill_after_ns(self) -> int:
         """Return how long the robot moves from now on, by the stamps of ground truth [ns]."""
         began = read.stamp_ns(self.truth[-1].header)
-        self.bench.until(
-            lambda: read.twist(self.truth[-1].twist) == STANDSTILL, 'a standstill', END_SEC
-        )
+        stands = lambda: read.twist(self.truth[-1].twist) == STANDSTILL  # noqa: E731
+        self.bench.until(stands, 'a standstill', END_SEC)
         return read.stamp_ns(self.truth[-1].header) - began
 
 

@@ -255,9 +255,7 @@ def true_bearings(pose):
 def test_diagnostics_warn_of_a_robot_that_holds(bench) -> None:
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench).drive()
-    bench.until(
-        lambda: bool(diagnostics) and diagnostics[-1].status[0].level == b'\x00', 'diagnostics'
-    )
+    bench.until(lambda: diagnostics and diagnostics[-1].status[0].level == b'\x00', 'diagnostics')
     rig.show()
     bench.until(lambda: diagnostics[-1].status[0].level == b'\x01', 'a warning')
     assert '0 features, 12 needed' in diagnostics[-1].status[0].message

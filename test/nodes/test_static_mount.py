@@ -22,9 +22,8 @@ UPRIGHT = np.eye(3)
 
 
 def mounted(parent='base_link', child='camera_optical_frame', mount=MOUNT):
-    return transforms.mount_transform(
-        parent, child, mount.R_world_camera(BASE), mount.centre(BASE)
-    )
+    place = mount.R_world_camera(BASE), mount.centre(BASE)
+    return transforms.mount_transform(parent, child, *place)
 
 
 class Mounted(Rig):

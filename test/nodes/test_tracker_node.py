@@ -59,11 +59,8 @@ def test_each_image_gives_one_cloud_with_its_stamp(rig, photograph, view) -> Non
     for number in range(3):
         rig.track(view, STAMP_NS + number)
     rig.bench.settle()
-    assert [read.stamp_ns(cloud.header) for cloud in rig.clouds] == [
-        STAMP_NS,
-        STAMP_NS + 1,
-        STAMP_NS + 2,
-    ]
+    stamps = [read.stamp_ns(cloud.header) for cloud in rig.clouds]
+    assert stamps == [STAMP_NS, STAMP_NS + 1, STAMP_NS + 2]
     assert rig.clouds[0].header.frame_id == 'camera'
 
 

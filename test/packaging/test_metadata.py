@@ -35,9 +35,8 @@ def test_package_xml_and_setup_py_agree_on_the_licence() -> None:
 
 
 def test_the_change_log_is_open_or_knows_the_version() -> None:
-    headings = re.findall(
-        r'^(Forthcoming|\d+\.\d+\.\d+) ?.*\n-+$', (ROOT / 'CHANGELOG.rst').read_text(), re.M
-    )
+    text = (ROOT / 'CHANGELOG.rst').read_text()
+    headings = re.findall(r'^(Forthcoming|\d+\.\d+\.\d+) ?.*\n-+$', text, re.M)
     assert {'Forthcoming', VERSION} & set(headings)
 
 
@@ -47,8 +46,7 @@ def test_what_setup_py_promises_is_what_the_oldest_versions_are_tested_on() -> N
         for line in (ROOT / 'constraints-oldest.txt').read_text().splitlines()
         if '==' in line
     )
-    promised = dict(
-        re.findall(r"'([\w-]+)(?:\[\w+\])?>=([\d.]+)", (ROOT / 'setup.py').read_text())
-    )
+    text = (ROOT / 'setup.py').read_text()
+    promised = dict(re.findall(r"'([\w-]+)(?:\[\w+\])?>=([\d.]+)", text))
     assert promised.keys() >= {'numpy', 'opencv-python-headless', 'matplotlib', 'PyYAML'}
     assert promised == {name: tested[name] for name in promised}

@@ -15,9 +15,7 @@ FILE = CONFIG / 'obstacles.yaml'
 SECTIONS = yaml.safe_load(FILE.read_text(encoding='utf-8'))
 MUX = SECTIONS['/**/twist_mux']['ros__parameters']
 MONITOR = SECTIONS['/**/collision_monitor']['ros__parameters']
-ROBOT = yaml.safe_load((CONFIG / 'robot.yaml').read_text(encoding='utf-8'))['/**'][
-    'ros__parameters'
-]
+ROBOT = yaml.safe_load((CONFIG / 'robot.yaml').read_text())['/**']['ros__parameters']
 
 # As their sources declare them: twist_mux 4.3, with use_stamped of 4.4; nav2_collision_monitor
 # 1.3.13 (Jazzy).
@@ -51,9 +49,8 @@ WITHOUT_DEFAULT = {'type', 'points', 'action_type'}
 
 def check(values: dict, known: dict[str, type]) -> None:
     """Each value must have a name that is declared, and the type, which ROS insists on."""
-    assert {name: type(value) for name, value in values.items()} == {
-        name: known.get(name) for name in values
-    }
+    types = {name: type(value) for name, value in values.items()}
+    assert types == {name: known.get(name) for name in values}
 
 
 def test_twist_mux_knows_what_it_is_told() -> None:

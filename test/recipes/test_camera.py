@@ -30,9 +30,8 @@ class Panorama(ImageIntrinsics):
         bearing = (pixels[:, 0] - self.cx) / self.fx
         elevation = (pixels[:, 1] - self.cy) / self.fy
         level = np.cos(elevation)
-        return np.column_stack(
-            [level * np.sin(bearing), np.sin(elevation), level * np.cos(bearing)]
-        )
+        columns = level * np.sin(bearing), np.sin(elevation), level * np.cos(bearing)
+        return np.column_stack(columns)
 
     def pixels(self, rays: FloatArray) -> FloatArray:
         bearing = np.arctan2(rays[:, 0], rays[:, 2])

@@ -84,9 +84,8 @@ class SwingingRig(NamedTuple):
 
     def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
         panned = replace(pose, theta=pose.theta + joints_at(frame).pan)
-        return CameraPose(
-            self.fixed.camera_pose(panned).R_world_camera, self.fixed.mount.centre(pose)
-        )
+        axes = self.fixed.camera_pose(panned).R_world_camera
+        return CameraPose(axes, self.fixed.mount.centre(pose))
 
 
 def swinging(settings: SwingingSettings) -> SwingingRig:

@@ -24,9 +24,8 @@ def twist_towards_goal(phase: Phase, pose: Pose) -> Twist:
         steer = -1.2 * (pose.heading_error - max(-0.6, min(0.6, 1.4 * pose.x)))
         return saturate(Twist(0.25, steer), max_linear=0.3, max_angular=0.5)
     if phase is Phase.MATCHING_FEATURES:
-        return saturate(
-            Twist(-0.7 * pose.y, -0.5 * pose.heading_error), max_linear=0.3, max_angular=0.5
-        )
+        wanted = Twist(-0.7 * pose.y, -0.5 * pose.heading_error)
+        return saturate(wanted, max_linear=0.3, max_angular=0.5)
     return Twist(0.0, 0.0)
 
 

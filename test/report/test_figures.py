@@ -125,9 +125,8 @@ def test_panels_show_the_log(log: RunLog, label: str, line: str, field: str) -> 
 )
 def test_velocities_show_the_log(log: RunLog, label: str, field: str) -> None:
     drawn = panel(signals(log), label).get_lines()[0]
-    np.testing.assert_array_equal(
-        drawn.get_ydata(), [getattr(s.twist, field) for s in log.samples]
-    )
+    expected = [getattr(s.twist, field) for s in log.samples]
+    np.testing.assert_array_equal(drawn.get_ydata(), expected)
 
 
 @pytest.mark.parametrize(

@@ -95,9 +95,8 @@ def test_the_mast_holds_a_camera_that_looks_down_and_rolls_clockwise(pose, tilt,
     assert np.linalg.det(axes) == pytest.approx(1.0)
     assert axes[2, 2] == pytest.approx(-math.sin(tilt))
     assert math.copysign(1.0, axes[2, 0]) == math.copysign(1.0, -roll) or abs(roll) < 1e-12
-    assert math.hypot(centre[0] - pose.x, centre[1] - pose.y) == pytest.approx(
-        math.hypot(0.12, 0.04)
-    )
+    ahead = math.hypot(centre[0] - pose.x, centre[1] - pose.y)
+    assert ahead == pytest.approx(math.hypot(0.12, 0.04))
 
 
 def test_the_base_obeys_late_and_pulls_to_the_left() -> None:

@@ -44,9 +44,8 @@ def driven(
     start: tuple[float, float, float], law: str = 'full', *, seed: int = 0, limit: float = 300.0
 ) -> RunLog:
     """Return the record of one run, driven once for all tests that look at it."""
-    settings = LoopSettings(
-        start=start, seed=seed, max_duration=limit, servo=ServoSettings(law=law, seed=seed)
-    )
+    servo = ServoSettings(law=law, seed=seed)
+    settings = LoopSettings(start=start, seed=seed, max_duration=limit, servo=servo)
     return run(settings, points(seed), CAMERA)
 
 
@@ -110,10 +109,8 @@ def test_with_the_true_sign_the_desired_epipole_is_zeroed_in_finite_time() -> No
 
 def test_with_the_true_sign_the_epipoles_keep_their_signs_until_then() -> None:
     left = before_zero(first_step_of(corrected()))
-    signs = {
-        (math.copysign(1.0, one.epipole_current), math.copysign(1.0, one.epipole_desired))
-        for one in left
-    }
+    epipoles = [(one.epipole_current, one.epipole_desired) for one in left]
+    signs = {(math.copysign(1.0, a), math.copysign(1.0, e)) for a, e in epipoles}
     assert signs == {(-1.0, -1.0)}
 
 
@@ -296,9 +293,8 @@ def test_features_that_come_into_view_in_time_begin_the_run() -> None:
     assert not monitor.done
     see(range(200, 260), 3)
     assert monitor.done
-    assert monitor.log().reason == (
-        'no feature of the photograph is in view for certain: 3 found, 12 needed'
-    )
+    text = 'no feature of the photograph is in view for certain: 3 found, 12 needed'
+    assert monitor.log().reason == text
 
 
 def test_no_two_images_have_one_stamp_however_their_receipt_jitters() -> None:

@@ -15,11 +15,7 @@ from visual_servo_epipolar.simulation.point_world import PointSettings, PointWor
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 
 # alpha_0, chi_0 [rad], distance [m]: concordant, from the edge of the singularity outwards.
-CONCORDANT = [
-    (0.1, 0.3, 3.0),
-    (0.4, 0.37, 2.0),
-    (-0.58, -0.23, 2.7),
-]
+CONCORDANT = [(0.1, 0.3, 3.0), (0.4, 0.37, 2.0), (-0.58, -0.23, 2.7)]
 FRONT = [(1.0, -3.0, 0.0), (-1.2, -4.0, -10.0), (0.3, -2.2, 0.0)]
 FAR = 0.02  # bearing of e_du that is not zero yet, whatever the noise [rad]
 

@@ -107,10 +107,8 @@ def test_a_stranger_is_held_against_teaches_nothing_and_the_run_goes_on_when_he_
     assert 'something else publishes cmd_vel' in held[0].reason
     undisturbed = [state for state in loop.states[:66] if state.phase is not Phase.HOLDING]
     for state in held:
-        assert (
-            abs(state.identified.curvature.value - undisturbed[30].identified.curvature.value)
-            < 0.01
-        )
+        usual = undisturbed[30].identified.curvature.value
+        assert abs(state.identified.curvature.value - usual) < 0.01
         assert state.identified.delay.value == 0.0
     assert loop.states[-1].phase is Phase.ARRIVED
     assert loop.pose.distance < 0.005

@@ -186,9 +186,8 @@ class Pushed(View):
 )
 def test_who_is_pushed_while_few_are_in_view_stands_until_more_are(scenario, x, y) -> None:
     """Seen from elsewhere than they can have driven to, they are not believed."""
-    summary, states = driven(
-        only(10), 4.0, scenario=scenario, around=lambda view: Pushed(view, x, y)
-    )
+    pushed = lambda view: Pushed(view, x, y)  # noqa: E731
+    summary, states = driven(only(10), 4.0, scenario=scenario, around=pushed)
     pushed = states[12:]
     assert states[9].phase is Phase.ZEROING_EPIPOLES
     assert {state.phase for state in pushed} == {Phase.HOLDING}

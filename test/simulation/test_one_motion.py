@@ -1,18 +1,21 @@
-"""One motion in whole runs: soon at the goal, without a standstill, with features in view."""
+"""Arrivals: in one motion, before a near wall, and within the tolerances of the owner."""
 
 from functools import cache, partial
+import math
 from pathlib import Path
 
+from durations import few_of
 import pytest
 from strategies import CAMERA
 
+from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
-from visual_servo_epipolar.simulation.scenario import load
+from visual_servo_epipolar.simulation.scenario import load, Scenario
 from visual_servo_epipolar.simulation.views import drive
 
 CONFIG = Path(__file__).parents[2] / 'config' / 'scenarios'
@@ -77,3 +80,82 @@ def test_a_base_that_turns_by_pulses_is_not_through_while_it_faces_elsewhere() -
     realistic = load(CONFIG / 'realistic.yaml').with_servo({'law': 'smooth'}).seeded(seed)
     log = drive(realistic, (2.249583, 1.286026, 88.947885), seed)
     assert log.outcome == 'arrived', log.reason
+
+
+STARTS = [
+    *((0.92, -2.58, 0.46), (-0.52, -2.03, -9.37), (1.19, -2.38, -14.44), (1.2, -1.0, 10.0)),
+    *((1.32, -4.39, -5.66), (-1.4, -3.41, 8.8)),  # far off, places are noisy
+]
+
+
+@pytest.mark.parametrize('law', ['full', 'smooth'])
+@pytest.mark.parametrize(('x', 'y', 'heading'), few_of(STARTS, keep=(1, 4)))
+def test_the_robot_probes_and_arrives(x: float, y: float, heading: float, law: str) -> None:
+    scenario = load(scenario_path('nearwall')).with_servo({'law': law})
+    log = drive(scenario, (x, y, heading), 0)
+    assert log.samples[-1].phase.value == 'arrived', log.reason
+    assert log.samples[-1].pose.distance < 5e-3
+    assert y > -2.0 or summarise(log)['max_distance_ratio'] < 1.3
+
+
+POSITION, HEADING = 0.005, math.radians(0.5)
+NEAR, FAR, TURNED = (0.1, -1.0, 5.0), (0.3, -3.0, 10.0), (0.0, 0.0, -10.0)
+
+
+@cache
+def within(law: str, start: Start, position: float = 0.0, heading: float = 6e-4) -> RunLog:
+    """Return the record of a run that is to end within these tolerances."""
+    told = {'law': law, 'arrival_position': position, 'arrival_heading': heading}
+    return drive(Scenario().with_servo(told).seeded(0), start, 0)
+
+
+def time_in(log: RunLog, phase: str) -> float:
+    spans = summarise(log)['phases']
+    return float(sum(span['end_s'] - span['start_s'] for span in spans if span['name'] == phase))
+
+
+@pytest.mark.parametrize(
+    ('law', 'start', 'sooner'),
+    few_of(
+        [
+            ('full', NEAR, 0.9),
+            ('full-memory', NEAR, 0.4),
+            ('full-final_turn', NEAR, 0.9),
+            ('full-line_following', NEAR, 1.5),
+            ('paper', FAR, 0.5),
+            ('corrected', FAR, 0.5),
+            ('paper+discordant_turn+final_turn', FAR, 3.0),
+        ],
+        keep=(0, 6),
+    ),
+)
+def test_who_asks_for_5_mm_and_half_a_degree_has_them_sooner(law, start, sooner) -> None:
+    finest = summarise(within(law, start))
+    coarse = summarise(within(law, start, POSITION, HEADING))
+    assert (finest['outcome'], coarse['outcome']) == ('arrived', 'arrived')
+    assert coarse['duration_s'] <= finest['duration_s'] - sooner
+    assert coarse['position_error_m'] <= POSITION
+    assert abs(coarse['heading_error_deg']) <= 0.5
+
+
+@pytest.mark.parametrize('millimetres', few_of([2.0, 5.0, 10.0, 20.0], keep=(0, 3)))
+def test_the_robot_ends_within_the_tolerance_that_is_told(millimetres: float) -> None:
+    summary = summarise(within('full', NEAR, 1e-3 * millimetres, HEADING))
+    assert summary['outcome'] == 'arrived'
+    assert 1e3 * summary['position_error_m'] <= millimetres
+
+
+def test_a_turn_in_place_is_not_begun_within_the_tolerance() -> None:
+    law = 'full-line_following'  # no other turns at the goal, but on the last centimetre
+    assert time_in(within(law, NEAR), 'orienting') > 0.5
+    assert time_in(within(law, NEAR, POSITION, HEADING), 'orienting') == 0.0
+
+
+@pytest.mark.parametrize(('law', 'sooner'), [('full', 0.9), ('full-memory', 0.9)])
+def test_a_pure_rotation_is_turned_back_no_farther_than_the_tolerance_asks(law, sooner) -> None:
+    """Each tolerance for itself: that of the heading alone takes the last of the turn away."""
+    finest, coarse = within(law, TURNED), within(law, TURNED, heading=HEADING)
+    assert time_in(coarse, 'orienting') < time_in(finest, 'orienting') - sooner
+    summary = summarise(coarse)
+    assert summary['outcome'] == 'arrived'
+    assert abs(summary['heading_error_deg']) <= 0.5

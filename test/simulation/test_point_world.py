@@ -133,9 +133,10 @@ def test_points_lie_between_near_and_far() -> None:
     # Seen from the axis at 1 m behind the goal, a point at depth z shrinks by z / (z + 1).
     features = world().observe(Pose(0.0, -1.0, HALF_PI), 0)
     centre = [CAMERA.cx, CAMERA.cy]
-    ratio = np.linalg.norm(features.current - centre, axis=1) / np.linalg.norm(
-        features.desired - centre, axis=1
-    )
+    from_centre = [
+        np.linalg.norm(it - centre, axis=1) for it in (features.current, features.desired)
+    ]
+    ratio = from_centre[0] / from_centre[1]
     depth = ratio / (1.0 - ratio)
     assert EXACT.near - 1e-6 <= depth.min()
     assert depth.max() <= EXACT.far + 1e-6
@@ -241,9 +242,8 @@ def test_a_person_who_passes_hides_points_and_gives_them_back() -> None:
     gone = np.setdiff1d(before.ids, during.ids)
     assert 10 < len(gone) < 0.5 * len(before)
     places = cloud.project(BEHIND, 10)[0]
-    assert (
-        crossing.hides(places[gone], 10).all() and not crossing.hides(places[during.ids], 10).any()
-    )
+    assert crossing.hides(places[gone], 10).all()
+    assert not crossing.hides(places[during.ids], 10).any()
 
 
 def test_the_nominal_camera_is_not_the_one_that_sees() -> None:

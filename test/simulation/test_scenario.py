@@ -57,10 +57,7 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ('servo: {k3: 1.0}', r'bad.yaml: servo has no setting k3; did you mean k2 or k1\?'),
         ('servo: {xyz: 1.0}', 'bad.yaml: servo has no setting xyz; it knows law,'),
         ('servo_node: {k1: 1.0}', 'parameters of servo_node must stand under ros__parameters'),
-        (
-            'servo_node: {ros__parameters: {kk1: 1.0}}',
-            r'no setting kk1; did you mean k1',
-        ),
+        ('servo_node: {ros__parameters: {kk1: 1.0}}', r'no setting kk1; did you mean k1'),
         ('/**: {ros__parameters: {kk1: 1.0}}', r'/\*\* has no setting kk1; did you mean k1\?'),
         ('/**: 3', 'parameters of /\\*\\* must stand under ros__parameters'),
         (

@@ -31,9 +31,8 @@ def driven_from(start: tuple[float, float, float], ratio: float, seed: int) -> R
 
 def driven(cases: list[tuple[float, int, float]]) -> list[RunLog]:
     """Return the records of runs with these ratios, starts, and deviations of the ratio."""
-    return [
-        drive(scenario(ratio, deviation).seeded(k), STARTS[k], k) for ratio, k, deviation in cases
-    ]
+    runs = [(scenario(ratio, deviation).seeded(k), k) for ratio, k, deviation in cases]
+    return [drive(each, STARTS[k], k) for each, k in runs]
 
 
 @pytest.mark.parametrize('ratio', few_of([0.17, 0.5, 1.0]))

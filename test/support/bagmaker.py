@@ -92,13 +92,7 @@ def new_listener(context: Context) -> tuple[Node, list[Message]]:
         received.append((topic, 1_000 + len(received), bytes(raw)))
 
     for topic, (kind, profile) in TOPICS.items():
-        listener.create_subscription(
-            kind,
-            topic,
-            partial(listen, topic),
-            profile,
-            raw=True,
-        )
+        listener.create_subscription(kind, topic, partial(listen, topic), profile, raw=True)
     return listener, received
 
 

@@ -53,10 +53,7 @@ def next_domain() -> int:
 
 
 def spin_until(
-    executor: Any,
-    condition: Callable[[], bool],
-    timeout_sec: float,
-    waiting_for: str,
+    executor: Any, condition: Callable[[], bool], timeout_sec: float, waiting_for: str
 ) -> None:
     """Spin until ``condition``; fail naming what was waited for if that takes too long."""
     left_sec = timeout_sec
@@ -90,9 +87,6 @@ class Spinner:
             spin_once(self._executors[True], 0.0)
             timeout_sec = min(timeout_sec, 0.001)
         spin_once(self._executors[False], timeout_sec)
-
-    def create_task(self, task: Any) -> Any:
-        return self._executors[False].create_task(task)
 
     def shutdown(self) -> None:
         for executor in self._executors:
@@ -194,6 +188,5 @@ class Bench(AbstractContextManager['Bench']):
     def _known(self, publisher: Any) -> bool:
         topic = publisher.topic_name
         ears = [item for node in self.nodes for item in node.subscriptions]
-        return bool(
-            publisher.get_subscription_count() >= sum(ear.topic_name == topic for ear in ears)
-        )
+        count = publisher.get_subscription_count()
+        return bool(count >= sum(ear.topic_name == topic for ear in ears))

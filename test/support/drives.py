@@ -150,8 +150,7 @@ def drive(start: Start, law: Law, *, duration: float = 1e4, count: int = 40) -> 
     )
     assert solution.success, solution.message
     names = ('zeroed', 'infinite', 'singular')
-    ended = next(
-        (n for n, hits in zip(names, solution.t_events, strict=True) if hits.size), 'time'
-    )
+    ends = zip(names, solution.t_events, strict=True)
+    ended = next((name for name, hits in ends if hits.size), 'time')
     times = np.linspace(0.0, solution.t[-1], count)
     return Drive(times, solution.sol(times), ended, law)

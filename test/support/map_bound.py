@@ -4,13 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 import math
 
-from map_study import (
-    map_after_drive,
-    seen_from,
-    StudySettings,
-    StudyTrial,
-    trial,
-)
+from map_study import map_after_drive, seen_from, StudySettings, StudyTrial, trial
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray

@@ -68,9 +68,6 @@ def frames(
         camera = camera_pose(base, mount)
         true = Bearings.from_pose(camera)
         noise, turn = (NOISE * rng.standard_normal(2)).tolist()
-        yield (
-            sight(Bearings(true.psi + noise, true.phi + noise + 0.3 * turn)),
-            travel,
-            camera.distance,
-        )
+        bearings = Bearings(true.psi + noise, true.phi + noise + 0.3 * turn)
+        yield sight(bearings), travel, camera.distance
         base, travel = integrate(base, twist, PERIOD), twist.linear * PERIOD

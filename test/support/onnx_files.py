@@ -34,9 +34,8 @@ def cells(
             graph += _field(1, inputs + _text(2, name) + _text(3, name) + _text(4, 'Reshape'))
             graph += _field(5, _whole(f'{name}_shape', [1, len(kernel), *shape]))
         graph += _field(12, _value(name, [1, len(kernel), 'rows', 'columns']))
-    path.write_bytes(
-        _number(1, IR) + _field(7, graph) + _field(8, _text(1, '') + _number(2, OPSET))
-    )
+    opset = _field(8, _text(1, '') + _number(2, OPSET))
+    path.write_bytes(_number(1, IR) + _field(7, graph) + opset)
     return path
 
 
@@ -73,7 +72,6 @@ def _whole(name: str, values: list[int]) -> bytes:
 
 
 def _value(name: str, sides: list[int | str]) -> bytes:
-    shape = b''.join(
-        _field(1, _text(2, side) if isinstance(side, str) else _number(1, side)) for side in sides
-    )
+    parts = (_text(2, it) if isinstance(it, str) else _number(1, it) for it in sides)
+    shape = b''.join(_field(1, part) for part in parts)
     return _text(1, name) + _field(2, _field(1, _number(1, FLOAT) + _field(2, shape)))

@@ -129,9 +129,8 @@ def shown(which: Callable[[int], int]) -> Change:
 def swapped(images: list[Seen], odometry: list[Told]) -> tuple[list[Seen], list[Told]]:
     """Let each second image overtake the one before, but the first."""
     pairs = [*images[:1], *(images[((k - 1) ^ 1) + 1] for k in range(1, IMAGES))]
-    return [
-        replace(it, came_ns=each.came_ns) for it, each in zip(pairs, images, strict=True)
-    ], odometry
+    stamped = zip(pairs, images, strict=True)
+    return [replace(it, came_ns=each.came_ns) for it, each in stamped], odometry
 
 
 def same(stamp_ns: int) -> int:
@@ -172,10 +171,7 @@ REFUSED: dict[str, tuple[Change, str]] = {
     'two sources side by side': (two_sources(0.0, 0.04), '/odom goes to and fro by 0.04 m'),
     'two sources 30 cm apart': (two_sources(0.3), '/odom leaps by 0.29 m and 0.00 rad in 0.010 s'),
     'odometry stands still': (
-        lambda images, odometry: (
-            images,
-            [replace(it, pose=odometry[0].pose) for it in odometry],
-        ),
+        lambda images, odometry: (images, [replace(it, pose=odometry[0].pose) for it in odometry]),
         'the robot did not drive, by /odom; look at its wheels',
     ),
     'two frames': (two_sources(0.0, 0.0, 'ekf'), '/odom is in the frame'),

@@ -12,9 +12,8 @@ from visual_servo_epipolar.core.routes.structure import LocalStructure
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 
 SIZE = (64, 48)
-CAMERA = calibrated_camera(
-    SIZE, (50.0, 0.0, 31.5, 0.0, 50.0, 23.5, 0.0, 0.0, 1.0), (), 'plumb_bob'
-)
+MATRIX = 50.0, 0.0, 31.5, 0.0, 50.0, 23.5, 0.0, 0.0, 1.0
+CAMERA = calibrated_camera(SIZE, MATRIX, (), 'plumb_bob')
 
 
 def same(image: Image) -> Image:

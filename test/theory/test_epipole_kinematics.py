@@ -49,23 +49,20 @@ def test_5_and_6_are_other_centres(current, desired, sigma, ahead, a, e, distanc
     goal_in_current = matrix @ seen_from(pose, np.zeros((1, 3)))[0]
     current_in_goal = matrix @ np.array([pose.x, 0.0, pose.y])
     seen = Bearings.from_pose(pose)
-    assert focal * seen.epipole_current == pytest.approx(
-        goal_in_current[0] / goal_in_current[2], rel=1e-9
-    )
-    assert focal * seen.epipole_desired == pytest.approx(
-        current_in_goal[0] / current_in_goal[2], rel=1e-9
-    )
+    x, _, z = goal_in_current
+    assert focal * seen.epipole_current == pytest.approx(x / z, rel=1e-9)
+    x, _, z = current_in_goal
+    assert focal * seen.epipole_desired == pytest.approx(x / z, rel=1e-9)
     # And the printed forms of (5) and (6).
     x, y, theta = pose.x, pose.y, pose.theta
-    printed = (x * math.sin(theta) - y * math.cos(theta)) / (
-        x * math.cos(theta) + y * math.sin(theta)
-    )
+    sine, cosine = math.sin(theta), math.cos(theta)
+    printed = (x * sine - y * cosine) / (x * cosine + y * sine)
     assert abscissae(seen) == pytest.approx((printed, x / y), rel=1e-9)
 
 
 @all_cases
-@given(a=MAGNITUDES, e=MAGNITUDES, distance=DISTANCES, twist=twists())
-def test_7_to_10_are_derivatives(current, desired, sigma, ahead, a, e, distance, twist) -> None:
+@given(a=MAGNITUDES, e=MAGNITUDES, distance=DISTANCES, twist=twists(), f=floats(0.2, 5.0))
+def test_7_to_10_are_derivatives(current, desired, sigma, ahead, a, e, distance, twist, f) -> None:
     pose = pose_with(current * a, desired * e, sigma=sigma, distance=distance, ahead=ahead)
     seen = Bearings.from_pose(pose)
     found = derivatives(pose, twist, abscissae)
@@ -73,8 +70,12 @@ def test_7_to_10_are_derivatives(current, desired, sigma, ahead, a, e, distance,
     tolerance = {'rel': 1e-6, 'abs': 2e-6}
     eight_and_seven = theory.rates_in_bearings(twist, seen, distance)
     assert found == pytest.approx(eight_and_seven, **tolerance)
-    nine_and_ten = equations.epipole_rates(twist, *abscissae(seen), sigma=sigma, distance=distance)
-    assert found == pytest.approx(nine_and_ten, **tolerance)
+    for focal in (1.0, f):
+        epipoles = [focal * each for each in abscissae(seen)]
+        rates = equations.epipole_rates(
+            twist, *epipoles, sigma=sigma, distance=distance, focal=focal
+        )
+        assert found == pytest.approx(np.array(rates) / focal, **tolerance)
 
 
 @all_cases
@@ -103,9 +104,8 @@ def test_the_epipoles_do_not_change_along_the_baseline(a, e, case, distance, sca
         for d in (distance, scale * distance)
     )
     assert near.theta == pytest.approx(far.theta)
-    assert abscissae(Bearings.from_pose(near)) == pytest.approx(
-        abscissae(Bearings.from_pose(far)), rel=1e-12
-    )
+    here, there = (abscissae(Bearings.from_pose(pose)) for pose in (near, far))
+    assert here == pytest.approx(there, rel=1e-12)
 
 
 @given(floats(-1.5, 1.5), floats(-5.0, -2.0), floats(-15.0, 15.0), floats(0.5, 8.0))
@@ -127,9 +127,8 @@ TRUE = Law(k1=0.05, k2=0.5)
 @settings(max_examples=30)
 @given(floats(0.3, 1.0), floats(0.05, 0.6), SIGNS, SIGNS, SIGNS, floats(1.0, 3.0))
 def test_the_printed_law_zeroes_e_du_if_signs_agree(e_au, e_du, side, other, sigma, ratio) -> None:
-    start = Start(
-        e_current=side * e_au, e_desired=other * e_du, sigma=sigma, distance=2.0, ratio=ratio
-    )
+    place = {'sigma': sigma, 'distance': 2.0, 'ratio': ratio}
+    start = Start(e_current=side * e_au, e_desired=other * e_du, **place)
     latest = longest_transient(e_du, k2=PRINTED.k2, exponent=PRINTED.exponent)
     agrees = side * other == sigma
     run = drive(start, PRINTED, duration=0.3 * latest)
@@ -174,9 +173,8 @@ def test_the_printed_sign_is_right_in_half_of_all_poses_and_few_everyday_ones() 
 
     def share(poses: list[Pose]) -> float:
         seen = [Bearings.from_pose(pose) for pose in poses]
-        right = [
-            equations.printed_sigma(s.epipole_current, s.epipole_desired) == s.sigma for s in seen
-        ]
+        printed = [equations.printed_sigma(s.epipole_current, s.epipole_desired) for s in seen]
+        right = [sign == s.sigma for sign, s in zip(printed, seen, strict=True)]
         return float(np.mean(right))
 
     anywhere = [Pose(*rng.uniform(-5.0, 5.0, 2), rng.uniform(-np.pi, np.pi)) for _ in range(4000)]

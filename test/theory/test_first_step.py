@@ -113,9 +113,8 @@ def test_no_gain_makes_the_current_epipole_cross_zero(start, law, faster, ratio)
     run = drive(start, law)
     assert run.ended == 'zeroed'
     sine = np.abs(np.sin(run.alpha))
-    least = [
-        theory.least_sine(start.e_current, t, k1=law.k1, ratio=start.ratio) for t in run.times
-    ]
+    terms = {'k1': law.k1, 'ratio': start.ratio}
+    least = [theory.least_sine(start.e_current, t, **terms) for t in run.times]
     assert (sine >= np.array(least) * (1.0 - 1e-6)).all()
     assert (run.e_current * start.e_current > 0.0).all()
 
@@ -130,9 +129,8 @@ def test_the_bound_on_the_current_epipole_is_met_where_it_is_small() -> None:
 
 def test_it_is_a_small_k2_that_sends_the_robot_away() -> None:
     start = Start(e_current=0.4, e_desired=0.4, ratio=1.5)
-    far, near = (
-        drive(start, Law(k1=0.3, k2=k2)).distance.max() / start.distance for k2 in (0.06, 3.0)
-    )
+    runs = [drive(start, Law(k1=0.3, k2=k2)) for k2 in (0.06, 3.0)]
+    far, near = (run.distance.max() / start.distance for run in runs)
     assert near < 4.0
     assert far > 1e3 * near
 
@@ -219,9 +217,8 @@ LAWS = st.builds(Law, k1=floats(0.01, 0.15), k2=floats(0.3, 3.0), exponent=EXPON
 @settings(max_examples=60)
 @given(floats(0.2, 1.2), floats(0.05, 1.0), SIGNS, SIGNS, floats(1.0, 6.0), LAWS)
 def test_both_bounds_hold_as_ratios_ours_is_tighter(e_au, e_du, side, sigma, ratio, law) -> None:
-    start = Start(
-        e_current=side * e_au, e_desired=side * e_du, sigma=sigma, distance=3.0, ratio=ratio
-    )
+    place = {'sigma': sigma, 'distance': 3.0, 'ratio': ratio}
+    start = Start(e_current=side * e_au, e_desired=side * e_du, **place)
     run = drive(start, law)
     assert run.ended == 'zeroed'
     least = float(np.abs(run.e_current).min())

@@ -62,9 +62,8 @@ def test_26_to_30_hold_along_a_run(start: Start, law: Law) -> None:
         power = law.k2 * equations.signed_power(e, law.exponent)
         root, guess = math.hypot(a, 1.0), math.hypot(a, g)
         lead = estimate[i] / d[i] * guess - root
-        equation_26 = -g * root**2 / guess**2 * law.k1 * a - g * root / (e * e + g * g) * (
-            lead * power
-        )
+        push = g * root / (e * e + g * g) * lead * power
+        equation_26 = -g * root**2 / guess**2 * law.k1 * a - push
         equation_27 = -g * (e * e + 1.0) / (e * e + g * g) * guess / root * estimate[i] / d[i]
         expected = equation_26, equation_27 * power
         found = float(current_rate[i]), float(desired_rate[i])

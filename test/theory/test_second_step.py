@@ -37,9 +37,8 @@ def difference(points: np.ndarray, behind: float) -> float:
 
 
 def slope(points: np.ndarray, behind: float) -> float:
-    return float(
-        np.mean([theory.matching_slope(math.hypot(x, y), z, behind) for x, y, z in points])
-    )
+    slopes = [theory.matching_slope(math.hypot(x, y), z, behind) for x, y, z in points]
+    return float(np.mean(slopes))
 
 
 @given(FEATURES, BEHIND)
@@ -142,9 +141,8 @@ def test_the_heading_off_its_aim_falls_by_the_gain(delta, phi, distance) -> None
     turn, sight = curvature(pose, GAINS), math.sin(delta) / distance
     after = delta + h * (turn + sight) - aim(phi + h * sight, GAINS)
     rate = (after - (delta - aim(phi, GAINS))) / h
-    assert rate == pytest.approx(
-        -GAINS.k2 * (delta - aim(phi, GAINS)) / distance, abs=1e-3 / distance
-    )
+    expected = -GAINS.k2 * (delta - aim(phi, GAINS)) / distance
+    assert rate == pytest.approx(expected, abs=1e-3 / distance)
 
 
 @pytest.mark.parametrize('start', STARTS)

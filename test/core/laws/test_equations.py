@@ -33,6 +33,11 @@ def test_velocities_need_no_unit_of_the_image(e_au, e_du, sigma, d_hat, scale, r
     assert scaled.angular == pytest.approx(metric.angular, rel=1e-12, abs=1e-14)
 
 
+def test_a_current_epipole_that_is_zero_makes_a_large_speed_not_an_infinite_one() -> None:
+    twist = equations.linearizing_control(0.0, 0.3, sigma=-1.0, distance=5.0, nu=(0.0, 0.1))
+    assert 1e9 < abs(twist.linear) < math.inf
+
+
 SIGNS = st.sampled_from([-1.0, 1.0])
 
 

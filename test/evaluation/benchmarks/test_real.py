@@ -5,8 +5,8 @@ import math
 from pathlib import Path
 
 import cv2
+from inspected import CAMERA, SMALL
 import pytest
-import small_cameras
 
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
@@ -16,14 +16,6 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 
 PAIRS = Path(__file__).resolve().parents[4] / 'shared' / 'real_pairs'
 POSE = Pose.from_start(0.8, -3.0, 10.0)
-SMALL = small_cameras.sized(640, 480, 384.6, 327.0, 233.0)
-CAMERA = """
-image_width: 640
-image_height: 480
-camera_matrix: {rows: 3, cols: 3, data: [384.6, 0, 327, 0, 384.6, 233, 0, 0, 1]}
-distortion_model: plumb_bob
-distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
-"""
 
 
 def bench(folder: Path | str, result: Path) -> tuple[int, list[dict]]:

@@ -58,9 +58,8 @@ def test_real_ways_are_taught_and_frames_are_found_where_they_were_taken(tmp_pat
     assert code == 0 and all(way['taught'] for way in document['ways'])
     assert count(document, 'found') >= 11 and count(document, 'wrong') == 0
     assert not any(way['elsewhere']['found'] for way in document['ways'])
-    deviations = [
-        (it['error_deg'], it['deviation_deg']) for it in document['bearings'] if it['trusted']
-    ]
+    rows = [it for it in document['bearings'] if it['trusted']]
+    deviations = [(it['error_deg'], it['deviation_deg']) for it in rows]
     assert np.percentile([error / deviation for error, deviation in deviations], 95) < 3.0
     pair = next(it for it in document['bearings'] if it['name'] == 'picar_pair_wrong')
     assert not pair['trusted'] or pair['error_deg'] < 3.0

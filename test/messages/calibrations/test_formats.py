@@ -224,11 +224,7 @@ KINDS = {
 }
 CASES = [
     (name, key, value)
-    for name, text in (
-        ('ost.yaml', OST_YAML),
-        ('echo', ECHO),
-        ('EuRoC', EUROC),
-    )
+    for name, text in (('ost.yaml', OST_YAML), ('echo', ECHO), ('EuRoC', EUROC))
     for key in KINDS
     if re.search(rf'^\s*"?{key}"?:', text, re.MULTILINE)
     for value in KINDS[key]

@@ -7,17 +7,8 @@ from sensor_msgs.msg import CompressedImage, Image
 from tagged_pictures import huge, KINDS, tagged, TAGS, tiff
 
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.encodings import (
-    BRIGHT,
-    DARK,
-    ENCODINGS,
-    GrayReader,
-)
-from visual_servo_epipolar.messages.pictures import (
-    is_upside_down,
-    LARGEST,
-    LARGEST_FILE,
-)
+from visual_servo_epipolar.messages.encodings import BRIGHT, DARK, ENCODINGS, GrayReader
+from visual_servo_epipolar.messages.pictures import is_upside_down, LARGEST, LARGEST_FILE
 
 BLUE, GREEN, RED = 30, 90, 200
 GRAY = round(0.114 * BLUE + 0.587 * GREEN + 0.299 * RED)

@@ -200,9 +200,8 @@ def test_a_reset_forgets_the_mount_of_tf_static(bench) -> None:
     level = CameraMount().R_world_camera(Pose(0.0, 0.0, 0.0))
 
     def sits(forward: float) -> None:
-        edge = transforms.mount_transform(
-            'base_link', 'camera', level, np.array([forward, 0.0, 0.6])
-        )
+        place = np.array([forward, 0.0, 0.6])
+        edge = transforms.mount_transform('base_link', 'camera', level, place)
         rig.node._mount.receive(SimpleNamespace(transforms=[edge]))
 
     sits(0.1)

@@ -157,9 +157,7 @@ def test_the_camera_is_kept_while_inactive_and_the_dock_looked_for_anew(bench, l
 def test_configured_and_cleaned_up_again_and_again_it_leaves_nothing(bench, led) -> None:
     it = led(autostart_node=False, mount_from_tf=True, wait_for_charge=True)
     assert_cycles_leave_nothing(bench, it.node)
-    bench.until(
-        lambda: not bench.probe.count_publishers('/detected_dock_pose'), 'its topics to go'
-    )
+    bench.until(lambda: not bench.probe.count_publishers('/detected_dock_pose'), 'its topics to')
 
 
 def test_led_about_at_random_in_mid_docking_it_moves_while_active_alone(bench, led) -> None:

@@ -86,11 +86,8 @@ def test_each_activation_begins_a_bag(bench, tmp_path) -> None:
         assert said_in(tmp_path / reporter.bags()[-1]) == texts
         assert entities(reporter.node)['subscriptions'] < before
         go(bench, reporter.node, *['cleanup', 'configure'][: number % 2 * 2], 'activate')
-    assert [name for name in reporter.bags() if not name.endswith('_3')] == [
-        'bag',
-        'bag_1',
-        'bag_2',
-    ]
+    bags = [name for name in reporter.bags() if not name.endswith('_3')]
+    assert bags == ['bag', 'bag_1', 'bag_2']
 
 
 def test_a_recorder_that_waits_for_start_waits_after_each_activation(bench, tmp_path) -> None:

@@ -57,11 +57,8 @@ class Recording:
 
 def recorded_words(folder, topic: str) -> list[str]:
     """Return the words of one topic in a bag."""
-    return [
-        deserialize_message(data, String).data
-        for name, _, data in read_back(folder)
-        if name == topic
-    ]
+    found = [data for name, _, data in read_back(folder) if name == topic]
+    return [deserialize_message(data, String).data for data in found]
 
 
 def test_everything_published_is_in_the_bag(bench, tmp_path) -> None:
@@ -89,14 +86,9 @@ def test_hash_and_qos_are_those_of_the_publishers(bench, tmp_path) -> None:
         connections = {item.topic: item for item in reader.connections}
     (state,) = connections['/state'].ext.offered_qos_profiles
     (numbers,) = connections['/numbers'].ext.offered_qos_profiles
-    assert (state.reliability, state.durability) == (
-        QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL,
-    )
-    assert (numbers.reliability, numbers.durability) == (
-        QosReliability.BEST_EFFORT,
-        QosDurability.VOLATILE,
-    )
+    reliable, best_effort = QosReliability.RELIABLE, QosReliability.BEST_EFFORT
+    assert (state.reliability, state.durability) == (reliable, QosDurability.TRANSIENT_LOCAL)
+    assert (numbers.reliability, numbers.durability) == (best_effort, QosDurability.VOLATILE)
     assert connections['/numbers'].digest == str(type_hash)
 
 
@@ -108,9 +100,7 @@ def test_numbers_without_velocities_are_read_by_rosbags(bench, tmp_path) -> None
     recording.until_written('/epipoles')
     recording.node.stop()
     with AnyReader([recording.bag]) as reader:
-        (message,) = (
-            reader.deserialize(data, item.msgtype) for item, _, data in reader.messages()
-        )
+        (message,) = (reader.deserialize(raw, it.msgtype) for it, _, raw in reader.messages())
     assert read.telemetry(message) == {'bearing': 0.5, 'sigma': -1.0}
 
 
@@ -179,10 +169,8 @@ def test_start_and_stop_make_one_bag_after_the_other(bench, tmp_path) -> None:
         say(write.text('to nobody'))
     assert not bench.call('recorder_node/stop').success
     assert recording.bags() == ['bag', 'bag_1']
-    assert [recorded_words(tmp_path / name, '/words') for name in recording.bags()] == [
-        ['0'],
-        ['1'],
-    ]
+    said = [recorded_words(tmp_path / name, '/words') for name in recording.bags()]
+    assert said == [['0'], ['1']]
 
 
 def test_the_bag_is_completed_when_the_node_goes(bench, tmp_path) -> None:
@@ -378,9 +366,8 @@ def observer(bench):
 
 
 def diagnose(observer, message) -> None:
-    (listen,) = (
-        item.callback for item in observer.subscriptions if item.topic_name == '/diagnostics'
-    )
+    heard = observer.subscriptions
+    (listen,) = (it.callback for it in heard if it.topic_name == '/diagnostics')
     listen(message)
 
 

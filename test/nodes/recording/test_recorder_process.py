@@ -149,9 +149,8 @@ def test_a_bag_that_exists_ends_the_recorder_with_one_line(stand, tmp_path) -> N
     bag = tmp_path / 'bag'
     bag.mkdir()
     assert stand.record(bag).wait(END_SEC) == 2
-    assert re.fullmatch(
-        r'recorder_node.*: .*bag exists already; name another bag\n', stand.output(bag)
-    )
+    line = r'recorder_node.*: .*bag exists already; name another bag\n'
+    assert re.fullmatch(line, stand.output(bag))
 
 
 def test_sqlite3_ends_the_recorder_with_one_line_that_says_what_to_do(stand, tmp_path) -> None:
@@ -167,9 +166,8 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     """Yield a folder on a disk of 4 MB of its own."""
     folder = tmp_path / 'disk'
     folder.mkdir()
-    mounted = subprocess.run(
-        ['mount', '-t', 'tmpfs', '-o', 'size=4m', 'none', str(folder)], capture_output=True
-    )
+    command = ['mount', '-t', 'tmpfs', '-o', 'size=4m', 'none', str(folder)]
+    mounted = subprocess.run(command, capture_output=True)
     if mounted.returncode:
         pytest.skip('a disk of its own can be mounted by root alone')
     yield folder

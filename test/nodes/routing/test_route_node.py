@@ -176,10 +176,8 @@ def test_a_stop_button_stops_and_keeps_from_starting(driving) -> None:
     driving.see(picture(9))
     assert driving.stands and driving.node.phase == 'waiting'
     assert driving.bench.logged('release it, then call ~/repeat')
-    assert driving.call('repeat') == (
-        False,
-        'the stop button is pressed; release it, then call ~/repeat',
-    )
+    text = 'the stop button is pressed; release it, then call ~/repeat'
+    assert driving.call('repeat') == (False, text)
 
 
 def test_a_repetition_that_is_cancelled_stands(driving) -> None:
@@ -300,25 +298,23 @@ def test_epipole_in_reverse_is_refused_as_a_parameter(bench, folder) -> None:
 def test_a_service_out_of_turn_says_what_to_call(rig) -> None:
     rig.see(picture(0))
     for service in ('station', 'stop_recording'):
-        assert rig.call(service) == (
-            False,
-            'no way is being recorded; call ~/start_recording first',
-        )
+        text = 'no way is being recorded; call ~/start_recording first'
+        assert rig.call(service) == (False, text)
     assert rig.call('start_recording')[0]
     for service in ('start_recording', 'repeat'):
         success, text = rig.call(service)
         assert not success and '~/stop_recording it first' in text
 
 
+def full(*_: object, **__: object) -> None:
+    raise OSError(28, 'No space left on device')
+
+
 def test_what_a_full_disk_keeps_from_being_written_is_not_lost(rig, folder, monkeypatch) -> None:
     before = (folder / 'route.yaml').read_text()
     rig.node._taught = route_of(*map(key_view, range(2)))
     with monkeypatch.context() as patch:
-
-        def full(*_: object, **__: object) -> None:
-            raise OSError(28, 'No space left on device')
-
-        patch.setattr(np, 'savez_compressed', full)
+        patch.setattr(Path, 'write_text', full)
         success, text = rig.call('stop_recording')
     assert not success and 'No space left on device' in text
     assert (folder / 'route.yaml').read_text() == before
@@ -410,10 +406,7 @@ def test_photographs_of_today_are_written_where_that_is_wanted(folder: Path, ren
 
 
 def test_a_full_disk_leaves_the_route_as_it_was(folder: Path, monkeypatch) -> None:
-    def full(*_: object, **__: object) -> None:
-        raise OSError(28, 'No space left on device')
-
     before = {file.name: file.read_bytes() for file in folder.iterdir()}
-    monkeypatch.setattr(np, 'savez_compressed', full)
+    monkeypatch.setattr(Path, 'write_text', full)
     after_arrival(folder, 2)
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before

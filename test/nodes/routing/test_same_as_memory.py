@@ -95,13 +95,7 @@ def test_a_repetition_in_a_bag_replays_to_the_last_bit(bench, tmp_path, taught, 
         messages.append((name, len(messages), bytes(raw)))
 
     for name, (kind, profile) in TOLD.items():
-        bench.probe.create_subscription(
-            kind,
-            name,
-            partial(listen, name),
-            profile,
-            raw=True,
-        )
+        bench.probe.create_subscription(kind, name, partial(listen, name), profile, raw=True)
     camera = with_intrinsics(scenario.camera.nominal_camera, cx=321.0)  # calibrated anew
     rig = RouteRig(bench, tmp_path / 'hall', camera, **values)
     info = bytes(serialize_message(write.camera_info(camera, 0, 'camera')))

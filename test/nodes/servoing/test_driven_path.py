@@ -102,9 +102,7 @@ def test_another_frame_is_a_leap_as_well() -> None:
     bed = Bed().drive(1.0)
     bed.frame, bed.node.publishers = 'map', ['wheels', 'ekf']
     bed.drive(0.1)
-    words = (
-        '/robot/odom is in the frame map, was in odom before; look at what publishes it: /ekf, '
-    )
+    words = '/robot/odom is in the frame map, was in odom before; look at what publishes it: /ekf'
     assert bed.said[0].startswith(words)
     assert bed.at(1.0) is None
     assert bed.at(1.05) is not None

@@ -108,9 +108,8 @@ def test_joints_in_messages_of_their_own_are_merged(bench) -> None:
     rig = Headed(bench)
     for _ in range(8):
         for number, name in enumerate(NAMES):
-            rig.angles(
-                JointState(header=header(rig.stamp_ns, ''), name=[name], position=[0.1 * number])
-            )
+            header_ = header(rig.stamp_ns, '')
+            rig.angles(JointState(header=header_, name=[name], position=[0.1 * number]))
         bench.settle()
         rig.see()
     assert rig.twists()[-1] != STANDSTILL
@@ -148,13 +147,8 @@ def test_names_that_are_no_two_joints_are_refused_at_start(bench, kind, values) 
 
 def test_the_other_usual_names_and_a_trajectory(bench) -> None:
     names = 'head_pan_joint', 'head_tilt_joint'
-    rig = Headed(
-        bench,
-        JointTrajectory,
-        pan_joint=names[0],
-        tilt_joint=names[1],
-        head_command='trajectory',
-    )
+    values = {'pan_joint': names[0], 'tilt_joint': names[1], 'head_command': 'trajectory'}
+    rig = Headed(bench, JointTrajectory, **values)
     for _ in range(8):
         rig.see_with_angles(names=names)
     assert rig.twists()[-1] != STANDSTILL

@@ -85,10 +85,8 @@ def test_the_diagnostics_warn_while_it_is_pressed(rig) -> None:
     heard = rig.bench.listen(DiagnosticArray, '/diagnostics')
     rig.press()
     rig.bench.until(lambda: bool(heard), 'diagnostics')
-    assert (heard[-1].status[0].level, heard[-1].status[0].message) == (
-        b'\x01',
-        f'waiting: {TEXT}',
-    )
+    (status,) = heard[-1].status
+    assert (status.level, status.message) == (b'\x01', f'waiting: {TEXT}')
 
 
 def other(bench, name: str):

@@ -28,10 +28,8 @@ def test_tracks_that_stay_away_are_lost(bench) -> None:
     assert rig.twist == STANDSTILL
     assert rig.reason.startswith('no new tracks for 0.')
     entries = [event_log.from_text(item.data) for item in events]
-    assert [(item.event, item.after_stamp_ns) for item in entries] == [
-        ('halted', STAMP_NS),
-        ('lost', STAMP_NS),
-    ]
+    told = [(item.event, item.after_stamp_ns) for item in entries]
+    assert told == [('halted', STAMP_NS), ('lost', STAMP_NS)]
 
 
 def test_a_gap_late_in_a_phase_is_no_end_of_the_run(bench) -> None:

@@ -82,12 +82,8 @@ def test_what_is_no_ros_argument_is_refused_with_one_line(start, words) -> None:
 def test_the_command_line_wins_over_a_section_of_a_file(first) -> None:
     # rcl reads -p as the section /**, which here comes before that of the rig.
     value, config = ['-p', 'law:=none'], ROOT / 'config'
-    words = [
-        '--params-file',
-        config / 'robot.yaml',
-        '--params-file',
-        config / 'rigs/panorama.yaml',
-    ]
+    robot, panorama = config / 'robot.yaml', config / 'rigs/panorama.yaml'
+    words = ['--params-file', robot, '--params-file', panorama]
     words = [*value, *words] if first else [*words, *value]
     ended = run(executable('servo_node'), '--ros-args', *map(str, words))
     assert ended.returncode == 2

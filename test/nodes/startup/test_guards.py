@@ -28,9 +28,8 @@ def test_a_parameter_of_no_type_is_refused(bench, number) -> None:
         answer = bench.call(f'servo_node/{name}', kind, kind.Request(parameters=many))
         results = answer.results if kind is SetParameters else [answer.result]
         assert not any(item.successful for item in results)
-        assert {item.reason for item in results} == {
-            f"'max_linear' must have a type from 0 to 9, got {number}"
-        }
+        text = f"'max_linear' must have a type from 0 to 9, got {number}"
+        assert {item.reason for item in results} == {text}
     rig.drive()
 
 

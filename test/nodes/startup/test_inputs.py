@@ -92,9 +92,7 @@ def test_what_comes_is_not_waited_for(bench, impatient, monkeypatch) -> None:
 def test_best_effort_images_for_a_reliable_tracker_are_explained(bench, impatient) -> None:
     bench.talk(Image, 'image_raw', BEST_EFFORT)
     start(bench, TrackerNode, camera_reliability='reliable')
-    until_said(
-        bench, 'waits for images on /image_raw (1 publisher); their QoS does not fit: Best '
-    )
+    until_said(bench, 'waits for images on /image_raw (1 publisher); their QoS does not fit: Best')
     (text,) = bench.logged('waits for images')
     assert text.endswith('; set camera_reliability: auto')
 
@@ -104,9 +102,8 @@ def test_a_publisher_that_fits_is_named_alone(bench, impatient) -> None:
     bench.talk(Image, 'image_raw', qos.STREAM)
     start(bench, TrackerNode, camera_reliability='reliable')
     until_said(bench, 'waits for images on /image_raw (2 publishers)')
-    assert bench.logged('waits for images')[0].endswith(
-        '(2 publishers); nothing comes from /probe'
-    )
+    (text,) = bench.logged('waits for images')
+    assert text.endswith('(2 publishers); nothing comes from /probe')
 
 
 def test_messages_of_another_type_are_explained(impatient, monkeypatch) -> None:

@@ -73,12 +73,10 @@ def test_a_row_has_the_topics_and_services_of_the_node(node) -> None:
     if node.get_name() != 'recorder_node':  # it takes what there is
         heard = {item.topic_name for item in node.subscriptions} - OF_EVERY_NODE
         assert full(node, row.subscribes.split(', ')) == without_optional(heard)
-    triggers = {
-        item.srv_name for item in node.services if item.srv_type.__module__.startswith('std_srvs.')
-    }
-    served = {
-        name.replace('~', f'/{node.get_name()}') for name in filter(None, row.services.split(', '))
-    }
+    std = [item for item in node.services if item.srv_type.__module__.startswith('std_srvs.')]
+    triggers = {item.srv_name for item in std}
+    names = filter(None, row.services.split(', '))
+    served = {name.replace('~', f'/{node.get_name()}') for name in names}
     assert {f'/{name.lstrip("/")}' for name in map(node.resolve_service_name, triggers)} == served
 
 

@@ -83,11 +83,8 @@ def test_a_driver_that_is_started_anew_otherwise_is_followed(bench) -> None:
 
 def test_while_no_driver_is_there_it_stays_reliable(bench, monkeypatch) -> None:
     looks, look = [], camera_subscriptions.CameraSubscriptions._look
-    monkeypatch.setattr(
-        camera_subscriptions.CameraSubscriptions,
-        '_look',
-        lambda self: looks.append(look(self)),
-    )
+    kind = camera_subscriptions.CameraSubscriptions
+    monkeypatch.setattr(kind, '_look', lambda self: looks.append(look(self)))
     node = bench.start(TrackerNode)
     bench.until(lambda: len(looks) > 2, 'three looks')
     assert reliability(node) == 'reliable'

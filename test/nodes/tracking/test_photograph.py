@@ -119,10 +119,8 @@ def test_a_photograph_of_another_camera_leads_nowhere(bench, simulator, tmp_path
     keep(path, Photograph(simulator.photograph(), replace(camera, fx=150.0, fy=150.0)))
     rig = Rig(bench, simulator, photograph=str(path))
     assert len(rig.see()) == 0
-    bench.until(
-        lambda: bench.logged('the photograph was taken with another camera: fx 150 ->'),
-        'the complaint',
-    )
+    text = 'the photograph was taken with another camera: fx 150 ->'
+    bench.until(lambda: bench.logged(text), 'the complaint')
     assert rig.capture().success  # it is of this camera now
     assert len(rig.see()) >= 40
     assert load(path).camera == camera

@@ -21,9 +21,8 @@ from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSetti
 SETTINGS = PioneerSettings(command_timeout=0.0, odometry_noise=0.02)
 FRAME_NS = 90_909_091
 BEGIN = Pose(0.0, 0.0, 0.0)
-poses = st.builds(
-    Pose, st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(-math.pi + 1e-6, math.pi)
-)
+places = st.floats(-5.0, 5.0)
+poses = st.builds(Pose, places, places, st.floats(-math.pi + 1e-6, math.pi))
 
 
 def drive(seed: int) -> DeadReckoning:
@@ -56,9 +55,8 @@ def test_the_velocity_errs_as_its_covariance_says() -> None:
         reckoning = DeadReckoning(base.odometry, base.now_ns)
         base.advance(31 * FRAME_NS)
         reckoning = reckoning.advanced(base.odometry, base.now_ns, noise=SETTINGS.odometry_noise)
-        error = np.subtract(
-            (reckoning.twist.linear, reckoning.twist.angular), (base.twist.linear, 0.4)
-        )
+        told = reckoning.twist.linear, reckoning.twist.angular
+        error = np.subtract(told, (base.twist.linear, 0.4))
         offsets.append(error / np.sqrt(np.diag(reckoning.twist_covariance)))
     np.testing.assert_allclose(np.var(offsets, axis=0), 1.0, atol=0.28)
     np.testing.assert_allclose(np.mean(offsets, axis=0), 0.0, atol=0.2)

@@ -80,9 +80,8 @@ def test_at_constant_speed_the_path_is_the_exact_arc(linear, angular, seconds) -
     expected = integrate(start, Twist(linear, angular), ns(seconds) / 1e9)
     # Rounding over 300 substeps.
     assert (robot.pose.x, robot.pose.y) == pytest.approx((expected.x, expected.y), abs=1e-12)
-    assert math.remainder(robot.pose.theta - expected.theta, 2 * math.pi) == pytest.approx(
-        0.0, abs=1e-12
-    )
+    turn = math.remainder(robot.pose.theta - expected.theta, 2 * math.pi)
+    assert turn == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_base_that_was_never_commanded_stands() -> None:
@@ -204,9 +203,8 @@ def test_the_odometry_of_a_standing_robot_does_not_drift() -> None:
 
 
 def test_the_drift_is_fixed_by_the_seed_and_leaves_the_truth_alone() -> None:
-    one, same, other = (
-        driven(base(seed=seed, odometry_noise=0.01), Twist(0.4, 0.2), 3.0) for seed in (4, 4, 5)
-    )
+    bases = [base(seed=seed, odometry_noise=0.01) for seed in (4, 4, 5)]
+    one, same, other = (driven(each, Twist(0.4, 0.2), 3.0) for each in bases)
     assert one.odometry == same.odometry
     assert one.odometry != other.odometry
     assert one.pose == other.pose

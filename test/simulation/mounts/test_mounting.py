@@ -1,4 +1,4 @@
-"""Where the camera sits, and how the floor shakes it."""
+"""Cameras on robots: the mount, the true geometry, two lenses, a head with its encoders."""
 
 from dataclasses import replace
 import math
@@ -7,16 +7,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from strategies import floats, poses
+from strategies import floats, poses, poses_behind_the_goal
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.cameras.registry import camera_of_size
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.simulation.mounts.mounting import (
-    CameraMount,
-    FixedRig,
-    floor_jitter,
+from visual_servo_epipolar.core.rigs.rig import HeadCommand, Joints
+from visual_servo_epipolar.core.tracking.canvas import Canvas
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import two_lens_rig, TwoLensSettings
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig, floor_jitter
+from visual_servo_epipolar.simulation.mounts.pan_tilt import (
+    pan_tilt_rig,
+    PanTiltSettings,
+    SimulatedHead,
 )
-from visual_servo_epipolar.simulation.mounts.simulated_rig import leaned
+from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
+from visual_servo_epipolar.simulation.mounts.simulated_rig import leaned, ONE_LENS, true_geometry
+from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld, through
 
 CAMERA = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)
 
@@ -41,12 +50,10 @@ def test_axes_are_a_rotation(pose: Pose, tilt: float, roll: float) -> None:
 
 
 def test_tilt_looks_down_and_roll_lowers_the_right_side() -> None:
-    assert CameraMount(tilt=0.1).R_world_camera(DESIRED_POSE)[2, 2] == pytest.approx(
-        -math.sin(0.1)
-    )
-    assert CameraMount(roll=0.1).R_world_camera(DESIRED_POSE)[2, 0] == pytest.approx(
-        -math.sin(0.1)
-    )
+    down = CameraMount(tilt=0.1).R_world_camera(DESIRED_POSE)
+    assert down[2, 2] == pytest.approx(-math.sin(0.1))
+    rolled = CameraMount(roll=0.1).R_world_camera(DESIRED_POSE)
+    assert rolled[2, 0] == pytest.approx(-math.sin(0.1))
 
 
 @given(poses(), floats(-0.8, 0.8))
@@ -99,3 +106,174 @@ def test_a_camera_above_the_axle_moves_as_the_robot_leans() -> None:
     nods = leaned(upright, DESIRED_POSE, (-0.01, 0.0, 0.0))
     np.testing.assert_allclose(nods.centre, [0.0, 0.006, 0.6], atol=1e-4)
     assert nods.R_world_camera[2, 2] == pytest.approx(-0.01, abs=1e-5)
+
+
+SMALL = Camera(640, 480, 400.0, 400.0, 320.0, 240.0)
+BEHIND = Pose.from_start(0.0, -2.0, 0.0)
+
+
+def rig(**mount: float) -> FixedRig:
+    return FixedRig(SMALL, CameraMount(**mount))
+
+
+@given(poses_behind_the_goal(), floats(-0.5, 0.5), floats(-0.3, 0.3))
+def test_bearings_are_those_of_the_paper_whatever_tilt_and_roll(pose, tilt, roll) -> None:
+    truth, expected = true_geometry(rig(tilt=tilt, roll=roll), pose), Bearings.from_pose(pose)
+    assert truth.error(expected.current, expected.desired) == pytest.approx(0.0, abs=1e-12)
+    assert truth.baseline == pytest.approx(pose.distance)
+
+
+def test_a_camera_that_looks_left_sees_the_goal_to_its_right() -> None:
+    truth = true_geometry(rig(yaw=0.2), BEHIND)
+    assert truth.current == pytest.approx(0.2)
+    # The camera at the goal looks left as well: what is behind it is on its left, mirrored.
+    assert truth.desired == pytest.approx(0.2 - math.pi)
+
+
+def test_an_offset_counts_as_the_robot_turns() -> None:
+    # Turned by 90 deg to the left at the goal, a camera 0.3 m ahead is 0.3 m to its left.
+    turned = Pose(0.0, 0.0, math.pi)
+    truth = true_geometry(rig(forward=0.3), turned)
+    assert truth.baseline == pytest.approx(0.3 * math.sqrt(2.0))
+    assert truth.desired == pytest.approx(-0.75 * math.pi)
+    assert truth.current == pytest.approx(0.75 * math.pi)
+
+
+def test_no_baseline_at_the_goal() -> None:
+    assert true_geometry(rig(forward=0.3, yaw=0.1), DESIRED_POSE).baseline == 0.0
+
+
+@pytest.mark.parametrize(
+    ('current', 'desired', 'error'),
+    [(0.1, math.pi, 0.1), (0.0, 0.2 - math.pi, 0.2), (math.pi, 0.0, math.pi)],
+)
+def test_the_error_is_the_larger_one_around_the_circle(current, desired, error) -> None:
+    assert true_geometry(rig(), BEHIND).error(current, desired) == pytest.approx(error)
+
+
+def test_what_was_not_measured_is_not_wrong() -> None:
+    assert math.isnan(true_geometry(rig(), BEHIND).error(math.nan, 0.0))
+
+
+SIZE = 320, 160
+DUAL = TwoLensSettings(
+    width=320,
+    height=160,
+    focal_length=160 / np.pi,
+    principal_u=79.5,
+    principal_v=79.5,
+    distortion_model='dual_fisheye',
+    image_circle=180.0,
+    lens_baseline=0.2,
+    noise=0.0,
+)
+STITCHED = replace(DUAL, distortion_model='equirectangular_stitched')
+POSE = Pose.from_start(0.4, -0.6, 70.0)
+
+
+@pytest.mark.parametrize('settings', [DUAL, STITCHED], ids=['dual', 'stitched'])
+def test_each_side_is_seen_from_the_centre_of_its_lens(settings) -> None:
+    camera, lenses = settings.camera, two_lens_rig(settings).lenses
+    points = np.array([[1.0, 0.5, 2.0], [-0.7, 0.2, -3.0]])
+    pixels, visible = through(lenses, points, camera)
+    rays = points - [[0.0, 0.0, 0.1], [0.0, 0.0, -0.1]]
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    assert visible.all()
+    np.testing.assert_allclose(pixels, camera.pixels(rays))
+
+
+def test_between_both_centres_nothing_is_seen() -> None:
+    points = np.array([[2.0, 0.0, 0.05], [2.0, 0.0, 0.15]])
+    _, visible = through(two_lens_rig(DUAL).lenses, points, DUAL.camera)
+    assert visible.tolist() == [False, True]
+
+
+def test_the_goal_sees_its_points_where_they_were_drawn() -> None:
+    turned = replace(DUAL, lens_rotation=(0.02, 0.01, -0.02))
+    world = PointWorld(PointSettings(noise=0.0), two_lens_rig(turned), seed=2)
+    pixels, visible = world.project(DESIRED_POSE)
+    assert visible.all()
+    np.testing.assert_allclose(pixels, world._desired, atol=1e-9)
+
+
+@pytest.mark.parametrize('settings', [DUAL, STITCHED], ids=['dual', 'stitched'])
+def test_an_image_is_of_two_halves_that_two_cameras_in_those_places_take(settings) -> None:
+    both = CameraSimulator(settings).capture(POSE, 0)
+    one = replace(settings, lens_baseline=0.0)
+    shift = {side: replace(one, mount_forward=0.1 * side) for side in (1, -1)}
+    ahead, behind = (CameraSimulator(shift[side]).capture(POSE, 0) for side in (1, -1))
+    u, v = np.meshgrid(np.arange(320.0), np.arange(160.0))
+    rays = settings.camera.rays(np.column_stack([u.ravel(), v.ravel()])).reshape(160, 320, 3)
+    front = rays[..., 2] >= 0.0
+    assert np.abs(both.astype(int) - np.where(front, ahead, behind)).max() <= 1
+    assert not np.array_equal(ahead, behind)
+
+
+def test_one_centre_is_one_lens() -> None:
+    settings = replace(DUAL, lens_baseline=0.0)
+    lenses = two_lens_rig(settings).lenses
+    points = np.random.default_rng(1).standard_normal((50, 3)) * 3.0
+    both, one = through(lenses, points, DUAL.camera), through(ONE_LENS, points, DUAL.camera)
+    np.testing.assert_array_equal(both[1], one[1])
+    np.testing.assert_allclose(both[0][both[1]], one[0][one[1]], atol=1e-9)
+
+
+def test_beside_the_seam_nothing_is_gone_by() -> None:
+    camera = camera_of_size('equirectangular', SIZE)
+    canvas = Canvas.of(camera, np.radians(10.0))
+    bearings = np.radians([0.0, 75.0, 85.0, 95.0, 105.0, -95.0, 180.0])
+    rays = np.column_stack([np.sin(bearings), 0.0 * bearings, np.cos(bearings)])
+    pixels = camera.pixels(rays) + np.array(canvas.margins)
+    assert canvas.shows(pixels).tolist() == [True, True, False, False, True, False, True]
+    assert Canvas.of(camera).shows(pixels).all()
+
+
+MS = 1_000_000
+
+
+def pans(settings: PanTiltSettings, command: HeadCommand, milliseconds: int) -> list[float]:
+    head = SimulatedHead(settings, seed=4)
+    head.command(command)
+    found = []
+    for now in range(10, milliseconds, 10):
+        head.advance(now * MS)
+        found.append(head.joints.pan)
+    return found
+
+
+def test_it_goes_there_at_its_speed_and_stops() -> None:
+    settings = PanTiltSettings(head_speed=1.0, head_delay=0.1)
+    found = pans(settings, HeadCommand(pan=0.8), 1500)
+    assert found[8] == 0.0  # 90 ms: the command has not arrived
+    assert max(np.diff(found)) <= 0.01 + 1e-9
+    assert max(found) < 0.8 + 1e-6
+    assert found[-1] == pytest.approx(0.8, abs=1e-6)
+
+
+def test_it_stops_at_its_limits() -> None:
+    assert pans(PanTiltSettings(head_pan_limit=0.3), HeadCommand(pan=-2.0), 1500)[-1] == (
+        pytest.approx(-0.3, abs=1e-6)
+    )
+
+
+def test_an_encoder_is_off_and_the_head_with_it() -> None:
+    settings = PanTiltSettings(head_encoder_offset=0.05, head_encoder_noise=0.0)
+    head = SimulatedHead(settings, seed=4)
+    head.command(HeadCommand(pan=0.4))
+    head.advance(3000 * MS)
+    assert head.read().pan == pytest.approx(0.4, abs=1e-6)
+    assert head.joints.pan == pytest.approx(0.35, abs=1e-6)
+
+
+def test_the_photograph_is_taken_where_encoders_read_zero() -> None:
+    rig = pan_tilt_rig(PanTiltSettings(head_encoder_offset=0.05))
+    photograph = rig.camera_pose(DESIRED_POSE, DESIRED_FRAME).R_world_camera
+    turned = rig.turned(Joints(-0.05)).camera_pose(DESIRED_POSE).R_world_camera
+    np.testing.assert_array_equal(photograph, turned)
+
+
+def test_readings_repeat_with_the_seed() -> None:
+    first, again = (SimulatedHead(PanTiltSettings(), seed=4) for _ in range(2))
+    readings = [first.read() for _ in range(3)]
+    assert readings == [again.read() for _ in range(3)]
+    assert len(set(readings)) == 3

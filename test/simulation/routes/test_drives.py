@@ -2,12 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+import math
+from pathlib import Path
 
 from durations import few_of
 import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.routes.chain import seam
@@ -20,12 +23,15 @@ from visual_servo_epipolar.core.routes.run import RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.core.routes.teaching import Teacher
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.routes import (
     DrivenWay,
+    kidnap,
     repeat,
     RepeatLog,
     rounded,
@@ -36,7 +42,7 @@ from visual_servo_epipolar.simulation.routes import (
     way_named,
     world_of,
 )
-from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.simulation.scenario import load, Scenario
 
 SCENARIO = route_scenario(Scenario(base=PioneerSettings(wheel_ratio=1.01)), 1).with_servo(
     {'law': 'smooth', 'max_linear': 0.5, 'max_angular': 1.0}
@@ -236,9 +242,8 @@ def test_a_station_whose_photograph_was_moved_is_no_arrival(taught, moved, monke
     """As by a cabinet that fills it: the servo ends where the photograph looks reached."""
     station = taught.stations[len(taught.route.views) - 1]
     photograph = CameraSimulator(SCENARIO.camera).capture(replace(station, x=station.x + moved), 0)
-    monkeypatch.setattr(
-        Docking, 'aim', lambda docking, _: docking._tracker.set_desired(photograph)
-    )
+    show = lambda docking, _: docking._tracker.set_desired(photograph)  # noqa: E731
+    monkeypatch.setattr(Docking, 'aim', show)
     log = repeat(SCENARIO.seeded(3), taught, SETTINGS, start=replace(station, x=station.x - 0.6))
     assert (log.outcome == 'arrived') is (moved == 0.0), log.reason
     assert moved == 0.0 or 'from where the way leads' in log.reason
@@ -267,9 +272,8 @@ def test_a_way_that_closes_is_driven_in_laps() -> None:
     assert log.station[0] < 3e-3
     # It goes on over its beginning as fast as anywhere, and turns no more than at any key view.
     assert log.standstills == 0
-    speeds = [
-        sample.twist.linear for sample in log.samples[40:] if sample.progress.remaining > 5.0
-    ]
+    on_the_way = [it for it in log.samples[40:] if it.progress.remaining > 5.0]
+    speeds = [sample.twist.linear for sample in on_the_way]
     assert min(speeds) > 0.6 * SETTINGS.max_speed
     assert log.turn_jump(SETTINGS.max_turn_rate) < 0.05
 
@@ -362,3 +366,53 @@ def test_a_turn_on_the_spot_is_taught_and_repeated_standing(turn: float) -> None
     log = repeat(SCENARIO, Taught(route, way, stations), SETTINGS)
     assert log.outcome == 'arrived' and log.station[0] < 3e-3 and not log.standstills
     assert any(sample.twist.linear == 0.0 and sample.twist.angular for sample in log.samples)
+
+
+PANORAMA = CameraSettings(width=640, height=320, distortion_model='equirectangular')
+WIDE = route_scenario(Scenario(camera=PANORAMA).with_servo({'law': 'smooth'}), 1)
+TURNED = Pose(3.15, -3.6, -1.1)  # 0.15 m beside the way, 153 deg off its heading
+
+
+@pytest.fixture(scope='module')
+def taught_wide() -> Taught:
+    return teach(WIDE, rounded(((3.0, -3.9), (3.0, -3.1), (3.0, -2.4))))
+
+
+def test_it_is_found_at_any_heading(taught_wide: Taught) -> None:
+    found = kidnap(WIDE, taught_wide, 3, 1)
+    assert (found.right, found.wrong) == (3, 0)
+
+
+def test_its_lens_is_not_learnt_as_its_width_is_360_deg(taught_wide: Taught) -> None:
+    lenses = [view.structure.shared[2] for view in taught_wide.route.views]
+    assert np.abs(lenses).max() < 1e-3
+
+
+def test_it_turns_to_the_way_where_it_stands(taught_wide: Taught) -> None:
+    simulator = CameraSimulator(WIDE.camera)
+    run = RouteRun(taught_wide.route, FollowSettings(), WIDE.servo)
+    steps = [run.step(simulator.capture(TURNED, k), round(k * 9e7)) for k in range(3)]
+    assert steps[1].twist == STANDSTILL  # it begins with the ramp of the base
+    assert steps[-1].progress is not None and steps[-1].progress.inliers > 20, steps[-1]
+    assert math.degrees(steps[-1].progress.turn) == pytest.approx(-153.0, abs=1.0)
+    assert steps[-1].twist.angular > 0.0 and not any(step.twist.linear for step in steps)
+
+
+def test_a_base_that_steers_does_not_turn_and_says_so(taught_wide: Taught) -> None:
+    car = ServoSettings(law='smooth', base='car', max_curvature=1.6)
+    run = RouteRun(taught_wide.route, FollowSettings(), car)
+    step = run.step(CameraSimulator(WIDE.camera).capture(TURNED, 0), 0)
+    assert step.phase == 'failed' and 'does not turn in place' in step.reason
+
+
+@pytest.mark.long
+def test_a_way_is_repeated_from_where_it_faces_back(taught_wide: Taught) -> None:
+    log = repeat(WIDE.seeded(5), taught_wide, FollowSettings(), start=TURNED)
+    assert log.outcome == 'arrived', log.reason
+    assert log.station[0] < 3e-3 and not log.is_wrong
+
+
+def test_a_camera_on_a_head_is_refused_in_one_line() -> None:
+    scenario = load(None, Path(__file__).parents[3] / 'config/rigs/pan.yaml')
+    with pytest.raises(InputError, match='fixed to the base, got rig pan_tilt'):
+        route_scenario(scenario, 1)

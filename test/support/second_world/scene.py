@@ -142,9 +142,8 @@ class Painter:
         width, height = lens.size
         self._size = width + 2 * self.RIM, height + 2 * self.RIM
         middle = 0.5 * self._size[0], 0.5 * self._size[1]
-        self._matrix = np.array(
-            [[lens.focal, 0.0, middle[0]], [0.0, lens.focal, middle[1]], [0.0, 0.0, 1.0]]
-        )
+        self._matrix = np.diag([lens.focal, lens.focal, 1.0])
+        self._matrix[:2, 2] = middle
         x, y = lens.ideal_points()
         self._map_u = (lens.focal * x + middle[0]).astype(np.float32)
         self._map_v = (lens.focal * y + middle[1]).astype(np.float32)
