@@ -10,8 +10,13 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.docking.pose import DockSearch, update_search
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
-from visual_servo_epipolar.core.geometry.motion import HALF_PI, integrate, Pose, Twist
-from visual_servo_epipolar.core.geometry.planar_poses import inverse_pose
+from visual_servo_epipolar.core.geometry.motion import (
+    HALF_PI,
+    integrate,
+    inverse_pose,
+    Pose,
+    Twist,
+)
 from visual_servo_epipolar.core.odometry.path import Path
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig

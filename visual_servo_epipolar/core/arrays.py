@@ -26,6 +26,7 @@ def as_points(points: Any, name: str) -> FloatArray:
     return array
 
 
+TINY = 1e-30  # that is added to what is divided by
 NORMAL = 1.4826  # standard deviation over the median of absolute values of normal noise
 
 

@@ -30,7 +30,7 @@ import yaml
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.mapping.adjustment.window import SHARED
+from visual_servo_epipolar.core.mapping.window import SHARED
 from visual_servo_epipolar.core.routes.path import TaughtPath
 from visual_servo_epipolar.core.routes.route import Appearance, Bridge, Route, RouteView
 from visual_servo_epipolar.core.routes.structure import LocalStructure

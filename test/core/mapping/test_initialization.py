@@ -11,8 +11,6 @@ from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 from visual_servo_epipolar.core.mapping import initialization
-from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
-from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY
 from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.initialization import (
     DECISIVE,
@@ -27,6 +25,8 @@ from visual_servo_epipolar.core.mapping.initialization import (
     Start,
     triangulate,
 )
+from visual_servo_epipolar.core.mapping.refinement import Geometry
+from visual_servo_epipolar.core.mapping.window import EMPTY
 
 
 def start_at(view: np.ndarray, k: int, off: float = 0.0) -> Start:

@@ -7,7 +7,6 @@ from map_study import StudyTrial
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.feature_observations import tangent_basis_of
 from visual_servo_epipolar.core.mapping.fitting import (
     Anchors,
@@ -15,8 +14,10 @@ from visual_servo_epipolar.core.mapping.fitting import (
     fit_pose,
     MatchedFeatures,
     nearest_view,
+    NOTHING,
+    resect,
 )
-from visual_servo_epipolar.core.mapping.resection import NOTHING, resect
+from visual_servo_epipolar.core.mapping.refinement import Geometry
 
 
 def seen_by(drive: StudyTrial, geometry: Geometry, k: int) -> tuple[Anchors, MatchedFeatures]:

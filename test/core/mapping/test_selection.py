@@ -11,7 +11,6 @@ from map_study import (
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.feature_observations import (
     differ_in_place,
     FeatureObservations,
@@ -20,19 +19,18 @@ from visual_servo_epipolar.core.mapping.feature_observations import (
 )
 from visual_servo_epipolar.core.mapping.fitting import (
     anchors_of,
+    CHANCE,
     correspondences_of,
     errors_of,
     fit_pose,
     MatchedFeatures,
-)
-from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
-from visual_servo_epipolar.core.mapping.localization import MapLocalization
-from visual_servo_epipolar.core.mapping.resection import (
-    CHANCE,
     NOTHING,
     resect,
     Shrinkage,
 )
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.mapping.refinement import Geometry
 from visual_servo_epipolar.core.mapping.selection import (
     is_keyframe,
     kept_features,

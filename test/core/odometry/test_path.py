@@ -8,8 +8,15 @@ import pytest
 from servo_states import in_phase
 
 from visual_servo_epipolar.core.estimate.base_model import Delay
-from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.geometry.planar_poses import compose, inverse_pose, relative_pose
+from visual_servo_epipolar.core.geometry.motion import (
+    compose,
+    integrate,
+    inverse_pose,
+    Pose,
+    relative_pose,
+    STANDSTILL,
+    Twist,
+)
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent, KEPT_S, WITHDRAWN_S
 from visual_servo_epipolar.core.odometry.path import Path, PathPlace, uncertainty

@@ -8,13 +8,14 @@ import pytest
 from strategies import CAMERA, matches
 
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
-from visual_servo_epipolar.core.geometry.rotation import fit_rotation
-from visual_servo_epipolar.core.geometry.small_baseline import fundamental_of_small_baseline
+from visual_servo_epipolar.core.geometry.rotation import (
+    fit_rotation,
+    fundamental_of_small_baseline,
+)
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
-from visual_servo_epipolar.core.perception.validated import noise_learnt
-from visual_servo_epipolar.core.perception.validation import median_residual
+from visual_servo_epipolar.core.perception.validation import median_residual, noise_learnt
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 FOCAL = 769.0

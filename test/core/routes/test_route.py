@@ -11,7 +11,7 @@ from routes import key_view, route_of
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_pose
+from visual_servo_epipolar.core.geometry.motion import compose, relative_pose
 from visual_servo_epipolar.core.routes.following.closing import Closing, closing_of
 from visual_servo_epipolar.core.routes.following.follower import Confirmation
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker

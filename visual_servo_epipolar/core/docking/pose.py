@@ -15,21 +15,26 @@ from visual_servo_epipolar.core.estimate.map_state import (
     LEAST_NOISE,
     PLACE,
 )
-from visual_servo_epipolar.core.geometry.motion import motion_between, Pose
-from visual_servo_epipolar.core.geometry.planar_poses import compose, inverse_pose, relative_pose
+from visual_servo_epipolar.core.geometry.motion import (
+    compose,
+    inverse_pose,
+    motion_between,
+    Pose,
+    relative_pose,
+)
 from visual_servo_epipolar.core.goal import Goal, NO_GOAL
-from visual_servo_epipolar.core.mapping.adjustment.factors import camera_poses
-from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
-from visual_servo_epipolar.core.mapping.adjustment.window import HEADING, VIEW
+from visual_servo_epipolar.core.mapping.factors import camera_poses
 from visual_servo_epipolar.core.mapping.feature_observations import FeatureObservations
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.mapping.refinement import Geometry
+from visual_servo_epipolar.core.mapping.window import HEADING, VIEW
 from visual_servo_epipolar.core.odometry.increments import Motion
 from visual_servo_epipolar.core.odometry.path import PathPlace
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
-from visual_servo_epipolar.core.perception.validated import noise_learnt
+from visual_servo_epipolar.core.perception.validation import noise_learnt
 
 MOST_CONTRADICTIONS = 8  # in a row: then all is begun anew
 

@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.lens import CALIBRATED, Lens
 
 MOST_CORRELATED = 0.9999  # a covariance beyond it is singular but for rounding
+LEAST_JITTER = 1e-4  # of what a floor adds, that estimators take it for [rad]
 COLD_DEVIATION = math.radians(2.0)  # of tilt and roll of an uncalibrated camera
 
 

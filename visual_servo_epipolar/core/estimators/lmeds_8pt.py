@@ -7,20 +7,18 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior, UNKNOWN_COVARIANCE
-from visual_servo_epipolar.core.estimators.machinery.hypotheses import rays_of
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import INLIER_DEVIATIONS, rays_of
 from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
 from visual_servo_epipolar.core.geometry.epipolar import (
     constraint_rows,
     image_sampson_distance,
+    MIN_MATCHES,
     rank_two,
 )
 from visual_servo_epipolar.core.geometry.least_squares import deviation_of, null_vector, samples
-from visual_servo_epipolar.core.geometry.rays import homogeneous, image_points
+from visual_servo_epipolar.core.geometry.rays import homogeneous, image_points, LEAST_FORWARD
 
-MIN_MATCHES = 8
 SUBSETS = 560  # one of 26 matches is clean with probability 99 % at 40 % outliers
-INLIER_DEVIATIONS = 2.5
-LEAST_FORWARD = 0.1  # z of a ray that has an image-plane point: 84 deg off the axis
 
 
 def lmeds_8pt(

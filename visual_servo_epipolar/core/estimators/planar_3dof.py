@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray, packed
+from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray, packed, TINY
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     best_modes,
@@ -12,15 +12,14 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     Rays,
     rays_of,
     remaining_rays,
-    TINY,
 )
 from visual_servo_epipolar.core.estimators.machinery.planar import require_determined
 from visual_servo_epipolar.core.estimators.machinery.refinement import (
     GaussianPrior,
     problem_of,
     refined,
+    truncated_costs,
 )
-from visual_servo_epipolar.core.estimators.machinery.sampson import truncated_costs
 from visual_servo_epipolar.core.geometry.cheirality import cheirality
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.least_squares import samples

@@ -10,14 +10,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray, TINY
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, epipoles
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 
 VOTE_SATURATION = 3.0
 AHEAD_SHARE = 0.6  # of the matches that vote, without which a geometry is in doubt
-TINY = 1e-30
 
 Plane: TypeAlias = tuple[FloatArray, FloatArray]  # x and z of rays, shape (..., N) each
 

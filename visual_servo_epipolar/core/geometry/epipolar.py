@@ -17,6 +17,7 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import dot, homogeneous
 
+MIN_MATCHES = 8  # that define a geometry by linear equations
 MIN_SINGULAR_RATIO = 1e-9
 SMALLEST_SINE = 1e-16
 

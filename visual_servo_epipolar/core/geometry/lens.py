@@ -6,12 +6,12 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.least_squares import SMALLEST
 
 SHIFT_DEVIATION = 0.02  # of an unmeasured principal point, in focal lengths
 SHY = 0.3  # part of the variance before above which what one pair says is taken over slowly
 SPURIOUS_DEVIATIONS = 2.0
 MOST_RATIO = 8.0  # of focal lengths, as configured over true: no lens is farther from its label
-SMALLEST = 1e-18  # that is divided by
 LEAST_VARIANCE = np.diag([0.003, 0.0005]) ** 2  # of ratio and shift: lenses are no pinholes
 
 

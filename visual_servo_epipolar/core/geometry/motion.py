@@ -2,11 +2,17 @@
 Motion of the unicycle in the plane of the paper (eq. 4).
 
 The desired pose is (0, 0, pi/2): the goal camera sits at the origin and looks along +y. ``theta``
-is measured from +x to the left; the heading *error* shown to people is theta - pi/2.
+is measured from +x to the left; the heading *error* shown to people is theta - pi/2. Poses as
+arrays, shape (..., 3), are by REP 103: x forward, y left [m], and turn to the left [rad];
+``T_a_b`` is the pose of b in a.
 """
 
 from dataclasses import dataclass
 import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
 
 HALF_PI = math.pi / 2.0
 
@@ -108,3 +114,31 @@ def quaternion_from_yaw(yaw: float) -> tuple[float, float, float, float]:
 def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
     """Return the rotation about +z [rad] of a quaternion that need not be of unit norm."""
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+
+
+def compose(T_a_b: FloatArray, T_b_c: FloatArray) -> FloatArray:
+    """Return T_a_c."""
+    cosine, sine = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
+    x, y = T_b_c[..., 0], T_b_c[..., 1]
+    return np.stack(
+        [
+            T_a_b[..., 0] + cosine * x - sine * y,
+            T_a_b[..., 1] + sine * x + cosine * y,
+            T_a_b[..., 2] + T_b_c[..., 2],
+        ],
+        axis=-1,
+    )
+
+
+def inverse_pose(T_a_b: FloatArray) -> FloatArray:
+    """Return T_b_a."""
+    cosine, sine = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
+    x, y = T_a_b[..., 0], T_a_b[..., 1]
+    return np.stack([-cosine * x - sine * y, sine * x - cosine * y, -T_a_b[..., 2]], axis=-1)
+
+
+def relative_pose(T_a_b: FloatArray, T_a_c: FloatArray) -> FloatArray:
+    """Return T_b_c, its turn within half a circle."""
+    motion = compose(inverse_pose(T_a_b), T_a_c)
+    motion[..., 2] = np.remainder(motion[..., 2] + np.pi, 2.0 * np.pi) - np.pi
+    return motion

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.equations import LINE_DAMPING
 from visual_servo_epipolar.core.laws.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.laws.prediction import is_late
-from visual_servo_epipolar.core.mapping.adjustment.window import X
+from visual_servo_epipolar.core.mapping.window import X
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 BRAKING = 1.6  # of an acceleration, at which it closes in: the ramps slow down by 2

@@ -7,33 +7,38 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.estimators.base import Attitude, LEAST_JITTER
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.least_squares import USUAL_SQUARES
 from visual_servo_epipolar.core.geometry.rotation import MIN_POINTS
 from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
-from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation, OUTLIER, system_of
-from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of, LEAST_JITTER
-from visual_servo_epipolar.core.mapping.adjustment.projection import (
+from visual_servo_epipolar.core.mapping.factors import factors_of
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
+from visual_servo_epipolar.core.mapping.fitting import (
+    Anchors,
+    fit_pose,
+    MatchedFeatures,
+)
+from visual_servo_epipolar.core.mapping.projection import (
     points_of,
     project,
     structure_of,
     turns_of,
 )
-from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
-from visual_servo_epipolar.core.mapping.adjustment.window import (
+from visual_servo_epipolar.core.mapping.refinement import (
+    Evaluation,
+    Geometry,
+    OUTLIER,
+    refine,
+    system_of,
+)
+from visual_servo_epipolar.core.mapping.window import (
     KeyframeWindow,
     MOUNT,
     PHOTOGRAPH,
     SHARED,
     Unknowns,
     VIEW,
-)
-from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
-from visual_servo_epipolar.core.mapping.fitting import (
-    Anchors,
-    fit_pose,
-    MatchedFeatures,
 )
 
 STEPS, MORE_STEPS, LAST_STEPS, ROUNDS = 2, 6, 30, 6

@@ -14,8 +14,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine, rescale
-from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, HEADING, KeyframeWindow
 from visual_servo_epipolar.core.mapping.feature_observations import (
     FeatureObservations,
     MapSettings,
@@ -26,10 +24,13 @@ from visual_servo_epipolar.core.mapping.fitting import (
     correspondences_of,
     fit_pose_near,
     MatchedFeatures,
+    NOTHING,
+    resect,
+    Shrinkage,
 )
 from visual_servo_epipolar.core.mapping.initialization import initial_geometry, is_sound, Start
 from visual_servo_epipolar.core.mapping.localization import localization_of, MapLocalization
-from visual_servo_epipolar.core.mapping.resection import NOTHING, resect, Shrinkage
+from visual_servo_epipolar.core.mapping.refinement import Geometry, refine, rescale
 from visual_servo_epipolar.core.mapping.selection import (
     Bootstrap,
     is_keyframe,
@@ -37,6 +38,7 @@ from visual_servo_epipolar.core.mapping.selection import (
     PendingKeyframe,
     with_keyframe,
 )
+from visual_servo_epipolar.core.mapping.window import EMPTY, HEADING, KeyframeWindow
 
 MIN_AGREEING = 5  # of features of the map that agree
 MIN_SHARE = 0.5  # of the map's features in view that agree

@@ -8,10 +8,9 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
-from visual_servo_epipolar.core.mapping.adjustment.projection import points_of, Structure, turns_of
-from visual_servo_epipolar.core.mapping.adjustment.window import HEADING, VIEW, X, Y
-from visual_servo_epipolar.core.mapping.fitting import Correspondences
-from visual_servo_epipolar.core.mapping.resection import Resection
+from visual_servo_epipolar.core.mapping.fitting import Correspondences, Resection
+from visual_servo_epipolar.core.mapping.projection import points_of, Structure, turns_of
+from visual_servo_epipolar.core.mapping.window import HEADING, VIEW, X, Y
 
 LEAST_DISTANCE = 1e-9  # [m] of a baseline that has a direction
 LEAST_AHEAD = 0.1  # cosine off the axis, below which a feature has no image point

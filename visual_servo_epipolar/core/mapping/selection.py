@@ -9,27 +9,24 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
-from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
-from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
-from visual_servo_epipolar.core.mapping.adjustment.window import (
-    KeyframeWindow,
-    Unknowns,
-    X,
-    Y,
-)
+from visual_servo_epipolar.core.mapping.factors import factors_of
 from visual_servo_epipolar.core.mapping.feature_observations import (
     differ_in_place,
     FeatureObservations,
     MapSettings,
 )
-from visual_servo_epipolar.core.mapping.fitting import Correspondences
+from visual_servo_epipolar.core.mapping.fitting import Correspondences, Resection
 from visual_servo_epipolar.core.mapping.initialization import Start, triangulate
-from visual_servo_epipolar.core.mapping.resection import Resection
+from visual_servo_epipolar.core.mapping.refinement import Evaluation, Geometry
+from visual_servo_epipolar.core.mapping.window import (
+    KeyframeWindow,
+    Unknowns,
+    X,
+    Y,
+)
 
 NEW_SHARE = 0.1  # of the observations of a view that are of features not in the map
 FEWEST_NEW = 3
-MIN_KEYFRAME_FEATURES = 8
 CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of the scene
 MIN_FEATURES = 8  # of a view to begin with
 MOST_VIEWS = 4  # to begin with: more cost more time, and are passed soon
@@ -58,7 +55,7 @@ def is_keyframe(
     New ones must find room. Near the photograph they have no depth: a wrong match may be anywhere
     there, and a hand's breadth before the camera it would outweigh all others.
     """
-    if observations < MIN_KEYFRAME_FEATURES:
+    if observations < MIN_FEATURES:
         return False
     offset = geometry.unknowns.views[:, :2] - pose[:2]
     least = settings.keyframe_spacing * geometry.depth

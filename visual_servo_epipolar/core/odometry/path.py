@@ -8,8 +8,14 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.motion import arc, motion_between, Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.geometry.planar_poses import relative_pose
+from visual_servo_epipolar.core.geometry.motion import (
+    arc,
+    motion_between,
+    Pose,
+    relative_pose,
+    STANDSTILL,
+    Twist,
+)
 from visual_servo_epipolar.core.stamps import NANOSECONDS, OTHER_CLOCK_S, seconds_between
 
 KEPT_S = 3.0  # of the path: no image is older

@@ -24,30 +24,32 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     INLIER_DEVIATIONS,
     Rays,
     rays_of,
+    WORST,
 )
 from visual_servo_epipolar.core.estimators.machinery.planar import DEPTH_DEVIATIONS
-from visual_servo_epipolar.core.estimators.machinery.refinement import LARGEST_STEP, RIDGE
-from visual_servo_epipolar.core.estimators.machinery.sampson import (
+from visual_servo_epipolar.core.estimators.machinery.refinement import (
+    LARGEST_STEP,
     linearised,
+    RIDGE,
     squared_distances,
     table_of,
 )
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import JITTER_DEVIATIONS
-from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
+from visual_servo_epipolar.core.geometry.epipolar import cross_matrix, MIN_MATCHES
 from visual_servo_epipolar.core.geometry.least_squares import Equations, least_squares, TUKEY
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, headings
 from visual_servo_epipolar.core.geometry.significance import together
-from visual_servo_epipolar.core.tracking.robust_geometry import essential_matrices, MIN_MATCHES
+from visual_servo_epipolar.core.perception.validation import RIGHT
+from visual_servo_epipolar.core.tracking.robust_geometry import essential_matrices
 
 WIDTHS = (4.0, 3.0, 2.0, 1.5, 1.2, 1.0)  # of the noise, step by step
 LAST = (1.5, 1.2, 1.0, 1.0, 1.0, 1.0, 1.0)
 SCALES = np.array([0.2, 0.35, 0.7, 1.4])  # of the noise that are compared [px]
 LEAST_SCALE = 0.15  # noise [px] below which residuals are not believed
-RIGHT, ANYWHERE_PX = 0.8, 3.0  # matches that are right; how far others are from their line
+ANYWHERE_PX = 3.0  # how far matches that are wrong are from their line
 MODES, APART = 12, 0.01  # refined motions that are kept, and between them: of R, and of t [rad]
 DIRECTIONS = 40  # of a baseline that hardly shows, to start from
-WORST = INLIER_DEVIATIONS**2
 MEDIAN = 0.6612  # of |x| of a normal x cut off at INLIER_DEVIATIONS
 NEAR_EPIPOLE = 1e-3  # sine of the angle from it within which depths have no sign
 AXES = cross_matrix(np.eye(3))  # of the three turns

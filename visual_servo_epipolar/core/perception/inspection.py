@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError, TrackingE
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import rays_of
 from visual_servo_epipolar.core.estimators.registry import estimate
-from visual_servo_epipolar.core.geometry.epipolar import in_pixels
+from visual_servo_epipolar.core.geometry.epipolar import in_pixels, MIN_MATCHES
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.perception.general_motion import (
@@ -29,9 +29,9 @@ from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
-from visual_servo_epipolar.core.perception.validated import prior_of
 from visual_servo_epipolar.core.perception.validation import (
     outside_mount,
+    prior_of,
     rolled_between,
     turned_about,
 )
@@ -50,14 +50,12 @@ from visual_servo_epipolar.core.tracking.matching import (
     warps_of,
 )
 from visual_servo_epipolar.core.tracking.reacquisition import among_neighbours
-from visual_servo_epipolar.core.tracking.robust_geometry import MIN_MATCHES
 
 REFINEMENT = 15  # iterations of the alignment after the match
 MIN_CORRELATION = 0.75
 ENOUGH, ROUNDS = 250, 2  # matches; searches for more among their neighbours
 AMONG_NEIGHBOURS = 0.85  # correlation of those, for which no descriptor speaks
 MIN_SHARE = 0.5  # of the matches that must agree
-MIN_INLIERS = 8
 PLANAR_SHARE = 0.7  # of the inliers of a general motion that a planar one must explain
 REPORTED = math.radians(3.0)  # deviation of tilt or roll beyond which it is not reported
 SAME_PLACE_PX = 0.3  # parallax that noise alone makes
@@ -364,7 +362,7 @@ def _with_general(
 def _refusal(found: Inspection, fit: GeneralFit, mount: Attitude) -> str:
     """Return why what is ``found`` is not to be trusted, in words, or ''."""
     count = len(fit.inliers)
-    if min(found.inliers, int(fit.inliers.sum())) < max(MIN_INLIERS, MIN_SHARE * count):
+    if min(found.inliers, int(fit.inliers.sum())) < max(MIN_MATCHES, MIN_SHARE * count):
         return Reason.FEW_INLIERS.of(found.inliers, count)
     if found.deviation > LARGEST_DEVIATION:
         return _uncertain(found, fit)

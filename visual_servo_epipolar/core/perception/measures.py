@@ -30,7 +30,7 @@ from visual_servo_epipolar.core.perception.measurement import Measurement, UNBOU
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
-from visual_servo_epipolar.core.perception.validated import ValidatedEstimate
+from visual_servo_epipolar.core.perception.validation import ValidatedEstimate
 
 APART, NEGLIGIBLE = 6.0, 5e-4  # times the median distance of features, plus rad
 FULL_CIRCLE = 2.0 * np.pi - 1e-6  # between the edges of an image [rad]

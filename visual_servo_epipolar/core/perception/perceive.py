@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.perception.memory import fresh_memory, Perceptio
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.rolling_shutter import base_axes
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
-from visual_servo_epipolar.core.perception.validated import (
+from visual_servo_epipolar.core.perception.validation import (
     noise_learnt,
     validated_estimate,
     ValidatedEstimate,

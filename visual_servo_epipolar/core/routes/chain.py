@@ -14,7 +14,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.geometry.planar_poses import compose, inverse_pose, relative_pose
+from visual_servo_epipolar.core.geometry.motion import compose, inverse_pose, relative_pose
 from visual_servo_epipolar.core.routes.path import TaughtPath
 from visual_servo_epipolar.core.routes.route import Bridge, Route, RouteView
 from visual_servo_epipolar.core.routes.structure import SCALE_DEVIATION

@@ -13,7 +13,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_pose
+from visual_servo_epipolar.core.geometry.motion import compose, relative_pose
 from visual_servo_epipolar.core.routes.chain import seam
 from visual_servo_epipolar.core.routes.descriptor_index import DescriptorIndex
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker

@@ -12,21 +12,10 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.least_squares import USUAL_SQUARES
-from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
-from visual_servo_epipolar.core.mapping.adjustment.factors import (
+from visual_servo_epipolar.core.mapping.factors import (
     camera_poses,
     factors_of,
     views_of,
-)
-from visual_servo_epipolar.core.mapping.adjustment.projection import structure_of
-from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
-from visual_servo_epipolar.core.mapping.adjustment.window import (
-    EMPTY,
-    KeyframeWindow,
-    MOUNT,
-    SHARED,
-    Unknowns,
-    VIEW,
 )
 from visual_servo_epipolar.core.mapping.feature_observations import (
     FeatureObservations,
@@ -47,6 +36,16 @@ from visual_servo_epipolar.core.mapping.initialization import (
     triangulate,
 )
 from visual_servo_epipolar.core.mapping.localization import seen_rays
+from visual_servo_epipolar.core.mapping.projection import structure_of
+from visual_servo_epipolar.core.mapping.refinement import Evaluation, Geometry, refine
+from visual_servo_epipolar.core.mapping.window import (
+    EMPTY,
+    KeyframeWindow,
+    MOUNT,
+    SHARED,
+    Unknowns,
+    VIEW,
+)
 
 STEPS, ROUNDS = 12, 2
 SCALE_DEVIATION = 0.01  # of the logarithm of the true way over that of the odometry

@@ -16,8 +16,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError, TrackingError
 from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.geometry.planar_poses import relative_pose
+from visual_servo_epipolar.core.geometry.motion import Pose, relative_pose
 from visual_servo_epipolar.core.routes.chain import (
     against_odometry,
     believed,

@@ -33,7 +33,7 @@ from visual_servo_epipolar.core.perception.rivals import (
     followed,
     in_order,
 )
-from visual_servo_epipolar.core.perception.validated import noise_learnt
+from visual_servo_epipolar.core.perception.validation import noise_learnt
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.servo.dead_reckoning import (

@@ -15,16 +15,15 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     constraint_rows,
     cross_matrix,
     image_sampson_distance,
+    MIN_MATCHES,
     rank_two,
     sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.least_squares import cauchy, null_vector, samples
-from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.core.geometry.rays import image_points, LEAST_FORWARD
 
-LEAST_FORWARD = 0.1  # z of a ray that has an image-plane point: 84 deg off the axis
 EPIPOLAR_PX = 2.0  # largest distance of an inlier from its epipolar line
 AGREEMENT_PX = 1.0  # less: a fit by least squares bends towards an outlier
-MIN_MATCHES = 8
 CONFIDENCE = 0.999
 ITERATIONS = 5000
 SAMPLES = 500  # of rays, of either kind

@@ -21,8 +21,7 @@ from visual_servo_epipolar.commands.camera_files import read_camera, read_photog
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError, InputError
-from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.geometry.planar_poses import relative_pose
+from visual_servo_epipolar.core.geometry.motion import Pose, relative_pose
 from visual_servo_epipolar.core.perception.inspection import inspect
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings

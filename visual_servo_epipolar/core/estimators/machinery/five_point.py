@@ -12,7 +12,7 @@ from itertools import combinations_with_replacement, permutations
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, frozen, IntArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, frozen, IntArray, TINY
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays
 from visual_servo_epipolar.core.geometry.epipolar import constraint_rows
 from visual_servo_epipolar.core.geometry.least_squares import samples
@@ -20,7 +20,6 @@ from visual_servo_epipolar.core.geometry.least_squares import samples
 SAMPLE = 5
 QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 REAL = 1e-7  # imaginary part of an eigenvalue that counts as real
-TINY = 1e-30
 LARGEST_CONDITION = 1e14  # of equations that no rounding makes singular
 LARGEST = 1e12  # element of an action matrix whose eigenvalues mean anything
 

@@ -24,17 +24,18 @@ from visual_servo_epipolar.core.arrays import (
     FloatArray,
     frozen,
     IntArray,
+    TINY,
 )
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Prior
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 
 INLIER_DEVIATIONS = 2.5  # where the truncated score levels off
+WORST = INLIER_DEVIATIONS**2  # cost of a match that does not agree
 SEPARATION = 0.07  # bearings that differ by less are one mode [rad]
-ALTERNATIVE_COST = 3.0 * INLIER_DEVIATIONS**2  # what three matches may add by chance
+ALTERNATIVE_COST = 3.0 * WORST  # what three matches may add by chance
 MARGIN = 0.25  # of the mean truncated cost: modes worse by more cannot win
 GRADIENT = 1e-12  # squared, the least one that is divided by
-TINY = 1e-30
 
 
 def _families() -> FloatArray:

@@ -29,12 +29,12 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     ALTERNATIVE_COST,
     best_modes,
     choose_mode,
-    INLIER_DEVIATIONS,
     Rays,
     remaining_rays,
     scores,
     SEPARATION,
     two_point_hypotheses,
+    WORST,
 )
 from visual_servo_epipolar.core.estimators.machinery.planar import (
     concluded,
@@ -42,8 +42,12 @@ from visual_servo_epipolar.core.estimators.machinery.planar import (
     undetermined,
     with_bearings,
 )
-from visual_servo_epipolar.core.estimators.machinery.refinement import Fit, refined
-from visual_servo_epipolar.core.estimators.machinery.sampson import table_of, truncated_costs
+from visual_servo_epipolar.core.estimators.machinery.refinement import (
+    Fit,
+    refined,
+    table_of,
+    truncated_costs,
+)
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
     exchanged_on_plane,
     in_front_of,
@@ -62,7 +66,6 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 
-WORST = INLIER_DEVIATIONS**2  # cost of a match that does not agree
 POOR = 0.4  # part of the worst possible cost above which few matches agree
 ROUGH_LENS = 3.0  # of hypotheses with a focal length between two that are tried, in noises
 COLD = math.radians(0.3)  # above this deviation of the tilt, hypotheses are made for several tilts

@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray
-from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Prior
+from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray, TINY
+from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, LEAST_JITTER, Prior
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     FAMILIES,
     INLIER_DEVIATIONS,
     plausible,
     Rays,
-    TINY,
 )
 from visual_servo_epipolar.core.estimators.machinery.planar import balances_in_front, Posterior
 from visual_servo_epipolar.core.estimators.machinery.refinement import Fit, GaussianPrior
@@ -31,7 +30,6 @@ from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 PSI, PHI, TILT, TILT_JUMP, ROLL, ROLL_JUMP = range(6)  # jump: current less desired view
 BOTH = slice(TILT, ROLL + 1, ROLL - TILT)  # tilt and roll
 JITTER_DEVIATIONS = 3.0  # a prior tighter than the true jitter does harm
-LEAST_JITTER = 1e-4  # [rad]
 JITTER_SHARE = 0.7  # of the jitter that shows as noise where jumps are not estimated
 REACH = 2.0  # how far hypotheses of the focal length reach, in deviations of the prior
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_pose
+from visual_servo_epipolar.core.geometry.motion import compose, relative_pose
 from visual_servo_epipolar.core.routes.path import TaughtPath
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route, RouteView

@@ -16,8 +16,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.bases.base import Base, turns_in_place
 from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.estimate.goal_estimate import USUAL_STEP_S
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.geometry.planar_poses import compose, relative_pose
+from visual_servo_epipolar.core.geometry.motion import compose, relative_pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.routes.following.closing import Closing
 from visual_servo_epipolar.core.routes.following.path_estimate import (
     beside,

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.geometry.planar_poses import compose
+from visual_servo_epipolar.core.geometry.motion import compose, STANDSTILL, Twist
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.routes.following.steering import FIRST, LateralFilter
 from visual_servo_epipolar.core.routes.path import PathPoint, TaughtPath

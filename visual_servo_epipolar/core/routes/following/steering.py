@@ -21,8 +21,7 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimate.goal_estimate import USUAL_STEP_S
 from visual_servo_epipolar.core.estimators.base import Prior
 from visual_servo_epipolar.core.estimators.registry import estimate
-from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.geometry.planar_poses import inverse_pose
+from visual_servo_epipolar.core.geometry.motion import inverse_pose, Twist
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.routes.route import RouteView
 from visual_servo_epipolar.core.routes.settings import FollowSettings

@@ -9,22 +9,23 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
-from visual_servo_epipolar.core.mapping.adjustment import projection
-from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation, system_of
-from visual_servo_epipolar.core.mapping.adjustment.refinement import (
+from visual_servo_epipolar.core.mapping import projection
+from visual_servo_epipolar.core.mapping.feature_observations import (
+    FeatureObservations,
+    tangent_basis_of,
+)
+from visual_servo_epipolar.core.mapping.refinement import (
+    Evaluation,
     FEW_VIEWS,
     judge_matches,
     NEAREST,
     refine,
     RETURN,
+    system_of,
     WRONG_OFFSET,
     WRONG_SHARE,
 )
-from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, Unknowns
-from visual_servo_epipolar.core.mapping.feature_observations import (
-    FeatureObservations,
-    tangent_basis_of,
-)
+from visual_servo_epipolar.core.mapping.window import EMPTY, Unknowns
 
 
 def disturbed(exact: Evaluation) -> Evaluation:

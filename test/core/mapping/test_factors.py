@@ -7,21 +7,22 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.mapping.adjustment import projection
-from visual_servo_epipolar.core.mapping.adjustment.equations import (
+from visual_servo_epipolar.core.mapping import projection
+from visual_servo_epipolar.core.mapping.factors import Factors, factors_of
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
+from visual_servo_epipolar.core.mapping.refinement import (
     Evaluation,
+    Geometry,
     LEAST_INFORMATION,
     LEAST_OFFSET,
     OUTLIER,
+    refine,
     robust_cost,
     robust_weight,
     system_of,
 )
-from visual_servo_epipolar.core.mapping.adjustment.factors import Factors, factors_of
-from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
-from visual_servo_epipolar.core.mapping.adjustment.window import Unknowns
-from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
-from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
+from visual_servo_epipolar.core.mapping.window import Unknowns
 
 
 def scaled(geometry: Geometry, ratio: float) -> Geometry:

@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.mapping.adjustment.window import (
+from visual_servo_epipolar.core.estimators.base import Attitude, LEAST_JITTER
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
+from visual_servo_epipolar.core.mapping.window import (
     KeyframeWindow,
     LENS,
     MOUNT,
@@ -18,9 +19,7 @@ from visual_servo_epipolar.core.mapping.adjustment.window import (
     Unknowns,
     VIEW,
 )
-from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 
-LEAST_JITTER = 1e-4  # [rad]
 UNKNOWN_SCALE = 1.0  # deviation of the logarithm of an unknown scale
 LEAST_WAY = 1e-9  # [m]
 LENS_DEVIATION = 0.03  # of the logarithm of a focal length that somebody measured

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.mapping.adjustment.window import (
+from visual_servo_epipolar.core.mapping.window import (
     HEADING,
     LENS,
     PHOTOGRAPH,

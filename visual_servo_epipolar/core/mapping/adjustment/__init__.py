@@ -1,1 +1,0 @@
-"""Bundle adjustment of the window: keyframes, features and what all views share, in one system."""
