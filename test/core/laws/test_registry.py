@@ -4,21 +4,22 @@ import ast
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from importlib.metadata import EntryPoint
-import math
 from pathlib import Path
 import pickle
 
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
+from servo_states import BEARINGS, in_phase
 
 from visual_servo_epipolar.core import registry
 from visual_servo_epipolar.core.estimate.settings import ControlSettings, DEPARTURES
-from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws import registry as law_registry
-from visual_servo_epipolar.core.laws.machine import epipole_controls, Law, matching_control
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.registry import law_named, LAWS
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.supervisor import nominal_twist
 from visual_servo_epipolar.core.settings import range_of
 
 PACKAGE = Path(law_registry.__file__).parents[2]
@@ -171,23 +172,13 @@ def test_an_unknown_law_or_departure_is_named(law: str, message: str) -> None:
         ServoSettings(law=law)
 
 
-def test_a_law_of_ones_own_brings_its_controls() -> None:
-    own = Law(
-        epipole_controls=lambda *_, **__: (1.0, 2.0),
-        matching_control=lambda *_, k_t: Twist(k_t, 0),
+def test_a_law_of_ones_own_brings_its_controls(foreign) -> None:
+    settings = ServoSettings(law='my')
+    e_au, e_du = BEARINGS.epipole_current, BEARINGS.epipole_desired
+    asked = equations.linearizing_control(
+        e_au, e_du, sigma=equations.printed_sigma(e_au, e_du), distance=8.0, nu=(1.0, 2.0)
     )
-    assert epipole_controls(own, finite_time=True)(0.1, 0.2) == (1.0, 2.0)
-    assert matching_control(own)(0.1, k_t=3.0) == Twist(3.0, 0)
-
-
-def test_the_paper_brings_its_own_controls() -> None:
-    gains = {'k1': 0.1, 'k2': 0.2, 'exponent': 0.5}
-    plain = epipole_controls(LAWS['paper'], finite_time=False)
-    finite = epipole_controls(LAWS['paper'], finite_time=True)
-    assert plain(0.25, 0.25, **gains) == (-0.025, -0.1)  # eq. (12)
-    assert finite(0.25, 0.25, **gains) == (-0.05, -0.1)  # eq. (20)
-    assert matching_control(LAWS['paper'])(0.1, k_t=2.0).linear == pytest.approx(-0.2)
-    assert math.isclose(matching_control(LAWS['paper'])(0.1, k_t=2.0).angular, 0.0)
+    assert nominal_twist(in_phase(Phase.ZEROING_EPIPOLES), settings) == asked
 
 
 def is_name(node: ast.AST) -> bool:

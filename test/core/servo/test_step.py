@@ -271,14 +271,16 @@ def test_the_sign_of_the_first_step_is_that_of_the_law(law: str, sign: float) ->
     assert twist.linear * sign > 0.0
 
 
-def test_the_first_step_is_the_law_of_the_paper() -> None:
-    settings = replace(SETTINGS, law='corrected', max_linear=5.0, max_angular=10.0)
+@pytest.mark.parametrize('finite', [False, True])
+def test_the_first_step_is_the_law_of_the_paper(finite: bool) -> None:
+    settings = replace(
+        SETTINGS, law='corrected', max_linear=5.0, max_angular=10.0, finite_time=finite
+    )
     sight = measurement(0.1)
     assert sight.bearings is not None
     e_au, e_du = sight.bearings.epipole_current, sight.bearings.epipole_desired
-    nu = equations.auxiliary_controls(
-        e_au, e_du, k1=settings.k1, k2=settings.k2, exponent=settings.exponent
-    )
+    controls = equations.finite_time_controls if finite else equations.auxiliary_controls
+    nu = controls(e_au, e_du, k1=settings.k1, k2=settings.k2, exponent=settings.exponent)
     expected = equations.linearizing_control(
         e_au, e_du, sigma=sight.bearings.sigma, distance=8.0, nu=nu
     )

@@ -22,7 +22,9 @@ from visual_servo_epipolar.core.estimate.goal_estimate import (
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.memory import Memory
 
-ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
+# Deviations that noise hardly reaches, and those that it never does; the first also of means over
+# looks, all of which share the noise of the photograph.
+NOISE_DEVIATIONS, SURE_DEVIATIONS = 2.0, 4.0
 LEAST_OFFSET, LEAST_HEADING = 4e-5, 2e-5  # that a memory of views bothers about [m], [rad]
 NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of arrivals from behind
 PULSE_MISS = 0.15  # of a hop, by which stretched pulses miss: a base slips
@@ -31,10 +33,6 @@ MOST_HYSTERESIS = 4.0
 PATIENCE_S = 0.8  # within the usual bounds, after which they are enough
 STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: see ``fit_rotation``
 ARRIVAL_OFFSET = 2e-3  # of a robot that has arrived, by its memory of views [m]
-STILL_THERE = 1.0  # deviations: a robot that has arrived is not sent away by noise
-ASIDE = 2.0  # deviations of a mean over looks, all of which share the photograph's noise
-CLEARLY_ASIDE = 4.0  # of a mean over a few
-CONTRADICTED = 4.0  # bounds of a parallax, beyond which no memory says that it is the goal
 
 
 class Trial(NamedTuple):
@@ -56,12 +54,12 @@ def trial_of(goal: GoalEstimate, memory: Memory, *, spent: bool = False) -> Tria
 
 def engage_bound(goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the largest bearing of e_du [rad] that counts as zero, its noise at least."""
-    return max(settings.latch_engage, ENGAGE_DEVIATIONS * _deviation(goal))
+    return max(settings.latch_engage, _deviation(goal))
 
 
 def release_bound(goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the bearing of e_du [rad] beyond which it has left zero, and not by noise alone."""
-    return max(settings.latch_release, RELEASE_DEVIATIONS * _deviation(goal))
+    return max(settings.latch_release, SURE_DEVIATIONS * _deviation(goal))
 
 
 def hysteresis(memory: Memory, settings: DriveSettings) -> float:
@@ -78,7 +76,7 @@ def hysteresis(memory: Memory, settings: DriveSettings) -> float:
 
 def align_bound(goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the largest bearing of e_au [rad] that counts as zero, its noise at least."""
-    return max(settings.align_tolerance, ENGAGE_DEVIATIONS * _deviation(goal))
+    return max(settings.align_tolerance, _deviation(goal))
 
 
 def facing_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
@@ -161,13 +159,14 @@ def _looks_elsewhere(goal: GoalEstimate, memory: Memory, settings: DriveSettings
     variation = 1.0 + 1.5 / math.sqrt(max(goal.features, 1))
     if is_in_doubt(goal, settings) and memory.run.attempts == 1:
         variation = 1.0  # it has looked for long, and a small way back and forth will tell
-        if abs(memory.settling.settled_aside) > ASIDE:
+        if abs(memory.settling.settled_aside) > NOISE_DEVIATIONS:
             return True
     noise = STANDSTILL_PARALLAX * goal.noise * variation
     usual = math.hypot(settings.arrival_parallax, noise)
     if settings.arrival_position > 0.0:
         usual = math.hypot(usual, _of_the_rest(goal))
-    return not parallax <= (usual if goal.offset is None else CONTRADICTED * usual)
+    # Beyond that no memory says that it is the goal.
+    return not parallax <= (usual if goal.offset is None else SURE_DEVIATIONS * usual)
 
 
 def _of_the_rest(goal: GoalEstimate) -> float:
@@ -239,7 +238,7 @@ def is_in_doubt(goal: GoalEstimate, settings: DriveSettings) -> bool:
 def stands_aside(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """Return whether a few looks suffice in doubt: the robot stands clearly aside."""
     first = is_in_doubt(goal, settings) and memory.run.attempts == 1
-    return first and abs(memory.settling.settled_aside) > CLEARLY_ASIDE
+    return first and abs(memory.settling.settled_aside) > SURE_DEVIATIONS
 
 
 def is_at_goal(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
@@ -254,4 +253,5 @@ def is_at_goal(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> b
         return False
     if is_matched(goal, settings, trial_of(goal, memory, spent=True)):
         return not has_parallax(goal, memory, settings)
-    return is_near_enough(goal, memory, settings, deviations=STILL_THERE)
+    # A robot that has arrived is not sent away by noise.
+    return is_near_enough(goal, memory, settings, deviations=1.0)

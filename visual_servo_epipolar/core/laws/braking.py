@@ -20,7 +20,6 @@ TURN_BRAKING = 1.3  # the same of turns in place: what is left of it is for the 
 LANDING = 1.2  # frames in which a turn ends that is a frame from its end: it is known so well
 TAIL_S = 0.25  # time constant of the last centimetre, and of the turn at its end
 STEERING_S = 0.35  # look-ahead in time: what is steered within less, a late loop swings by
-CONVERGING_S = 0.25  # the same, where the rest aside decides on the speed
 LEAST_LOOK_AHEAD = 0.02  # [m]
 NEAR = 0.35  # way left on which the rest aside is steered to zero [m]
 RESIDUAL, LEAST_RESIDUAL = 3e-4, 1e-4  # what steering may leave aside [m]
@@ -49,14 +48,14 @@ def converging_speed(
     Return the speed at which what is ``aside`` [m] decays on the way that is ``left`` [m/s].
 
     It does by exp(-0.9 s / L) over a way s, and no look-ahead L is driven within less than
-    CONVERGING_S; from farther away than NEAR it falls as a ``power`` of the distance until then.
+    TAIL_S; from farther away than NEAR it falls as a ``power`` of the distance until then.
     """
     aside *= min(NEAR / max(left, NEAR), 1.0) ** power
     decays = math.log(max(aside / _residual(goal), 1.0))
     if decays == 0.0:
         return math.inf
     near = min(left, NEAR)
-    speed = max(LINE_DAMPING * near / (decays * CONVERGING_S), min(CREEP, near / TAIL_S))
+    speed = max(LINE_DAMPING * near / (decays * TAIL_S), min(CREEP, near / TAIL_S))
     return math.sqrt(speed * speed + 2.0 * braking * (left - near))
 
 

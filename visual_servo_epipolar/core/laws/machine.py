@@ -16,11 +16,8 @@ from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import (
     Departures,
     DriveSettings,
-    EpipoleControls,
-    MatchingControl,
 )
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 
@@ -123,15 +120,3 @@ class Law(Departures):
         """Return this law with some departures taken (True) or left out (False)."""
         changes: dict[str, Any] = dict(departures)
         return replace(self, **changes)
-
-
-def epipole_controls(law: Departures, *, finite_time: bool) -> EpipoleControls:
-    """Return the function that gives (nu_1, nu_2): eq. (12), eq. (20), or the law's own."""
-    if law.epipole_controls is not None:
-        return law.epipole_controls
-    return equations.finite_time_controls if finite_time else equations.auxiliary_controls
-
-
-def matching_control(law: Departures) -> MatchingControl:
-    """Return the function that gives the twist of step 2: eqs. (21)-(22), or the law's own."""
-    return law.matching_control or equations.match_features

@@ -59,6 +59,7 @@ from visual_servo_epipolar.core.laws.standing import (
 )
 from visual_servo_epipolar.core.laws.steering import (
     aim,
+    AT_GOAL,
     curvature,
     driving_share,
     GAINS,
@@ -91,7 +92,6 @@ RUN_UP = 0.3  # behind the goal, to which a robot backs off that is ahead of it 
 BACKING = 0.5  # delta and phi backward, below which it backs off onto the axis [rad]
 MOST_ASIDE = 0.3  # heading error at which it backs off towards the axis [rad]
 TURNING_BEARING = 0.25  # beyond that at which backing off ends: where it turns ahead [rad]
-NEAR_GOAL = 0.25  # from where a bearing tells of the goal, not of the way to it [m]
 PASSED = 0.05  # beyond which the goal was passed by [m]
 HANDOVER_DIFFERENCE = 0.03  # |D| at which two views end as the second step does
 LINED_UP = 0.2  # bearings up to which D is that of the way ahead [rad]
@@ -342,7 +342,7 @@ def approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> 
         return Event.NOTHING
     if not memory.settling.settled and y > -PASSED and max(y, abs(x)) > PASSED:
         return missed(memory, settings)
-    beside = y < -NEAR_GOAL and _lies_beside(goal, settings)
+    beside = y < -AT_GOAL and _lies_beside(goal, settings)
     return Event.SIDEWAYS if beside else Event.NOTHING
 
 

@@ -29,7 +29,6 @@ from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 
-TURN = 2.0 * math.pi
 NEAR_LINE, TURNED = 0.35, 0.7  # [m], [rad]: within both the line to the goal is followed,
 LINE_SLOPE = 0.7  # from behind it and no farther aside than that share
 AT_GOAL_AROUND = 0.12  # nearer no direction to it is worth a turn [m]
@@ -42,7 +41,7 @@ WIDE_RESERVE = 0.3  # of those by which the way is chosen [rad]
 WIDE = 1.0  # of a window of headings to either side, from where on it is wide [rad]
 LEAST_SHARE, KEPT_SHARE = 0.35, 0.2  # of the distance left where the aim is seen: at first, later
 ASIDE = 0.6  # |phi| and |delta| up to which it is the way ahead as that of any robot [rad]
-AT_GOAL = 0.25  # from where the line to it is followed, whatever the direction [m]
+AT_GOAL = 0.25  # nearer a bearing tells of the goal, not of the way: it follows the line to it [m]
 IN_PLACE = 1.2  # off the aim of delta, beyond which it does not drive on at all [rad]
 STEPS = 12  # of Newton's method; one is exact to a degree
 
@@ -115,7 +114,8 @@ def visible_aim(wanted: float, delta: float, margins: tuple[float, float]) -> fl
     if left + right <= 0.0:
         return delta + 0.5 * (left - right)
     if left + right > math.pi:  # where the short way leads out of view, the long one may not
-        turns = sorted((wanted, wanted - TURN, wanted + TURN), key=lambda each: abs(each - delta))
+        nearest = (wanted, wanted - math.tau, wanted + math.tau)
+        turns = sorted(nearest, key=lambda each: abs(each - delta))
         wanted = min(turns, key=lambda each: max(delta - right - each, each - delta - left, 0.0))
     visible = min(max(wanted, delta - right), delta + left)
     return None if visible == wanted and abs(visible - delta) <= math.pi else visible

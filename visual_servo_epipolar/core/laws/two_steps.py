@@ -58,9 +58,7 @@ from visual_servo_epipolar.core.laws.derived_gains import (
 )
 from visual_servo_epipolar.core.laws.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.laws.machine import (
-    epipole_controls,
     Law,
-    matching_control,
     PhaseRow,
     StateMachine,
 )
@@ -244,7 +242,9 @@ def _auxiliary_controls(
     gains = _first_gains(memory, settings)
     if law.discordant_turn and not memory.law.latched and not settings.finite_time:
         gains['e_target'] = _held_epipole(goal, memory)
-    controls = epipole_controls(law, finite_time=settings.finite_time)
+    finite = settings.finite_time
+    usual = equations.finite_time_controls if finite else equations.auxiliary_controls
+    controls = law.epipole_controls or usual
     return controls(bearings.epipole_current, bearings.epipole_desired, **gains)
 
 
@@ -345,7 +345,8 @@ def _looks(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> int:
 
 def _match(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
     """Return eqs. (21)-(22), or their u_1 with line following instead of u_2 = 0."""
-    control, difference = matching_control(settings.options), goal.difference
+    control = settings.options.matching_control or equations.match_features
+    difference = goal.difference
     if _brakes(goal, settings):
         difference += goal.motion.slope.value * goal.twist.linear * unfelt_latency(settings)
     twist = control(difference, k_t=_matching_gain(difference, goal, memory, settings))

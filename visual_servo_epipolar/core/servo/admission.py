@@ -12,7 +12,6 @@ from visual_servo_epipolar.core.stamps import NOT_ADVANCING, OTHER_CLOCK_S, seco
 STILL_S = 0.25  # that a simulated clock stands still, and images come: a step of it is shorter
 LEAP_S = 1.0  # backwards; what overtakes on a network does so by less
 DISTRUST_S = 2.0  # after an image of another time: where one comes, others do that are not known
-LAST = 1  # how many images ago the last one came
 KEPT = 64  # images that are known again: six seconds of them
 ROWS = 8  # of so many one is looked at, which costs 0.1 ms where there are 1280x1024 px
 
@@ -98,7 +97,7 @@ class FrozenImageCheck:
         if arrival.repeats and drives:
             still_s += seconds_between(self.stamp_ns, arrival.stamp_ns)
         after = FrozenImageCheck(arrival.stamp_ns, still_s, drives, self.old_ns)
-        if arrival.back > LAST and (self.drives and drives or after.distrusts):
+        if arrival.back > 1 and (self.drives and drives or after.distrusts):
             return replace(after, old_ns=arrival.stamp_ns)
         return after
 
