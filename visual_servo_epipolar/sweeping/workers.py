@@ -148,9 +148,12 @@ class ClusterWorkers:
 
 
 def work_here(code: str, plan: SweepPlan, chunk: Chunk) -> list[Result]:
-    """Do ``chunk`` on a worker that may have joined late; InputError if its code is not ours."""
+    """Do ``chunk`` on a worker, however late it joined; InputError if its code is not ours."""
     if digest() != code:
-        raise InputError(f'a Dask worker that joined runs different code ({digest()}, not {code})')
+        raise InputError(
+            f'a Dask worker runs different code of visual_servo_epipolar ({digest()} there, '
+            f'{code} here); install this version of it there and restart the worker'
+        )
     return work(plan, chunk)
 
 
@@ -164,10 +167,12 @@ def cluster_workers(address: str) -> Iterator[ClusterWorkers]:
     """
     client = _client(address)
     try:
-        _check(client, address)
         yield ClusterWorkers(client)
     except ModuleNotFoundError as error:
-        raise InputError(f'a Dask worker that joined lacks this package ({error})') from None
+        raise InputError(
+            f'a Dask worker cannot import visual_servo_epipolar ({error}); install this version '
+            'of it there'
+        ) from None
     except _losses() as error:
         raise VisualServoError(
             f'the cluster at {address} was lost ({_first_line(error)}); {KEPT}'
@@ -185,40 +190,21 @@ def _client(address: str) -> Any:
     logging.getLogger('distributed').setLevel(logging.CRITICAL)  # one line here reports it
     try:
         resolve_address(address)
-        return Client(address, timeout=CONNECT_S, set_as_default=False)
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(
             f'no Dask scheduler answers at {address!r} ({_first_line(error)}); start one with '
             '"dask scheduler", and give the address that it prints'
         ) from None
-
-
-def _check(client: Any, address: str) -> None:
-    """Ask each worker for the digest of its code."""
     try:
         client.wait_for_workers(1, timeout=CONNECT_S)
     except asyncio.TimeoutError:  # not yet the builtin one in Python 3.10
+        client.close()
         raise InputError(
             f'the Dask scheduler at {address} has no workers; start some with '
             f'"dask worker {address}"'
         ) from None
-
-    def remote_digest() -> str:
-        from visual_servo_epipolar.sweeping.provenance import digest
-
-        return digest()
-
-    for worker, answer in client.run(remote_digest, on_error='return').items():
-        if isinstance(answer, Exception):
-            raise InputError(
-                f'Dask worker {worker} cannot import visual_servo_epipolar '
-                f'({_first_line(answer)}); install this version of it there'
-            )
-        if answer != digest():
-            raise InputError(
-                f'Dask worker {worker} runs different code of visual_servo_epipolar ({answer} '
-                f'there, {digest()} here); install this version of it there and restart the worker'
-            )
+    return client
 
 
 def _by_value() -> Callable[[bytes], Any]:
