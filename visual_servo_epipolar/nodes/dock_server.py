@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.docking import task as tasks
 from visual_servo_epipolar.core.docking.settings import DockTaskSettings
 from visual_servo_epipolar.core.docking.task import Outcome, ServoOrder, Task
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.phase import ARMED, Phase
+from visual_servo_epipolar.core.laws.phase import ARMED
 from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.messages import docking, read, write
@@ -59,7 +59,11 @@ class DockServer:
         self._goal: Any = None
         self._task: Task | None = None
         self._over = Future()
-        self._servo = ServoClient(node, self._on_phase, self._on_answer, self._on_armed)
+        # Not made by configure: the answer to a start that comes after a cleanup counts as well,
+        # and a servo that answers a client that is gone waits in vain.
+        self._clients = {
+            order: node.create_client(Trigger, f'{SERVO}/{order.value}') for order in ServoOrder
+        }
         self._server = ActionServer(
             node,
             wire.kind,
@@ -71,7 +75,7 @@ class DockServer:
 
     def configure(self) -> None:
         """Listen to servo and battery, and look at the clock."""
-        self._servo.configure()
+        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._hear, REPORTS)
         if self.settings.wait_for_charge:
             self._node.create_subscription(
                 BatteryState, 'battery_state', self._on_battery, qos.STREAM
@@ -120,13 +124,34 @@ class DockServer:
         if self._task is not None:
             self._follow(event(self._task, *what))
 
-    def _on_phase(self, phase: Phase, reason: str) -> None:
+    def _hear(self, message: DiagnosticArray) -> None:
+        """Take in phase and reason of the servo, or that it drives as soon as it can."""
+        if not message.status or message.status[0].name != servo_name(self._node):
+            return
+        report = read.diagnosis(message)
+        if report.get('phase') == ARMED:
+            self._advance(tasks.on_armed, self._now())
+            return
+        try:
+            phase = phase_named(report.get('phase', ''))
+        except ValueError:
+            return  # of another program
+        reason = report.get('reason', '')
         self._advance(tasks.on_phase, phase, reason, self._now(), self.settings)
 
-    def _on_armed(self) -> None:
-        self._advance(tasks.on_armed, self._now())
+    def _order(self, order: ServoOrder) -> None:
+        """Call the service of an ``order``, in any state of the node; follow its answer."""
+        client = self._clients[order]
+        if client.service_is_ready():
+            future = client.call_async(Trigger.Request())
+            future.add_done_callback(lambda answer: self._on_answer(order, answer.result()))
+            return
+        name = self._node.resolve_service_name(client.srv_name)
+        refusal = f'service {name} is not available; run the servo, or remap the service'
+        self._advance(tasks.on_answer, order, refusal, self._now())
 
-    def _on_answer(self, order: ServoOrder, refusal: str) -> None:
+    def _on_answer(self, order: ServoOrder, response: Any) -> None:
+        refusal = '' if response.success else f'{order.value}: {response.message}'
         self._advance(tasks.on_answer, order, refusal, self._now())
 
     def _on_battery(self, message: BatteryState) -> None:
@@ -137,7 +162,7 @@ class DockServer:
         if task is None or task.outcome is not None:
             return
         if self._goal.is_cancel_requested:
-            self._follow(tasks.cancel(task, 'canceled'))
+            self._follow(tasks.cancel(task))
             return
         self._follow(tasks.on_tick(task, self._now(), self.settings))
         self._publish()
@@ -153,7 +178,7 @@ class DockServer:
         elif before is None or task.state is not before.state:
             self._publish()
         for order in task.orders:
-            self._servo.order(order)
+            self._order(order)
 
     def _end(self, outcome: Outcome) -> None:
         error = f' ({outcome.error.name})' if outcome.error else ''
@@ -174,67 +199,6 @@ class DockServer:
 def servo_name(node: Node) -> str:
     """Return the full name of the servo: the node whose service starts it."""
     return str(node.resolve_service_name(f'{SERVO}/start')).rpartition('/')[0]
-
-
-class ServoClient:
-    """
-    The servo: calls ``on_phase`` with each phase and its reason, ``on_answer`` with answers.
-
-    ``on_armed`` is called where it drives as soon as it can. Answers are the order, and the
-    refusal in words or ''. Orders and their answers pass in every state of the node; reports come
-    for as long as it is configured.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        on_phase: Callable[[Phase, str], None],
-        on_answer: Callable[[ServoOrder, str], None],
-        on_armed: Callable[[], None],
-    ) -> None:
-        self._node, self._on_phase, self._on_answer = node, on_phase, on_answer
-        self._on_armed = on_armed
-        # Not made by configure: the answer to a start that comes after a cleanup counts as well,
-        # and a servo that answers a client that is gone waits in vain.
-        self._clients = {
-            order: node.create_client(Trigger, f'{SERVO}/{order.value}') for order in ServoOrder
-        }
-
-    def configure(self) -> None:
-        """Listen to the servo."""
-        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._hear, REPORTS)
-
-    def order(self, order: ServoOrder) -> None:
-        """Call the service of an ``order``; the answer comes later, a refusal at once."""
-        client = self._clients[order]
-        if not client.service_is_ready():
-            service = self._node.resolve_service_name(client.srv_name)
-            refusal = (
-                f'service {service} is not available; run the servo, or remap the '
-                'service to its name'
-            )
-            self._on_answer(order, refusal)
-            return
-        future = client.call_async(Trigger.Request())
-        future.add_done_callback(lambda answer: self._answer(order, answer))
-
-    def _answer(self, order: ServoOrder, future: Any) -> None:
-        response = future.result()
-        self._on_answer(order, '' if response.success else f'{order.value}: {response.message}')
-
-    def _hear(self, message: DiagnosticArray) -> None:
-        if not message.status or message.status[0].name != servo_name(self._node):
-            return
-        report = read.diagnosis(message)
-        word = report.get('phase', '')
-        if word == ARMED:
-            self._on_armed()
-            return
-        try:
-            phase = phase_named(word)
-        except ValueError:
-            return  # of another program
-        self._on_phase(phase, report.get('reason', ''))
 
 
 class Reversal:

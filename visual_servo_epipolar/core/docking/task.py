@@ -8,7 +8,6 @@ orders that follow; a node carries them out. Each attempt stops the servo first:
 
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
-import math
 
 from visual_servo_epipolar.core.docking.settings import DockTaskSettings
 from visual_servo_epipolar.core.laws.phase import Phase
@@ -196,9 +195,9 @@ def on_tick(task: Task, now: float, settings: DockTaskSettings) -> Task:
     return task
 
 
-def cancel(task: Task, why: str) -> Task:
+def cancel(task: Task) -> Task:
     """Return the task after an order to give it up: the servo is stopped."""
-    outcome = Outcome(message=why, canceled=True)
+    outcome = Outcome(message='canceled', canceled=True)
     return replace(task, orders=(ServoOrder.STOP,), outcome=outcome)
 
 
@@ -249,4 +248,4 @@ def _end(task: Task, error: Error, message: str) -> Task:
 
 def elapsed(task: Task, now: float) -> float:
     """Return the time since the request [s]."""
-    return max(now - task.began, 0.0) if math.isfinite(now) else 0.0
+    return max(now - task.began, 0.0)
