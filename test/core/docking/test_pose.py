@@ -3,13 +3,13 @@
 from dataclasses import replace
 import math
 
-from docking_drives import CAMERA, Drive, EXACT, NOISE, true_dock
+from docking_drives import CAMERA, Drive, EXACT, NOISE, PERIOD_NS, PERIOD_S, true_dock
 import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.docking.pose import DockSearch, update_search
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
-from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.odometry.path import PathPlace
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.tracking.features import Features
@@ -162,6 +162,26 @@ def test_without_features_there_is_no_pose_and_it_comes_back_with_them(known) ->
     assert 'features' in none.reason
     world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=7)
     assert look(none, pose, world, place_after(search)).dock is not None
+
+
+def test_what_is_out_of_view_for_a_bend_is_remembered(known) -> None:
+    search, start = known
+    told, world = (
+        Pose(*search.last.pose.tolist()),
+        PointWorld(PointSettings(), FixedRig(CAMERA), seed=7),
+    )
+    pose, place = start, search.last
+    for angular in (*[-1.2] * 8, *[1.2] * 8):  # to the right and back, 1.3 m ahead in all
+        twist = Twist(-0.4, angular)
+        pose, told = (integrate(it, twist, PERIOD_S) for it in (pose, told))
+        way, turn = place.way + 0.4 * PERIOD_S, place.turn + abs(angular) * PERIOD_S
+        told_pose = np.array([told.x, told.y, told.theta])
+        place = PathPlace(place.stamp_ns + PERIOD_NS, told_pose, way, turn, place.epoch)
+        search = update_search(search, observe(Features(), CAMERA, 1), place, SETTINGS)
+        assert search.dock is None
+    search = look(search, pose, world, place)
+    assert search.dock is not None
+    assert np.abs(error(search.dock, pose)[:2]).max() < 4.0 * search.dock.deviation
 
 
 def test_odometry_that_lies_is_found_out(known) -> None:

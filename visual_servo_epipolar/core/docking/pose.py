@@ -67,13 +67,15 @@ class DockSearch:
     """
     Search for the dock along the driven path; a new one begins from ``DockSearch()``.
 
-    ``map`` is the servo's, of photograph ``goal``, ``place`` the base in it by all views up to
-    that at ``last``. ``estimate`` follows from it; for a ``reason`` it is not to be published.
+    ``map`` is the servo's, of photograph ``goal``, with what was driven up to ``mapped``;
+    ``place`` the base in it at ``last``. ``estimate`` follows from it; for a ``reason`` it is not
+    to be published.
     """
 
     map: KeyframeMap | None = None
     place: FilteredPose | None = None
     last: PathPlace | None = None
+    mapped: PathPlace | None = None
     goal: int = NO_GOAL
     memory: PerceptionMemory | None = None
     frame: int = 0
@@ -100,28 +102,29 @@ def update_search(
         search = DockSearch(frame=search.frame)
     perception = perceive(observation, settings, search.frame, search.memory)
     memory, frame = noise_learnt(perception.memory), search.frame + 1
-    search = replace(search, memory=memory, frame=frame, estimate=None)
-    if len(observation) < settings.min_features:  # the way to the next view goes on
+    before, motion = search.place, _motion(search.last or place, place)
+    at = None if before is None else before.after(motion)
+    search = replace(search, memory=memory, frame=frame, place=at, last=place, estimate=None)
+    if len(observation) < settings.min_features:
         return replace(search, reason=perception.measurement.reason)
     views, said = _localized(search, perception, place, settings)
-    motion = _motion(search.last or place, place)
     if said.reason:
-        at = None if search.place is None else search.place.after(motion)
-        after = replace(search, map=views.update_map(), place=at, last=place, goal=goal)
         trouble = '' if views.geometry else 'the robot has not moved yet, or sees no bearings: '
-        return replace(after, reason=trouble + said.reason)
-    said = at_base(said, settings.camera_place)
-    if search.place is not None and not agrees(said, search.place.after(motion)):
-        count, reason = search.contradictions + 1, 'views and driven path contradict each other'
-        if count > MOST_CONTRADICTIONS:
-            return DockSearch(memory=memory, frame=frame, reason=reason)
-        return replace(search, contradictions=count, reason=reason)
-    said, at = filter_pose(said, search.place, motion)
-    assert views.geometry is not None  # it was localized in it
-    dock = dock_of(said, views.geometry, place.stamp_ns, settings)
-    reason = _unpublished(dock, settings)
-    after = replace(search, map=views.update_map(), place=at, last=place, goal=goal)
-    return replace(after, contradictions=0, estimate=dock, reason=reason)
+        search = replace(search, reason=trouble + said.reason)
+    else:
+        said = at_base(said, settings.camera_place)
+        if at is not None and not agrees(said, at):
+            count = search.contradictions + 1
+            if count > MOST_CONTRADICTIONS:
+                search = DockSearch(memory=memory, frame=frame)
+            reason = 'views and driven path contradict each other'
+            return replace(search, contradictions=count, reason=reason)
+        said, at = filter_pose(said, before, motion)
+        assert views.geometry is not None  # it was localized in it
+        dock = dock_of(said, views.geometry, place.stamp_ns, settings)
+        reason = _unpublished(dock, settings)
+        search = replace(search, place=at, contradictions=0, estimate=dock, reason=reason)
+    return replace(search, map=views.update_map(), mapped=place, goal=goal)
 
 
 def _localized(
@@ -138,7 +141,7 @@ def _localized(
     views = search.map or KeyframeMap(attitude, settings.map)
     if views.mount.jitter < attitude.jitter:
         views = views.with_mount(attitude)
-    mount, last = settings.camera_place, search.last or place
+    mount, last = settings.camera_place, search.mapped or place
     ahead, left, _ = relative_pose(compose(last.pose, mount), compose(place.pose, mount))
     noise = np.maximum(memory.noise * observation.resolution, LEAST_NOISE)
     return views.after(
