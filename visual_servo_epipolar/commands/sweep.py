@@ -4,6 +4,7 @@ import argparse
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from datetime import timedelta
 import hashlib
 import json
 from pathlib import Path
@@ -28,7 +29,6 @@ from visual_servo_epipolar.sweeping.summary import ARRIVALS, summaries
 from visual_servo_epipolar.sweeping.workers import cluster_workers, local_workers, Workers
 
 SHOWN = 3  # runs to look into that are named
-BAR = 20  # width [characters]
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -164,20 +164,10 @@ class SweepProgress:
             self._counts.update([it] if it in ('wrong', 'raised') else [])
 
     def line(self) -> str:
-        """Return bar, counts, runs a second, and remaining time."""
+        """Return counts, runs a second, and remaining time."""
         runs = self._counts['runs']
-        filled = BAR * runs // self._total
         rate = (runs - self._before) / max(self._clock() - self._began, 1e-3)
-        remaining = _minutes((self._total - runs) / rate) if rate else '?'
+        left = timedelta(seconds=round((self._total - runs) / rate)) if rate else '?'
         counts = [f'{self._counts[name]} {name}' for name in ('arrived', 'failed')]
         counts += [f'{n} {name}' for name in ('wrong', 'raised') if (n := self._counts[name])]
-        return (
-            f'[{"#" * filled}{"." * (BAR - filled)}] {runs}/{self._total}  {"  ".join(counts)}  '
-            f'{rate:.2g} runs/s  {remaining} left'
-        )
-
-
-def _minutes(seconds: float) -> str:
-    hours, rest = divmod(round(seconds), 3600)
-    minutes, seconds = divmod(rest, 60)
-    return f'{hours}:{minutes:02d}:{seconds:02d}' if hours else f'{minutes}:{seconds:02d}'
+        return f'{runs}/{self._total}  {"  ".join(counts)}  {rate:.2g} runs/s  {left} left'
