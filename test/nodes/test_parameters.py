@@ -140,110 +140,80 @@ def test_the_small_scenario_is_the_small_camera() -> None:
     assert yaml.safe_load((CONFIG / 'scenarios/small.yaml').read_text())['camera'] == small
 
 
-@pytest.mark.parametrize(
-    ('name', 'parameter', 'reason'),
-    [
-        ('servo_node', Parameter('latency', value=99.0), 'latency out of range'),
-        ('servo_node', Parameter('latency', value=float('nan')), 'latency'),
-        (
-            'servo_node',
-            Parameter('latency', value=1),
-            'latency must be a double, write 1.0, got the integer 1$',
-        ),
-        ('servo_node', Parameter('latency', value='fast'), 'be a double, got the string fast'),
-        ('tracker_node', Parameter('max_features', value=2.0), 'an integer, got the double'),
-        (
-            'unicycle_node',
-            Parameter('start', value=[1, 2, 3]),
-            r'start must be a list of doubles, write \[1.0, 2.0, 3.0\], got the list of integers',
-        ),
-        ('tracker_node', Parameter('max_features', value=0), 'max_features out of range'),
-        ('servo_node', Parameter('law', value='other'), 'one of paper, corrected, full'),
-        ('servo_node', Parameter('estimator', value='lmeds_8pt'), 'read-only'),
-        ('servo_node', Parameter('dead_band_linear', value=0.9), 'must not exceed max_linear'),
-        ('servo_node', Parameter('gain', value=0.1), 'no parameter gain; did you mean gains'),
-        ('tracker_node', Parameter('min_features', value=61), 'must not exceed max_features'),
-        ('unicycle_node', Parameter('max_linear', value=-1.0), 'max_linear out of range'),
-        ('unicycle_node', Parameter('start', value=[1.0, 2.0]), 'start must be three numbers'),
-        ('camera_node', Parameter('frame_rate', value=30.0), 'read-only'),
-    ],
-    ids=lambda value: getattr(value, 'name', None),
-)
-def test_a_change_that_cannot_be_is_refused_with_a_reason(bench, name, parameter, reason) -> None:
+def change(bench, node, **values):
+    """Set parameters of a node as one; return what it says."""
+    parameters = [
+        Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+    ]
+    request = SetParametersAtomically.Request(parameters=parameters)
+    return bench.call(f'{node}/set_parameters_atomically', SetParametersAtomically, request).result
+
+
+BAD = [
+    ('servo_node', 'latency', 99.0, 'latency out of range'),
+    ('servo_node', 'latency', float('nan'), 'latency'),
+    ('servo_node', 'latency', 1, 'latency must be a double, write 1.0, got the integer 1$'),
+    ('servo_node', 'latency', 'fast', 'be a double, got the string fast'),
+    ('tracker_node', 'max_features', 2.0, 'an integer, got the double'),
+    ('unicycle_node', 'start', [1, 2, 3], r'write \[1.0, 2.0, 3.0\], got the list of integers'),
+    ('tracker_node', 'max_features', 0, 'max_features out of range'),
+    ('servo_node', 'law', 'other', 'one of paper, corrected, full'),
+    ('servo_node', 'estimator', 'lmeds_8pt', 'read-only'),
+    ('servo_node', 'dead_band_linear', 0.9, 'must not exceed max_linear'),
+    ('servo_node', 'gain', 0.1, 'no parameter gain; did you mean gains'),
+    ('tracker_node', 'min_features', 61, 'must not exceed max_features'),
+    ('unicycle_node', 'max_linear', -1.0, 'max_linear out of range'),
+    ('unicycle_node', 'start', [1.0, 2.0], 'start must be three numbers'),
+    ('camera_node', 'frame_rate', 30.0, 'read-only'),
+]
+
+
+@pytest.mark.parametrize(('name', 'key', 'value', 'reason'), BAD)
+def test_a_change_that_cannot_be_is_refused_with_a_reason(bench, name, key, value, reason) -> None:
     node = bench.start(NODES[name][0])
-    result = set_one(bench, name, parameter)
+    result = change(bench, name, **{key: value})
     assert not result.successful
     assert re.search(reason, result.reason), result.reason
     assert not node.has_parameter('gain')
 
 
-def set_one(bench, name, *parameters):
-    request = SetParametersAtomically.Request(
-        parameters=[parameter.to_parameter_msg() for parameter in parameters]
-    )
-    return bench.call(f'{name}/set_parameters_atomically', SetParametersAtomically, request).result
-
-
 def test_a_refused_change_changes_nothing(bench) -> None:
     servo = bench.start(ServoNode)
-    changes = {'latency': 0.2, 'dead_band_linear': 0.9}
-    set_one(bench, 'servo_node', *(Parameter(name, value=x) for name, x in changes.items()))
+    change(bench, 'servo_node', latency=0.2, dead_band_linear=0.9)
     assert servo.get_parameter('latency').value == ServoSettings().latency
 
 
 def test_a_change_is_logged_with_what_it_was(bench) -> None:
     bench.start(ServoNode)
-    assert set_one(bench, 'servo_node', Parameter('max_linear', value=0.1)).successful
+    assert change(bench, 'servo_node', max_linear=0.1).successful
     bench.until(lambda: bench.logged('max_linear: 0.4 -> 0.1'), 'the change in the log')
 
 
 def test_two_changes_that_need_each_other_are_taken_together(bench) -> None:
     servo = bench.start(ServoNode)
-    result = set_one(
-        bench,
-        'servo_node',
-        Parameter('dead_band_linear', value=0.5),
-        Parameter('max_linear', value=0.6),
-    )
+    result = change(bench, 'servo_node', dead_band_linear=0.5, max_linear=0.6)
     assert result.successful, result.reason
     names = 'dead_band_linear', 'max_linear'
     assert [servo.get_parameter(name).value for name in names] == [0.5, 0.6]
 
 
-@pytest.mark.parametrize(
-    ('name', 'parameter', 'current'),
-    [
-        ('servo_node', Parameter('latency', value=0.5), lambda node: node._settings.latency),
-        ('servo_node', Parameter('law', value='paper'), lambda node: node._settings.law),
-        (
-            'tracker_node',
-            Parameter('max_features', value=50),
-            lambda node: node._tracker.settings.max_features,
-        ),
-        (
-            'unicycle_node',
-            Parameter('max_linear', value=0.25),
-            lambda node: node._base.settings.max_linear,
-        ),
-        (
-            'camera_node',
-            Parameter('jitter', value=0.05),
-            lambda node: node._simulator.settings.jitter,
-        ),
-        (
-            'camera_node',
-            Parameter('exposure', value='auto'),
-            lambda node: node._simulator.light.exposure,
-        ),
-    ],
-    ids=lambda value: getattr(value, 'name', None),
-)
-def test_a_good_change_reaches_what_it_is_for(bench, name, parameter, current) -> None:
+GOOD = [
+    ('servo_node', 'latency', 0.5, lambda node: node._settings.latency),
+    ('servo_node', 'law', 'paper', lambda node: node._settings.law),
+    ('tracker_node', 'max_features', 50, lambda node: node._tracker.settings.max_features),
+    ('unicycle_node', 'max_linear', 0.25, lambda node: node._base.settings.max_linear),
+    ('camera_node', 'jitter', 0.05, lambda node: node._simulator.settings.jitter),
+    ('camera_node', 'exposure', 'auto', lambda node: node._simulator.light.exposure),
+]
+
+
+@pytest.mark.parametrize(('name', 'key', 'value', 'current'), GOOD)
+def test_a_good_change_reaches_what_it_is_for(bench, name, key, value, current) -> None:
     node = bench.start(NODES[name][0])
-    assert current(node) != parameter.value
-    result = set_one(bench, name, parameter)
+    assert current(node) != value
+    result = change(bench, name, **{key: value})
     assert result.successful, result.reason
-    assert current(node) == parameter.value
+    assert current(node) == value
 
 
 @pytest.mark.parametrize(
@@ -264,7 +234,7 @@ def test_a_law_is_changed_by_an_expression_and_by_its_departures(values, express
 
 def test_a_misspelt_departure_is_refused_while_the_node_runs(bench) -> None:
     servo = bench.start(ServoNode, law='full')
-    result = set_one(bench, 'servo_node', Parameter('law', value='full-retreet'))
+    result = change(bench, 'servo_node', law='full-retreet')
     assert not result.successful
     assert 'names no departure retreet; there are true_sigma' in result.reason
     assert servo.get_parameter('law').value == 'full'

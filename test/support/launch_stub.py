@@ -1,7 +1,7 @@
 """A stand-in for launch and launch_ros, which pip lacks: just what our launch files use."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 import sys
 from types import ModuleType, SimpleNamespace
@@ -24,30 +24,19 @@ class Configurations(dict[str, str]):
         return super().__getitem__(name)
 
 
-@dataclass(frozen=True)
-class LaunchConfiguration:
-    name: str
+def _stand_in(name: str, *fields: str) -> type:
+    return make_dataclass(name, fields, frozen=True)
 
 
-@dataclass(frozen=True)
-class FindPackageShare:
-    package: str
-
-
-@dataclass(frozen=True)
-class PathJoinSubstitution:
-    parts: list[Any]
-
-
-@dataclass(frozen=True)
-class ParameterValue:
-    value: LaunchConfiguration
-    value_type: type
-
-
-@dataclass(frozen=True)
-class LaunchDescription:
-    entities: list[Any]
+LaunchConfiguration = _stand_in('LaunchConfiguration', 'name')
+FindPackageShare = _stand_in('FindPackageShare', 'package')
+PathJoinSubstitution = _stand_in('PathJoinSubstitution', 'parts')
+ParameterValue = _stand_in('ParameterValue', 'value', 'value_type')
+LaunchDescription = _stand_in('LaunchDescription', 'entities')
+OpaqueFunction = _stand_in('OpaqueFunction', 'function')
+GroupAction = _stand_in('GroupAction', 'actions')
+PythonLaunchDescriptionSource = _stand_in('PythonLaunchDescriptionSource', 'path')
+IncludeLaunchDescription = _stand_in('IncludeLaunchDescription', 'source', 'launch_arguments')
 
 
 @dataclass(frozen=True)
@@ -56,27 +45,6 @@ class DeclareLaunchArgument:
     default_value: str
     description: str
     choices: list[str] | None = None
-
-
-@dataclass(frozen=True)
-class OpaqueFunction:
-    function: Callable[..., list[Any]]
-
-
-@dataclass(frozen=True)
-class GroupAction:
-    actions: list[Any]
-
-
-@dataclass(frozen=True)
-class PythonLaunchDescriptionSource:
-    path: PathJoinSubstitution
-
-
-@dataclass(frozen=True)
-class IncludeLaunchDescription:
-    source: PythonLaunchDescriptionSource
-    launch_arguments: Any
 
 
 @dataclass

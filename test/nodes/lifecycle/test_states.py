@@ -50,17 +50,10 @@ def test_a_node_that_is_left_to_others_says_what_to_do(bench, parrot) -> None:
 
 def test_services_answer_what_to_do(bench, parrot) -> None:
     node = parrot()
-    answer = bench.call('parrot/talk')
-    assert (answer.success, answer.message) == (
-        False,
-        '/parrot is unconfigured; call ros2 lifecycle set /parrot configure, then activate',
-    )
-    assert go(bench, node, 'configure') == 'inactive'
-    answer = bench.call('parrot/talk')
-    assert (answer.success, answer.message) == (
-        False,
-        '/parrot is inactive; call ros2 lifecycle set /parrot activate',
-    )
+    for state, way in (('unconfigured', 'configure, then activate'), ('inactive', 'activate')):
+        answer, text = bench.call('parrot/talk'), f'call ros2 lifecycle set /parrot {way}'
+        assert (answer.success, answer.message) == (False, f'/parrot is {state}; {text}')
+        go(bench, node, *['configure'][: state == 'unconfigured'])
     go(bench, node, 'activate')
     assert bench.call('parrot/talk').message == 'hello'
 
@@ -202,34 +195,28 @@ def test_a_refusal_is_one_line_and_leaves_the_node_as_it_was(bench, parrot, part
     assert entities(node) == before
 
 
-@pytest.mark.parametrize('part', ['configure', 'activate', 'deactivate', 'cleanup'])
-def test_a_mistake_is_logged_and_the_node_can_be_had_again(bench, parrot, part) -> None:
+WAYS = {'configure': 0, 'activate': 1, 'deactivate': 2, 'cleanup': 1}  # steps before a part
+MISTAKE, REFUSAL = KeyError('a mistake'), OSError('not now')
+
+
+@pytest.mark.parametrize(
+    ('part', 'error', 'text'),
+    [
+        *((part, MISTAKE, 'Traceback') for part in WAYS),
+        *((part, REFUSAL, 'not now') for part in ('deactivate', 'cleanup')),
+    ],
+)
+def test_after_a_mistake_the_node_can_be_had_again(bench, parrot, part, error, text) -> None:
     node = parrot()
     before = entities(node)
-    way = {
-        'configure': [],
-        'activate': ['configure'],
-        'deactivate': ['configure', 'activate'],
-        'cleanup': ['configure'],
-    }[part]
-    go(bench, node, *way)
-    node.fails = {part: KeyError('a mistake')}
+    go(bench, node, *['configure', 'activate'][: WAYS[part]])
+    node.fails = {part: error}
     assert not change(bench, node, IDS[part])
     assert (node.state, entities(node)) == ('unconfigured', before)
-    bench.until(lambda: bench.logged(f'{part} failed: Traceback'), 'the mistake in the log')
-    assert "KeyError: 'a mistake'" in bench.logged(f'{part} failed: ')[0]
+    bench.until(lambda: bench.logged(f'{part} failed: {text}'), 'the mistake in the log')
+    assert str(error) in bench.logged(f'{part} failed: ')[0]
     node.fails = {}
     assert go(bench, node, 'configure', 'activate') == 'active'
-
-
-@pytest.mark.parametrize('part', ['deactivate', 'cleanup'])
-def test_a_node_that_does_not_come_to_rest_is_brought_to_it(bench, parrot, part) -> None:
-    node = parrot()
-    before = entities(node)
-    go(bench, node, *['configure', 'activate'][: 2 if part == 'deactivate' else 1])
-    node.fails = {part: OSError('not now')}
-    assert not change(bench, node, IDS[part])
-    assert (node.state, entities(node)) == ('unconfigured', before)
 
 
 @pytest.mark.parametrize('part', ['deactivate', 'cleanup'])
@@ -298,7 +285,6 @@ def test_a_node_that_is_destroyed_is_gone_at_once(bench, parrot) -> None:
     assert node.state == 'finalized'
 
 
-MISTAKES = (OSError('a refusal'), KeyError('a mistake'))
 # `make faults` asks for 10000.
 REQUESTS, OVER_THE_WIRE = int(os.environ.get('LIFECYCLE_REQUESTS', '2000')), 300
 
@@ -355,7 +341,7 @@ def test_requests_over_the_wire_to_a_node_that_fails_now_and_then(bench, parrot)
     for _ in range(OVER_THE_WIRE):
         node, state = campaign.node, campaign.node.state
         part = chance.choice(LABELS)
-        node.fails = {part: chance.choice(MISTAKES)} if chance.random() < 0.3 else {}
+        node.fails = {part: chance.choice((REFUSAL, MISTAKE))} if chance.random() < 0.3 else {}
         heard.clear()
         change(bench, node, *drawn(chance))
         assert node.state in TRANSITIONS, 'stuck'
