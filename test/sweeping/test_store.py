@@ -251,22 +251,9 @@ def test_an_interval_lies_within_the_data_and_is_repeatable(values, share) -> No
     assert (low, high) == quantile_interval(values, share)
 
 
-def test_the_bootstrap_is_that_of_scipy() -> None:
-    values = np.random.default_rng(3).random(300)
-    ours = quantile_interval(values, 0.95)
-    theirs = stats.bootstrap(
-        (values,),
-        lambda data, axis: np.quantile(data, 0.95, axis=axis),
-        n_resamples=4000,
-        method='percentile',
-        random_state=np.random.default_rng(5),
-    ).confidence_interval
-    # Both are drawn: they may differ by a neighbour or two, which are 1/300 apart.
-    assert ours == pytest.approx((theirs.low, theirs.high), abs=0.01)
-
-
-def test_large_data_are_drawn_in_blocks() -> None:
-    values = np.random.default_rng(3).random(3001)  # 1000 resamples are more than a block
-    low, high = quantile_interval(values, 0.95)
-    # Two deviations of the 95th percentile of so many: sqrt(0.95 * 0.05 / 3001) = 0.004.
-    assert (low, high) == pytest.approx((0.942, 0.958), abs=0.005)
+@pytest.mark.parametrize('share', [0.5, 0.95])
+def test_nineteen_of_twenty_intervals_hold_the_quantile(share: float) -> None:
+    rng = np.random.default_rng(3)
+    ends = np.array([quantile_interval(rng.random(200), share) for _ in range(1000)])
+    held = (ends[:, 0] <= share) & (share <= ends[:, 1])
+    assert 0.94 < held.mean() < 0.98  # whole values: a little wider than asked
