@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.routes.settings import TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.evaluation.benchmarks.routes import read_clips
 
-DONKEY = Path(__file__).parents[2] / 'evaluation' / 'benchmarks' / 'estimation' / 'donkey'
+DONKEY = Path(__file__).parents[2] / 'evaluation' / 'benchmarks' / 'donkey'
 SIZE = (160, 120)
 CAMERA = calibrated_camera(SIZE, (100.0, 0.0, 79.5, 0.0, 100.0, 59.5, 0.0, 0.0, 1.0), ())
 PERIOD_NS = 90_000_000
