@@ -1,23 +1,16 @@
 """Routes made by hand, for tests of what is done with them."""
 
-from functools import partial
-
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera
 from visual_servo_epipolar.core.routes.path import TaughtPath
-from visual_servo_epipolar.core.routes.route import Route, RouteView
+from visual_servo_epipolar.core.routes.route import in_memory, Route, RouteView
 from visual_servo_epipolar.core.routes.structure import LocalStructure
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 
 SIZE = (64, 48)
 MATRIX = 50.0, 0.0, 31.5, 0.0, 50.0, 23.5, 0.0, 0.0, 1.0
 CAMERA = calibrated_camera(SIZE, MATRIX, (), 'plumb_bob')
-
-
-def same(image: Image) -> Image:
-    return image
 
 
 def key_view(number: int) -> RouteView:
@@ -27,7 +20,7 @@ def key_view(number: int) -> RouteView:
     covariance = np.repeat(np.eye(3)[:, :, None], count, axis=2)
     way = number + np.arange(4.0)
     return RouteView(
-        partial(same, rng.integers(0, 255, SIZE[::-1], np.uint8)),
+        in_memory(rng.integers(0, 255, SIZE[::-1], np.uint8)),
         Keypoints(pixels, np.ones(count), np.zeros(count), descriptors, 2),
         LocalStructure(
             pixels,

@@ -17,7 +17,6 @@ CROSSED = 4000  # pairs that are crossed, about
 TURN = math.radians(30.0)  # features of one view turn alike, within this of the median
 ZOOM = 0.75  # and grow alike, octaves
 PARTS = 4, 2  # of the image, across and down, in each of which residuals may err together
-LEAST_SQUARE = 1e-300
 
 
 def together(pulls: FloatArray, inverse: FloatArray, rays: FloatArray) -> float:
@@ -32,7 +31,7 @@ def together(pulls: FloatArray, inverse: FloatArray, rays: FloatArray) -> float:
     part = rank * PARTS[0] // len(rays) * PARTS[1] + (rays[:, 1] > np.median(rays[:, 1]))
     sums = pulls @ (part[:, None] == np.arange(PARTS[0] * PARTS[1]))
     each, whole = (float((inverse * (of @ of.T)).sum()) for of in (pulls, sums))
-    return max(whole / max(each, LEAST_SQUARE), 1.0)
+    return max(whole / each, 1.0) if each else 1.0
 
 
 def log_false_alarms(

@@ -34,7 +34,6 @@ MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floo
 # That jitter where a view shows bumps, wide enough to draw no estimate [rad]; bumps of 1 deg under
 # either view, and a nod of the body, are less than 3.4 deg.
 ROUGH_FLOOR, ROUGH_JUMP = 1.5e-2, 4.0
-ONE = np.eye(1)
 FIRST, STEP = -4, 1.25  # power of the least noise that is compared, and ratio to the next
 SCALES = STEP ** np.arange(FIRST, 8.0)  # of what it is taken for
 SPENT = 4  # parameters that the fit spends on noise
@@ -85,7 +84,7 @@ def fit_quality(
     agree = estimate.inliers
     inliers = int(np.count_nonzero(agree))
     shown = likeliest_noise(np.abs(distances), noise)
-    shared *= together(distances[None, agree], ONE, desired[agree]) if inliers else 1.0
+    shared *= together(distances[None, agree], np.eye(1), desired[agree]) if inliers else 1.0
     growth = max(shown / noise, 1.0) * tails_of_few(inliers) * math.sqrt(shared)
     variance = max(estimate.covariance[0, 0], estimate.covariance[1, 1], 0.0)
     extent = angular_extent(desired, estimate.inliers)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -120,11 +119,7 @@ class RouteView:
 
 def in_memory(image: Image) -> Callable[[], Image]:
     """Return what loads an ``image`` that is there already."""
-    return partial(_same, image)
-
-
-def _same(image: Image) -> Image:
-    return image
+    return lambda: image
 
 
 @dataclass(frozen=True, eq=False)
