@@ -11,7 +11,7 @@ from strategies import CAMERA, poses_behind_the_goal
 
 from visual_servo_epipolar.core.geometry.epipolar import (
     fundamental_from_pose,
-    image_sampson_distance,
+    sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.motion import (
     DESIRED_POSE,
@@ -66,7 +66,7 @@ def test_exact_matches_obey_the_epipolar_constraint_of_the_pose(pose: Pose) -> N
     fundamental = fundamental_from_pose(CAMERA.matrix, pose)
     # Pixels of 1e3 in double precision.
     np.testing.assert_allclose(
-        image_sampson_distance(fundamental, features.current, features.desired), 0.0, atol=1e-9
+        sampson_distance(fundamental, features.current, features.desired), 0.0, atol=1e-9
     )
 
 

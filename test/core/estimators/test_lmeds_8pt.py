@@ -21,15 +21,15 @@ from strategies import (
 
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.lmeds_8pt import (
-    design_matrix,
     fundamental_from_matches,
     hartley_normalisation,
     lmeds_8pt,
 )
 from visual_servo_epipolar.core.geometry.epipolar import (
     Bearings,
+    constraint_rows,
     fundamental_from_bearings,
-    image_sampson_distance,
+    sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 
@@ -205,7 +205,7 @@ def test_the_rows_of_the_design_matrix_are_the_constraint() -> None:
     products = [
         [*p_d, 1.0] @ fundamental @ [*p_a, 1.0] for p_a, p_d in zip(current, desired, strict=True)
     ]
-    rows = design_matrix(current, desired)
+    rows = constraint_rows(current, desired)
     np.testing.assert_allclose(rows @ fundamental.ravel(), products, rtol=1e-12)
 
 
@@ -224,6 +224,6 @@ def test_the_image_distance_is_across_the_constraint(pose, size, turn, first, se
             math.sin(turn) * math.sin(second),
         ]
     )
-    distance = image_sampson_distance(fundamental, current + offset[:2], desired + offset[2:])
+    distance = sampson_distance(fundamental, current + offset[:2], desired + offset[2:])
     # First order: what is left is the offset squared over the distance to the epipole.
     np.testing.assert_allclose(distance, normal @ offset, atol=50.0 * size**2)

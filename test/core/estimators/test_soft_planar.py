@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.estimators.machinery import wrong_lens
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import matrices
 from visual_servo_epipolar.core.estimators.registry import estimate
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
-from visual_servo_epipolar.core.geometry.epipolar import image_sampson_distance, sampson_distance
+from visual_servo_epipolar.core.geometry.epipolar import sampson_distance
 from visual_servo_epipolar.core.geometry.lens import unknown_lens
 from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
 from visual_servo_epipolar.evaluation.benchmarks.scenes import (
@@ -145,7 +145,7 @@ def solve_of_wrong_lens(trial: int, ratio: float, shift: float) -> tuple[Estimat
     # Pixels are noisy alike everywhere.
     noise = CELL.ray_noise / ratio * np.stack([rays[:, 2] for rays in wrong], axis=1) ** 1.5
     found = estimate('soft_planar', *wrong, noise=noise, prior=UNKNOWN, seed=(0, 0))
-    distance = image_sampson_distance(found.fundamental, *map(image_points, wrong))
+    distance = sampson_distance(found.fundamental, *map(image_points, wrong))
     assert float(np.median(np.abs(distance))) < CELL.ray_noise / ratio
     return found, pair
 

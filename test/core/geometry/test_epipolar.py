@@ -33,7 +33,6 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     epipoles,
     fundamental_from_bearings,
     fundamental_from_pose,
-    image_sampson_distance,
     rotation_desired_current,
     sampson_distance,
 )
@@ -195,7 +194,7 @@ def test_in_a_narrow_field_the_angle_is_the_distance_in_the_image(pose: Pose) ->
     rng = np.random.default_rng(1)
     points = 0.02 * (rng.random((2, 20, 2)) - 0.5)
     fundamental = fundamental_from_bearings(Bearings.from_pose(pose))
-    plane = image_sampson_distance(fundamental, *points)
+    plane = sampson_distance(fundamental, *points)
     angle = sampson_distance(fundamental, unit_rays(points[0]), unit_rays(points[1]))
     # Angle and tangent differ by a third of their cube, the ray from the axis by half its square.
     np.testing.assert_allclose(angle, plane, rtol=1e-3, atol=1e-6)

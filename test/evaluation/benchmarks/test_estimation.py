@@ -8,7 +8,6 @@ import pytest
 from visual_servo_epipolar.core.geometry.epipolar import (
     Bearings,
     fundamental_from_bearings,
-    image_sampson_distance,
     sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.rays import image_points
@@ -60,7 +59,7 @@ def test_the_information_is_the_curvature_of_the_sampson_cost() -> None:
     def cost(a: float, b: float) -> float:
         fundamental = fundamental_from_bearings(Bearings(psi + a, phi + b))
         points = image_points(pair.clean_current), image_points(pair.clean_desired)
-        distance = image_sampson_distance(fundamental, *points)
+        distance = sampson_distance(fundamental, *points)
         return float((distance**2).sum()) / 4e-4**2
 
     h = 1e-5

@@ -11,12 +11,12 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import INLIER_DE
 from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
 from visual_servo_epipolar.core.geometry.epipolar import (
     constraint_rows,
-    image_sampson_distance,
     MIN_MATCHES,
     rank_two,
+    sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.least_squares import deviation_of, null_vector, samples
-from visual_servo_epipolar.core.geometry.rays import homogeneous, image_points, LEAST_FORWARD
+from visual_servo_epipolar.core.geometry.rays import image_points, LEAST_FORWARD
 
 SUBSETS = 560  # one of 26 matches is clean with probability 99 % at 40 % outliers
 
@@ -47,7 +47,7 @@ def lmeds_8pt(
             f'LMedS needs at least {MIN_MATCHES} matches, got {len(points_a)}; track more features'
         )
     candidates = _minimal_solutions(points_a, points_d, rng)
-    squared = image_sampson_distance(candidates, points_a, points_d) ** 2
+    squared = sampson_distance(candidates, points_a, points_d) ** 2
     medians = np.median(squared, axis=-1)
     best = int(np.argmin(medians))
     agree = _inliers(squared[best], float(medians[best]))
@@ -66,7 +66,7 @@ def _minimal_solutions(
 ) -> FloatArray:
     """Return one F for each subset of eight matches, shape (SUBSETS, 3, 3)."""
     to_current, to_desired = hartley_normalisation(current), hartley_normalisation(desired)
-    rows = design_matrix(transform(to_current, current), transform(to_desired, desired))
+    rows = constraint_rows(transform(to_current, current), transform(to_desired, desired))
     subsets = rows[samples(rng, SUBSETS, len(current), MIN_MATCHES)]  # (SUBSETS, 8, 9)
     solutions = null_vector(subsets).reshape(-1, 3, 3)
     return np.asarray(to_desired.T @ rank_two(solutions) @ to_current)
@@ -95,11 +95,6 @@ def hartley_normalisation(points: FloatArray) -> FloatArray:
     )
 
 
-def design_matrix(current: FloatArray, desired: FloatArray) -> FloatArray:
-    """Return the rows a with a . vec(F) = p_d^T F p_a, shape (N, 9), F by rows."""
-    return constraint_rows(homogeneous(current), homogeneous(desired))
-
-
 def fundamental_from_matches(current: FloatArray, desired: FloatArray) -> FloatArray:
     """
     Return F of rank 2 by the normalised 8-point algorithm, shape (3, 3), Frobenius norm 1.
@@ -114,7 +109,7 @@ def fundamental_from_matches(current: FloatArray, desired: FloatArray) -> FloatA
             f'current and {len(desired)} desired points; track more features'
         )
     to_current, to_desired = hartley_normalisation(current), hartley_normalisation(desired)
-    rows = design_matrix(transform(to_current, current), transform(to_desired, desired))
+    rows = constraint_rows(transform(to_current, current), transform(to_desired, desired))
     solution = np.linalg.svd(rows, full_matrices=True)[2][-1].reshape(3, 3)
     fundamental = to_desired.T @ rank_two(solution) @ to_current
     return np.asarray(fundamental / np.linalg.norm(fundamental))

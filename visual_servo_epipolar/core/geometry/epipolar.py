@@ -174,33 +174,44 @@ def sampson_distance(
     noise: FloatArray | float = 1.0,
 ) -> FloatArray:
     """
-    Return the first-order angle of each match from F, shape (..., N) [rad].
+    Return the first-order distance of each match from F, shape (..., N).
 
     Parameters
     ----------
     fundamental : array, shape (..., 3, 3)
-        F for rays, p_desired^T F p_current = 0.
-    current, desired : arrays, shape (..., N, 3)
-        Unit rays; they may point anywhere, behind the camera, too.
+        F with p_desired^T F p_current = 0.
+    current, desired : arrays, shape (..., N, 3) or (..., N, 2)
+        Unit rays, which may point anywhere, behind the camera, too: distances are angles [rad]. Or
+        points of the image plane, in whose unit distances are.
     noise : float or array, shape (..., N, 2)
-        Deviations of the angles of current and desired rays [rad]: distances are then in
-        deviations. With those of one pixel they are in pixels.
+        Deviations of current and desired points, or of the angles of rays [rad]: distances are
+        then in deviations. With those of one pixel they are in pixels.
 
     """
+    are_points = current.shape[-1] == 2
+    if are_points:
+        current, desired = homogeneous(current), homogeneous(desired)
     # Hartley and Zisserman, eq. 11.9, with gradients in the tangent planes of both rays.
     normal_desired = current @ np.swapaxes(fundamental, -1, -2)  # F p_a
     normal_current = desired @ fundamental  # F^T p_d
     residual = dot(normal_desired, desired)
     square = residual * residual
-    across_current = np.maximum(dot(normal_current, normal_current) - square, 0.0)
-    across_desired = np.maximum(dot(normal_desired, normal_desired) - square, 0.0)
+
+    def across(normal: FloatArray) -> FloatArray:
+        if are_points:
+            return np.asarray(normal[..., 0] * normal[..., 0] + normal[..., 1] * normal[..., 1])
+        return np.maximum(dot(normal, normal) - square, 0.0)
+
     variance = np.square(noise if np.ndim(noise) else np.full(2, noise))
-    gradient = across_current * variance[..., 0] + across_desired * variance[..., 1]
+    gradient = across(normal_current) * variance[..., 0]
+    gradient += across(normal_desired) * variance[..., 1]
     return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))
 
 
 def constraint_rows(current: FloatArray, desired: FloatArray) -> FloatArray:
-    """Return the rows a with a . vec(F) = p_d^T F p_a, (..., 9), F by rows; points (..., 3)."""
+    """Return rows a with a . vec(F) = p_d^T F p_a, (..., 9), F by rows; rays or points."""
+    if current.shape[-1] == 2:
+        current, desired = homogeneous(current), homogeneous(desired)
     rows = desired[..., :, None] * current[..., None, :]
     return np.asarray(rows.reshape(*desired.shape[:-1], 9))
 
@@ -209,21 +220,3 @@ def rank_two(fundamental: FloatArray) -> FloatArray:
     """Return the closest matrices of rank 2 in Frobenius norm, shape (..., 3, 3)."""
     u, singular, vt = np.linalg.svd(fundamental)
     return np.asarray((u[..., :2] * singular[..., None, :2]) @ vt[..., :2, :])
-
-
-def image_sampson_distance(
-    fundamental: FloatArray, current: FloatArray, desired: FloatArray
-) -> FloatArray:
-    """
-    Return the first-order distance of each match from F, shape (..., N), in the points' unit.
-
-    ``fundamental`` has shape (..., 3, 3), image-plane points (N, 2). Hartley and Zisserman,
-    eq. 11.9.
-    """
-    p_current, p_desired = homogeneous(current).T, homogeneous(desired).T
-    lines_desired = fundamental @ p_current  # F p_a, (..., 3, N)
-    lines_current = np.swapaxes(fundamental, -1, -2) @ p_desired
-    residual = (lines_desired * p_desired).sum(axis=-2)
-    gradient = (lines_desired[..., :2, :] ** 2).sum(axis=-2)
-    gradient += (lines_current[..., :2, :] ** 2).sum(axis=-2)
-    return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))

@@ -14,7 +14,6 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import (
     constraint_rows,
     cross_matrix,
-    image_sampson_distance,
     MIN_MATCHES,
     rank_two,
     sampson_distance,
@@ -86,27 +85,26 @@ def agree_on_one_geometry(current: FloatArray, desired: FloatArray, pixel: float
     """
     if len(current) < MIN_MATCHES:
         return False
-    if current.shape[1] == 3:
-        return _rays_agree(current, desired, pixel)
-    columns, rows, scale = _normalised(current, desired)
-    products = constraint_rows(columns, rows)
+    if current.shape[1] == 2:
+        current, desired, pixel = _normalised(current, desired)
+    products = constraint_rows(current, desired)
     if not np.isfinite(products).all():
         return False
-    fundamental = null_vector(products).reshape(3, 3)
-    distance = image_sampson_distance(fundamental, columns[:, :2], rows[:, :2])
-    return bool((np.abs(distance) <= scale * AGREEMENT_PX).all())
+    geometry = null_vector(products).reshape(3, 3)
+    if current.shape[1] == 3:
+        geometry = rank_two(geometry)
+    distance = np.abs(sampson_distance(geometry, current, desired))
+    return bool((distance <= AGREEMENT_PX * pixel).all())
 
 
 def _normalised(current: FloatArray, desired: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Return both as rows (x, y, 1) about their means, with the one scale that makes them one."""
-    rows = np.ones((2, len(current), 3))
-    pixels = rows[:, :, :2]
-    pixels[0], pixels[1] = current, desired
+    """Return both about their means, with the one scale that makes them one, and the scale."""
+    pixels = np.stack([current, desired])
     pixels -= pixels.mean(axis=1, keepdims=True)
     spread = float(np.sqrt((pixels * pixels).mean()))
     scale = 1.0 / spread if spread > 0.0 else 1.0
     pixels *= scale
-    return rows[0], rows[1], scale
+    return pixels[0], pixels[1], scale
 
 
 def _robust_geometry(
@@ -147,15 +145,6 @@ def _essential(
         if cost < least:
             best, inliers, least = essential, distance <= limit, cost
     return (best, inliers) if int(inliers.sum()) >= MIN_MATCHES else (None, nothing)
-
-
-def _rays_agree(current: FloatArray, desired: FloatArray, pixel: float) -> bool:
-    products = constraint_rows(current, desired)
-    if not np.isfinite(products).all():
-        return False
-    essential = rank_two(null_vector(products).reshape(3, 3))
-    distance = np.abs(sampson_distance(essential, current, desired))
-    return bool((distance <= AGREEMENT_PX * pixel).all())
 
 
 def _candidates(
