@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.mapping.factors import factors_of
-from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.refinement import Evaluation
-from visual_servo_epipolar.core.mapping.window import EMPTY, Unknowns
+from visual_servo_epipolar.core.mapping.window import EMPTY, MapSettings, Unknowns
 
 
 def at_truth(drive: StudyTrial, views: int = 14) -> Evaluation:

@@ -9,7 +9,6 @@ import pytest
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.mapping import projection
 from visual_servo_epipolar.core.mapping.factors import Factors, factors_of
-from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.refinement import (
     Evaluation,
@@ -22,7 +21,7 @@ from visual_servo_epipolar.core.mapping.refinement import (
     robust_weight,
     system_of,
 )
-from visual_servo_epipolar.core.mapping.window import Unknowns
+from visual_servo_epipolar.core.mapping.window import MapSettings, Unknowns
 
 
 def scaled(geometry: Geometry, ratio: float) -> Geometry:

@@ -11,7 +11,6 @@ from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 from visual_servo_epipolar.core.mapping import initialization
-from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.initialization import (
     DECISIVE,
     guess_pose,
@@ -26,7 +25,7 @@ from visual_servo_epipolar.core.mapping.initialization import (
     triangulate,
 )
 from visual_servo_epipolar.core.mapping.refinement import Geometry
-from visual_servo_epipolar.core.mapping.window import EMPTY
+from visual_servo_epipolar.core.mapping.window import EMPTY, MapSettings
 
 
 def start_at(view: np.ndarray, k: int, off: float = 0.0) -> Start:

@@ -18,15 +18,16 @@ import pytest
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping import keyframe_map
-from visual_servo_epipolar.core.mapping.feature_observations import (
-    FeatureObservations,
-    MapSettings,
-)
 from visual_servo_epipolar.core.mapping.fitting import correspondences_of
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap, MOST_REFUSED
 from visual_servo_epipolar.core.mapping.localization import MapLocalization, seen_rays
 from visual_servo_epipolar.core.mapping.refinement import Geometry
-from visual_servo_epipolar.core.mapping.window import LENS, SHARED
+from visual_servo_epipolar.core.mapping.window import (
+    FeatureObservations,
+    LENS,
+    MapSettings,
+    SHARED,
+)
 
 DEVIATIONS = 4.0
 

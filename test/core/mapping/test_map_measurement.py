@@ -12,13 +12,13 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.localization import (
     difference_slope,
     map_measurement_of,
     MapLocalization,
 )
+from visual_servo_epipolar.core.mapping.window import MapSettings
 from visual_servo_epipolar.core.perception.measures import feature_difference
 
 PLACES = st.tuples(st.floats(-1.0, 1.0), st.floats(-3.0, -0.2), st.floats(-1.0, 1.0))

@@ -10,10 +10,6 @@ import pytest
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.mapping import projection
-from visual_servo_epipolar.core.mapping.feature_observations import (
-    FeatureObservations,
-    tangent_basis_of,
-)
 from visual_servo_epipolar.core.mapping.refinement import (
     Evaluation,
     FEW_VIEWS,
@@ -25,7 +21,12 @@ from visual_servo_epipolar.core.mapping.refinement import (
     WRONG_OFFSET,
     WRONG_SHARE,
 )
-from visual_servo_epipolar.core.mapping.window import EMPTY, Unknowns
+from visual_servo_epipolar.core.mapping.window import (
+    EMPTY,
+    FeatureObservations,
+    tangent_basis_of,
+    Unknowns,
+)
 
 
 def disturbed(exact: Evaluation) -> Evaluation:

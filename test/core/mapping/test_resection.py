@@ -7,7 +7,6 @@ from map_study import StudyTrial
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.mapping.feature_observations import tangent_basis_of
 from visual_servo_epipolar.core.mapping.fitting import (
     Anchors,
     anchors_of,
@@ -18,6 +17,7 @@ from visual_servo_epipolar.core.mapping.fitting import (
     resect,
 )
 from visual_servo_epipolar.core.mapping.refinement import Geometry
+from visual_servo_epipolar.core.mapping.window import tangent_basis_of
 
 
 def seen_by(drive: StudyTrial, geometry: Geometry, k: int) -> tuple[Anchors, MatchedFeatures]:

@@ -11,12 +11,6 @@ from map_study import (
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.mapping.feature_observations import (
-    differ_in_place,
-    FeatureObservations,
-    MapSettings,
-    tangent_basis_of,
-)
 from visual_servo_epipolar.core.mapping.fitting import (
     anchors_of,
     CHANCE,
@@ -36,6 +30,12 @@ from visual_servo_epipolar.core.mapping.selection import (
     kept_features,
     most_crowded,
     NEW_SHARE,
+)
+from visual_servo_epipolar.core.mapping.window import (
+    differ_in_place,
+    FeatureObservations,
+    MapSettings,
+    tangent_basis_of,
 )
 
 SETTINGS = MapSettings()

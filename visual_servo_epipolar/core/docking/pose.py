@@ -24,11 +24,10 @@ from visual_servo_epipolar.core.geometry.motion import (
 )
 from visual_servo_epipolar.core.goal import Goal, NO_GOAL
 from visual_servo_epipolar.core.mapping.factors import camera_poses
-from visual_servo_epipolar.core.mapping.feature_observations import FeatureObservations
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.mapping.refinement import Geometry
-from visual_servo_epipolar.core.mapping.window import HEADING, VIEW
+from visual_servo_epipolar.core.mapping.window import FeatureObservations, HEADING, VIEW
 from visual_servo_epipolar.core.odometry.increments import Motion
 from visual_servo_epipolar.core.odometry.path import PathPlace
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory

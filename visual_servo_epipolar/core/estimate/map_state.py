@@ -13,10 +13,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import are_among, FloatArray, IntArray
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.mapping.feature_observations import (
-    FeatureObservations,
-    MapSettings,
-)
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.localization import (
     difference_slope,
@@ -24,7 +20,11 @@ from visual_servo_epipolar.core.mapping.localization import (
     MapLocalization,
     MapMeasurement,
 )
-from visual_servo_epipolar.core.mapping.window import HEADING
+from visual_servo_epipolar.core.mapping.window import (
+    FeatureObservations,
+    HEADING,
+    MapSettings,
+)
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation

@@ -8,10 +8,10 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude, LEAST_JITTER
-from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.window import (
     KeyframeWindow,
     LENS,
+    MapSettings,
     MOUNT,
     PHOTOGRAPH,
     SHARED,

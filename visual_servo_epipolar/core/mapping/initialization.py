@@ -13,7 +13,6 @@ from visual_servo_epipolar.core.geometry.least_squares import USUAL_SQUARES
 from visual_servo_epipolar.core.geometry.rotation import MIN_POINTS
 from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 from visual_servo_epipolar.core.mapping.factors import factors_of
-from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.fitting import (
     Anchors,
     fit_pose,
@@ -34,6 +33,7 @@ from visual_servo_epipolar.core.mapping.refinement import (
 )
 from visual_servo_epipolar.core.mapping.window import (
     KeyframeWindow,
+    MapSettings,
     MOUNT,
     PHOTOGRAPH,
     SHARED,

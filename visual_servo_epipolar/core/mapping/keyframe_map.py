@@ -14,11 +14,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.mapping.feature_observations import (
-    FeatureObservations,
-    MapSettings,
-    tangent_basis_of,
-)
 from visual_servo_epipolar.core.mapping.fitting import (
     Correspondences,
     correspondences_of,
@@ -38,7 +33,14 @@ from visual_servo_epipolar.core.mapping.selection import (
     PendingKeyframe,
     with_keyframe,
 )
-from visual_servo_epipolar.core.mapping.window import EMPTY, HEADING, KeyframeWindow
+from visual_servo_epipolar.core.mapping.window import (
+    EMPTY,
+    FeatureObservations,
+    HEADING,
+    KeyframeWindow,
+    MapSettings,
+    tangent_basis_of,
+)
 
 MIN_AGREEING = 5  # of features of the map that agree
 MIN_SHARE = 0.5  # of the map's features in view that agree

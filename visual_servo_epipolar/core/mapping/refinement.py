@@ -15,7 +15,6 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, m
 from visual_servo_epipolar.core.geometry.least_squares import Damped, Equations, least_squares
 from visual_servo_epipolar.core.mapping import projection
 from visual_servo_epipolar.core.mapping.factors import Factors, factors_of
-from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.projection import (
     BY_FEATURE,
     BY_SHARED,
@@ -27,6 +26,7 @@ from visual_servo_epipolar.core.mapping.projection import (
 )
 from visual_servo_epipolar.core.mapping.window import (
     KeyframeWindow,
+    MapSettings,
     MOUNT,
     SHARED,
     Unknowns,

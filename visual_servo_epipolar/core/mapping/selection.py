@@ -10,16 +10,14 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping.factors import factors_of
-from visual_servo_epipolar.core.mapping.feature_observations import (
-    differ_in_place,
-    FeatureObservations,
-    MapSettings,
-)
 from visual_servo_epipolar.core.mapping.fitting import Correspondences, Resection
 from visual_servo_epipolar.core.mapping.initialization import Start, triangulate
 from visual_servo_epipolar.core.mapping.refinement import Evaluation, Geometry
 from visual_servo_epipolar.core.mapping.window import (
+    differ_in_place,
+    FeatureObservations,
     KeyframeWindow,
+    MapSettings,
     Unknowns,
     X,
     Y,

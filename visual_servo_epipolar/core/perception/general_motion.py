@@ -40,14 +40,12 @@ from visual_servo_epipolar.core.geometry.least_squares import Equations, least_s
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, headings
 from visual_servo_epipolar.core.geometry.significance import together
-from visual_servo_epipolar.core.perception.validation import RIGHT
 from visual_servo_epipolar.core.tracking.robust_geometry import essential_matrices
 
 WIDTHS = (4.0, 3.0, 2.0, 1.5, 1.2, 1.0)  # of the noise, step by step
 LAST = (1.5, 1.2, 1.0, 1.0, 1.0, 1.0, 1.0)
-SCALES = np.array([0.2, 0.35, 0.7, 1.4])  # of the noise that are compared [px]
+FIRST_SCALE = 0.5  # from which on the noise is found [px]
 LEAST_SCALE = 0.15  # noise [px] below which residuals are not believed
-ANYWHERE_PX = 3.0  # how far matches that are wrong are from their line
 MODES, APART = 12, 0.01  # refined motions that are kept, and between them: of R, and of t [rad]
 DIRECTIONS = 40  # of a baseline that hardly shows, to start from
 MEDIAN = 0.6612  # of |x| of a normal x cut off at INLIER_DEVIATIONS
@@ -207,17 +205,8 @@ def general_motion(rays: Rays) -> GeneralFit:
             f'a general motion needs {MIN_MATCHES} matches, got {rays.matches}'
         )
     matched = Matched(rays, table_of(rays))
-    motions = matched.refined(_starts(rays), np.array(WIDTHS))
-    motions = _different(matched, motions, 1.0)
-    # A look-alike explains some matches well and others nearly: a scale wide enough for it hides
-    # that the truth explains as many by noise alone. Likelihoods, of noise beside matches anywhere
-    # within ANYWHERE_PX of the line, compare scales as well.
-    at_scales = [matched.refined(motions, scale * np.array(LAST)) for scale in SCALES]
-    motions = Motions(*map(np.concatenate, zip(*at_scales, strict=True)))
-    squared = matched.squared(motions, 1.0)
-    losses = np.stack([_loss(squared, scale) for scale in SCALES])
-    order = losses.min(axis=0).argsort(kind='stable')[: 2 * MODES]
-    return _fit(matched, motions.take(order), float(SCALES[losses[:, order[0]].argmin()]))
+    motions = _different(matched, matched.refined(_starts(rays), np.array(WIDTHS)), 1.0)
+    return _fit(matched, matched.refined(motions, FIRST_SCALE * np.array(LAST)), FIRST_SCALE)
 
 
 def _fit(matched: Matched, motions: Motions, scale: float) -> GeneralFit:
@@ -251,12 +240,6 @@ def _starts(rays: Rays) -> Motions:
 def _stacked(rays: Rays) -> tuple[FloatArray, FloatArray]:
     """Return current and desired rays, shape (N, 3) each."""
     return np.stack(rays[:3], axis=-1), np.stack(rays[3:6], axis=-1)
-
-
-def _loss(squared: FloatArray, scale: float) -> FloatArray:
-    """Return the negative logarithms of likelihoods, (K,), of noise of ``scale`` [px]."""
-    density = RIGHT / (scale * math.sqrt(2.0 * math.pi)) * np.exp(-0.5 * squared / scale**2)
-    return np.asarray(-np.log(density + 0.5 * (1.0 - RIGHT) / ANYWHERE_PX).sum(axis=1))
 
 
 def _different(matched: Matched, motions: Motions, scale: float) -> Motions:

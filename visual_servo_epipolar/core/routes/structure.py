@@ -17,11 +17,6 @@ from visual_servo_epipolar.core.mapping.factors import (
     factors_of,
     views_of,
 )
-from visual_servo_epipolar.core.mapping.feature_observations import (
-    FeatureObservations,
-    MapSettings,
-    tangent_basis_of,
-)
 from visual_servo_epipolar.core.mapping.fitting import (
     Anchors,
     fit_pose,
@@ -40,9 +35,12 @@ from visual_servo_epipolar.core.mapping.projection import structure_of
 from visual_servo_epipolar.core.mapping.refinement import Evaluation, Geometry, refine
 from visual_servo_epipolar.core.mapping.window import (
     EMPTY,
+    FeatureObservations,
     KeyframeWindow,
+    MapSettings,
     MOUNT,
     SHARED,
+    tangent_basis_of,
     Unknowns,
     VIEW,
 )
