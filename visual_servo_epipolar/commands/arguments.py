@@ -9,7 +9,7 @@ from typing import Any, TYPE_CHECKING
 
 from visual_servo_epipolar.commands.outputs import OutputFile
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.laws.names import law_names
+from visual_servo_epipolar.core.laws.phase import law_names
 from visual_servo_epipolar.core.settings import alike, expanded
 from visual_servo_epipolar.files import config_folders, config_names
 from visual_servo_epipolar.simulation.choices import SOURCES

@@ -159,7 +159,7 @@ def line_look_ahead(goal: GoalEstimate, settings: DriveSettings) -> float:
     left; the turn that it takes is small, and undone at the goal.
     """
     if goal.offset is None:
-        return look_ahead(goal.motion.range, settings.look_ahead)
+        return look_ahead(goal.distance(), settings.look_ahead)
     x, y = goal.offset
     gentle = max(abs(x), goal.offset_deviation) / LAST_TURN
     least = min(max(-LAST_SHARE * y, LAST_LOOK_AHEAD, gentle), LEAST_REMEMBERED)
@@ -206,12 +206,7 @@ def lateral_offset(goal: GoalEstimate) -> float:
         return goal.offset[0]
     if goal.bearings is None:
         return 0.0
-    distance = (
-        min(goal.motion.distance, UNKNOWN_RANGE)
-        if math.isnan(goal.motion.range)
-        else goal.motion.range
-    )
-    return distance * math.cos(goal.bearings.psi)
+    return goal.distance(UNKNOWN_RANGE) * math.cos(goal.bearings.psi)
 
 
 def excursion_limit(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> str:

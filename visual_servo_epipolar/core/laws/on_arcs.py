@@ -253,7 +253,7 @@ def _ends(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """Return whether the motion leads no farther: the heading cannot be turned there."""
     if goal.offset is None:
         return False
-    through = is_through(goal, memory, settings, trial_of(goal, memory))
+    through = is_through(goal, settings, trial_of(goal, memory))
     return through or is_near_enough(goal, memory, settings)
 
 

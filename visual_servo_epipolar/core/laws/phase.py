@@ -1,5 +1,5 @@
 """
-Phases and events: words that messages, files and plots share, and the flags of each.
+Words of laws that messages, files and plots share: names, phases with their flags, events.
 
 What a phase does stands in its row (``machine.PhaseRow``), and how phases follow each other in the
 machine of a law (``machine.StateMachine``). A law may define phases and events of its own.
@@ -8,8 +8,18 @@ machine of a law (``machine.StateMachine``). A law may define phases and events 
 from dataclasses import astuple, dataclass
 from typing import Any, ClassVar
 
+from visual_servo_epipolar.core.registry import Registry
+
+LAW_GROUP = 'visual_servo_epipolar.laws'
+OWN_LAWS = ('paper', 'corrected', 'full', 'smooth')
+
 # The word for a servo that was started, and drives as soon as it can: the phase is WAITING.
 ARMED = 'armed'
+
+
+def law_names() -> list[str]:
+    """Return the names of all laws, our own first, without loading any."""
+    return list(Registry(LAW_GROUP, dict.fromkeys(OWN_LAWS)))
 
 
 @dataclass(frozen=True, eq=False)

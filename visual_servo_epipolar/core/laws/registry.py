@@ -6,9 +6,8 @@ import re
 
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES
 from visual_servo_epipolar.core.laws.machine import Law, PhaseRow, StateMachine
-from visual_servo_epipolar.core.laws.names import LAW_GROUP, OWN_LAWS
 from visual_servo_epipolar.core.laws.on_arcs import SMOOTH
-from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phase import Event, LAW_GROUP, OWN_LAWS, Phase
 from visual_servo_epipolar.core.laws.two_steps import CORRECTED, FULL, PAPER, TWO_STEPS
 from visual_servo_epipolar.core.registry import Registry
 

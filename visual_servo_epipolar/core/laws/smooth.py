@@ -394,7 +394,7 @@ def _ends(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     stands = memory.settling.rest is not None and ends_by_pulses(goal, settings)
     if turned and not stands:
         return False
-    through = is_through(goal, memory, settings, trial, rest=rest)
+    through = is_through(goal, settings, trial, rest=rest)
     return through or is_near_enough(goal, memory, settings)
 
 
@@ -420,7 +420,6 @@ def _heading_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial) ->
 
 def is_through(
     goal: GoalEstimate,
-    memory: Memory,
     settings: DriveSettings,
     trial: Trial,
     *,
@@ -439,7 +438,7 @@ def is_through(
 def is_close(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """Return whether the motion leads no farther, within the usual bounds."""
     known = goal.offset is not None
-    return known and is_through(goal, memory, settings, trial_of(goal, memory, spent=True))
+    return known and is_through(goal, settings, trial_of(goal, memory, spent=True))
 
 
 def retreating(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:

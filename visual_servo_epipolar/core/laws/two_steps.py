@@ -183,11 +183,7 @@ def escape_bound(goal: GoalEstimate, memory: Memory, settings: DriveSettings) ->
     bound = hysteresis(memory, settings) * release_bound(goal, settings)
     if not settings.options.line_following:
         return bound
-    if goal.offset is None:
-        motion = goal.motion
-        distance = motion.range if motion.range > 0.0 else min(motion.distance, UNKNOWN_RANGE)
-    else:
-        distance = math.hypot(*goal.offset)
+    distance = goal.distance(UNKNOWN_RANGE)
     most = RESIDUAL_OFFSET / max(offset_ratio(distance, goal, settings), 1e-9)
     return max(bound, min(most / distance, LARGEST_ESCAPE))
 
