@@ -10,7 +10,7 @@ from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.estimate.map_state import MapState, measurement_of
 from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
-from visual_servo_epipolar.core.perception import validated
+from visual_servo_epipolar.core.perception import validation
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at, UNKNOWN
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, with_difference
@@ -50,14 +50,14 @@ def first_spared(steps: Driven) -> tuple[ServoState, Observation, ServoSettings]
 
 def test_one_view_of_four_is_estimated_once_the_memory_knows(driven, monkeypatch) -> None:
     estimated = 0
-    estimate = validated.estimate
+    estimate = validation.estimate
 
     def counted(*args: object, **keywords: object) -> object:
         nonlocal estimated
         estimated += 1
         return estimate(*args, **keywords)
 
-    monkeypatch.setattr(validated, 'estimate', counted)
+    monkeypatch.setattr(validation, 'estimate', counted)
     known = [each for each in driven if each[0].measurement and each[0].measurement.remembered]
     assert len(known) > 40
     for state, seen, servo in known:

@@ -10,7 +10,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, YAW
 from visual_servo_epipolar.core.estimate.map_state import FilteredPose
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Slope
@@ -52,10 +52,8 @@ class MotionState:
     """
     What was commanded, and how far that has led.
 
-    ``command``, the last one, of those ``sent``; ``since_command``, the time between the one
-    before and it, by the clock of their sender [s], nan where unknown;
-    ``dead_band_residual``, the part of it that the dead band of the base withheld [m/s, rad/s];
-    ``last_linear``, the speed of the command before the last [m/s].
+    ``command``, the last one, of those ``sent``, and ``last_linear``, the speed of the one before
+    it [m/s].
 
     ``distance`` to the goal, d_hat of eq. (13) [m], nan before the first image; ``range``, the
     distance measured over the leg of step 1 [m], nan while unknown; ``slope`` of D in step 2;
@@ -64,8 +62,6 @@ class MotionState:
 
     command: Command = HALT
     sent: CommandsSent = CommandsSent()
-    since_command: float = math.nan
-    dead_band_residual: Twist = STANDSTILL
     last_linear: float = 0.0
     distance: float = math.nan
     range: float = math.nan

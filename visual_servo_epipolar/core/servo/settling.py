@@ -172,7 +172,7 @@ def pulsed_move(
     None where the law goes on: the base follows, the aim is farther than it drives while a move
     is waited for, or its place is unknown.
     """
-    seen, rest = state.settling.rest or state.measurement, state.motion.dead_band_residual
+    seen, rest = state.settling.rest or state.measurement, state.dead_band_residual
     if seen is None or settings.dead_band_mode != 'pulse' or not turns_in_place(settings.drive):
         return None
     if state.phase.turns_in_place and seen.offset is not None:

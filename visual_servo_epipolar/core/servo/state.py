@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.estimate.motion_check import MotionCheck
 from visual_servo_epipolar.core.estimate.odometry import Odometry
 from visual_servo_epipolar.core.estimate.settings import SettingsT
-from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.laws.memory import Memory, parts_by_field
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
@@ -90,7 +90,9 @@ class ServoState(Memory):
 
     ``goal`` is where it drives, with the map of keyframes around it. ``check`` tells whether the
     base moves as it was commanded, ``known`` what was learnt at the reference of that check and at
-    the one before, None before the second.
+    the one before, None before the second. ``since_command`` is the time between the last command
+    and the one before, by the clock of their sender [s], nan where unknown;
+    ``dead_band_residual``, the part of it that the dead band of the base withheld [m/s, rad/s].
     """
 
     view: ViewState = ViewState()
@@ -99,6 +101,8 @@ class ServoState(Memory):
     identified: Identification = Identification()
     check: MotionCheck = MotionCheck()
     known: tuple[Known, Known] | None = None
+    since_command: float = math.nan
+    dead_band_residual: Twist = STANDSTILL
 
     part_of: ClassVar[Mapping[str, str]] = {
         **Memory.part_of,

@@ -327,4 +327,4 @@ def _beyond_dead_band(
     mode = 'zero' if state.settling.settled else settings.dead_band_mode
     if mode == 'pulse' and (move := pulsed_move(limited, state, settings)):
         return move
-    return settings.drive.beyond_dead_band(limited, state.motion.dead_band_residual, mode=mode)
+    return settings.drive.beyond_dead_band(limited, state.dead_band_residual, mode=mode)

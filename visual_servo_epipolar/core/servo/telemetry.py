@@ -46,7 +46,7 @@ def telemetry(state: ServoState) -> dict[str, float]:
         'principal_shift_px': measurement.focal * memory.lens.shift,
         'longitudinal_error_m': state.longitudinal_error,
         'curvature_rad_m': state.identified.curvature.value,
-        SINCE_COMMAND: state.motion.since_command,
+        SINCE_COMMAND: state.since_command,
         'dead_band_linear_m_s': state.identified.dead_band.linear.value,
         'dead_band_angular_rad_s': state.identified.dead_band.angular.value,
         'delay_s': state.identified.delay.value,
