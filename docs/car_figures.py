@@ -17,7 +17,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, saturate
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.evaluation.benchmarks.peers import POSE_LAWS
+from visual_servo_epipolar.evaluation.benchmarks.laws import POSE_LAWS
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS
 
 ATTEMPTS = 5

@@ -14,7 +14,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.evaluation.benchmarks import laws
-from visual_servo_epipolar.evaluation.benchmarks.peers import PEERS
+from visual_servo_epipolar.evaluation.benchmarks.laws import PEERS
 from visual_servo_epipolar.report.canvas import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, robot_body, robot_nose
 

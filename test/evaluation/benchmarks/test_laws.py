@@ -24,7 +24,7 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.evaluation.benchmarks import laws
-from visual_servo_epipolar.evaluation.benchmarks.peers import (
+from visual_servo_epipolar.evaluation.benchmarks.laws import (
     ALIGN,
     CLOSE,
     DEPTH,

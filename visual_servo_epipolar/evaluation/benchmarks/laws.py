@@ -1,19 +1,320 @@
-"""Control laws beside ours: shared starts, features, base and measure of success."""
+"""
+Control laws beside ours: shared starts, features, base and measure of success.
+
+Position-based: the polar law of Aicardi, Casalino, Bicchi, Balestrino (1995) on the relative pose.
+With e the distance, a the direction of the goal against the heading and b against the goal's
+heading, u = g cos(a) e and w = k a + g cos(a) sin(a) / a (a + h b) make (e^2 + a^2 + h b^2) / 2
+fall. It is smooth, and has no field of view. Close to the goal, where the direction of the
+residual is noise, the robot covers the way ahead and turns to the final heading.
+
+Image-based: the classical law on points (Espiau, Chaumette, Rives 1992). The interaction matrix
+keeps the columns of v and w alone, at the depth of the scene from the goal:
+x' = x v / Z + (1 + x^2) w and y' = y v / Z + x y w for a ray (x, y). The robot cannot do what the
+image asks sideways: where the error has no part along the two columns it stands still.
+
+Each is a step of the closed loop, ``step(state, observation, settings) -> state``, as ours is.
+"""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 import math
 from operator import itemgetter
-from typing import Any
+from typing import Any, NamedTuple
 
-from visual_servo_epipolar.core.servo.run_log import summarise, WRONG_DEG, WRONG_M
-from visual_servo_epipolar.evaluation.benchmarks.peers import drive_by_pose, PEERS, POSE_LAWS
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, saturate, Twist, wrap_angle
+from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.steering import aim, curvature, Gains, polar_pose
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.measures import turned
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import perceive
+from visual_servo_epipolar.core.rigs.rig import Command, HALT
+from visual_servo_epipolar.core.servo.run_log import RunLog, summarise, WRONG_DEG, WRONG_M
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import step
+from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
-from visual_servo_epipolar.simulation.closed_loop import run as drive
+from visual_servo_epipolar.simulation.closed_loop import Control, Loop
 from visual_servo_epipolar.simulation.regions import start_in
+from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.simulation.view import View
 from visual_servo_epipolar.simulation.views import points_of
 from visual_servo_epipolar.sweeping.summary import quantile
+
+DEPTH = 5.0  # of the scene from the goal, Z, as the laws take it [m]
+CLOSE = 0.05  # distance at which directions are noise [m]
+APPROACH, TURN, ALIGN = 0.3, 1.0, 1.5  # polar law: g and k [1/s], weight h of the final heading
+POINT_GAIN = 0.3  # classical law: lambda [1/s]
+
+
+class RelativePose(NamedTuple):
+    """
+    Pose of the robot from two views: its place in units of the depth of the scene, its heading.
+
+    ``distance`` is d / Z, Z the harmonic mean of the depths of the features from the goal, and
+    ``psi`` its direction [rad]; ``heading_error`` is theta - pi/2 [rad].
+    """
+
+    distance: float
+    psi: float
+    heading_error: float
+
+    @property
+    def ahead(self) -> float:
+        """The goal's place in the robot's frame, forward, in units of Z."""
+        return -self.distance * math.cos(self.psi - self.heading_error - HALF_PI)
+
+
+def relative_pose(measurement: Measurement, observation: Observation) -> RelativePose:
+    """Return the pose up to scale; close to the goal, without bearings, to first order."""
+    bearings, desired = measurement.bearings, image_points(observation.desired)
+    if bearings is None:
+        rotation = rotation_desired_current(measurement.heading_error)
+        close = nearby_pose(image_points(turned(observation.current, rotation)), desired)
+        return close._replace(heading_error=close.heading_error + measurement.heading_error)
+    scale = relative_distance(image_points(observation.current), desired, bearings)
+    return RelativePose(scale, bearings.psi, bearings.heading_error)
+
+
+def nearby_pose(current: FloatArray, desired: FloatArray) -> RelativePose:
+    """
+    Return the pose up to scale from rays, shape (N, 2) each, where it is nearly the goal's.
+
+    All features are taken to be at depth Z: a bias in proportion to the distance, which is to
+    become zero. Least squares over x, y, both by Z, and the heading error, with one reweighting.
+    """
+    u, v = desired.T
+    none, one = np.zeros_like(u), np.ones_like(u)
+    rows = np.concatenate(
+        [np.stack([-one, u, 1.0 + u * u], axis=1), np.stack([none, v, u * v], axis=1)]
+    )
+    error = (current - desired).T.reshape(-1)
+    weights: FloatArray = np.ones(len(error))
+    solution: FloatArray = np.zeros(3)
+    for _ in range(2):
+        fit = np.linalg.lstsq(rows * weights[:, None], error * weights, rcond=None)
+        solution = np.asarray(fit[0], dtype=np.float64)
+        residual = np.abs(error - rows @ solution)
+        weights = 1.0 / (1.0 + (residual / (3.0 * np.median(residual) + 1e-12)) ** 2)
+    x, y, heading = (float(value) for value in solution)
+    return RelativePose(math.hypot(x, y), math.atan2(y, x), heading)
+
+
+def relative_distance(current: FloatArray, desired: FloatArray, bearings: Bearings) -> float:
+    """
+    Return d / Z from rays, shape (N, 2): the parallax that the features show, by least squares.
+
+    With h the horizontal rays in the goal's axes and c the unit vector of psi, a feature at depth
+    Z has h_d x h_a = (d / Z) c x h_a: one line through zero, robust by its weights.
+    """
+    alpha = bearings.heading_error
+    cosine, sine = math.cos(alpha), math.sin(alpha)
+    x = cosine * current[:, 0] - sine
+    z = sine * current[:, 0] + cosine
+    parallax = desired[:, 0] * z - x
+    whole = math.cos(bearings.psi) * z - math.sin(bearings.psi) * x
+    weights, scale = np.ones(len(x)), 0.0
+    for _ in range(3):
+        scale = float((weights * parallax * whole).sum() / (weights * whole**2).sum())
+        residual = np.abs(parallax - scale * whole)
+        weights = 1.0 / (1.0 + (residual / (3.0 * np.median(residual) + 1e-12)) ** 2)
+    return max(scale, 0.0)
+
+
+def polar(pose: RelativePose, *, backwards: bool = False, close: float = CLOSE) -> Twist:
+    """Return the twist of the polar law; ``backwards`` drives it with the robot's other end."""
+    if pose.distance * DEPTH < close:
+        return Twist(APPROACH * pose.ahead * DEPTH, -TURN * pose.heading_error)
+    toward = pose.psi + (0.0 if backwards else math.pi)  # where that end has to go
+    against_goal = wrap_angle(toward - HALF_PI)
+    against_heading = wrap_angle(against_goal - pose.heading_error)
+    cosine = math.cos(against_heading)
+    sinc = math.sin(against_heading) / against_heading if against_heading else 1.0
+    pull = APPROACH * cosine * sinc * (against_heading + ALIGN * against_goal)
+    speed = APPROACH * cosine * pose.distance * DEPTH
+    return Twist(-speed if backwards else speed, TURN * against_heading + pull)
+
+
+def points(current: FloatArray, desired: FloatArray) -> Twist:
+    """Return -lambda L^+ (s - s*) for rays, shape (N, 2) each."""
+    x, y = current.T
+    matrix = np.stack(
+        [np.concatenate([x, y]) / DEPTH, np.concatenate([1.0 + x * x, x * y])], axis=1
+    )
+    error = (current - desired).T.reshape(-1)
+    linear, angular = -POINT_GAIN * np.linalg.lstsq(matrix, error, rcond=None)[0]
+    return Twist(float(linear), float(angular))
+
+
+MATCHED_PX, MATCHED_FRAMES = 0.7, 5  # median feature error at which a peer has arrived
+STILL_M_S, STILL_RAD_S, STILL_FRAMES = 1e-3, 1e-3, 55  # at which it stands, for five seconds
+NEAR_PX = 2.0  # feature error at which a peer that stands has arrived too
+
+
+@dataclass(frozen=True)
+class PeerState(ServoState):
+    """The servo's state, and whether a peer drives backwards, and for how long it stands."""
+
+    backwards: bool = False
+    still: int = 0
+
+
+Law = Callable[[PeerState, Measurement, Observation], Twist]
+
+
+def as_step(law: Law) -> Control:
+    """
+    Return ``law`` as a step of the closed loop.
+
+    It has our perception, our limits and our stop where nothing can be trusted. It has arrived
+    when the features match to their noise, or nearly and it stands; it has failed when it stands
+    where they do not.
+    """
+
+    def drive(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
+        perception = perceive(observation, settings, state.view.frame, state.view.memory)
+        measurement = perception.measurement
+        peer = _take_in(_as_peer(state), measurement, observation)
+        peer = peer.changed(memory=perception.memory)
+        decided = _decide(peer, measurement, observation, law, settings)
+        return decided.changed(frame=state.view.frame + 1)
+
+    return drive
+
+
+def _as_peer(state: ServoState) -> PeerState:
+    if isinstance(state, PeerState):
+        return state
+    return PeerState(**{item.name: getattr(state, item.name) for item in fields(state)})
+
+
+def _take_in(state: PeerState, measurement: Measurement, observation: Observation) -> PeerState:
+    """Take in a measurement; the first trusted one decides which end goes first."""
+    state = state.changed(measurement=measurement)
+    if state.phase is not Phase.WAITING or measurement.bearings is None:
+        return state
+    return state.changed(
+        phase=Phase.MATCHING_FEATURES,
+        run_start_ns=measurement.stamp_ns,
+        backwards=relative_pose(measurement, observation).ahead < 0.0,
+    )
+
+
+def _decide(
+    state: PeerState,
+    measurement: Measurement,
+    observation: Observation,
+    law: Law,
+    settings: ServoSettings,
+) -> PeerState:
+    if state.phase in (Phase.WAITING, Phase.ARRIVED, Phase.FAILED):
+        return state.changed(command=HALT)
+    if _is_lost(measurement, settings):
+        return _held(state, measurement, settings)
+    if state.phase is Phase.HOLDING:
+        state = state.changed(phase=Phase.MATCHING_FEATURES, reason='')
+    error = measurement.feature_error * measurement.focal
+    twist = saturate(
+        law(state, measurement, observation),
+        max_linear=settings.max_linear,
+        max_angular=settings.max_angular,
+    )
+    stands = abs(twist.linear) < STILL_M_S and abs(twist.angular) < STILL_RAD_S
+    state = state.changed(
+        command=Command(twist),
+        settled=state.settling.settled + 1 if error <= MATCHED_PX else 0,
+        still=state.still + 1 if stands else 0,
+    )
+    rests = state.still >= STILL_FRAMES
+    if state.settling.settled >= MATCHED_FRAMES or (rests and error <= NEAR_PX):
+        return state.changed(phase=Phase.ARRIVED, command=HALT, reason='matched')
+    if rests:
+        return _fail(state, f'stands still with the features {error:.1f} px off')
+    return state
+
+
+def _is_lost(measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether there are too few features, or a baseline that cannot be trusted."""
+    few = measurement.features < settings.min_features
+    return few or (measurement.bearings is None and measurement.parallax > settings.near_parallax)
+
+
+def _held(state: PeerState, measurement: Measurement, settings: ServoSettings) -> PeerState:
+    if state.phase is not Phase.HOLDING:
+        return state.changed(
+            phase=Phase.HOLDING, phase_start_ns=measurement.stamp_ns, command=HALT
+        )
+    waited = seconds_between(state.run.phase_start_ns, measurement.stamp_ns)
+    if waited > settings.holding_timeout:
+        return _fail(state, f'lost the features: {measurement.reason}')
+    return state
+
+
+def _fail(state: PeerState, reason: str) -> PeerState:
+    return state.changed(phase=Phase.FAILED, command=HALT, reason=reason)
+
+
+PEERS: Mapping[str, Control] = {
+    'ours': step,
+    'position-based': as_step(
+        lambda peer, seen, view: polar(relative_pose(seen, view), backwards=peer.backwards)
+    ),
+    'image-based': as_step(
+        lambda peer, seen, view: points(image_points(view.current), image_points(view.desired))
+    ),
+}
+
+
+SLOWDOWN_M = 0.5  # slowdown_radius of Nav2 is 1.5 m, for 0.5 m/s and more
+GAINS = Gains(2.0, 1.0)  # k_phi and k_delta of nav2_graceful_controller by default
+BETA, LAMBDA = 0.4, 2.0  # likewise
+OFF_AXLE = 0.2  # of the point that ``displaced`` drives, ahead [m]
+
+
+def graceful(pose: Pose, settings: ServoSettings) -> Twist:
+    """Return the velocity of Nav2's graceful controller at ``pose``."""
+    at = polar_pose(pose.x, pose.y, pose.heading_error)
+    if at.distance == 0.0:
+        return Twist(0.0, 0.0)
+    kappa = curvature(at, GAINS)
+    slow = 1.0 + BETA * abs(kappa) ** LAMBDA
+    speed = settings.max_linear * min(1.0 / slow, at.distance / SLOWDOWN_M)
+    speed = min(speed, settings.max_angular / max(abs(kappa), 1e-9))
+    return Twist(speed, kappa * speed)
+
+
+def displaced(pose: Pose, settings: ServoSettings) -> Twist:
+    """
+    Return the velocity that drives a point OFF_AXLE ahead of the axle in any direction, at once.
+
+    Its velocity is (v, OFF_AXLE w) in the robot's axes. The direction is the one that law smooth
+    turns to; the heading follows it like a trailer, within a few OFF_AXLE of way.
+    """
+    sin, cos = math.sin(pose.heading_error), math.cos(pose.heading_error)
+    at = polar_pose(pose.x - OFF_AXLE * sin, pose.y + OFF_AXLE * (cos - 1.0), pose.heading_error)
+    speed = settings.max_linear * min(1.0, at.distance / SLOWDOWN_M)
+    off = math.remainder(aim(at.phi, Gains()) - at.delta, math.tau)
+    return Twist(speed * math.cos(off), speed * math.sin(off) / OFF_AXLE)
+
+
+PoseLaw = Callable[[Pose, ServoSettings], Twist]
+POSE_LAWS: dict[str, PoseLaw] = {'graceful': graceful, 'displaced': displaced}
+
+
+def drive_by_pose(name: str, settings: LoopSettings, view: View, camera: CameraModel) -> RunLog:
+    """Drive by a law of POSE_LAWS until the features match, and return the record."""
+    loop, law = Loop(settings, view, camera), POSE_LAWS[name]
+    control = as_step(lambda *_: law(loop.pose, settings.servo))
+    return loop.run(control=control)
+
 
 REGIONS = ('front', 'beside')
 # One motion by images, and laws of the same kind that are given the true pose.
@@ -79,7 +380,7 @@ def one_run(law: str, start: tuple[float, float, float], seed: int) -> Run:
         log = drive_by_pose(law, loop, view, scenario.camera.camera)
     else:
         control = PEERS['ours' if law == SMOOTH else law]
-        log = drive(loop, view, scenario.camera.camera, control=control)
+        log = Loop(loop, view, scenario.camera.camera).run(control=control)
     summary = summarise(log)
     return summary | {'law': law, 'fate': _fate(summary)}
 
