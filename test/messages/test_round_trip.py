@@ -1,5 +1,10 @@
 """What a core value is when it comes back out of its message: the same, to the last bit."""
 
+from dataclasses import asdict, replace
+import platform
+
+import cv2
+from diagnostic_msgs.msg import DiagnosticStatus
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -7,11 +12,22 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 from rosbags.typesys import get_typestore, Stores
+from servo_states import EVENTS, in_phase, MEMORY, PHASES, sight
 
+from visual_servo_epipolar import __version__
 from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.estimate.odometry import Odometry
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.registry import phase_words, sentence
+from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.settings import from_mapping
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.messages import event_log, read, settings_text, write
+from visual_servo_epipolar.messages.diagnostics import diagnosis, markers
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.simulation.closed_loop import published
 
 STAMP_NS = 12_345_678_901
@@ -166,3 +182,136 @@ def test_a_stamp_that_no_clock_shows_is_passed_on_all_the_same(sec, nanosec) -> 
     stamp = write.stamp(read.stamp_ns(header))
     assert stamp.sec == sec
     assert stamp.nanosec == min(nanosec, 10**9 - 1)
+
+
+STEP_1 = 'zeroing_epipoles: the robot drives onto the axis of the photograph (step 1)'
+
+
+@pytest.mark.parametrize(
+    ('carried', 'level', 'words'),
+    [
+        (False, DiagnosticStatus.OK, STEP_1),
+        (True, DiagnosticStatus.WARN, f'{STEP_1}; 8 features in view, by the memory of views'),
+    ],
+)
+def test_too_few_features_are_a_warning_while_the_memory_carries_on(carried, level, words) -> None:
+    state = in_phase(
+        Phase.ZEROING_EPIPOLES, measurement=sight(features=8, carried=carried), memory=MEMORY
+    )
+    status = diagnosis(state, 1, name='servo').status[0]
+    assert (status.level, status.message) == (level, words)
+
+
+def test_odometry_that_is_not_used_any_more_is_a_warning() -> None:
+    state = in_phase(Phase.ZEROING_EPIPOLES, measurement=sight(), memory=MEMORY)
+    state = state.changed(odometry=Odometry(refuted='odometry leaps'))
+    status = diagnosis(state, 1, name='servo').status[0]
+    words = f'{STEP_1}; odometry leaps'
+    assert (status.level, status.message) == (DiagnosticStatus.WARN, words)
+    assert {item.key: item.value for item in status.values}['odometry'] == 'odometry leaps'
+
+
+@pytest.mark.parametrize('phase', PHASES)
+def test_what_a_phase_does_is_said_in_a_sentence(phase: Phase) -> None:
+    reasons = [event for (_, event), then in TWO_STEPS.transitions.items() if then is phase]
+    for reason in ('', *(event.value for event in reasons if event.sentence)):
+        text = sentence(phase, reason)
+        assert text.startswith(f'{phase.value}: ') and len(text.split()) >= 4
+        assert not reason or not text.endswith(f' {reason}')
+    assert phase_words(phase.value)
+
+
+def test_an_event_that_is_a_reason_by_its_name_has_words() -> None:
+    state = in_phase(Phase.DISPLACING, measurement=sight(), memory=MEMORY)
+    status = diagnosis(state.changed(reason=Event.APART.value), 1, name='servo').status[0]
+    assert status.message.endswith('; both epipoles can be trusted')
+    with_own_reason = {Event.NOTHING, Event.LOST, Event.MISSED, Event.EXHAUSTED, Event.NO_GAIN}
+    with_own_reason |= {Event.DIVERGED, Event.EXCURSION, Event.TIMED_OUT, Event.STOPPED}
+    with_own_reason |= {Event.DISOBEYED}
+    assert with_own_reason == {event for event in EVENTS if not event.sentence}
+
+
+def test_the_marker_of_a_phase_has_the_colour_of_its_row() -> None:
+    words = markers(in_phase(Phase.DISPLACING), 1, 'camera').markers[0]
+    assert words.text == 'displacing'
+    colour = [round(255.0 * part) for part in (words.color.r, words.color.g, words.color.b)]
+    assert bytes(colour).hex().upper() == TWO_STEPS.rows[Phase.DISPLACING].colour[1:]
+
+
+@given(reason=st.text(), after=st.none() | st.integers(0, 2**63))
+def test_an_entry_comes_back(reason: str, after: int | None) -> None:
+    entry = event_log.Entry('lost', after, reason)
+    assert event_log.from_text(event_log.to_text(entry)) == entry
+
+
+@pytest.mark.parametrize(
+    'text', ['', '3', '{}', '{"event": "lost"}', '[' * 99_999, '{"event":1,"after_stamp_ns":"x"}']
+)
+def test_any_other_text_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match='an event must be JSON with event'):
+        event_log.from_text(text)
+
+
+@given(gain=st.floats(0.0, 5.0), after=st.none() | st.integers(0, 2**62))
+def test_settings_come_back_to_the_last_bit(gain: float, after: int | None) -> None:
+    settings = ServoSettings(k1=gain, law='paper')
+    text = settings_text.to_text('/a/servo_node', [settings], after)
+    node_settings = settings_text.from_text(text)
+    assert (node_settings.node, node_settings.after_stamp_ns) == ('/a/servo_node', after)
+    assert from_mapping(ServoSettings, node_settings.values, 'bag') == settings
+
+
+def test_a_node_says_what_it_runs_with_and_takes_it_as_parameters(bench, tmp_path) -> None:
+    from std_msgs.msg import String
+
+    from visual_servo_epipolar.nodes import qos
+
+    node = bench.start(TrackerNode, max_features=50)
+    received = bench.listen(String, 'tracker_node/settings', qos.LATCHED)
+    bench.until(lambda: received, 'the settings, though they were published before')
+    node_settings = settings_text.from_text(received[0].data)
+    assert node_settings.node == node.get_fully_qualified_name()
+    assert node_settings.after_stamp_ns is None
+    expected = asdict(replace(TrackerSettings(), max_features=50))
+    assert node_settings.values == {**node_settings.values, **expected}
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(received[0].data)
+    again = TrackerNode(context=bench.context, cli_args=['--ros-args', '--params-file', str(path)])
+    bench.nodes.append(again)
+    bench.until(lambda: len(received) == 2, 'the settings of the other')
+    assert settings_text.from_text(received[1].data).values == node_settings.values
+
+
+def test_settings_say_what_computed_with_them() -> None:
+    text = settings_text.to_text('/servo_node', [ServoSettings()], 5)
+    versions = settings_text.from_text(text).versions
+    assert versions == {
+        'visual_servo_epipolar': __version__,
+        'Python': platform.python_version(),
+        'numpy': np.__version__,
+        'OpenCV': cv2.__version__,
+    }
+    earlier = '# visual_servo_epipolar: 0.0.1\n/servo_node: {ros__parameters: {k1: 0.1}}'
+    assert settings_text.from_text(earlier).versions == {'visual_servo_epipolar': '0.0.1'}
+    assert settings_text.from_text(earlier).version == '0.0.1'
+
+
+def test_namespaces_may_be_nested() -> None:
+    nodes = settings_text.sections('bot1: {servo_node: {ros__parameters: {k1: 0.2}}}')
+    assert nodes == {'bot1/servo_node': {'k1': 0.2}}
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('bot1: {servo_node: {k1: 1}}', 'must stand under ros__parameters'),
+        ('{', 'not YAML'),
+        ('3', 'must map nodes'),
+        ('/servo_node: {k1: 1}', 'must stand under ros__parameters'),
+        ('{}', 'must be those of one node, got 0'),
+        ('[' * 100_000, 'not YAML'),
+    ],
+)
+def test_what_is_no_parameter_file_is_refused(text: str, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        settings_text.from_text(text)

@@ -1,11 +1,13 @@
-"""Recipe of a law: another package brings one with a phase of its own, and the servo drives."""
+"""A law and a base from another package, as in docs/extending.md."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 
 import pytest
 from untold_bases import driven
 
+from visual_servo_epipolar.core.bases.base import BaseLimits
+from visual_servo_epipolar.core.bases.differential_drive import DifferentialDrive
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
@@ -15,6 +17,7 @@ from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.registry import phase_colour, phase_row, sentence
 from visual_servo_epipolar.core.laws.two_steps import FULL, TWO_STEPS
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 SPEED = 0.2  # [m/s]
 
@@ -85,3 +88,38 @@ def test_a_broken_law_of_another_package_is_no_obstacle(install) -> None:
     install('laws', 'a_broken_one', 'no_such_module:LAW')
     assert phase_row('pursuing') is ROW
     assert phase_row('of no law') is None
+
+
+FASTEST = 0.15  # of the tracks, whatever the settings allow [m/s]
+
+
+@dataclass(frozen=True, slots=True)
+class Tracks(DifferentialDrive):
+    """Tracks, which turn in place but are slow."""
+
+    def within_speed(self, wanted: Twist, *, ratio: float = 1.0) -> Twist:
+        limits = replace(self.limits, max_linear=min(FASTEST, self.limits.max_linear))
+        return DifferentialDrive(limits).within_speed(wanted, ratio=ratio)
+
+
+def tracks(limits: BaseLimits) -> Tracks:
+    return Tracks(limits)
+
+
+def lorry(limits: BaseLimits) -> Tracks:
+    return Tracks(limits, max_curvature=0.5)
+
+
+def test_the_servo_drives_a_base_of_another_package(install) -> None:
+    install('bases', 'tracks', f'{__name__}:tracks')
+    slow, state = driven('nominal', 5, {}, {'base': 'tracks'})
+    assert slow['outcome'] == 'arrived', slow['reason']
+    assert 0.9 * FASTEST < float(str(slow['max_linear_speed'])) <= FASTEST + 1e-12
+    usual, _ = driven('nominal', 5, {}, {})
+    assert float(str(usual['max_linear_speed'])) > 2.0 * FASTEST
+
+
+def test_a_law_that_turns_in_place_refuses_a_base_that_does_not(install) -> None:
+    install('bases', 'lorry', f'{__name__}:lorry')
+    with pytest.raises(ValueError, match='orienting, base lorry drives curves of 0.5 1/m at most'):
+        ServoSettings(base='lorry', law='full')

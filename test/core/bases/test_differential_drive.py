@@ -9,8 +9,10 @@ import pytest
 
 from visual_servo_epipolar.core.bases.base import BaseLimits, turns_in_place, within_jerk
 from visual_servo_epipolar.core.bases.differential_drive import DifferentialDrive
+from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.bases.registry import base_of
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 BASE = DifferentialDrive(
     BaseLimits(
@@ -204,3 +206,30 @@ def test_a_dead_band_keeps_the_curve() -> None:
 def test_a_car_without_a_curvature_is_refused() -> None:
     with pytest.raises(ValueError, match='max_curvature must be above 0 for base car, got 0'):
         base_of('car', replace(LIMITS, max_curvature=0.0))
+
+
+SETTINGS, TENTH = ServoSettings(max_angular=1.0), 0.1
+
+
+@pytest.mark.parametrize('jerk', [0.0, 0.5])
+def test_a_limit_lowered_on_the_way_holds_at_once(jerk: float) -> None:
+    lower = replace(SETTINGS, max_linear=0.1, max_jerk=jerk)
+    limiter = Limiter(Twist(0.4, 0.2))
+    for _ in range(5):  # and stays: an S-curve does not go on from the leap
+        limiter = limiter.after(Twist(0.4, 0.2), TENTH, lower.drive)
+        assert limiter.last.linear == pytest.approx(0.1)
+
+
+def test_what_is_within_the_dead_band_is_added_up_to_pulses() -> None:
+    settings, limiter, driven = replace(SETTINGS, dead_band_linear=0.06), Limiter(), 0.0
+    for _ in range(60):
+        limiter = limiter.after(Twist(0.04, 0.0), TENTH, settings.drive)
+        assert limiter.last.linear in (0.0, 0.06)
+        driven += limiter.last.linear
+    assert driven == pytest.approx(60 * 0.04, rel=0.25)
+
+
+def test_a_pause_is_no_time_to_speed_up_in() -> None:
+    assert Limiter().ramp_step(3.0, 0.1) == pytest.approx(0.15)
+    assert Limiter(Twist(0.1, 0.0)).ramp_step(0.3, 0.1) == 0.3
+    assert Limiter().after(STANDSTILL, 0.0, SETTINGS.drive) == Limiter()
