@@ -174,9 +174,8 @@ def test_what_is_out_of_view_for_a_bend_is_remembered(known) -> None:
     for angular in (*[-1.2] * 8, *[1.2] * 8):  # to the right and back, 1.3 m ahead in all
         twist = Twist(-0.4, angular)
         pose, told = (integrate(it, twist, PERIOD_S) for it in (pose, told))
-        way, turn = place.way + 0.4 * PERIOD_S, place.turn + abs(angular) * PERIOD_S
         told_pose = np.array([told.x, told.y, told.theta])
-        place = PathPlace(place.stamp_ns + PERIOD_NS, told_pose, way, turn, place.epoch)
+        place = PathPlace(place.stamp_ns + PERIOD_NS, told_pose, place.epoch)
         search = update_search(search, observe(Features(), CAMERA, 1), place, SETTINGS)
         assert search.dock is None
     search = look(search, pose, world, place)
@@ -198,4 +197,3 @@ def test_odometry_that_lies_is_found_out(known) -> None:
 
 def test_it_begins_without_a_word() -> None:
     assert DockSearch().dock is None
-    assert PathPlace(0, np.zeros(3)).way == 0.0

@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.geometry.motion import (
 )
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent, KEPT_S, WITHDRAWN_S
-from visual_servo_epipolar.core.odometry.path import Path, PathPlace, uncertainty
+from visual_servo_epipolar.core.odometry.path import Path
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 
@@ -39,8 +39,6 @@ def test_between_two_messages_it_lies_between() -> None:
     place = path.at(S // 20)
     assert place.pose[:2] == pytest.approx([0.05, 0.0])
     assert math.cos(place.pose[2]) == pytest.approx(-1.0)
-    assert place.way == pytest.approx(0.05)
-    assert place.turn == pytest.approx(0.1)
 
 
 def test_beyond_its_ends_it_does_not_guess() -> None:
@@ -100,7 +98,7 @@ def test_a_message_that_comes_twice_is_one() -> None:
     path = Path()
     for k in range(6):
         assert path.add_pose(k // 2 * S // 10, Pose(0.1 * (k // 2), 0.0, 0.0)) == ''
-    assert path.at(S // 5).way == pytest.approx(0.2)
+    assert path.at(S // 5).pose[0] == pytest.approx(0.2)
 
 
 def test_another_frame_is_of_another_source() -> None:
@@ -147,25 +145,6 @@ def test_old_places_are_forgotten() -> None:
         path.add_pose(k * S // 20, Pose(0.0, 0.0, 0.0))
     assert path.at(0) is None
     assert len(path._places) < 100
-
-
-def test_the_uncertainty_is_that_of_many_drives() -> None:
-    deviation, steps, dt = 0.05, 60, 0.05
-    twist, rng, ends = Twist(0.5, 0.0), np.random.default_rng(3), []
-    for _ in range(1500):
-        pose = Pose(0.0, 0.0, 0.0)
-        for _ in range(steps):
-            way = twist.linear * dt
-            along, about = deviation * math.sqrt(way) * rng.standard_normal(2)
-            pose = integrate(pose, Twist((way + along) / dt, about / dt), dt)
-        ends.append([pose.x, pose.y, pose.theta])
-    length = twist.linear * steps * dt
-    before, after = (
-        PathPlace(0, np.zeros(3)),
-        PathPlace(1, np.array([length, 0.0, 0.0]), way=length),
-    )
-    drawn = np.cov(np.array(ends).T)
-    assert uncertainty(before, after, deviation) == pytest.approx(drawn, rel=0.15, abs=2e-4)
 
 
 SECOND = 1_000_000_000

@@ -245,7 +245,7 @@ class Unknowns:
     ``views``, (K, 5): x (right) and y (ahead) of the camera in the plane of the photograph's [m],
     heading error (left positive), tilt and roll [rad]; ``shared``, (5,): tilt and roll of the
     photograph, the logarithm of the focal length over the calibrated one, tilt and roll of the
-    camera where the floor is even, then what factors add; ``offsets``, (2, N), of the
+    camera where the floor is even; ``offsets``, (2, N), of the
     photograph's rays in deviations; ``inverse_depth``, (N,), inverse depths along them [1/m].
     """
 

@@ -22,45 +22,15 @@ KEPT_S = 3.0  # of the path: no image is older
 LONGEST_STEP_S = 1.0  # between two messages of odometry, else the path begins anew
 FASTEST, FASTEST_TURN = 5.0, 12.0  # [m/s, rad/s] what is faster is a leap
 LEAST_SWING, MOST_ACCELERATION = 0.01, 5.0  # [m, m/s^2] of a base; what swings faster is two
-LEAST_WAY, LEAST_TURN = 3e-4, 1e-4  # deviations of a step beside its own [m, rad]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathPlace:
-    """
-    Where the base was: ``pose``, (3,), in the frame of the path, at ``stamp_ns``.
-
-    ``way`` [m] and ``turn`` [rad] are all that was driven since ``epoch`` began, without sign:
-    what the path is uncertain by grows with them.
-    """
+    """Where the base was: ``pose``, (3,), in the frame of the path since ``epoch`` began."""
 
     stamp_ns: int
     pose: FloatArray
-    way: float = 0.0
-    turn: float = 0.0
     epoch: int = 0
-
-
-def uncertainty(before: PathPlace, after: PathPlace, deviation: float) -> FloatArray:
-    """
-    Return the covariance, (3, 3), of the motion between two places, in axes of the first.
-
-    Way and heading are random walks of ``deviation`` a metre, the heading a radian as well: half
-    of what the heading errs by on the way moves the end aside.
-    """
-    way, turn = after.way - before.way, after.turn - before.turn
-    x, y, _ = relative_pose(before.pose, after.pose)
-    along = deviation**2 * way + LEAST_WAY**2
-    heading = deviation**2 * (way + turn) + LEAST_TURN**2
-    length = math.hypot(x, y)
-    c, s = (x / length, y / length) if length > 0.0 else (1.0, 0.0)
-    lever = np.array([-s, c]) * length
-    covariance = np.zeros((3, 3))
-    covariance[:2, :2] = along * np.outer([c, s], [c, s]) + heading / 3.0 * np.outer(lever, lever)
-    covariance[:2, :2] += LEAST_WAY**2 * np.eye(2)
-    covariance[:2, 2] = covariance[2, :2] = 0.5 * heading * lever
-    covariance[2, 2] = heading
-    return covariance
 
 
 class Path:
@@ -129,7 +99,7 @@ class Path:
             return before
         if self.lag(stamp_ns) > self._ahead:
             return None
-        return _moved(before, stamp_ns, self._driven(stamp_ns))
+        return PathPlace(stamp_ns, self._driven(stamp_ns), before.epoch)
 
     def lag(self, stamp_ns: int) -> float:
         """Return how much later than the path a stamp is [s], below 0 if earlier, inf if empty."""
@@ -198,16 +168,10 @@ class Path:
         return f'{self.topic} goes to and fro by {swing:.2f} m in {span:.3f} s, as by two sources'
 
     def _append(self, stamp_ns: int, here: FloatArray) -> None:
-        self._places.append(_moved(self._places[-1], stamp_ns, here))
+        self._places.append(PathPlace(stamp_ns, here, self._places[-1].epoch))
         oldest = stamp_ns - int(KEPT_S * NANOSECONDS)
         while len(self._places) > 2 and self._places[1].stamp_ns < oldest:
             self._places.pop(0)
-
-
-def _moved(before: PathPlace, stamp_ns: int, here: FloatArray) -> PathPlace:
-    x, y, turn = relative_pose(before.pose, here).tolist()
-    way = before.way + math.hypot(x, y)
-    return PathPlace(stamp_ns, here, way, before.turn + abs(turn), before.epoch)
 
 
 def _interpolate(before: PathPlace, after: PathPlace, stamp_ns: int) -> PathPlace:
@@ -215,6 +179,4 @@ def _interpolate(before: PathPlace, after: PathPlace, stamp_ns: int) -> PathPlac
     motion = relative_pose(before.pose, after.pose)
     pose = before.pose + part * (after.pose - before.pose)
     pose[2] = before.pose[2] + part * motion[2]
-    way = before.way + part * (after.way - before.way)
-    turn = before.turn + part * (after.turn - before.turn)
-    return PathPlace(stamp_ns, pose, way, turn, before.epoch)
+    return PathPlace(stamp_ns, pose, before.epoch)
