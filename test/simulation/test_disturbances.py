@@ -5,10 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.simulation.disturbances import (
-    Disturbances,
-    DisturbanceSettings,
-)
+from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 
 SIZE = (320, 240)
 GREY = np.full((240, 320), 100, dtype=np.uint8)

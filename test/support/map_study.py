@@ -15,10 +15,7 @@ from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
-from visual_servo_epipolar.core.mapping.window import (
-    FeatureObservations,
-    MapSettings,
-)
+from visual_servo_epipolar.core.mapping.window import FeatureObservations, MapSettings
 
 SMALL = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
 PIONEER = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)  # of the simulated robot

@@ -16,12 +16,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.sweeping import store as store_module
 from visual_servo_epipolar.sweeping.plan import Chunk, SweepPlan
 from visual_servo_epipolar.sweeping.store import FILE, Store
-from visual_servo_epipolar.sweeping.summary import (
-    quantile,
-    quantile_interval,
-    summaries,
-    wilson,
-)
+from visual_servo_epipolar.sweeping.summary import quantile, quantile_interval, summaries, wilson
 
 RESULTS = [result(seed=seed) for seed in range(3)]
 
@@ -180,10 +175,7 @@ def test_reasons_are_counted_whatever_their_numbers(tmp_path: Path) -> None:
     other = result(outcome='failed', reason='25 features, 26 needed')
     third = result(outcome='failed', reason='not arrived within 2.5 s')
     document = summary(tmp_path, [third, FAILED, result(), other])
-    assert document['failure_reasons'] == {
-        'N features, N needed': 2,
-        'not arrived within N s': 1,
-    }
+    assert document['failure_reasons'] == {'N features, N needed': 2, 'not arrived within N s': 1}
 
 
 @pytest.mark.parametrize(

@@ -21,9 +21,7 @@ CAMERAS = {
     'plumb_bob of 4': Camera(**PINHOLE, distortion=(-0.25, 0.08, 1e-3, -5e-4)),
     'plumb_bob of 5': Camera(**PINHOLE, distortion=(-0.25, 0.08, 1e-3, -5e-4, -0.01)),
     'rational_polynomial': Camera(
-        **PINHOLE,
-        distortion=RATIONAL,
-        distortion_model='rational_polynomial',
+        **PINHOLE, distortion=RATIONAL, distortion_model='rational_polynomial'
     ),
     'with thin prisms': Camera(
         **PINHOLE,

@@ -77,8 +77,7 @@ def test_of_16_bits_the_upper_half_counts(encoding, big) -> None:
 
 
 @pytest.mark.parametrize(
-    ('encoding', 'offset'),
-    [('yuv422', 1), ('uyvy', 1), ('yuv422_yuy2', 0), ('yuyv', 0)],
+    ('encoding', 'offset'), [('yuv422', 1), ('uyvy', 1), ('yuv422_yuy2', 0), ('yuyv', 0)]
 )
 def test_the_luminance_is_the_grey(encoding, offset) -> None:
     shades = np.arange(48, dtype=np.uint8).reshape(6, 8)
