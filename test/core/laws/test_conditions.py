@@ -6,6 +6,7 @@ import math
 import pytest
 from servo_states import asked, BEARINGS, behind, DRIVING, goal, in_phase, ranged, SETTINGS, sight
 
+from visual_servo_epipolar.core.estimate.goal_estimate import USUAL_STEP_S
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.arrival import (
     align_bound,
@@ -242,3 +243,11 @@ def test_no_baseline_is_no_reason_once_bearings_are_trusted() -> None:
     blind = switch_phase(orienting, sight(bearings=None), Event.NOTHING, SETTINGS)
     assert blind.reason == 'no baseline'
     assert switch_phase(orienting, sight(), Event.NOTHING, SETTINGS).reason == ''
+
+
+def test_step_1_ends_within_half_of_the_least_turn() -> None:
+    banded = replace(SETTINGS, dead_band_angular=0.2, dead_band_mode='pulse')
+    sure = goal(sight(), in_phase(Phase.ZEROING_EPIPOLES))
+    half = 0.5 * 0.2 * USUAL_STEP_S
+    assert align_bound(sure, SETTINGS) < half
+    assert align_bound(sure, banded) == pytest.approx(half)

@@ -133,3 +133,18 @@ def test_who_missed_twice_takes_a_longer_run_up() -> None:
     farther = replace(unsure, difference=-2.5 * SETTINGS.retreat_difference)
     assert event(farther, 3) is Event.ALIGNED
     assert event(farther, 4) is Event.NOTHING
+
+
+def test_a_turn_that_a_base_cannot_make_is_not_wanted() -> None:
+    """It follows the line by whole turns alone, and drives straight on until one is needed."""
+    length, least, x, heading, turns = 0.25, math.radians(0.2), 0.004, 0.0, []
+    for _ in range(4000):
+        wanted = follow_line(1.0, x, heading, look_ahead=length, least_turn=least).angular
+        if wanted:
+            turns.append(wanted)
+            heading += math.copysign(2.0 * least, wanted)
+        x -= 1e-3 * math.sin(heading)
+    assert 1 <= len(turns) <= 6
+    assert abs(x) < 2.0 * length * least  # as near as headings within the least turn lead
+    assert follow_line(1.0, 0.0, 0.9 * least, look_ahead=length, least_turn=least).angular == 0.0
+    assert follow_line(1.0, 0.0, 1.1 * least, look_ahead=length, least_turn=least).angular < 0.0

@@ -10,6 +10,7 @@ from servo_states import in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -59,7 +60,7 @@ def commanded(
     return sent
 
 
-@given(hops=st.floats(1.0, 4.0), side=st.sampled_from([-1.0, 1.0]))
+@given(hops=st.floats(1.05, 4.0), side=st.sampled_from([-1.0, 1.0]))
 @pytest.mark.parametrize('phase', [TURN, DRIVE])
 def test_one_train_of_pulses_leads_there(phase, hops, side) -> None:
     sent = commanded(at(side * hops), phase)
@@ -86,14 +87,14 @@ def test_what_the_mean_may_be_wrong_by_is_no_reason_to_move() -> None:
 
 def test_a_turn_shorter_than_a_hop_leads_away_first_where_that_ends_nearer() -> None:
     room, bound = (1.0, 1.0), 0.15 * HOP
-    for left in (0.5 * HOP, -0.5 * HOP):
+    for left in (0.4 * HOP, -0.4 * HOP):
         away = way_of_move(left, bound, HOP, room)
         assert away == pytest.approx(math.copysign(HOP, -left))
         assert way_of_move(left - away, bound, HOP, room) == left - away  # and back at once
         assert way_of_move(left, bound, HOP, NO_ROOM) == -away  # no way leads away to come back
         shut = (0.5 * HOP, 1.0) if left < 0.0 else (1.0, 0.5 * HOP)
         assert way_of_move(left, bound, HOP, shut) == 0.0  # features would leave the view
-    assert way_of_move(0.9 * HOP, bound, HOP, room) == HOP  # one is near enough
+    assert way_of_move(0.6 * HOP, bound, HOP, room) == HOP  # one ends within half of it
     assert way_of_move(0.1 * HOP, bound, HOP, room) == 0.0
 
 
@@ -107,20 +108,50 @@ def test_pulses_of_irregular_images_are_no_reason_to_turn_away() -> None:
 def test_no_pulse_is_faster_than_the_robot_may_go() -> None:
     assert first_pulse(1.9 * THRESHOLD, THRESHOLD, 0.03) == 0.03
     assert first_pulse(-1.9 * THRESHOLD, THRESHOLD, 0.03) == -0.03
-    assert min(commanded(at(1.9), TURN, 3, replace(BANDED, max_angular=0.03))) == -0.03
+    slow = replace(BANDED, max_angular=0.03)
+    assert commanded(at(1.3), TURN, 3, slow) == pytest.approx([-0.03, 0.0, 0.0])
+    assert commanded(at(1.9), TURN, 3, slow) == pytest.approx([-THRESHOLD, -THRESHOLD, 0.0])
 
 
 def test_no_pulse_rises_faster_than_the_ramp_allows_from_the_dead_band_on() -> None:
-    gentle = replace(BANDED, max_acceleration=0.05)
+    gentle = replace(BANDED, max_angular_acceleration=0.05)
     most = THRESHOLD + 0.05 * FRAME_S
-    assert max(commanded(at(-1.2), DRIVE)) > most
-    assert max(commanded(at(-1.2), DRIVE, settings=gentle)) == pytest.approx(most)
+    assert max(commanded(at(-1.3), TURN)) > most
+    assert max(commanded(at(-1.3), TURN, settings=gentle)) == pytest.approx(most)
 
 
 def test_a_base_that_is_faster_than_gentle_ramps_ends_nearer_with_each_move() -> None:
     gentle = replace(BANDED, max_acceleration=0.02)
     sent = commanded(at(-2.0), DRIVE, 9, gentle)
     assert 2.0 * HOP <= sum(sent) * FRAME_S <= 3.0 * HOP * (1.0 + 1e-9)
+
+
+def test_the_next_move_goes_by_where_the_last_one_ended() -> None:
+    """Of a train of three pulses the base made one hop, or all of them, or more."""
+    second = 1_000_000_000
+    sent = CommandsSent()
+    for frame in range(14):
+        speed = THRESHOLD if frame in (1, 2, 3) else 0.0
+        sent = sent.after(round(frame * FRAME_S * second), Twist(speed, 0.0))
+    now_ns = round(14 * FRAME_S * second)
+
+    def next_move(gone: float) -> float:
+        known = {'stood': at(-4.0 - gone, stamp_ns=round(FRAME_S * second)), 'sent': sent}
+        seen = at(-4.0, stamp_ns=now_ns)
+        return sum(commanded(seen, DRIVE, settings=gentle, **known)) / THRESHOLD
+
+    gentle = replace(BANDED, max_acceleration=0.02)
+    slow, usual, quick = next_move(1.0), next_move(3.0), next_move(4.0)
+    assert usual == quick == pytest.approx(4.0)
+    assert 5.0 < slow < 8.0
+
+
+def test_noise_of_one_image_does_not_end_a_move() -> None:
+    seen, rest = at(-2.0), Twist(2.0 * THRESHOLD, 0.0)
+    state = in_phase(DRIVE, measurement=seen, dead_band_residual=rest, period=FRAME_S)
+    move = pulsed_move(Twist(2.0 * THRESHOLD, 0.0), state, BANDED)
+    assert move is not None
+    assert move[0] == Twist(THRESHOLD, 0.0)
 
 
 def test_moves_are_for_the_end_of_what_a_memory_knows_and_no_base_follows() -> None:

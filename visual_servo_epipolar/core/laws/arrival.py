@@ -74,9 +74,10 @@ def hysteresis(memory: Memory, settings: DriveSettings) -> float:
     return min(2.0**memory.run.restarts, MOST_HYSTERESIS)
 
 
-def align_bound(goal: GoalEstimate, settings: DriveSettings) -> float:
+def align_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
     """Return the largest bearing of e_au [rad] that counts as zero, its noise at least."""
-    return max(settings.align_tolerance, _deviation(goal))
+    least = half_hop(settings.dead_band_angular, settings, trial)
+    return max(settings.align_tolerance, _deviation(goal), least)
 
 
 def facing_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
@@ -88,7 +89,7 @@ def facing_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIR
         if _is_patient(trial):
             fine = min(max(NEGLIGIBLE * deviation, LEAST_HEADING), fine)
     bound = max(fine, tolerance - FACING - NOISE_DEVIATIONS * deviation)
-    least = _hop(settings.dead_band_angular, settings, trial)
+    least = half_hop(settings.dead_band_angular, settings, trial)
     if ends_by_pulses(goal, settings) and _is_patient(trial):
         # Of two pulses, one away and one back, neither lasts for exactly a frame.
         miss = max(PULSE_MISS * trial.frame_s, 2.0 * trial.jitter_s)
@@ -109,7 +110,7 @@ def matched_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FI
     if goal.offset is None:
         return usual
     slope = goal.difference_slope
-    hop = _hop(settings.dead_band_linear, settings, trial) * slope
+    hop = half_hop(settings.dead_band_linear, settings, trial) * slope
     fine = max(min(least, LEAST_OFFSET * slope), (1.0 if hop else NEGLIGIBLE) * deviation)
     return max(fine if _is_patient(trial) else usual, hop)
 
@@ -124,7 +125,7 @@ def _is_patient(trial: Trial) -> bool:
     return trial.time_in_tolerance <= PATIENCE_S
 
 
-def _hop(threshold: float, settings: DriveSettings, trial: Trial) -> float:
+def half_hop(threshold: float, settings: DriveSettings, trial: Trial) -> float:
     """Return half of the least motion of a base with this dead band, all of it if raised to it."""
     frames = 2.0 if settings.dead_band_mode == 'raise' else 0.5
     return frames * trial.frame_s * threshold

@@ -210,7 +210,12 @@ def adaptive_gain(error: float, *, at_zero: float, far: float, slope: float) -> 
 
 
 def follow_line(
-    linear: float, lateral: float, heading_error: float, *, look_ahead: float
+    linear: float,
+    lateral: float,
+    heading_error: float,
+    *,
+    look_ahead: float,
+    least_turn: float = 0.0,
 ) -> Twist:
     """
     Return the twist of the second step along the y axis: u_1 as given, u_2 steers to the axis.
@@ -229,6 +234,8 @@ def follow_line(
         alpha, left positive [rad].
     look_ahead : float
         Look-ahead distance L [m].
+    least_turn : float
+        Turn left to the heading that leads home below which the robot drives straight on [rad].
 
     Returns
     -------
@@ -237,4 +244,6 @@ def follow_line(
 
     """
     damping = abs(linear) * (2.0 * LINE_DAMPING) * heading_error / look_ahead
-    return Twist(linear, linear * lateral / look_ahead**2 - damping)
+    least = abs(linear) * (2.0 * LINE_DAMPING) * least_turn / look_ahead
+    turn = linear * lateral / look_ahead**2 - damping
+    return Twist(linear, turn if abs(turn) >= least else 0.0)

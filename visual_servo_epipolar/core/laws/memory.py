@@ -74,16 +74,18 @@ class Settling:
     How long the aim of the phase has been fulfilled, and where the robot stands.
 
     ``rest``, the mean of ``rested`` measurements since the last motion was seen, None while it
-    moves, and ``rest_square``, the sum of squares by which their D varies; ``settled``, frames in
-    a row that fulfil it; ``settled_parallax``, the root mean square of the parallax over them
-    [rad]; ``settled_aside``, the mean by which they look aside before a wall, in deviations,
-    where there is no map; ``time_in_tolerance``, for how long the phase has been so
-    near its aim that a base may be unable to come nearer [s].
+    moves, and ``rest_square``, the sum of squares by which their D varies; ``stood``, such a mean
+    before the last move, None before the first; ``settled``, frames in a row that fulfil it;
+    ``settled_parallax``, the root mean square of the parallax over them [rad]; ``settled_aside``,
+    the mean by which they look aside before a wall, in deviations, where there is no map;
+    ``time_in_tolerance``, for how long the robot has been so near its aim, or has stood so near
+    the goal, that its base may be unable to come nearer [s].
     """
 
     rest: GoalEstimate | None = None
     rested: int = 0
     rest_square: float = 0.0
+    stood: GoalEstimate | None = None
     settled: int = 0
     settled_parallax: float = math.nan
     settled_aside: float = 0.0

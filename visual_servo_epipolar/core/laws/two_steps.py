@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.laws.arrival import (
     engage_bound,
     faces_goal,
     FACING,
+    half_hop,
     has_parallax,
     hysteresis,
     is_in_doubt,
@@ -278,7 +279,7 @@ def _are_zero(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bo
         return False
     if _turns_back(memory, settings) and leads_home(goal, settings):
         return True
-    return abs(goal.bearings.alpha) <= align_bound(goal, settings)
+    return abs(goal.bearings.alpha) <= align_bound(goal, settings, trial_of(goal, memory))
 
 
 def _with_gains(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
@@ -355,6 +356,7 @@ def _match(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist
         lateral_offset(goal),
         goal.heading_error,
         look_ahead=_look_ahead(abs(linear), goal, settings),
+        least_turn=half_hop(settings.dead_band_angular, settings, trial_of(goal, memory)),
     )
     if not _brakes(goal, settings) or goal.offset is None or not settings.options.final_turn:
         return twist

@@ -3,9 +3,9 @@ Settling: frames in a row that fulfil the aim of a phase, their mean, and moves 
 
 A base with a dead band ends on its aim so: it stands, measures, and moves once. What is slower
 than a dead band is sent as pulses, each of which is a hop of threshold times frame. A move is a
-train of them, as long as what is left by the mean since the robot stands. Its hops are stretched,
-so that a whole number of them leads there. A turn that is shorter than one hop first leads away by
-one, where that ends nearer.
+train of them, as long as what is left by the mean since the robot stands. Its hops are stretched
+as far as ramps allow, so that a whole number of them leads there. A turn shorter than half a hop
+first leads away by one, where that ends nearer.
 """
 
 from dataclasses import replace
@@ -28,6 +28,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.run_log import AT_GOAL_M
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
@@ -66,6 +67,12 @@ def is_close(state: ServoState, settings: ServoSettings) -> bool:
     return goal is not None and row_of(state, settings).is_close(goal, state, settings)
 
 
+def _stands_at_goal(state: ServoState) -> bool:
+    """Return whether the robot stands so near the goal that it is to end soon."""
+    rest = state.settling.rest
+    return rest is not None and rest.offset is not None and math.hypot(*rest.offset) <= AT_GOAL_M
+
+
 def settle(
     state: ServoState,
     observation: Observation | None,
@@ -75,7 +82,7 @@ def settle(
 ) -> ServoState:
     """Return the state with its count of settled frames, ``dt`` [s] after the ``previous``."""
     state = state.changed(**_rest(state, settings))
-    if is_close(state, settings):
+    if is_close(state, settings) or _stands_at_goal(state):
         state = state.changed(time_in_tolerance=state.settling.time_in_tolerance + dt)
     measurement = state.measurement
     if measurement is None or not is_settled(state, settings):
@@ -101,7 +108,8 @@ def _rest(state: ServoState, settings: ServoSettings) -> dict[str, Any]:
         or not state.phase.drives
         or state.motion.sent.rest_s(now.stamp_ns) < seen_after(settings)
     ):
-        return {'rest': None, 'rested': 0, 'rest_square': 0.0}
+        moves = {'rest': None, 'rested': 0, 'rest_square': 0.0}
+        return moves | {'stood': before} if rested > settings.arrival_frames else moves
     if before is None or (before.offset is None) is not (now.offset is None):
         return {'rest': now, 'rested': 1, 'rest_square': 0.0}
     change = now.difference - before.difference
@@ -150,16 +158,16 @@ class Aim(NamedTuple):
     """
     What is ``left`` to the aim, the ``bound`` within which it is met, and the ``error`` of both.
 
-    ``threshold`` is the dead band, ``lost`` what speeding up to it takes of a move, and ``room``
-    what a move may lead away to come back, to the positive and to the negative side. [m, m/s] or
-    [rad, rad/s]
+    ``threshold`` is the dead band, ``acceleration`` that by which the base speeds up to it, and
+    ``room`` what a move may lead away to come back, to the positive and to the negative side.
+    [m, m/s, m/s^2] or [rad, rad/s, rad/s^2]
     """
 
     left: float
     bound: float
     threshold: float
     error: float = 0.0
-    lost: float = 0.0
+    acceleration: float = math.inf
     room: tuple[float, float] = (0.0, 0.0)
 
 
@@ -178,7 +186,7 @@ def pulsed_move(
     if state.phase.turns_in_place and seen.offset is not None:
         bound = facing_bound(seen, settings, trial_of(seen, state))
         aim = Aim(-seen.heading_error, bound, settings.dead_band_angular, room=seen.view_margins)
-        if abs(wanted.angular) >= aim.threshold:
+        if abs(wanted.angular) >= aim.threshold and not _moves(rest.angular, aim.threshold):
             return None
         ramp = settings.max_angular_acceleration * usual_step(state.view.period)
         most = min(max(aim.threshold, abs(state.twist.angular)) + ramp, settings.max_angular)
@@ -190,16 +198,13 @@ def pulsed_move(
         return None
     bound = matched_bound(seen, settings, trial_of(seen, state)) / slope
     error = math.sqrt(settling.rest_square) / max(settling.rested - 1, 1) / slope
-    # It slows down twice as fast as it speeds up. If it is faster than its ramps, less is lost:
-    # where a move leads past the aim, it is to end nearer.
     left = -seen.difference / slope
-    lost = 0.5 * settings.dead_band_linear**2 / (4.0 * settings.max_acceleration)
-    lost = min(lost, 0.5 * abs(left))
-    aim = Aim(left, bound, settings.dead_band_linear, error, lost)
+    acceleration = _acceleration(left, seen, slope, state, settings)
+    aim = Aim(left, bound, settings.dead_band_linear, error, acceleration)
     near = state.phase.straight and abs(aim.left) <= aim.threshold * seen_after(settings)
-    if abs(wanted.linear) >= aim.threshold or not near:
+    moves = _moves(rest.linear, aim.threshold)
+    if not moves and (abs(wanted.linear) >= aim.threshold or not near):
         return None
-    moves = abs(rest.linear) >= aim.threshold * (1.0 - ROUNDING)
     if not moves and abs(aim.left) <= bound:  # there, but it may have to turn
         return settings.drive.beyond_dead_band(Twist(0.0, wanted.angular), rest, mode='pulse')
     ramp = settings.max_acceleration * usual_step(state.view.period)
@@ -208,18 +213,74 @@ def pulsed_move(
     return Twist(speed, 0.0), Twist(more, 0.0)
 
 
+def _moves(left: float, threshold: float) -> bool:
+    """Return whether a move goes on, of which so much is ``left`` [m/s, rad/s]."""
+    return abs(left) >= threshold * (1.0 - ROUNDING) > 0.0
+
+
 def _next_pulse(
     aim: Aim, moving: float, most: float, state: ServoState, settings: ServoSettings
 ) -> tuple[float, float]:
     """Return the next pulse of a move with ``moving`` left, or of a new one; and the rest."""
-    if abs(moving) < aim.threshold * (1.0 - ROUNDING):  # the last move is over
+    if not _moves(moving, aim.threshold):  # the last one is over
         # What the mean may be wrong by is no reason to move.
         measured = state.settling.rested >= settings.arrival_frames and aim.error <= aim.bound
         frame_s = usual_step(state.view.period)
         way = way_of_move(aim.left, aim.bound, aim.threshold * frame_s, aim.room)
-        moving = (way + math.copysign(aim.lost, way)) / frame_s if measured and way else 0.0
+        moving = _pulses(way, aim, frame_s, most) if measured and way else 0.0
     pulse = first_pulse(moving, aim.threshold, most)
     return pulse, moving - pulse
+
+
+def _pulses(way: float, aim: Aim, frame_s: float, most: float) -> float:
+    """
+    Return the sum of the pulses of a ``way``, of a base that slows down twice as fast.
+
+    None is above ``most``: where one more of the least ends nearer, the train has one more.
+    """
+    least, acceleration = aim.threshold, aim.acceleration
+    if abs(way) <= least * frame_s:
+        return math.copysign(least, way)
+    if abs(way) < 0.75 * least * least / acceleration:
+        # It never reaches the speed of its pulses: how long they last decides.
+        hops = round(math.sqrt(abs(way) / (0.75 * acceleration)) / frame_s)
+        return math.copysign(max(hops, 1) * least, way)
+    moving = abs(way) / frame_s + least * least / (4.0 * acceleration * frame_s)
+    hops = math.floor(moving / least * (1.0 + ROUNDING))
+    if (hops + 1) * least - moving < moving - hops * most:
+        moving = (hops + 1) * least
+    return math.copysign(moving, way)
+
+
+def _acceleration(
+    left: float, seen: GoalEstimate, slope: float, state: ServoState, settings: ServoSettings
+) -> float:
+    """
+    Return the acceleration by which the base began its last move [m/s^2], by where that ended.
+
+    Before a move it is twice that of the ramps, and so large that even a base without ramps ends
+    no farther past what is ``left`` [m] than by half of it.
+    """
+    least, stood, sent = settings.max_acceleration, state.settling.stood, state.motion.sent
+    unknown = max(2.0 * least, 0.6 * settings.dead_band_linear**2 / max(abs(left), 1e-9))
+    if stood is None or not sent.stamps or sent.stamps[0] > stood.stamp_ns:
+        return unknown
+    spans = [
+        (span, twist.linear)
+        for span, twist in sent.acting(stood.stamp_ns, seen.stamp_ns, 0.0)
+        if twist.linear
+    ]
+    lasted = math.fsum(span for span, _ in spans)
+    way = math.fsum(span * speed for span, speed in spans)
+    if not way:
+        return unknown
+    gone = math.copysign(1.0, way) * (seen.difference - stood.difference) / slope
+    lost = abs(way) - gone
+    if lost <= 0.0:
+        return math.inf
+    if lost <= 0.25 * abs(way):
+        return max((way / lasted) ** 2 / (4.0 * lost), least)
+    return max(gone / (0.75 * lasted**2), least)
 
 
 def way_of_move(left: float, bound: float, hop: float, room: tuple[float, float]) -> float:
@@ -233,7 +294,7 @@ def way_of_move(left: float, bound: float, hop: float, room: tuple[float, float]
         return 0.0
     if abs(left) >= hop:
         return left
-    if hop - abs(left) <= bound or not any(room):
+    if abs(left) >= 0.5 * hop or not any(room):
         return math.copysign(hop, left)
     return math.copysign(hop, -left) if hop <= room[left > 0.0] else 0.0
 

@@ -106,8 +106,11 @@ def switch_phase(
         # Bounds of a phase hold when it goes on after tracks were lost.
         travel=state.run.travel if Phase.HOLDING in (phase, state.phase) else 0.0,
         settled=0,
-        # What a phase could not do near the goal, the turn that ends it is not to try again.
-        time_in_tolerance=state.settling.time_in_tolerance if event is Event.TURNED else 0.0,
+        # What a phase could not do near the goal, the turn that ends it is not to try again, nor
+        # the phase after that turn.
+        time_in_tolerance=state.settling.time_in_tolerance
+        if event is Event.TURNED or state.phase is Phase.ORIENTING
+        else 0.0,
         gains=state.law.gains if settings.derives else None,
         reason=_reason(state, goal, event, settings),
         restarts=0
