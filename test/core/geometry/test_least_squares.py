@@ -7,6 +7,7 @@ from visual_servo_epipolar.core.geometry.least_squares import (
     Equations,
     least_squares,
     linear_fit,
+    null_vector,
     robust_fit,
     samples,
 )
@@ -58,3 +59,12 @@ def test_singular_equations_are_nan_and_spare_their_neighbours() -> None:
 def test_no_sample_has_one_twice() -> None:
     drawn = samples(np.random.default_rng(2), 50, 9, 5)
     assert drawn.shape == (50, 5) and all(len(set(each)) == 5 for each in drawn.tolist())
+
+
+def test_a_null_vector_is_that_of_the_rows_that_count() -> None:
+    rows, null = np.random.default_rng(3).normal(size=(12, 4)), np.array([0.5, -0.5, 0.5, 0.5])
+    rows -= np.outer(rows @ null, null)
+    rows[0] = null
+    found = null_vector(rows, np.arange(12) > 0)
+    assert np.allclose(np.abs(found @ null), 1.0)
+    assert np.allclose(null_vector(np.stack([rows[1:], rows[1:]])) @ null, found @ null)

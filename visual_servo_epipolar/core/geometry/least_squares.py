@@ -5,6 +5,7 @@ Callers state residuals and Jacobian at some unknowns, and what a change does to
 """
 
 from collections.abc import Callable
+import math
 from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, IntArray, NORMAL
 LARGEST_CONDITION = 1.0 / float(np.finfo(np.float64).eps)  # of equations that say something
 USUAL_SQUARES = 1.3863  # median of sums of two squares of normal noise of deviation 1: 2 log 2
 TUKEY = 4.685  # deviations from which residuals count no more: 95 % efficient for normal noise
+REWEIGHTINGS = 6  # rounds in which robust weights settle
 SMALLEST = 1e-18  # squared residual by which weights are scaled at least
 
 
@@ -151,7 +153,7 @@ def null_vector(rows: FloatArray, weight: FloatArray | None = None) -> FloatArra
     return np.asarray(np.linalg.eigh(rows.swapaxes(-1, -2) @ weighted)[1][..., 0])
 
 
-def deviation_of(median: float, spare: int) -> float:
+def deviation_of(median: float, spare: float = math.inf) -> float:
     """Return the deviation of noise of which so many ``spare`` residuals have the ``median``."""
     return NORMAL * (1.0 + 5.0 / max(spare, 1)) * median  # Rousseeuw and Leroy 1987
 

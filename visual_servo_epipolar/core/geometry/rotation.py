@@ -7,13 +7,17 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, median, medians
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.geometry.least_squares import cauchy, Equations, least_squares
+from visual_servo_epipolar.core.geometry.least_squares import (
+    cauchy,
+    Equations,
+    least_squares,
+    REWEIGHTINGS,
+)
 from visual_servo_epipolar.core.geometry.rays import normalised
 
-ITERATIONS = 6
 MIN_POINTS = 3
 TRUSTED_SHARE = 0.6  # of the matches that make the parallax: the worst may be outliers
-TINY = 1e-12  # angle that is divided by [rad]
+TINY = 1e-12  # angle, or squared length of a normal, that is divided by
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +46,7 @@ def fit_rotation(current: FloatArray, desired: FloatArray) -> RotationFit:
         )
     source, target = current.T, desired.T
     rotation = _kabsch(target @ current)
-    for _ in range(ITERATIONS - 1):
+    for _ in range(REWEIGHTINGS - 1):
         squares = _squared(target - rotation @ source)
         weight = cauchy(squares, 4.0 * median(squares))
         weight *= weight
@@ -97,7 +101,6 @@ RIDGE = 1e-6  # keeps the equations regular where all matches coincide
 # Directions of the motion to start from: ahead, aside, and between.
 STARTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 1.0]])
 STARTS /= np.linalg.norm(STARTS, axis=1)[:, None]
-SHORTEST = 1e-12  # squared length of the normal of an epipolar plane
 # What turns a vector w into the matrix of w x, row by row.
 CROSS = np.zeros((3, 9))
 CROSS[0, [5, 7]] = CROSS[1, [6, 2]] = CROSS[2, [1, 3]] = -1.0, 1.0
@@ -164,7 +167,7 @@ def _linearised(unknowns: FloatArray, target: FloatArray, products: FloatArray) 
     motion, turn = unknowns[:, :3], unknowns[:, 3:]
     across = _crossed(motion) @ target  # epipolar lines
     across *= across
-    length = np.sqrt(np.maximum(np.add.reduce(across, axis=-2), SHORTEST))[:, None]
+    length = np.sqrt(np.maximum(np.add.reduce(across, axis=-2), TINY))[:, None]
     rows = np.empty((len(unknowns), 7, target.shape[1]))
     columns = np.hstack([(IDENTITY + turn @ CROSS) @ LEVER, motion @ PULL])
     np.divide(columns.reshape(-1, 6, 9) @ products, length, out=rows[:, 1:])

@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, median
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.least_squares import (
     cauchy,
+    REWEIGHTINGS,
     robust_fit,
     SMALLEST,
     USUAL_SQUARES,
@@ -24,7 +25,6 @@ from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 
 LEAST_FORWARD = 0.5  # of a ray: 60 deg off the axis
 LEAST_FEATURES = 8
-ITERATIONS = 6
 
 
 def exchanged_bearings(view: FloatArray, across: FloatArray) -> Bearings | None:
@@ -64,7 +64,7 @@ def aside(current: FloatArray, desired: FloatArray) -> float:
         return 0.0
     seen, points = _points(carried[ahead]), _points(desired[ahead])
     moved = (points - seen).T.ravel()  # of the scene to the photograph: as the camera is aside
-    fit = robust_fit(_forms(points), moved, _weights, ITERATIONS)
+    fit = robust_fit(_forms(points), moved, _weights, REWEIGHTINGS)
     if fit is None:
         return 0.0
     own = float(fit.covariance()[0, 0])

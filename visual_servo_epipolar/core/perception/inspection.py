@@ -37,7 +37,10 @@ from visual_servo_epipolar.core.perception.validation import (
 )
 from visual_servo_epipolar.core.reasons import Reason, reason_of
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, overlap
-from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
+from visual_servo_epipolar.core.tracking.alignment.template_alignment import (
+    Anchor,
+    FIRST_ITERATIONS,
+)
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.matchers.base import Matcher
@@ -51,7 +54,6 @@ from visual_servo_epipolar.core.tracking.matching import (
 )
 from visual_servo_epipolar.core.tracking.reacquisition import among_neighbours
 
-REFINEMENT = 15  # iterations of the alignment after the match
 MIN_CORRELATION = 0.75
 ENOUGH, ROUNDS = 250, 2  # matches; searches for more among their neighbours
 AMONG_NEIGHBOURS = 0.85  # correlation of those, for which no descriptor speaks
@@ -156,7 +158,7 @@ def inspect(
 def _aligned(view: DesiredView, matches: Matches, image: Image) -> Warps:
     """Return the matches aligned to a fraction of a pixel, and more where they are few."""
     start, anchor, pixels = warps_of(matches, view), Anchor(view.image), float_image(image)
-    alignment = anchor.align(start, pixels, iterations=REFINEMENT)
+    alignment = anchor.align(start, pixels, iterations=FIRST_ITERATIONS)
     good = alignment.correlation >= MIN_CORRELATION
     if int(good.sum()) < MIN_MATCHES:
         if not np.ptp(view.keypoints.sizes):  # of a matcher without sizes: too coarse
@@ -168,7 +170,7 @@ def _aligned(view: DesiredView, matches: Matches, image: Image) -> Warps:
     found = alignment.warps.take(good)
     for _ in range(ROUNDS):
         more = among_neighbours(found, view, anchor, pixels, ENOUGH - len(found))
-        alignment = anchor.align(more, pixels, iterations=REFINEMENT)
+        alignment = anchor.align(more, pixels, iterations=FIRST_ITERATIONS)
         found = found.joined(alignment.warps.take(alignment.correlation >= AMONG_NEIGHBOURS))
     return found
 

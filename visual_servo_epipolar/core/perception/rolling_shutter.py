@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, frozen, IntArray, median, NORMAL
-from visual_servo_epipolar.core.geometry.least_squares import cauchy, robust_fit
+from visual_servo_epipolar.core.arrays import FloatArray, frozen, IntArray, median
+from visual_servo_epipolar.core.geometry.least_squares import cauchy, deviation_of, robust_fit
 from visual_servo_epipolar.core.geometry.rays import dot
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, rotated, rotation_vector
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -294,7 +294,7 @@ def sheared(pair: RowPair, axes: BaseAxes) -> Shear | None:
 
 
 def _noise(misses: FloatArray) -> float:
-    return max(NORMAL * median(np.abs(misses)), LEAST_RAD)
+    return max(deviation_of(median(np.abs(misses))), LEAST_RAD)
 
 
 def _weights(misses: FloatArray) -> FloatArray:

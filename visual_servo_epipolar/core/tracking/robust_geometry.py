@@ -18,7 +18,12 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     rank_two,
     sampson_distance,
 )
-from visual_servo_epipolar.core.geometry.least_squares import cauchy, null_vector, samples
+from visual_servo_epipolar.core.geometry.least_squares import (
+    cauchy,
+    null_vector,
+    REWEIGHTINGS,
+    samples,
+)
 from visual_servo_epipolar.core.geometry.rays import image_points, LEAST_FORWARD
 
 EPIPOLAR_PX = 2.0  # largest distance of an inlier from its epipolar line
@@ -27,7 +32,7 @@ CONFIDENCE = 0.999
 ITERATIONS = 5000
 SAMPLES = 500  # of rays, of either kind
 LEVEL = 4.0  # a hypothesis of a level camera is judged by so many limits: it is tilted a little
-BEST, ROUNDS = 6, 6  # hypotheses that are refined, and how often
+BEST = 6  # hypotheses that are refined
 # Elements of E, by rows, that a planar motion of a level camera leaves (y is the vertical).
 PLANAR = np.array([1, 3, 5, 7])
 
@@ -173,7 +178,7 @@ def _refined(
 ) -> tuple[FloatArray, FloatArray]:
     """Return E, (3, 3), of all that fit it, by ever closer limits, and the distances from it."""
     distance = np.abs(sampson_distance(essential, current, desired))
-    for tolerance in np.geomspace(LEVEL * limit, limit, ROUNDS):
+    for tolerance in np.geomspace(LEVEL * limit, limit, REWEIGHTINGS):
         weight = cauchy(distance * distance, 0.25 * tolerance * tolerance) ** 2
         weight[distance > 2.0 * tolerance] = 0.0
         if np.count_nonzero(weight) < MIN_MATCHES:

@@ -21,6 +21,7 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
     inside_border,
     patches_for_one,
 )
+from visual_servo_epipolar.core.tracking.alignment.template_alignment import FIRST_ITERATIONS
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.canvas import Canvas
@@ -41,7 +42,6 @@ from visual_servo_epipolar.core.tracking.reacquisition import (
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracks import Tracks
 
-FIRST_ITERATIONS = 15  # of the alignment after a match: its scale is only known by SIFT
 BORDER = 4.0  # features nearer to the border of the current image are dropped [px]
 MOST_SHIFT = 0.25  # of the width, of features since a wide lens was matched
 FEW_FACTOR = 3  # the search is so many times wider below min_features

@@ -15,12 +15,11 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, frozen, IntArray, TINY
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays
 from visual_servo_epipolar.core.geometry.epipolar import constraint_rows
-from visual_servo_epipolar.core.geometry.least_squares import samples
+from visual_servo_epipolar.core.geometry.least_squares import LARGEST_CONDITION, samples
 
 SAMPLE = 5
 QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 REAL = 1e-7  # imaginary part of an eigenvalue that counts as real
-LARGEST_CONDITION = 1e14  # of equations that no rounding makes singular
 LARGEST = 1e12  # element of an action matrix whose eigenvalues mean anything
 
 # Monomials of degree three in x, y, z, w as sorted triples of 0 .. 3: those without w first, which

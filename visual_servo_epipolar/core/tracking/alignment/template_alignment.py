@@ -26,6 +26,7 @@ from visual_servo_epipolar.core.tracking.alignment.templates import (
 )
 from visual_servo_epipolar.core.tracking.alignment.warps import squared_lengths, Warps
 
+FIRST_ITERATIONS = 15  # after a match: its scale is only known by SIFT
 MAX_CORRECTION = 4.0  # of one alignment from the position by flow or matching [px]
 LEAST_SCALE = 1e-3  # determinant below which a step of the alignment is not taken
 CONVERGED = 0.02  # motion by a step after which none follows [px]

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, Image, NORMAL
-from visual_servo_epipolar.core.geometry.least_squares import linear_fit
+from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.geometry.least_squares import deviation_of, linear_fit
 
 STILL_PX = 0.1  # motion at the border of the image that blurs less than tracking errs
 DEVIATIONS = 3.0  # beyond STILL_PX at which a motion is none of noise
@@ -54,7 +54,7 @@ def unrest(first: Image, second: Image) -> str:
     rows = columns / scale
     fit = linear_fit(rows, difference, ridge=1e-6 * len(rows))
     residual = np.abs(fit.residual)
-    noise = NORMAL * float(np.median(residual))
+    noise = deviation_of(float(np.median(residual)))
     errors = noise * np.sqrt(np.diag(fit.covariance())) / scale
     motion = _at_border((fit.solution / scale)[:MOTIONS])
     if motion > STILL_PX + DEVIATIONS * _at_border(errors[:MOTIONS]):

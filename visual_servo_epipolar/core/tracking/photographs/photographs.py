@@ -17,7 +17,10 @@ from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.rays import homogeneous
 from visual_servo_epipolar.core.goal import goal_id
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, inside_border
-from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
+from visual_servo_epipolar.core.tracking.alignment.template_alignment import (
+    Anchor,
+    FIRST_ITERATIONS,
+)
 from visual_servo_epipolar.core.tracking.alignment.warps import squared_lengths, Warps
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.features import Features
@@ -45,7 +48,6 @@ ALIKE = 0.9  # correlation above which two photographs are of one light
 FEW, FEW_PERIOD = 20, 3  # below so many features, matching may come after so few frames
 SIZE = (64, 48)  # to which photographs are reduced: light is seen, a millimetre is not [px]
 DARK_GREY = 8.0  # added to grey levels, of which logarithms are taken: noise in the dark is none
-ITERATIONS = 15  # of the alignment of one photograph with the other
 MIN_CORRELATION = 0.7  # of a patch in both: in other light edges stay, shading does not
 MIN_COMMON = 30  # features in both photographs
 # Of two photographs of one pose, over the width of the image: 2 to 3 deg, and 1 to 2 cm in a room.
@@ -283,7 +285,7 @@ def _common(view: DesiredView, anchor: Anchor, first: TiedView) -> Warps:
             f'the photograph does not show what the first one of this goal does; {REMEDY}'
         ) from None
     warps = warps_of(matches, view)
-    alignment = anchor.align(warps, float_image(image), iterations=ITERATIONS)
+    alignment = anchor.align(warps, float_image(image), iterations=FIRST_ITERATIONS)
     return alignment.warps.take(alignment.correlation >= MIN_CORRELATION)
 
 
