@@ -188,6 +188,13 @@ def test_a_camera_that_rolls_and_stands_sees_what_another_does() -> None:
     np.testing.assert_allclose(pixels, expected, atol=1e-9)
 
 
+def test_a_focus_that_breathes_moves_points_about_the_principal_point() -> None:
+    breathing = PointWorld(EXACT, FixedRig(CAMERA), seed=0, shutter=Shutter(0.0, 0.0, 0.01, 40.0))
+    centre = [CAMERA.cx, CAMERA.cy]
+    expected, pixels = world().project(BEHIND, 10)[0], breathing.project(BEHIND, 10)[0]
+    np.testing.assert_allclose(pixels - centre, 1.01 * (expected - centre), atol=1e-9)
+
+
 def test_a_floor_that_shakes_moves_what_is_seen_from_the_goal() -> None:
     shaken = PointWorld(EXACT, FixedRig(CAMERA, jitter=0.002), seed=0)
     shift = [

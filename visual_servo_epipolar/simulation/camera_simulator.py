@@ -142,7 +142,7 @@ class CameraSimulator:
         nod = LEVEL if frame == DESIRED_FRAME else self._nod
         nod = nod if moves else Nod(nod.pitch)
         axes, centre = placed.R_world_camera.tobytes(), placed.centre.tobytes()
-        place = axes, centre, twist, nod
+        place = axes, centre, twist, nod, shutter.zoom(frame)
         if self._last is None or self._last[0] != place or self._last[1] is not scene:
             image = self._exposures.render(pose, frame, twist, shutter, nod)
             image.setflags(write=False)

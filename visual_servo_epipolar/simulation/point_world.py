@@ -123,7 +123,7 @@ class PointWorld(View):
 
     def project(self, pose: Pose, frame: int = DESIRED_FRAME) -> tuple[FloatArray, BoolArray]:
         """Return the true pixels, shape (N, 2), and which of them are in view, shape (N,)."""
-        return self.rolling(self.seen(pose, frame))
+        return self.rolling(self.seen(pose, frame), self._shutter.zoom(frame))
 
     def seen(self, pose: Pose, frame: int) -> FloatArray:
         """
@@ -140,13 +140,17 @@ class PointWorld(View):
             places = [pitched(*each) for each in zip(places, poses, pitches, strict=True)]
         return np.stack([(self.points - centre) @ axes for axes, centre in places])
 
-    def rolling(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
+    def rolling(self, points: FloatArray, zoom: float) -> tuple[FloatArray, BoolArray]:
         """Return pixels, shape (N, 2), and which are in view, shape (N,), of what was ``seen``."""
         lenses, camera = lenses_of(self.rig), self.camera
         pixels, visible = through(lenses, points[len(points) // 2], camera)
         for _ in range(ROUNDS if len(points) > 1 else 0):
             rows = np.clip(np.nan_to_num(pixels[..., 1]) / camera.height, 0.0, 1.0)
             pixels, visible = through(lenses, interpolated(points, rows), camera)
+        if zoom != 1.0:
+            centre = np.array([camera.cx, camera.cy])
+            pixels = centre + zoom * (pixels - centre)
+            visible = visible & camera.contains(pixels)
         return pixels, visible
 
     def taken_for(self, frame: int) -> IntArray | None:

@@ -70,3 +70,15 @@ def test_a_shutter_that_is_open_blurs_along_the_motion() -> None:
 def test_at_rest_or_in_an_instant_the_image_is_the_same_to_the_bit(changes) -> None:
     twist = STANDSTILL if changes else Twist(0.3, 1.0)
     np.testing.assert_array_equal(taken(replace(SMALL, **changes), twist), taken(SMALL))
+
+
+def test_a_focus_that_breathes_scales_the_image() -> None:
+    # A quarter of the period after frame 0.
+    settings = replace(SMALL, breathing=0.05, breathing_period=4.0 / SMALL.frame_rate)
+    image, rest = (CameraSimulator(settings).capture(HERE, frame) for frame in (1, 0))
+    np.testing.assert_array_equal(rest, taken(SMALL))
+    misses = [
+        np.abs(taken(replace(SMALL, focal_length=zoom * SMALL.focal_length)) - image).mean()
+        for zoom in (1.0, 1.04, 1.05, 1.06)
+    ]
+    assert np.argmin(misses) == 2

@@ -1,9 +1,7 @@
 """Settings of the simulated camera: lens and image, mount, scene, noise."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import math
-from typing import Any, ClassVar
 
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant, WIDEST
 from visual_servo_epipolar.core.cameras.model import CameraModel
@@ -91,6 +89,12 @@ class CameraSettings(Settings):
         low=0.0,
         high=0.1,
     )
+    breathing: float = internal(
+        0.0, 'Share by which the focus changes the focal length, up and down', low=0.0, high=0.2
+    )
+    breathing_period: float = internal(
+        2.0, 'Period of that change of the focal length [s]', low=0.1, high=100.0
+    )
     stamp_delay: float = internal(
         0.0,
         'Time from the exposure to the receipt, when the image is stamped; 0 = stamped as exposed '
@@ -108,8 +112,6 @@ class CameraSettings(Settings):
     believed_shift_v: float = internal(
         0.0, 'Principal point in camera_info, below the true one [px]', low=-1e4, high=1e4
     )
-
-    GONE: ClassVar[Mapping[str, Any]] = {'breathing': 0.0, 'breathing_period': 2.0}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -156,8 +158,9 @@ class CameraSettings(Settings):
 
     @property
     def row_timing(self) -> Shutter:
-        """When rows are exposed."""
-        return Shutter(self.readout, self.shutter)
+        """When rows are exposed, and by which focal length."""
+        period = self.breathing_period * self.frame_rate
+        return Shutter(self.readout, self.shutter, self.breathing, period)
 
     @property
     def receipt(self) -> Receipt:

@@ -97,11 +97,20 @@ class Shutter(NamedTuple):
     """
     Row v of H is exposed for ``exposure`` [s], around v / H * ``readout`` [s] after the first one.
 
-    The photograph is taken at rest.
+    The photograph is taken at rest. ``breathing`` is the amplitude of the focal length as a share,
+    with a period of ``frames``.
     """
 
     readout: float = 0.0
     exposure: float = 0.0
+    breathing: float = 0.0
+    frames: float = 1.0
+
+    def zoom(self, frame: int | None) -> float:
+        """Return the focal length of ``frame`` over that of the photograph, frame -1."""
+        if self.breathing == 0.0 or frame is None or frame == DESIRED_FRAME:
+            return 1.0
+        return 1.0 + self.breathing * math.sin(2.0 * math.pi * frame / self.frames)
 
     @property
     def is_instant(self) -> bool:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property
 import math
 from typing import Any, NamedTuple
 
@@ -233,16 +232,18 @@ class Exposures:
     def __init__(self, renderer: Renderer) -> None:
         self._renderer = renderer
         self._ideal: Renderer | None = None  # without distortion, and wider
+        self._rays: tuple[float, FloatArray] | None = None  # by the zoom
 
     def render(
         self, pose: Pose, frame: int, twist: Twist, shutter: Shutter, nod: Nod = LEVEL
     ) -> Image:
         """Return the image, shape (H, W), of ``frame``, whose first row is exposed at ``pose``."""
-        camera = self._renderer.camera
+        zoom, camera = shutter.zoom(frame), self._renderer.camera
         self._renderer.pitch = nod.pitch
-        if shutter.is_instant or (twist == STANDSTILL and nod.rate == 0.0):
+        if zoom == 1.0 and (shutter.is_instant or (twist == STANDSTILL and nod.rate == 0.0)):
             return self._renderer.render(pose, frame)
-        rays, renderer = self._rays, self._source()
+        rays = self._rays_at(zoom)
+        renderer = self._source()
         samples = _samples(twist, nod, shutter.exposure, camera)
         opened = shutter.exposure * ((np.arange(samples) + 0.5) / samples - 0.5)
         times = opened[:, None] + np.arange(camera.height) / camera.height * shutter.readout
@@ -267,19 +268,21 @@ class Exposures:
                     total[part] += cv2.remap(drawn, *maps, flags, None, cv2.BORDER_REPLICATE)
         return np.asarray(cv2.convertScaleAbs(total, alpha=1.0 / samples), np.uint8)
 
-    @cached_property
-    def _rays(self) -> FloatArray:
-        """Rays of the pixels, shape (H, W, 3), (x/z, y/z, 1) of a pinhole."""
-        camera = self._renderer.camera
-        u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
-        pixels = np.stack([u.ravel(), v.ravel()], axis=1)
-        if camera.planar is None:
-            rays = camera.rays(pixels)
-        else:
-            points = np.nan_to_num(camera.planar.image_points(pixels), nan=MAX_RAY)
-            points = np.clip(points, -MAX_RAY, MAX_RAY)
-            rays = np.column_stack([points, np.ones(len(points))])
-        return rays.reshape(camera.height, camera.width, 3)
+    def _rays_at(self, zoom: float) -> FloatArray:
+        """Return a ray for each pixel, shape (H, W, 3), (x/z, y/z, 1) of a pinhole."""
+        if self._rays is None or self._rays[0] != zoom:
+            camera = self._renderer.camera
+            u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
+            centre = np.array([camera.cx, camera.cy])
+            pixels = (np.stack([u.ravel(), v.ravel()], axis=1) - centre) / zoom + centre
+            if camera.planar is None:
+                rays = camera.rays(pixels)
+            else:
+                points = np.nan_to_num(camera.planar.image_points(pixels), nan=MAX_RAY)
+                points = np.clip(points, -MAX_RAY, MAX_RAY)
+                rays = np.column_stack([points, np.ones(len(points))])
+            self._rays = zoom, rays.reshape(camera.height, camera.width, 3)
+        return self._rays[1]
 
     def _source(self) -> Renderer:
         """Return what draws in an instant: of a pinhole one without distortion that sees more."""
@@ -289,7 +292,7 @@ class Exposures:
         rig: Any = original.rig
         if self._ideal is None:
             border = math.ceil(0.06 * camera.width)  # what a turn brings in
-            points = self._rays[..., :2].reshape(-1, 2) * [camera.fx, camera.fy]
+            points = self._rays_at(1.0)[..., :2].reshape(-1, 2) * [camera.fx, camera.fy]
             low = np.floor(points.min(axis=0)) - border
             width, height = (np.ceil(points.max(axis=0)) + border - low + 1.0).astype(int).tolist()
             cx, cy = (-low).tolist()
