@@ -111,7 +111,7 @@ def test_axes_have_units(draw: Draw, log: RunLog) -> None:
         ('D [px$^2$]', '_child0', 'feature_difference'),
         ('visible features', '_child0', 'features'),
         ('median feature error [px]', '_child0', 'feature_error'),
-        ('distance [m]', r'estimate $\hat{d}$', 'distance_estimate'),
+        ('distance [m]', 'estimated $d$', 'distance_estimate'),
     ],
 )
 def test_panels_show_the_log(log: RunLog, label: str, line: str, field: str) -> None:
@@ -161,8 +161,8 @@ def test_axes_of_a_robot_that_stands_have_round_ticks(log: RunLog) -> None:
 def test_least_time_is_marked_where_the_limits_are_known(log: RunLog) -> None:
     limits = MotionLimits(0.4, 0.2, 0.25, 0.5)
     marked, unmarked = (signals(replace(log, limits=each)) for each in (limits, None))
-    assert '$T_0$' in [text.get_text() for text in marked.axes[0].texts]
-    assert '$T_0$' not in [text.get_text() for text in unmarked.axes[0].texts]
+    assert 'least time' in [text.get_text() for text in marked.axes[0].texts]
+    assert 'least time' not in [text.get_text() for text in unmarked.axes[0].texts]
 
 
 def test_epipole_beyond_the_panel_is_a_gap_and_a_mark(log: RunLog) -> None:

@@ -68,7 +68,7 @@ class Reason(Enum):
     DISOBEYED = '{} times in this run: {}'
     RESTARTED = (
         'step 1 was given up {} times: the turn that begins it loses the view, or it leads away; '
-        'let the robot back off (retreat), or begin farther back'
+        'begin farther away and in front of the goal'
     )
     NO_RETREAT = (
         'the robot would have to back off, and max_retreat is 0; begin farther away and in '

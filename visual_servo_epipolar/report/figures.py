@@ -169,7 +169,7 @@ def _draw_distance(axes: Axes, log: RunLog) -> None:
     ended = np.array([sample.phase.ended for sample in log.samples])  # nothing goes by it
     estimate = np.where(ended, np.nan, column(log, 'distance_estimate'))
     axes.plot(seconds(log), true, color=INK, label='true $d$')
-    axes.plot(seconds(log), estimate, '--', color=CURRENT_COLOUR, label=r'estimate $\hat{d}$')
+    axes.plot(seconds(log), estimate, '--', color=CURRENT_COLOUR, label='estimated $d$')
     axes.set_ylabel('distance [m]')
     _scale_by_decades(axes, np.concatenate([true, estimate]))
     _key_above(axes)
@@ -342,7 +342,7 @@ def signals(log: RunLog) -> Figure:
     Draw what was measured and commanded over time, one quantity a panel, phases behind.
 
     A dashed line marks where the run ended, arrived or failed: the base may brake for longer. A
-    dotted one marks T_0, the least time that the limits of the base allow.
+    dotted one marks the least time T_0 that the limits of the base allow.
 
     Raises ValueError if the run has no samples.
     """
@@ -355,7 +355,7 @@ def signals(log: RunLog) -> Figure:
     draw_strip(strip, spans)
     least = least_time_of(log)
     if least is not None and least <= strip.get_xlim()[1]:
-        strip.text(least, 1.05, '$T_0$', fontsize=8.0, ha='center', va='bottom')
+        strip.text(least, 1.05, 'least time', fontsize=8.0, ha='center', va='bottom')
     for row, draw in enumerate(DRAWN, start=1):
         axes = figure.add_subplot(grid[row], sharex=strip)
         draw(axes, log)
