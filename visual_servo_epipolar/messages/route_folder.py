@@ -16,6 +16,7 @@ import errno
 import hashlib
 import io
 import json
+from lzma import LZMAError
 import os
 from pathlib import Path
 import re
@@ -365,7 +366,7 @@ def _parts(path: Path, renewed: Sequence[int], sha256: str | None) -> list[dict[
             part | {'renewed': [next(looks) for _ in range(times)]}
             for part, times in zip(parts, renewed, strict=True)
         ]
-    except (OSError, BadZipFile, KeyError, IndexError, ValueError, EOFError) as error:
+    except (OSError, BadZipFile, LZMAError, LookupError, ValueError, EOFError) as error:
         raise InputError(f'{path} is missing, cut off or damaged: {error}; {AGAIN}') from None
 
 
