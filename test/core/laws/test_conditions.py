@@ -17,6 +17,7 @@ from visual_servo_epipolar.core.laws.arrival import (
     matched_bound,
     PATIENCE_S,
     release_bound,
+    Trial,
     trial_of,
 )
 from visual_servo_epipolar.core.laws.conditions import (
@@ -65,6 +66,11 @@ def test_a_memory_of_views_matches_as_closely_as_it_knows() -> None:
     assert matched_bound(exact, SETTINGS) == pytest.approx(0.24e-5)
     vague = replace(exact, difference_deviation=1e-4)
     assert matched_bound(vague, SETTINGS) == pytest.approx(0.3e-4)
+    at_last, vaguer = (
+        Trial(time_in_tolerance=PATIENCE_S + 0.1),
+        replace(exact, difference_deviation=0.1),
+    )
+    assert matched_bound(vaguer, SETTINGS, at_last) == pytest.approx(0.15)
     steep = replace(exact, difference_slope=20.0)
     assert matched_bound(steep, SETTINGS) == SETTINGS.arrival_difference
 

@@ -279,6 +279,15 @@ def test_every_sighting_stands_where_its_feature_does(views) -> None:
     assert fewer.seen.tolist() == window.seen[1:, kept].tolist()
 
 
+def test_the_noise_of_the_photograph_is_the_mean_of_what_views_show_of_it() -> None:
+    window, first = EMPTY, observations([1, 2])
+    for noise in (3e-3, 1e-3, 1e-3):
+        window = window.with_view(replace(first, noise=np.full((2, 2), noise)), np.zeros(2))
+    window = window.with_view(observations([2, 3]), np.zeros(2))
+    squares = 1e-6 * np.array([11.0 / 3.0, 12.0 / 4.0, 1.0])
+    assert window.photograph_noise == pytest.approx(np.sqrt(squares))
+
+
 @given(ids=IDS, others=IDS)
 @settings(max_examples=40, deadline=None)
 def test_features_are_found_by_their_ids_and_others_are_not(ids, others) -> None:

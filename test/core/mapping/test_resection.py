@@ -62,30 +62,25 @@ def test_features_as_if_independent_would_be_too_sure(exact_drive, last) -> None
     assert resect(geometry, anchors, seen, fit, NOTHING).covariance[1, 1] > (0.04 * 2.5) ** 2
 
 
-def test_own_noise_is_what_views_draw_anew(exact_drive, last) -> None:
+@pytest.mark.parametrize('times', [1.0, 2.0])  # as large as expected of the noise
+def test_own_noise_is_what_views_draw_anew(exact_drive, last, times: float) -> None:
     geometry, anchors, seen = last
     rng = np.random.default_rng(3)
-    poses = []
+    poses, own = [], []
+    across = seen.tangent_basis / (seen.tangent_basis**2).sum(1)[:, None]
     for _ in range(200):
-        directions = seen.rays + (
-            seen.tangent_basis / (seen.tangent_basis**2).sum(1)[:, None]
-        ).transpose(1, 0, 2)[:, 0] * rng.normal(size=seen.rays.shape[1])
-        directions += (seen.tangent_basis[1] / (seen.tangent_basis[1] ** 2).sum(0)) * rng.normal(
-            size=seen.rays.shape[1]
-        )
-        rays = directions / np.linalg.norm(directions, axis=0)
+        drawn = times * rng.normal(size=(2, 1, seen.rays.shape[1]))
+        rays = seen.rays + (across * drawn).sum(0)
+        rays /= np.linalg.norm(rays, axis=0)
         noise = 1.0 / np.sqrt((seen.tangent_basis[0] ** 2).sum(0))
         noisy = replace(seen, rays=rays, tangent_basis=tangent_basis_of(rays.T, noise))
-        poses.append(
-            resect(
-                geometry, anchors, noisy, fit_pose(anchors, noisy, exact_drive.views[14]), NOTHING
-            ).pose
-        )
-    own = resect(
-        geometry, anchors, seen, fit_pose(anchors, seen, exact_drive.views[14]), NOTHING
-    ).own
-    drawn = np.std(poses, axis=0)[:3]
-    assert drawn / np.sqrt(np.diag(own)[:3]) == pytest.approx(1.0, abs=0.15)
+        fit = fit_pose(anchors, noisy, exact_drive.views[14])
+        found = resect(geometry, anchors, noisy, fit, NOTHING)
+        poses.append(found.pose)
+        own.append(np.diag(found.own))
+    ratio = np.std(poses, axis=0) / np.sqrt(np.mean(own, axis=0))
+    # The errors of the structure are not drawn, and count for as much more as views are noisier.
+    assert ratio[:3] == pytest.approx(1.0, abs=0.25 if times > 1.0 else 0.15)
 
 
 def test_own_noise_is_a_part_of_the_whole(drive, memory) -> None:

@@ -30,6 +30,7 @@ from visual_servo_epipolar.core.mapping.selection import (
     kept_features,
     most_crowded,
     NEW_SHARE,
+    with_keyframe,
 )
 from visual_servo_epipolar.core.mapping.window import (
     differ_in_place,
@@ -101,6 +102,17 @@ def test_of_two_alike_the_one_with_fewer_features_goes() -> None:
     seen[2, 4:] = False
     assert most_crowded(places, seen, 5.0) == 2
     assert most_crowded(places, seen[[0, 2, 1, 3]], 5.0) == 1
+
+
+def test_a_keyframe_that_tells_the_noise_leaves_the_rays_of_the_photograph(drive, memory) -> None:
+    before, noisier = memory.geometry, drive.observations(14)
+    noisier = replace(noisier, noise=3.0 * noisier.noise)
+    places, pose = np.zeros((2, 2)), drive.views[14]
+    after = with_keyframe(before, noisier, places, pose, replace(SETTINGS, keyframes=99))
+    count = len(before.window.ids)
+    rays = after.structure.rays[:, :count]
+    assert (after.window.photograph_noise[:count] > before.window.photograph_noise).any()
+    assert rays == pytest.approx(before.evaluation.structure.rays, abs=1e-12)
 
 
 def test_features_that_no_keyframe_shows_are_let_go(exact) -> None:

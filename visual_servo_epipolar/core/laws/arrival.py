@@ -25,6 +25,7 @@ from visual_servo_epipolar.core.laws.memory import Memory
 # Deviations that noise hardly reaches, and those that it never does; the first also of means over
 # looks, all of which share the noise of the photograph.
 NOISE_DEVIATIONS, SURE_DEVIATIONS = 2.0, 4.0
+PLACE_DEVIATIONS = 1.5  # of a place by a memory of views, which counts all that it may be wrong by
 LEAST_OFFSET, LEAST_HEADING = 4e-5, 2e-5  # that a memory of views bothers about [m], [rad]
 NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of arrivals from behind
 PULSE_MISS = 0.15  # of a hop, by which stretched pulses miss: a base slips
@@ -106,10 +107,9 @@ def ends_by_pulses(goal: GoalEstimate, settings: DriveSettings) -> bool:
 def matched_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
     """Return the largest |D|, at unit focal length, that counts as zero, its noise at least."""
     least, deviation = settings.arrival_difference, goal.difference_deviation
-    usual = max(least, NOISE_DEVIATIONS * deviation)
     if goal.offset is None:
-        return usual
-    slope = goal.difference_slope
+        return max(least, NOISE_DEVIATIONS * deviation)
+    usual, slope = max(least, PLACE_DEVIATIONS * deviation), goal.difference_slope
     hop = half_hop(settings.dead_band_linear, settings, trial) * slope
     fine = max(min(least, LEAST_OFFSET * slope), (1.0 if hop else NEGLIGIBLE) * deviation)
     return max(fine if _is_patient(trial) else usual, hop)

@@ -97,6 +97,12 @@ class PoseFit(NamedTuple):
         """Which features agree."""
         return np.asarray(self.squares <= OUTLIER)
 
+    @property
+    def spread(self) -> float:
+        """How many times as large squares are as expected, of all but outliers, at least once."""
+        usual = self.squares[self.squares <= OUTLIER * self.widening]
+        return max(1.0, median(usual) / USUAL_SQUARES) if len(usual) else self.widening
+
 
 def anchors_of(geometry: Geometry) -> Anchors:
     """Return the features of a refined window as anchors."""
@@ -410,7 +416,8 @@ def resect(
     covariance = 0.5 * (covariance + covariance.T)
     after, pose, shift = _stepped(fit.pose, gain @ rows[:, -1], covariance)
     gain, count = gain[:VIEW], len(beside)
-    noise = np.concatenate([whitening.columns(gain[:, :-count]), gain[:, -count:]], axis=1)
+    seen_noise = math.sqrt(fit.spread) * whitening.columns(gain[:, :-count])
+    noise = np.concatenate([seen_noise, gain[:, -count:]], axis=1)
     covariance = covariance[:VIEW, :VIEW]
     return Resection(pose, covariance, noise @ noise.T, fit.inliers, fit.squares, after, shift)
 
@@ -453,7 +460,7 @@ def _whitening(
     alone = slopes[..., :3] @ errors.own
     first, other = alone[:, 0], alone[:, 1]
     a, b, c = 1.0 + _dot(first, first), _dot(first, other), _dot(other, other)
-    weight = np.sqrt(robust_weight(fit.squares / fit.widening))
+    weight = np.sqrt(robust_weight(fit.squares / fit.widening) / fit.spread)
     # The inverted root of [[a, b], [b, 1 + c]].
     ratio, both = b / a, np.empty((len(a), 2))
     rest = np.divide(weight, np.sqrt(1.0 + c - b * ratio), out=both[:, 1])

@@ -180,13 +180,18 @@ class KeyframeWindow:
         """Return the window with one more keyframe, and with the features that are new in it."""
         alternative_places = driven_places if alternative_places is None else alternative_places
         new = self.rows_of(observations.ids) < 0
+        noise = np.concatenate([self.photograph_noise, observations.noise[new, 1]])
         wider = replace(
             self,
             ids=np.concatenate([self.ids, observations.ids[new]]),
             photograph=np.concatenate([self.photograph, observations.desired[new]]),
-            photograph_noise=np.concatenate([self.photograph_noise, observations.noise[new, 1]]),
+            photograph_noise=noise,
         )
         rows, count = wider.rows_of(observations.ids), len(wider.ids)
+        # What a first view has for the noise is a guess: each view after it estimates it anew.
+        before = _widened(self.seen, count).sum(0)[rows]
+        square = (before * noise[rows] ** 2 + observations.noise[:, 1] ** 2) / (before + 1)
+        noise[rows] = np.sqrt(square)
         tangent_basis, rays = np.zeros((1, 2, 3, count)), np.zeros((1, 3, count))
         across = tangent_basis_of(observations.current, observations.noise[:, 0])
         tangent_basis[0][..., rows], rays[0][:, rows] = across, observations.current.T
