@@ -182,3 +182,11 @@ def test_a_robot_that_stands_where_it_should_may_turn() -> None:
     turned = pulsed_move(Twist(1e-4, 0.5 * THRESHOLD), state, BANDED)
     assert turned is not None
     assert turned[0] == Twist(0.0, THRESHOLD)
+
+
+def test_no_move_goes_on_in_a_phase_that_it_is_not_for() -> None:
+    """Where tracks are lost or the run ends amid a train of pulses, the robot stands at once."""
+    seen, rest = at(-2.0), Twist(2.0 * THRESHOLD, 2.0 * THRESHOLD)
+    for phase in (Phase.HOLDING, Phase.FAILED, Phase.ARRIVED, Phase.WAITING, Phase.RETREATING):
+        state = in_phase(phase, measurement=seen, dead_band_residual=rest, period=FRAME_S)
+        assert pulsed_move(STANDSTILL, state, BANDED) is None

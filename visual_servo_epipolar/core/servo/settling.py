@@ -194,14 +194,14 @@ def pulsed_move(
         return Twist(0.0, turn), Twist(0.0, more)
     slope, settling = seen.difference_slope, state.settling
     slope = slope if slope > 0.0 else state.motion.slope.value  # nan by two views
-    if state.phase.turns_in_place or not slope > 0.0:
+    if not state.phase.straight or not slope > 0.0:
         return None
     bound = matched_bound(seen, settings, trial_of(seen, state)) / slope
     error = math.sqrt(settling.rest_square) / max(settling.rested - 1, 1) / slope
     left = -seen.difference / slope
     acceleration = _acceleration(left, seen, slope, state, settings)
     aim = Aim(left, bound, settings.dead_band_linear, error, acceleration)
-    near = state.phase.straight and abs(aim.left) <= aim.threshold * seen_after(settings)
+    near = abs(aim.left) <= aim.threshold * seen_after(settings)
     moves = _moves(rest.linear, aim.threshold)
     if not moves and (abs(wanted.linear) >= aim.threshold or not near):
         return None
