@@ -148,3 +148,9 @@ def test_a_turn_that_a_base_cannot_make_is_not_wanted() -> None:
     assert abs(x) < 2.0 * length * least  # as near as headings within the least turn lead
     assert follow_line(1.0, 0.0, 0.9 * least, look_ahead=length, least_turn=least).angular == 0.0
     assert follow_line(1.0, 0.0, 1.1 * least, look_ahead=length, least_turn=least).angular < 0.0
+
+
+def test_where_the_line_is_unknown_the_robot_does_not_drive_straight_on() -> None:
+    for x, heading in ((math.nan, 0.0), (0.0, math.nan)):
+        with pytest.raises(ValueError):
+            follow_line(1.0, x, heading, look_ahead=0.25)

@@ -13,6 +13,8 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Slope
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.rigs.rig import Command
+from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import first_pulse, pulsed_move, way_of_move
 
@@ -190,3 +192,12 @@ def test_no_move_goes_on_in_a_phase_that_it_is_not_for() -> None:
     for phase in (Phase.HOLDING, Phase.FAILED, Phase.ARRIVED, Phase.WAITING, Phase.RETREATING):
         state = in_phase(phase, measurement=seen, dead_band_residual=rest, period=FRAME_S)
         assert pulsed_move(STANDSTILL, state, BANDED) is None
+
+
+def test_a_move_that_was_halted_does_not_go_on_after_it() -> None:
+    """It was measured where the robot stood: somebody may have moved it since."""
+    seen, rest = at(2.0), Twist(2.0 * THRESHOLD, 0.0)
+    known = {'command': Command(Twist(THRESHOLD, 0.0)), 'dead_band_residual': rest}
+    state = in_phase(DRIVE, measurement=seen, period=FRAME_S, **known)
+    move = pulsed_move(slowly(seen), interrupted(state, Interruption.HALTED), BANDED)
+    assert move == (STANDSTILL, STANDSTILL)

@@ -246,4 +246,4 @@ def follow_line(
     damping = abs(linear) * (2.0 * LINE_DAMPING) * heading_error / look_ahead
     least = abs(linear) * (2.0 * LINE_DAMPING) * least_turn / look_ahead
     turn = linear * lateral / look_ahead**2 - damping
-    return Twist(linear, turn if abs(turn) >= least else 0.0)
+    return Twist(linear, 0.0 if abs(turn) < least else turn)  # nan is refused

@@ -12,6 +12,7 @@ import math
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import differences
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.machine import interruption
 from visual_servo_epipolar.core.laws.phase import Event, Phase
@@ -63,7 +64,9 @@ def _halted(state: ServoState) -> ServoState:
     if state.command == HALT:
         return state
     sent = replace(state.motion.sent, withdrawn=True)
-    return state.changed(command=HALT, last_linear=state.twist.linear, sent=sent)
+    return state.changed(
+        command=HALT, last_linear=state.twist.linear, sent=sent, dead_band_residual=STANDSTILL
+    )
 
 
 def _lost(state: ServoState, reason: str) -> ServoState:
