@@ -17,7 +17,7 @@ from servo_states import PHASES
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.registry import GREY, phase_colour
 from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog
@@ -156,6 +156,12 @@ def test_axes_of_a_robot_that_stands_have_round_ticks(log: RunLog) -> None:
     samples = [replace(sample, twist=STANDSTILL) for sample in log.samples]
     axes = panel(signals(replace(log, samples=samples)), 'linear velocity [m/s]')
     assert 0.0 in axes.get_yticks() and axes.get_ylim()[1] > 0.02
+
+
+def test_an_even_speed_is_in_view(log: RunLog) -> None:
+    samples = [replace(sample, twist=Twist(0.3, 0.0)) for sample in log.samples]
+    axes = panel(signals(replace(log, samples=samples)), 'linear velocity [m/s]')
+    assert axes.get_ylim()[0] < 0.0 and axes.get_ylim()[1] > 0.3
 
 
 def test_least_time_is_marked_where_the_limits_are_known(log: RunLog) -> None:

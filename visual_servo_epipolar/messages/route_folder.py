@@ -22,6 +22,7 @@ from pathlib import Path
 import re
 from typing import Any, NamedTuple
 from zipfile import BadZipFile, ZIP_LZMA, ZipFile
+import zlib
 
 import cv2
 import numpy as np
@@ -50,6 +51,17 @@ PIXEL_STEP, DESCRIPTOR_STEP, PATH_STEP = 2.0**-4, 16, 2.0**-16
 DEPTH_BITS, BITS = 12, 8
 RENEWED = ('rows', 'pixels', 'sizes', 'angles', 'descriptors')
 AGAIN = 'copy the folder anew from where it is whole, or teach the route again'
+# What reading a damaged zip raises; RuntimeError where its bytes ask for a password or a method.
+DAMAGES = (
+    OSError,
+    EOFError,
+    BadZipFile,
+    LZMAError,
+    zlib.error,
+    LookupError,
+    ValueError,
+    RuntimeError,
+)
 FULL = (errno.ENOSPC, errno.EDQUOT)
 Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
@@ -366,7 +378,7 @@ def _parts(path: Path, renewed: Sequence[int], sha256: str | None) -> list[dict[
             part | {'renewed': [next(looks) for _ in range(times)]}
             for part, times in zip(parts, renewed, strict=True)
         ]
-    except (OSError, BadZipFile, LZMAError, LookupError, ValueError, EOFError) as error:
+    except DAMAGES as error:
         raise InputError(f'{path} is missing, cut off or damaged: {error}; {AGAIN}') from None
 
 

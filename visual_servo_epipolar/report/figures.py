@@ -120,7 +120,7 @@ def _draw_velocity(axes: Axes, log: RunLog, *, name: str, unit: str) -> None:
     # A command holds until the next one.
     axes.plot(seconds(log), values, color=INK, drawstyle='steps-post')
     axes.axhline(0.0, color=INK, linewidth=0.6)
-    if np.ptp(values) < STANDING:
+    if np.abs(values).max() < STANDING:
         axes.set_ylim(-STANDING_AXIS, STANDING_AXIS)
     axes.margins(y=0.12)
     axes.set_ylabel(f'{name}\nvelocity [{unit}]')

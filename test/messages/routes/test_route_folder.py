@@ -151,11 +151,17 @@ def test_a_folder_of_an_earlier_version_is_read_and_gets_hashes_when_it_is_writt
     assert np.array_equal(read_route(folder).views[1].image, route.views[1].image)
 
 
-@pytest.mark.parametrize('place', [0.1, 0.3, 0.5, 0.7])
-def test_a_structure_with_a_wrong_byte_is_named_also_without_hashes(folder, place) -> None:
+@pytest.mark.parametrize('deflated', [False, True])
+@pytest.mark.parametrize('place', [0.1, 0.3, 0.5, 0.7, 1.0])
+def test_a_structure_with_a_wrong_byte_is_named_also_without_hashes(
+    folder, place, deflated
+) -> None:
     without_hashes(folder)
+    if deflated:  # as earlier versions wrote it
+        with np.load(folder / 'structure.npz') as file:
+            np.savez_compressed(folder / 'structure.npz', **dict(file))
     data = bytearray((folder / 'structure.npz').read_bytes())
-    begin = int(place * len(data))
+    begin = int(place * len(data)) if place < 1.0 else data.rindex(b'PK\x01\x02') + 8
     data[begin : begin + 16] = bytes(0xFF - each for each in data[begin : begin + 16])
     (folder / 'structure.npz').write_bytes(data)
     with pytest.raises(InputError, match='structure.npz is missing, cut off or damaged'):
