@@ -94,6 +94,8 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ('servo: !!python/object:os.system {}', 'bad.yaml: scenario is not YAML'),
         ('servo: {k1: 2001-99-99}', 'bad.yaml: scenario is not YAML'),
         ('a\x00b', 'bad.yaml: scenario is not YAML'),
+        ('run: !!timestamp x', 'bad.yaml: scenario is not YAML'),
+        pytest.param('run: ' + '[' * 5000, 'bad.yaml: scenario is not YAML', id='deep'),
     ],
 )
 def test_a_bad_file_is_refused_in_one_clear_line(tmp_path: Path, text: str, message: str) -> None:

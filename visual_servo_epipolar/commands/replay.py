@@ -110,7 +110,7 @@ def _value(text: str) -> Any:
     """Return what YAML makes of ``text``; 1e-3, a word to YAML, is a number as well."""
     try:
         value = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError):
+    except (yaml.YAMLError, ValueError, AttributeError, RecursionError):
         return text
     if isinstance(value, str):
         try:

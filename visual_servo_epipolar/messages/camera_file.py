@@ -68,7 +68,7 @@ def document_of(text: str) -> Any:
         where = '' if mark is None else f' in line {mark.line + 1}'
         problem = problem or 'it cannot be read'
         raise ValueError(f'camera file is not YAML: {problem}{where}') from None
-    except ValueError:  # of a date, or a number of too many digits
+    except (ValueError, AttributeError):  # of a date, or a number of too many digits
         raise ValueError('camera file is not YAML: it has a value that cannot be read') from None
     except RecursionError:
         raise ValueError('camera file is nested too deeply') from None

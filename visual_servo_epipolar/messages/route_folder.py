@@ -338,7 +338,7 @@ def _refuse_missing(folder: Path, names: Sequence[str]) -> None:
 def _document(path: Path) -> Mapping[str, Any]:
     try:
         document = yaml.load(path.read_text(encoding='utf-8'), Loader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, AttributeError, RecursionError, yaml.YAMLError) as error:
         raise InputError(
             f'{path} cannot be read: {" ".join(str(error).split())}; {AGAIN}'
         ) from None

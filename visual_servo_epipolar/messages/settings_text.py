@@ -82,7 +82,7 @@ def sections(text: str) -> dict[str, dict[str, Any]]:
     """
     try:
         document = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except (yaml.YAMLError, ValueError, AttributeError, RecursionError) as error:
         raise ValueError(f'parameters are not YAML: {" ".join(str(error).split())}') from None
     if not isinstance(document, dict):
         raise ValueError(f'parameters must map nodes to parameters, got {document!r:.60}')

@@ -255,5 +255,5 @@ def _read(path: Path) -> Any:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or 'not text'
         raise InputError(f'{path}: scenario cannot be read: {reason}') from None
-    except (yaml.YAMLError, ValueError) as error:
+    except (yaml.YAMLError, ValueError, AttributeError, RecursionError) as error:
         raise InputError(f'{path}: scenario is not YAML: {" ".join(str(error).split())}') from None

@@ -64,6 +64,12 @@ def test_a_file_without_a_projection_is_none_of_rectified_images(program) -> Non
         from_text(FILES[program], rectified=True)
 
 
+@pytest.mark.parametrize('value', ['2020-13-45', '!!timestamp x'])
+def test_a_value_that_cannot_be_read_is_answered_in_a_line(value) -> None:
+    with pytest.raises(ValueError, match='camera'):
+        from_text(f'a: {value}')
+
+
 MATRICES = {
     'a list': '[385.25, 0, 322.25, 0, 386.5, 238.75, 0, 0, 1]',
     'rows': '[[385.25, 0, 322.25], [0, 386.5, 238.75], [0, 0, 1]]',

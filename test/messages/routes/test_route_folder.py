@@ -125,6 +125,15 @@ def test_a_file_that_is_cut_off_is_named(folder: Path, name: str, match: str) ->
         read_route(folder)
 
 
+@pytest.mark.parametrize('value', ['2020-13-45', '!!int x', '!!timestamp x'])
+@pytest.mark.parametrize('name', ['route.yaml', 'camera.yaml'])
+def test_a_file_with_a_value_that_cannot_be_read_is_named(folder, name, value) -> None:
+    with (folder / name).open('a') as file:
+        file.write(f'a: {value}\n')
+    with pytest.raises(InputError, match=f'{name} cannot be read'):
+        read_route(folder)
+
+
 def test_a_photograph_that_is_missing_is_named(folder: Path) -> None:
     (folder / '000001.webp').unlink()
     with pytest.raises(

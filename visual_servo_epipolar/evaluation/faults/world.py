@@ -280,7 +280,6 @@ def hook_rclpy(wire: Wire) -> Iterator[None]:
 
 BASE_RATE = 50.0  # [Hz]
 CLOCK = '/clock'
-FRAME_RATE = CameraSettings.frame_rate
 WIDTH, HEIGHT = 320, 256  # [px], a quarter of the default camera each way
 TIMES = ('stale_timeout', 'max_latency')  # what a servo was given of them at its start [s]
 
