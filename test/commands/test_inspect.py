@@ -236,7 +236,7 @@ def test_a_camera_file_of_the_upright_picture_is_answered(photographs, tmp_path,
     ('text', 'words'),
     [
         ('image_width: 640', 'lacks'),
-        ('[]', 'map names'),
+        ('[]', 'lacks'),
         ('a: [', 'not YAML'),
         (CAMERA.replace('384.6', '0.0'), 'focal lengths must be positive'),
     ],

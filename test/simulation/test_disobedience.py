@@ -39,10 +39,10 @@ class DisturbedLoop(Loop):
         self.run()
 
     def drive(self) -> None:
-        command = self._interfere(self.now_ns / 1e9, self._session.state.command)
+        command = self._interfere(self.now_ns / 1e9, self._run.state.command)
         self._base.command(command)
         self._advance()
-        self.states.append(self._session.state)
+        self.states.append(self._run.state)
         self.poses.append(self.pose)
 
     @property

@@ -11,6 +11,7 @@ from string import Template
 import cv2
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
@@ -66,6 +67,11 @@ def figure_html(figure: Figure, caption: str) -> str:
     """Return a matplotlib figure as HTML: vectors, so that it stays sharp."""
     buffer = io.BytesIO()
     with rc_context({**FIGURE_SETTINGS, 'svg.hashsalt': 'visual_servo'}):  # twice the same
+        figure.draw_without_rendering()
+        figure.set_layout_engine('none')
+        for axes in figure.axes:  # the solver of the layout rounds otherwise each time
+            bounds = (round(part, 6) for part in axes.get_position().bounds)
+            axes.set_position(Bbox.from_bounds(*bounds))
         figure.savefig(buffer, format='svg', metadata={'Date': None})
     return _figure('image/svg+xml', buffer.getvalue(), caption)
 
