@@ -61,7 +61,7 @@ ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
         **{f'bayer_{name}16': Encoding(1, depth=2, mosaic=True) for name in _MOSAICS},
         **{name: Encoding(2, luminance=1) for name in ('yuv422', 'uyvy')},
         **{name: Encoding(2, luminance=0) for name in ('yuv422_yuy2', 'yuyv')},
-        'nv21': Encoding(1, chroma=0.5),
+        **{name: Encoding(1, chroma=0.5) for name in ('nv12', 'nv21', 'yuv420')},
         'nv24': Encoding(1, chroma=2.0),
     }
 )
