@@ -93,6 +93,13 @@ def test_a_robot_that_drives_on_when_images_end_is_condemned() -> None:
     assert judgement.blind_s == pytest.approx(4.0 + 2 * 0.6 - 1.5 - BOUNDS.sight_s, abs=0.15)
 
 
+def test_what_another_drives_without_sight_is_no_offence_of_the_servo_while_it_lasts() -> None:
+    for until_s, expected in ((5.2, RunVerdict.ARRIVED), (3.0, RunVerdict.BLIND)):
+        made = record(drive(0.3, 4.0), sight_until_s=1.5)
+        made.interventions.driven_s = [0.05 * k for k in range(20, round(20 * until_s))]
+        assert verdict(made) is expected
+
+
 def test_braking_after_images_end_is_no_offence() -> None:
     """From 0.3 m/s at 0.6 m/s^2 it takes half a second."""
     brake = [(0.3 - 0.012 * k, 0.02) for k in range(25)]

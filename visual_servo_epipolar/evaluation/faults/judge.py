@@ -65,12 +65,14 @@ class Interventions:
     What somebody did in a run; times are of the steady clock [s].
 
     ``goals`` are the poses that somebody asked for, ``moved_s`` when the robot was carried,
-    ``broken_s`` when its wheels broke, ``stopped_s`` when it was commanded to stand for good.
+    ``broken_s`` when its wheels broke, ``driven_s`` when another drove it, ascending,
+    ``stopped_s`` when it was commanded to stand for good.
     """
 
     goals: list[Pose] = field(default_factory=lambda: [DESIRED_POSE])
     moved_s: list[float] = field(default_factory=list)
     broken_s: list[float] = field(default_factory=list)
+    driven_s: list[float] = field(default_factory=list)
     stopped_s: float = math.inf
 
 
@@ -202,8 +204,10 @@ def _blindness(record: Record, bounds: SafetyBounds) -> tuple[float, str]:
     Return how long the robot moved without sight [s], and the charge if it was too long.
 
     The newest true sight grows old from when its image was taken: a late image is an old one.
-    Beyond ``sight_s`` the robot must brake, and what it needs for that is no offence.
+    Beyond ``sight_s`` the robot must brake, and what it needs for that is no offence. Nor is it
+    what another drives it: it brakes from the last of those commands on.
     """
+    driven_s = record.interventions.driven_s
     seen, number, total_s, charge, at_onset = sorted(record.sight.seen), 0, 0.0, '', STANDSTILL
     newest_s = before_s = record.truths[0].time_s if record.truths else math.nan
     for time_s, _, twist in record.truths:
@@ -211,6 +215,8 @@ def _blindness(record: Record, bounds: SafetyBounds) -> tuple[float, str]:
             newest_s = max(newest_s, seen[number].taken_s)
             number += 1
         onset_s = newest_s + bounds.sight_s
+        if count := bisect_right(driven_s, time_s):
+            onset_s = max(onset_s, driven_s[count - 1] + bounds.period_s)
         if time_s <= onset_s:
             at_onset = twist
         elif moving(twist):

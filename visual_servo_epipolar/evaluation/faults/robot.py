@@ -110,8 +110,13 @@ def _joystick(scene: StruckRun) -> None:
     """Drive the robot beside the servo, at 20 Hz for 4 s."""
     linear, angular = scene.draw(-0.3, 0.3), scene.draw(0.2, 0.5) * scene.side()
     scene.notes.append(f'{linear:.2f} m/s, {angular:.2f} rad/s')
+
+    def drive() -> None:
+        scene.witness.record.interventions.driven_s.append(scene.witness.now_s)
+        command(scene, linear, angular)
+
     for number in range(80):
-        scene.later(number / 20, partial(command, scene, linear, angular))
+        scene.later(number / 20, drive)
 
 
 @striking
