@@ -94,12 +94,7 @@ def test_what_is_left_along_the_axis_is_no_reason_for_an_attempt_that_ends_as_th
 def test_a_base_that_misses_by_the_same_again_and_again_is_asked_for_less(attempts, there) -> None:
     beside = replace(measurement(), offset=(0.005, 0.0), offset_deviation=1e-4)
     assert (
-        has_parallax(
-            goal(beside, ServoState().changed(attempts=attempts)),
-            ServoState().changed(attempts=attempts),
-            SETTINGS,
-        )
-        is not there
+        asked(has_parallax, ServoState().changed(attempts=attempts), beside, SETTINGS) is not there
     )
 
 

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from servo_states import asked, behind, estimated, goal, sight
+from servo_states import asked, behind, estimated, sight
 
 from visual_servo_epipolar.core.estimate.map_state import first_pose, MapState
 from visual_servo_epipolar.core.geometry.motion import Twist
@@ -29,7 +29,7 @@ def known(x: float, y: float, heading: float = 0.0, **changes: object) -> Measur
 
 
 def command(measurement: Measurement) -> Twist:
-    return approach(goal(measurement, STATE), STATE, SETTINGS)
+    return asked(approach, STATE, measurement, SETTINGS)
 
 
 @pytest.mark.parametrize('side', [1.0, -1.0])
@@ -72,8 +72,8 @@ def test_a_camera_that_looks_aside_leads_along_the_axis_of_the_base() -> None:
     place = replace(first_pose(np.zeros(3), np.eye(3), Motion()), mean=np.array([0, 0, 0, yaw]))
     state = estimated(STATE.changed(goal=Goal(map=MapState(place=place))))
     on_axis = known(-yaw * way, -way)
-    assert approach(goal(on_axis, state), state, SETTINGS).angular == pytest.approx(0.0, abs=1e-4)
-    assert abs(approach(goal(on_axis, STATE), STATE, SETTINGS).angular) > 0.01
+    assert asked(approach, state, on_axis, SETTINGS).angular == pytest.approx(0.0, abs=1e-4)
+    assert abs(asked(approach, STATE, on_axis, SETTINGS).angular) > 0.01
 
 
 def unsure_of(deviation: float) -> ServoState:
@@ -90,7 +90,7 @@ def test_what_may_be_no_offset_is_no_reason_to_turn() -> None:
 
 def test_a_robot_that_may_not_back_off_comes_in_at_a_speed_that_shows_what_is_aside() -> None:
     final, on_axis = replace(SETTINGS, max_retreat=0.0), known(0.0, -0.3)
-    usual = approach(goal(on_axis, STATE), STATE, SETTINGS)
+    usual = asked(approach, STATE, on_axis, SETTINGS)
     assert asked(approach, unsure_of(3e-4), on_axis, final) == usual
     assert 0.02 < asked(approach, unsure_of(2.5e-3), on_axis, final).linear < 0.2 * usual.linear
 
@@ -101,8 +101,8 @@ def test_without_bearings_or_memory_it_stands() -> None:
 
 def test_backing_off_leads_towards_the_axis_within_the_view() -> None:
     beside = sight(bearings=behind(-1.2, 0.0), heading_error=0.0, view_margins=WIDE)
-    free = back_off(goal(beside, STATE), STATE, SETTINGS)
+    free = asked(back_off, STATE, beside, SETTINGS)
     assert free.linear < 0.0
     assert -free.linear <= SETTINGS.retreat_speed
     object.__setattr__(beside, 'view_margins', (0.0, 0.0))
-    assert back_off(goal(beside, STATE), STATE, SETTINGS).angular == pytest.approx(0.0, abs=1e-9)
+    assert asked(back_off, STATE, beside, SETTINGS).angular == pytest.approx(0.0, abs=1e-9)

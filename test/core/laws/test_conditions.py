@@ -157,8 +157,8 @@ def test_who_is_near_lingers_and_a_new_phase_begins_anew() -> None:
 
 def test_a_parallax_that_is_not_known_is_not_that_of_the_goal() -> None:
     state = in_phase(Phase.MATCHING_FEATURES)
-    assert has_parallax(goal(sight(parallax=math.nan), state), state, SETTINGS)
-    assert not has_parallax(goal(sight(parallax=0.0), state), state, SETTINGS)
+    assert asked(has_parallax, state, sight(parallax=math.nan), SETTINGS)
+    assert not asked(has_parallax, state, sight(parallax=0.0), SETTINGS)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +195,7 @@ def test_an_excursion_refers_to_half_a_metre_at_least(first: float, led: bool) -
     leg = Leg(psi, (distance - first) * math.cos(psi), (distance - first) * math.sin(psi))
     state = in_phase(Phase.ZEROING_EPIPOLES, leg=leg, extrinsics=ranged(distance))
     settings = type(SETTINGS)(max_excursion=1.5)
-    assert bool(excursion_limit(goal(sight(), state), state, settings)) == led
+    assert bool(asked(excursion_limit, state, sight(), settings)) == led
 
 
 @pytest.mark.parametrize(
@@ -212,10 +212,7 @@ def test_what_the_leg_leads_backward_is_no_excursion(away, travel, led) -> None:
     psi = BEARINGS.psi
     leg = Leg(psi, away * math.cos(psi), away * math.sin(psi), travel)
     state = in_phase(Phase.MATCHING_FEATURES, leg=leg, extrinsics=ranged(1.0 + away))
-    assert (
-        bool(excursion_limit(goal(sight(), state), state, type(SETTINGS)(max_excursion=1.5)))
-        == led
-    )
+    assert bool(asked(excursion_limit, state, sight(), type(SETTINGS)(max_excursion=1.5))) == led
 
 
 @pytest.mark.parametrize('phase', DRIVING)

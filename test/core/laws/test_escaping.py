@@ -5,7 +5,7 @@ from itertools import pairwise
 import math
 
 import pytest
-from servo_states import behind, goal, in_phase, seeing, SETTINGS, sight
+from servo_states import asked, behind, goal, in_phase, seeing, SETTINGS, sight
 
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
@@ -55,14 +55,14 @@ def test_what_step_2_takes_up_does_not_begin_step_1_anew(chi: float) -> None:
 @pytest.mark.parametrize('law', ['paper', 'corrected', 'full-line_following'])
 def test_laws_that_follow_no_line_have_to_zero_it(law: str) -> None:
     settings = replace(SETTINGS, law=law)
-    assert escape_bound(goal(REMEMBERED, STATE), STATE, settings) == settings.latch_release
+    assert asked(escape_bound, STATE, REMEMBERED, settings) == settings.latch_release
     there = replace(REMEMBERED, bearings=behind(0.06, 0.1))
     assert classify(seeing(STATE, measurement=there), settings) is Event.ESCAPED
 
 
 def test_near_the_goal_less_is_taken_up() -> None:
     bounds = [
-        escape_bound(goal(replace(REMEMBERED, offset=(0.0, -y)), STATE), STATE, SETTINGS)
+        asked(escape_bound, STATE, replace(REMEMBERED, offset=(0.0, -y)), SETTINGS)
         for y in (0.2, 0.3, 0.4, 1.4)
     ]
     assert bounds == sorted(bounds)
@@ -76,8 +76,8 @@ def test_each_time_step_1_is_given_up_it_is_held_on_to_more(event) -> None:
     assert (state.run.restarts, hysteresis(state, SETTINGS)) == (1, 2.0)
     again = STATE.changed(restarts=1)
     near = replace(REMEMBERED, offset=(0.0, -0.1), deviation=0.01)
-    assert escape_bound(goal(near, again), again, SETTINGS) == 2.0 * escape_bound(
-        goal(near, STATE), STATE, SETTINGS
+    assert asked(escape_bound, again, near, SETTINGS) == 2.0 * asked(
+        escape_bound, STATE, near, SETTINGS
     )
     held = again.changed(latched=False, target=0.2)
     away = replace(REMEMBERED, bearings=behind(0.01, -0.2))

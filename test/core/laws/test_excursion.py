@@ -10,7 +10,6 @@ from servo_states import (
     BEARINGS,
     DRIVING,
     estimated,
-    goal,
     in_phase,
     ranged,
     seeing,
@@ -51,17 +50,11 @@ def test_the_bound_holds_while_tracks_are_lost() -> None:
 def test_a_law_that_leads_away_by_itself_may_drive_half_as_far_again_backward(law: str) -> None:
     settings = replace(SETTINGS, law=law)
     assert (
-        excursion_limit(
-            goal(sight(), in_phase(Phase.ZEROING_EPIPOLES, reversed=29.9)),
-            in_phase(Phase.ZEROING_EPIPOLES, reversed=29.9),
-            settings,
-        )
+        asked(excursion_limit, in_phase(Phase.ZEROING_EPIPOLES, reversed=29.9), sight(), settings)
         == ''
     )
-    assert 'max_retreat' in excursion_limit(
-        goal(sight(), in_phase(Phase.RETREATING, reversed=30.1)),
-        in_phase(Phase.RETREATING, reversed=30.1),
-        settings,
+    assert 'max_retreat' in asked(
+        excursion_limit, in_phase(Phase.RETREATING, reversed=30.1), sight(), settings
     )
 
 
@@ -135,11 +128,7 @@ def test_no_way_is_longer_than_the_distance_allows(phase: Phase, sign: float) ->
 def test_by_its_memory_it_may_have_begun_twice_as_far_away(left, travel, ends) -> None:
     settings = replace(SETTINGS, initial_distance=4.0)
     seen = replace(sight(), offset=(0.1, math.sqrt(left**2 - 0.01)))
-    limit = excursion_limit(
-        goal(seen, in_phase(Phase.ZEROING_EPIPOLES, travel=travel)),
-        in_phase(Phase.ZEROING_EPIPOLES, travel=travel),
-        settings,
-    )
+    limit = asked(excursion_limit, in_phase(Phase.ZEROING_EPIPOLES, travel=travel), seen, settings)
     assert ('initial_distance' in limit) is ends
 
 
@@ -236,15 +225,9 @@ def test_who_may_not_back_off_at_all_does_not_and_says_what_to_do() -> None:
 def test_small_corrections_backward_are_no_backing_off() -> None:
     settings = replace(SETTINGS, max_retreat=0.0)
     assert (
-        excursion_limit(
-            goal(sight(), in_phase(Phase.MATCHING_FEATURES, reversed=0.09)),
-            in_phase(Phase.MATCHING_FEATURES, reversed=0.09),
-            settings,
-        )
+        asked(excursion_limit, in_phase(Phase.MATCHING_FEATURES, reversed=0.09), sight(), settings)
         == ''
     )
-    assert 'backward' in excursion_limit(
-        goal(sight(), in_phase(Phase.MATCHING_FEATURES, reversed=0.11)),
-        in_phase(Phase.MATCHING_FEATURES, reversed=0.11),
-        settings,
+    assert 'backward' in asked(
+        excursion_limit, in_phase(Phase.MATCHING_FEATURES, reversed=0.11), sight(), settings
     )

@@ -6,7 +6,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-from servo_states import asked, goal, in_phase, seeing, SETTINGS, sight
+from servo_states import asked, in_phase, seeing, SETTINGS, sight
 from strategies import floats
 
 from visual_servo_epipolar.core.geometry.motion import Twist
@@ -69,7 +69,7 @@ def test_near_enough_is_within_the_tolerance_at_worst(x, y, deviation, tolerance
     settings = replace(SETTINGS, arrival_position=tolerance)
     measurement = near(x, y, deviation=deviation)
     state = ending(measurement, command=Command(Twist(speed, 0.0)))
-    if is_near_enough(goal(measurement, state), state, settings):
+    if asked(is_near_enough, state, measurement, settings):
         assert math.hypot(x, y) + 2.0 * deviation <= tolerance
         assert math.hypot(x, y + speed * settings.latency) + 2.0 * deviation <= tolerance
 
@@ -138,7 +138,7 @@ def test_who_would_turn_past_the_tolerance_does_not_face_the_goal() -> None:
     turned = near(heading_error=0.007)
     for rate, faces in ((0.0, True), (-0.05, True), (0.05, False)):
         state = in_phase(Phase.ORIENTING, measurement=turned, command=Command(Twist(0.0, rate)))
-        assert faces_goal(goal(turned, state), state, OWNERS) == faces
+        assert asked(faces_goal, state, turned, OWNERS) == faces
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_the_way_that_is_left_explains_its_parallax(remembered: bool) -> None:
     coarse, y = replace(SETTINGS, arrival_position=0.1, memory=remembered), -0.06
     seen = near(y=y) if remembered else by_two_views(y)
     state = ending(seen, slope=Slope(SLOPE, 0.01))
-    assert is_near_enough(goal(seen, state), state, coarse)
+    assert asked(is_near_enough, state, seen, coarse)
     assert not asked(is_near_enough, state.changed(settled_parallax=0.1), seen, coarse)
 
 
@@ -186,7 +186,7 @@ def test_a_parallax_within_the_tolerance_alone_is_no_miss_but_leads_on() -> None
     other = replace(by_two_views(-3e-3), parallax=1e-2)
     without = replace(OWNERS, memory=False)
     state = ending(other, slope=Slope(SLOPE, 0.01))
-    assert has_parallax(goal(other, state), state, without)
+    assert asked(has_parallax, state, other, without)
     assert not is_settled(state, without)
     assert classify(state, without) is Event.NOTHING
     matched = replace(other, difference=0.0)

@@ -4,7 +4,7 @@ from dataclasses import replace
 import math
 
 import pytest
-from servo_states import asked, BEARINGS, goal, in_phase, ranged, SETTINGS, sight, TWO_VIEWS
+from servo_states import asked, BEARINGS, in_phase, ranged, SETTINGS, sight, TWO_VIEWS
 
 from visual_servo_epipolar.core.estimate.base_model import Curvature
 from visual_servo_epipolar.core.estimate.extrinsics import (
@@ -27,14 +27,7 @@ def test_noise_alone_shows_a_parallax_of_one_and_a_quarter(deviations: float, se
     # So many features that the root of their mean square varies by nothing.
     exact = replace(SETTINGS, arrival_parallax=0.0)
     still = sight(features=10**8, parallax=deviations * 0.3 / 769.0)
-    assert (
-        has_parallax(
-            goal(still, in_phase(Phase.MATCHING_FEATURES)),
-            in_phase(Phase.MATCHING_FEATURES),
-            exact,
-        )
-        == seen
-    )
+    assert asked(has_parallax, in_phase(Phase.MATCHING_FEATURES), still, exact) == seen
 
 
 @pytest.mark.parametrize(('features', 'factor'), [(25, 1.3), (100, 1.15)])
@@ -42,14 +35,7 @@ def test_few_features_vary_more(features: int, factor: float) -> None:
     exact = replace(TWO_VIEWS, arrival_parallax=0.0)
     for change, seen in [(0.97, False), (1.03, True)]:
         still = sight(features=features, parallax=change * factor * 1.25 * 0.3 / 769.0)
-        assert (
-            has_parallax(
-                goal(still, in_phase(Phase.MATCHING_FEATURES)),
-                in_phase(Phase.MATCHING_FEATURES),
-                exact,
-            )
-            == seen
-        )
+        assert asked(has_parallax, in_phase(Phase.MATCHING_FEATURES), still, exact) == seen
 
 
 def test_who_is_in_doubt_allows_for_no_such_luck_at_first() -> None:
@@ -57,10 +43,10 @@ def test_who_is_in_doubt_allows_for_no_such_luck_at_first() -> None:
     exact = replace(SETTINGS, arrival_parallax=0.0)
     still = sight(features=25, parallax=1.1 * 1.25 * 0.3 / 769.0)
     first = in_phase(Phase.MATCHING_FEATURES)
-    assert has_parallax(goal(still, first), first, exact)
+    assert asked(has_parallax, first, still, exact)
     assert not asked(has_parallax, first.changed(attempts=2), still, exact)
     lens = replace(exact, focal_deviation=1.0)  # nothing is remembered through it
-    assert not has_parallax(goal(still, first), first, lens)
+    assert not asked(has_parallax, first, still, lens)
 
 
 @pytest.mark.parametrize(('degrees', 'known'), [(2.2, False), (2.4, True)])

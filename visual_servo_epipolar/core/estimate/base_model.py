@@ -177,9 +177,10 @@ class Delay:
         # Of a turn that no base need follow, none tells nothing.
         slow = max(LEAST_TURN, gap * largest_dead_band(settings.max_angular))
         turns = sent.turns(self.since_ns, now_ns, DELAYS)
-        if abs(turn) < CERTAINLY_LESS * LEAST_TURN and np.abs(turns).max() < slow:
+        commanded = float(np.abs(turns).max())
+        if abs(turn) < CERTAINLY_LESS * LEAST_TURN and commanded < slow:
             return began
-        largest = max(abs(turn), float(np.abs(turns).max()))
+        largest = max(abs(turn), commanded)
         if largest < LEAST_TURN:
             return began
         keep = math.exp(-largest * largest / FADING)

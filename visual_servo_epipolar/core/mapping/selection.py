@@ -99,11 +99,11 @@ def with_keyframe(
     before, trusted = geometry.unknowns, geometry.trusted
     window = geometry.window.with_view(observations, *places)
     more = len(window.ids) - len(trusted)
-    noisier = geometry.window.photograph_noise / window.photograph_noise[: len(trusted)]
+    rescaled = geometry.window.photograph_noise / window.photograph_noise[: len(trusted)]
     unknowns = Unknowns(
         np.vstack([before.views, pose]),
         before.shared,
-        np.concatenate([noisier * before.offsets, np.zeros((2, more))], axis=1),
+        np.concatenate([rescaled * before.offsets, np.zeros((2, more))], axis=1),
         np.concatenate([before.inverse_depth, np.zeros(more)]),
     )
     if more:

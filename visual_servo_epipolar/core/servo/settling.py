@@ -189,26 +189,25 @@ def pulsed_move(
         if abs(wanted.angular) >= aim.threshold and not _moves(rest.angular, aim.threshold):
             return None
         ramp = settings.max_angular_acceleration * usual_step(state.view.period)
-        most = min(max(aim.threshold, abs(state.twist.angular)) + ramp, settings.max_angular)
+        most = _fastest(aim, state.twist.angular, ramp, settings.max_angular)
         turn, more = _next_pulse(aim, rest.angular, most, state, settings)
         return Twist(0.0, turn), Twist(0.0, more)
     slope, settling = seen.difference_slope, state.settling
     slope = slope if slope > 0.0 else state.motion.slope.value  # nan by two views
     if not state.phase.straight or not slope > 0.0:
         return None
+    left, band = -seen.difference / slope, settings.dead_band_linear
     bound = matched_bound(seen, settings, trial_of(seen, state)) / slope
-    error = math.sqrt(settling.rest_square) / max(settling.rested - 1, 1) / slope
-    left = -seen.difference / slope
-    acceleration = _acceleration(left, seen, slope, state, settings)
-    aim = Aim(left, bound, settings.dead_band_linear, error, acceleration)
-    near = abs(aim.left) <= aim.threshold * seen_after(settings)
-    moves = _moves(rest.linear, aim.threshold)
-    if not moves and (abs(wanted.linear) >= aim.threshold or not near):
+    moves = _moves(rest.linear, band)
+    near = abs(left) <= band * seen_after(settings)
+    if not moves and (abs(wanted.linear) >= band or not near):
         return None
-    if not moves and abs(aim.left) <= bound:  # there, but it may have to turn
+    if not moves and abs(left) <= bound:  # there, but it may have to turn
         return settings.drive.beyond_dead_band(Twist(0.0, wanted.angular), rest, mode='pulse')
+    error = math.sqrt(settling.rest_square) / max(settling.rested - 1, 1) / slope
+    aim = Aim(left, bound, band, error, _acceleration(left, seen, slope, state, settings))
     ramp = settings.max_acceleration * usual_step(state.view.period)
-    most = min(max(aim.threshold, abs(state.twist.linear)) + ramp, settings.max_linear)
+    most = _fastest(aim, state.twist.linear, ramp, settings.max_linear)
     speed, more = _next_pulse(aim, rest.linear, most, state, settings)
     return Twist(speed, 0.0), Twist(more, 0.0)
 
@@ -216,6 +215,16 @@ def pulsed_move(
 def _moves(left: float, threshold: float) -> bool:
     """Return whether a move goes on, of which so much is ``left`` [m/s, rad/s]."""
     return abs(left) >= threshold * (1.0 - ROUNDING) > 0.0
+
+
+def _fastest(aim: Aim, now: float, ramp: float, limit: float) -> float:
+    """Return the fastest pulse after the velocity of ``now``: a ``ramp`` above the dead band."""
+    return min(max(aim.threshold, abs(now)) + ramp, limit)
+
+
+def _hops(moving: float, threshold: float) -> int:
+    """Return how many pulses of at least the ``threshold`` add up to ``moving``."""
+    return math.floor(abs(moving) / threshold * (1.0 + ROUNDING))
 
 
 def _next_pulse(
@@ -246,7 +255,7 @@ def _pulses(way: float, aim: Aim, frame_s: float, most: float) -> float:
         hops = round(math.sqrt(abs(way) / (0.75 * acceleration)) / frame_s)
         return math.copysign(max(hops, 1) * least, way)
     moving = abs(way) / frame_s + least * least / (4.0 * acceleration * frame_s)
-    hops = math.floor(moving / least * (1.0 + ROUNDING))
+    hops = _hops(moving, least)
     if (hops + 1) * least - moving < moving - hops * most:
         moving = (hops + 1) * least
     return math.copysign(moving, way)
@@ -301,5 +310,5 @@ def way_of_move(left: float, bound: float, hop: float, room: tuple[float, float]
 
 def first_pulse(moving: float, threshold: float, most: float) -> float:
     """Return the first of the pulses that add up to ``moving``, all of which are alike."""
-    hops = math.floor(abs(moving) / threshold * (1.0 + ROUNDING))
+    hops = _hops(moving, threshold)
     return math.copysign(min(abs(moving) / hops, most), moving) if hops else 0.0
