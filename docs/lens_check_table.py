@@ -6,11 +6,11 @@ import math
 from pathlib import Path
 import sys
 
-from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
-from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
+from visual_servo_epipolar.core.twoview.lens_check import LensCheck, looked_at
+from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load

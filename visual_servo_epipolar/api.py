@@ -11,12 +11,12 @@ from typing import Any, TYPE_CHECKING
 
 from visual_servo_epipolar.commands.arguments import rig_path, scenario_path
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.estimators.base import Estimator
-from visual_servo_epipolar.core.estimators.registry import ESTIMATORS
 from visual_servo_epipolar.core.laws.registry import LAWS
-from visual_servo_epipolar.core.perception.inspection import Inspection
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.twoview.estimator import Estimator
+from visual_servo_epipolar.core.twoview.inspection import Inspection
+from visual_servo_epipolar.core.twoview.registry import ESTIMATORS
 from visual_servo_epipolar.simulation.scenario import load, Scenario
 from visual_servo_epipolar.simulation.views import drive
 
@@ -157,7 +157,7 @@ def inspect(desired: str | Path, current: str | Path, camera: str | Path) -> Ins
     InputError if a file cannot be read.
     """
     from visual_servo_epipolar.commands.camera_files import read_pair
-    from visual_servo_epipolar.core.perception import inspection
+    from visual_servo_epipolar.core.twoview import inspection
 
     images, cameras = read_pair(Path(desired), Path(current), str(camera))
     return inspection.inspect(*images, *cameras, ServoSettings())

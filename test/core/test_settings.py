@@ -11,7 +11,6 @@ import pytest
 
 from visual_servo_epipolar.core import registry
 from visual_servo_epipolar.core.estimate.settings import ControlSettings
-from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import (
     from_mapping,
@@ -22,6 +21,7 @@ from visual_servo_epipolar.core.settings import (
     updated,
 )
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ LONGEST = 13
 TOPIC = 'tracks'
 # Named by the registry, which the settings ask for an estimator; rows of phases that laws share.
 THROUGH = {
-    'estimators/soft_planar.py': 'estimators/registry.py',
+    'twoview/soft_planar.py': 'twoview/registry.py',
     'laws/two_steps.py': 'laws/standing.py',
 }
 

@@ -8,11 +8,11 @@ import re
 import pytest
 from servo_states import EVENTS, PHASES
 
-from visual_servo_epipolar.core.estimators.registry import ESTIMATORS
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
+from visual_servo_epipolar.core.twoview.registry import ESTIMATORS
 
 ROOT = Path(__file__).parents[2]
 

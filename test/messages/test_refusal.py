@@ -12,11 +12,11 @@ from visual_servo_epipolar.core.cameras.equirectangular import of_size
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
-from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.photographs import photographs
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.messages.tracking import track
 from visual_servo_epipolar.messages.validation import checked_features, checked_tracks, left_out

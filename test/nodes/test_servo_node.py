@@ -26,10 +26,10 @@ from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
-from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
+from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.messages import read, settings_text, write
 from visual_servo_epipolar.nodes import qos
 

@@ -9,7 +9,6 @@ import pytest
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.rigs.rig import (
     AT_REST,
     Edges,
@@ -23,6 +22,7 @@ from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
+from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.mounts.registry import SIMULATED_RIGS, SimulatedRigModel

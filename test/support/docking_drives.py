@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     Twist,
 )
 from visual_servo_epipolar.core.odometry.path import Path
-from visual_servo_epipolar.core.perception.observation import observe
+from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 

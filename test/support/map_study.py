@@ -10,12 +10,12 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.base import Attitude, Prior
-from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.window import FeatureObservations, MapSettings
+from visual_servo_epipolar.core.twoview.estimator import Attitude, Prior
+from visual_servo_epipolar.core.twoview.soft_planar import soft_planar
 
 SMALL = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
 PIONEER = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)  # of the simulated robot

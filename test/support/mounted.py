@@ -8,7 +8,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
-from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 NOISE = 1e-3  # of a bearing [rad]
 PERIOD = 0.1  # between two images [s]

@@ -16,10 +16,10 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import perceive
-from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.twoview.measurement import Measurement
+from visual_servo_epipolar.core.twoview.observation import Observation
+from visual_servo_epipolar.core.twoview.perceive import perceive
+from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
 SIZE = np.array([640.0, 480.0])
 CAMERA = Camera(640, 480, 500.0, 500.0, 320.0, 240.0)

@@ -12,12 +12,12 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.memory import fresh_memory
-from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import advance
+from visual_servo_epipolar.core.twoview.measurement import Measurement
+from visual_servo_epipolar.core.twoview.memory import fresh_memory
+from visual_servo_epipolar.core.twoview.perceive import Perception
 
 SETTINGS = ServoSettings(law='full')
 START = ServoState()

@@ -4,11 +4,11 @@ from dataclasses import replace
 from typing import Any
 
 from visual_servo_epipolar.commands.arguments import scenario_path
-from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
+from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import drive

@@ -13,9 +13,9 @@ from visual_servo_epipolar.commands.outputs import publish
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.perception.inspection import inspect, Inspection
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
+from visual_servo_epipolar.core.twoview.inspection import inspect, Inspection
 from visual_servo_epipolar.files import write_whole
 
 

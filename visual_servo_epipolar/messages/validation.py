@@ -4,8 +4,8 @@ from typing import Any
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.messages import read
 
 BORDER_PX = 1.0  # a refined feature may end a little outside of the image

@@ -13,8 +13,8 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.docking.pose import DockSearch, update_search
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings, DockTaskSettings
 from visual_servo_epipolar.core.odometry.path import LONGEST_STEP_S, PathPlace
-from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
+from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.messages import docking, read, validation, write
 from visual_servo_epipolar.messages.docking import DockRobotWire
 from visual_servo_epipolar.nodes import parameters, qos

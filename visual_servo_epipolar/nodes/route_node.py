@@ -12,7 +12,6 @@ from visual_servo_epipolar.core.cameras.equirectangular import cut_note
 from visual_servo_epipolar.core.cameras.plausibility import differences
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
-from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.routes.driven_images import DrivenImages
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun
@@ -20,6 +19,7 @@ from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSett
 from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings, StationSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.twoview.estimator import Attitude
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.route_folder import (

@@ -9,13 +9,13 @@ from visual_servo_epipolar.core.geometry.motion import (
     quaternion_from_yaw,
     yaw_from_quaternion,
 )
-from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
 from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns
+from visual_servo_epipolar.core.twoview.observation import Observation, observe
 from visual_servo_epipolar.simulation.bases.registry import new_base, nod_of
 from visual_servo_epipolar.simulation.mounts.pan_tilt import SimulatedHead
 from visual_servo_epipolar.simulation.mounts.sensor import BodyState, PoseHistory

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from visual_servo_epipolar.core.estimators.base import Estimate, UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
+from visual_servo_epipolar.core.twoview.estimator import Estimate, UNKNOWN_COVARIANCE
 
 
 def linear_8pt(current, desired, *, noise, prior, rng):

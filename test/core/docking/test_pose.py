@@ -11,8 +11,8 @@ from visual_servo_epipolar.core.docking.pose import DockSearch, update_search
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.odometry.path import PathPlace
-from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 

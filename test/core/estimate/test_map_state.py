@@ -24,15 +24,15 @@ from visual_servo_epipolar.core.laws.conditions import lateral_offset
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.memory import fresh_memory
-from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import update
+from visual_servo_epipolar.core.twoview.measurement import Measurement
+from visual_servo_epipolar.core.twoview.memory import fresh_memory
+from visual_servo_epipolar.core.twoview.observation import Observation
+from visual_servo_epipolar.core.twoview.perceive import Perception
 
 SETTINGS = ServoSettings()
 TWO_VIEWS, MEMORY = Bearings(-1.5, 0.1), reading().bearings

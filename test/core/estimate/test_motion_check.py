@@ -16,10 +16,10 @@ from visual_servo_epipolar.core.estimate.motion_check import (
 )
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
-from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.rigs.pan_tilt import PanTiltHead
 from visual_servo_epipolar.core.rigs.rig import HeadLimits, HeadView, Joints
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.twoview.observation import Observation
 
 SETTINGS = ServoSettings()
 PERIOD_S, NOISE = 0.1, 4e-4  # 0.3 px at 769 px

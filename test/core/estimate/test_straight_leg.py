@@ -19,10 +19,10 @@ from visual_servo_epipolar.core.estimate.extrinsics import (
 )
 from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
 from visual_servo_epipolar.core.servo import estimator
 from visual_servo_epipolar.core.servo.supervisor import classify, update
+from visual_servo_epipolar.core.twoview.perceive import Perception
 
 STEP = 0.02
 ON_AXLE = np.zeros(3)

@@ -23,9 +23,6 @@ from strategies import (
 )
 
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.lmeds_8pt import (
-    fundamental_from_matches,
-)
 from visual_servo_epipolar.core.geometry.cheirality import cheirality, oriented_bearings
 from visual_servo_epipolar.core.geometry.epipolar import (
     Bearings,
@@ -38,6 +35,9 @@ from visual_servo_epipolar.core.geometry.epipolar import (
 )
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import image_points, normalised, tangents, unit_rays
+from visual_servo_epipolar.core.twoview.lmeds_8pt import (
+    fundamental_from_matches,
+)
 
 K = CAMERA.matrix
 NOISE = 0.3 / 769.0  # of a ray coordinate, at the tracking error of a plain tracker

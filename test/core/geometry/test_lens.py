@@ -24,8 +24,8 @@ from visual_servo_epipolar.core.geometry.rays import (
     unit_rays,
 )
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
-from visual_servo_epipolar.core.perception.measures import turned
-from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.twoview.measures import turned
+from visual_servo_epipolar.core.twoview.observation import Observation
 
 RAYS = unit_rays(np.random.default_rng(0).random((2, 20, 2)) - 0.5)
 SEEN = Observation(0, *RAYS, 400.0, (-0.6, 0.7))

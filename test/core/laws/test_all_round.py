@@ -12,10 +12,10 @@ from visual_servo_epipolar.core.geometry.motion import wrap_angle
 from visual_servo_epipolar.core.laws.phase import Event
 from visual_servo_epipolar.core.laws.smooth import approach, APPROACHING
 from visual_servo_epipolar.core.laws.steering import goes_around
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import classify
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 SETTINGS = ServoSettings(law='smooth')
 ENDLESS = (math.inf, math.inf)

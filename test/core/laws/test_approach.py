@@ -12,9 +12,9 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.laws.smooth import approach, back_off
 from visual_servo_epipolar.core.odometry.increments import Motion
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 SETTINGS = ServoSettings(law='smooth')
 STATE = ServoState()

@@ -27,8 +27,6 @@ from visual_servo_epipolar.core.laws.conditions import (
 )
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.odometry.ranging import Leg
-from visual_servo_epipolar.core.perception.memory import fresh_memory
-from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settling import is_close, is_settled
 from visual_servo_epipolar.core.servo.supervisor import (
     classify,
@@ -36,6 +34,8 @@ from visual_servo_epipolar.core.servo.supervisor import (
     switch_phase,
     update,
 )
+from visual_servo_epipolar.core.twoview.memory import fresh_memory
+from visual_servo_epipolar.core.twoview.perceive import Perception
 
 HALF_TURN = math.pi
 

@@ -17,12 +17,12 @@ from visual_servo_epipolar.core.laws.gains import derive, longest_convergence
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.prediction import BORNE
 from visual_servo_epipolar.core.odometry.ranging import Slope
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.memory import fresh_memory
-from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import supervisor as step
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.twoview.measurement import Measurement
+from visual_servo_epipolar.core.twoview.memory import fresh_memory
+from visual_servo_epipolar.core.twoview.perceive import Perception
 
 DERIVED = ServoSettings(law='corrected', gains='derived')
 MEMORY = fresh_memory(DERIVED)

@@ -20,8 +20,8 @@ from visual_servo_epipolar.core.odometry.ranging import (
     LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,
 )
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.supervisor import classify
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 STATE = in_phase(Phase.RETREATING)
 

@@ -7,10 +7,10 @@ from servo_states import behind, in_phase, seeing, sight
 
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.smooth import APPROACHING, ONE_MOTION
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import is_settled
 from visual_servo_epipolar.core.servo.supervisor import classify
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 SETTINGS = ServoSettings(law='smooth')
 

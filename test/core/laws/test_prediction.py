@@ -12,11 +12,11 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.prediction import BORNE, predicted
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
-from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.dead_reckoning import actuation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import advance
+from visual_servo_epipolar.core.twoview.perceive import Perception
 
 LATE = ServoSettings(latency=0.5)
 HERE = Pose.from_start(0.3, -2.0, 8.0)

@@ -9,10 +9,10 @@ from servo_states import DRIVING, in_phase, PHASES, SETTINGS, sight, then
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.timing import phase_timeout
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 PERIOD = 0.1
 LEAPS = [130.0, -900.0, 1e6]

@@ -21,12 +21,12 @@ from visual_servo_epipolar.core.laws.arrival import (
 )
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.odometry.ranging import Slope
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import is_settled
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import classify, switch_phase
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 SLOPE = 0.13  # of D at the goal, of features about 3 m away [1/m]
 OWNERS = replace(SETTINGS, arrival_position=5e-3, arrival_heading=math.radians(0.5))

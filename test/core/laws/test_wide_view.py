@@ -16,10 +16,10 @@ from visual_servo_epipolar.core.laws.steering import (
     share_left,
     visible_aim,
 )
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.simulation.scenario import from_document
 from visual_servo_epipolar.simulation.views import drive
 

@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.mapping import projection
 from visual_servo_epipolar.core.mapping.factors import Factors, factors_of
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
@@ -22,6 +21,7 @@ from visual_servo_epipolar.core.mapping.refinement import (
     system_of,
 )
 from visual_servo_epipolar.core.mapping.window import MapSettings, Unknowns
+from visual_servo_epipolar.core.twoview.estimator import Attitude
 
 
 def scaled(geometry: Geometry, ratio: float) -> Geometry:

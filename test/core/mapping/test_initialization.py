@@ -7,7 +7,6 @@ from map_study import StudySettings, trial
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 from visual_servo_epipolar.core.mapping import initialization
@@ -26,6 +25,7 @@ from visual_servo_epipolar.core.mapping.initialization import (
 )
 from visual_servo_epipolar.core.mapping.refinement import Geometry
 from visual_servo_epipolar.core.mapping.window import EMPTY, MapSettings
+from visual_servo_epipolar.core.twoview.estimator import Attitude
 
 
 def start_at(view: np.ndarray, k: int, off: float = 0.0) -> Start:

@@ -15,7 +15,6 @@ from map_study import (
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping import keyframe_map
 from visual_servo_epipolar.core.mapping.fitting import correspondences_of
@@ -28,6 +27,7 @@ from visual_servo_epipolar.core.mapping.window import (
     MapSettings,
     SHARED,
 )
+from visual_servo_epipolar.core.twoview.estimator import Attitude
 
 DEVIATIONS = 4.0
 

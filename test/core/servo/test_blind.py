@@ -12,11 +12,11 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import classify, nominal_twist
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 FAST = Command(Twist(SETTINGS.max_linear, SETTINGS.max_angular))
 FAR = SETTINGS.near_parallax * 2.0

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from servo_states import BEARINGS, in_phase, learnt_yaw, SETTINGS, sight, then, TWO_VIEWS
 
-from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.odometry.ranging import Leg
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import classify
+from visual_servo_epipolar.core.twoview.estimator import UNKNOWN_COVARIANCE
 
 NO_ESTIMATE = sight(bearings=None, difference=math.nan, reason='two geometries fit')
 

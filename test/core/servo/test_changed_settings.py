@@ -12,11 +12,11 @@ from strategies import floats
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import nominal_twist
+from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
 DERIVED = ServoSettings(gains='derived', law='full')
 ALIGNED = Bearings(-math.pi / 2.0, math.pi)

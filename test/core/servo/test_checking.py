@@ -14,11 +14,11 @@ from visual_servo_epipolar.core.estimate.motion_check import MotionCheck
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.rigs.rig import HALT
 from visual_servo_epipolar.core.servo.checking import check_lens, check_motion, parallax_of_way
 from visual_servo_epipolar.core.servo.state import Identification, Known, ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
+from visual_servo_epipolar.core.twoview.observation import Observation
 
 
 def seen(count: int) -> Observation:

@@ -10,15 +10,15 @@ from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.estimate.map_state import MapState, measurement_of
 from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
-from visual_servo_epipolar.core.perception import validation
-from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at, UNKNOWN
-from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import perceive, with_difference
 from visual_servo_epipolar.core.servo import estimator
 from visual_servo_epipolar.core.servo.estimator import SKIPPED, two_view_skip
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
+from visual_servo_epipolar.core.twoview import validation
+from visual_servo_epipolar.core.twoview.lens_check import LensCheck, looked_at, UNKNOWN
+from visual_servo_epipolar.core.twoview.observation import Observation
+from visual_servo_epipolar.core.twoview.perceive import perceive, with_difference
 from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import drive
 

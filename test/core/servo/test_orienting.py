@@ -9,8 +9,8 @@ from servo_states import in_phase, SETTINGS, sight, then
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.rigs.rig import Command
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 BIAS = 0.017  # of the best rotation, as a baseline of 0.1 m at 6 m depth shows
 BESIDE = math.pi / 2.0  # the goal is to the left

@@ -12,11 +12,11 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Slope
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import first_pulse, pulsed_move, way_of_move
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 THRESHOLD, FRAME_S, SLOPE = 0.024, 0.09, 0.1  # [rad/s] and [m/s], [s], [1/m]
 HOP = THRESHOLD * FRAME_S

@@ -8,10 +8,10 @@ from servo_states import in_phase, seeing, SETTINGS, sight
 from visual_servo_epipolar.core.laws.conditions import TURNED
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES, TURNED_FRAMES
-from visual_servo_epipolar.core.perception.memory import fresh_memory
-from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import classify, update
+from visual_servo_epipolar.core.twoview.memory import fresh_memory
+from visual_servo_epipolar.core.twoview.perceive import Perception
 
 THERE = sight()
 

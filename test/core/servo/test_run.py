@@ -8,10 +8,10 @@ from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import Goal, NO_GOAL
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Command
 from visual_servo_epipolar.core.servo.run import change_goal, interrupted, Interruption, Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld

@@ -17,10 +17,6 @@ from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.conditions import displacement
 from visual_servo_epipolar.core.laws.memory import RunProgress
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.memory import fresh_memory
-from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo import supervisor as servo_step
 from visual_servo_epipolar.core.servo.run import interrupted, Interruption
@@ -28,6 +24,10 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import nominal_twist
 from visual_servo_epipolar.core.servo.timing import phase_timeout
+from visual_servo_epipolar.core.twoview.measurement import Measurement
+from visual_servo_epipolar.core.twoview.memory import fresh_memory
+from visual_servo_epipolar.core.twoview.observation import Observation
+from visual_servo_epipolar.core.twoview.perceive import Perception
 
 # Accelerations as good as unlimited: what the laws ask for shows at once.
 SETTINGS = ServoSettings(

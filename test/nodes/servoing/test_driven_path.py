@@ -10,8 +10,8 @@ from rclpy.qos import QoSProfile
 from servo_rig import PERIOD_NS, Rig
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.telemetry import odometry_of
+from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import AHEAD_S, MEANWHILE

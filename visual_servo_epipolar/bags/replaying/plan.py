@@ -14,7 +14,6 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.estimate.settings import DEFAULT_LAW
 from visual_servo_epipolar.core.laws.registry import law_named, machine_of
-from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
@@ -23,6 +22,7 @@ from visual_servo_epipolar.core.settings import Settings, updated
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.messages.settings_text import installed_versions, NodeSettings, PACKAGE
 

@@ -24,7 +24,6 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.servo.run import Interruption, Run
 from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog, SETTLE_FRAMES, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -38,6 +37,7 @@ from visual_servo_epipolar.core.servo.telemetry import (
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.core.twoview.observation import Observation, observe
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.event_log import Entry, REDETECTED

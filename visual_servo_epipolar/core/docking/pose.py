@@ -30,10 +30,10 @@ from visual_servo_epipolar.core.mapping.refinement import Geometry
 from visual_servo_epipolar.core.mapping.window import FeatureObservations, HEADING, VIEW
 from visual_servo_epipolar.core.odometry.increments import Motion
 from visual_servo_epipolar.core.odometry.path import PathPlace
-from visual_servo_epipolar.core.perception.memory import PerceptionMemory
-from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import perceive, Perception
-from visual_servo_epipolar.core.perception.validation import noise_learnt
+from visual_servo_epipolar.core.twoview.memory import PerceptionMemory
+from visual_servo_epipolar.core.twoview.observation import Observation
+from visual_servo_epipolar.core.twoview.perceive import perceive, Perception
+from visual_servo_epipolar.core.twoview.validation import noise_learnt
 
 MOST_CONTRADICTIONS = 8  # in a row: then all is begun anew
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.mapping.window import MapSettings
-from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.rigs.fixed_mount import Mount
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
+from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
 LAG = 0.002  # by which images and odometry may be apart [m]: their stamps are of one clock
 

@@ -20,8 +20,8 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.settings import DriveSettings, SettingsT, with_identified
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 MOST_CURVATURE = 0.3  # of wheels that shall roll straight on: unequal by a tenth [rad/m]
 MOST_DELAY_S = 1.5  # from an image to the motion that it causes [s]

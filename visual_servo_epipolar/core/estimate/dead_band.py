@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.estimate.base_model import (
 from visual_servo_epipolar.core.estimate.settings import DriveSettings, SettingsT, with_identified
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
-from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 LATE_S = 0.5  # by which a base may follow late
 PATIENCE_S = 1.5  # in which it follows if it does at all

@@ -24,8 +24,8 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.least_squares import least_squares
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.rigs.fixed_mount import axle_offset, camera_swing
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 PSI, RHO, YAW, FORWARD, LEFT = range(5)
 IDENTITY = np.eye(5)

@@ -14,11 +14,11 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Slope
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.rivals import Rivals
 from visual_servo_epipolar.core.reasons import Reason, reason_of
 from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
 from visual_servo_epipolar.core.rigs.rig import Command, HALT
+from visual_servo_epipolar.core.twoview.measurement import Measurement
+from visual_servo_epipolar.core.twoview.rivals import Rivals
 
 UNKNOWN: FloatArray = np.full((3, 3), np.nan)
 USUAL_STEP_S = 0.1  # between two images, where no others came before

@@ -12,7 +12,6 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import are_among, FloatArray, IntArray
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
-from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.localization import (
     difference_slope,
@@ -26,10 +25,11 @@ from visual_servo_epipolar.core.mapping.window import (
     MapSettings,
 )
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import of_few, Perception, with_difference
 from visual_servo_epipolar.core.reasons import Reason
+from visual_servo_epipolar.core.twoview.estimator import Attitude
+from visual_servo_epipolar.core.twoview.measurement import Measurement
+from visual_servo_epipolar.core.twoview.observation import Observation
+from visual_servo_epipolar.core.twoview.perceive import of_few, Perception, with_difference
 
 # Unknowns: the place, right and ahead [m], and heading error [rad]; the share of a way that leads
 # to the side, as a camera may look elsewhere than where the base drives.

@@ -29,8 +29,8 @@ from visual_servo_epipolar.core.estimate.base_model import (
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
-from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+from visual_servo_epipolar.core.twoview.observation import Observation
 
 COMMON, COMMON_SHARE = 8, 0.4  # features that two views must have in common, of the first one's
 NOISE_OF_PARALLAX = 1.2  # of two views of one place, in deviations of a coordinate

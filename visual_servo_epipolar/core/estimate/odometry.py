@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.estimate.base_model import FASTER, heading_devia
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import motion_between, Pose
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
-from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 SEEN_TURN, SEEN_WAY = 0.12, 0.3  # motion after which it is held against images [rad, m]
 DEVIATIONS = 5.0  # of a turn that is seen

@@ -16,11 +16,11 @@ from visual_servo_epipolar.core.bases.base import Base, BaseLimits, turns_in_pla
 from visual_servo_epipolar.core.bases.registry import base_of, DEFAULT_BASE
 from visual_servo_epipolar.core.estimate.extrinsics import configured_extrinsics, Extrinsics
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.rigs.fixed_mount import Mount
 from visual_servo_epipolar.core.rigs.registry import DEFAULT_RIG, rig_of
 from visual_servo_epipolar.core.rigs.rig import HeadLimits, Joints, Rig
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
+from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
 LEAST_EXCURSION = 1.05  # start distances: below it noise alone would fail the run
 MOUNT = tuple(f'camera_{item.name}' for item in fields(Mount))

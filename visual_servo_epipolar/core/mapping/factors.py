@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimators.base import Attitude, LEAST_JITTER
 from visual_servo_epipolar.core.mapping.window import (
     KeyframeWindow,
     LENS,
@@ -19,6 +18,7 @@ from visual_servo_epipolar.core.mapping.window import (
     Unknowns,
     VIEW,
 )
+from visual_servo_epipolar.core.twoview.estimator import Attitude, LEAST_JITTER
 
 UNKNOWN_SCALE = 1.0  # deviation of the logarithm of an unknown scale
 LEAST_WAY = 1e-9  # [m]

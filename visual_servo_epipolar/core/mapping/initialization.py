@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.estimators.base import Attitude, LEAST_JITTER
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.least_squares import USUAL_SQUARES
 from visual_servo_epipolar.core.geometry.rotation import MIN_POINTS
@@ -40,6 +39,7 @@ from visual_servo_epipolar.core.mapping.window import (
     Unknowns,
     VIEW,
 )
+from visual_servo_epipolar.core.twoview.estimator import Attitude, LEAST_JITTER
 
 STEPS, MORE_STEPS, LAST_STEPS, ROUNDS = 2, 6, 30, 6
 ALMOST = 1.5  # times the usual squares: converged but for rounding

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping.fitting import (
     Correspondences,
@@ -41,6 +40,7 @@ from visual_servo_epipolar.core.mapping.window import (
     MapSettings,
     tangent_basis_of,
 )
+from visual_servo_epipolar.core.twoview.estimator import Attitude
 
 MIN_AGREEING = 5  # of features of the map that agree
 MIN_SHARE = 0.5  # of the map's features in view that agree

@@ -10,7 +10,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.least_squares import USUAL_SQUARES
 from visual_servo_epipolar.core.mapping.factors import (
     camera_poses,
@@ -44,6 +43,7 @@ from visual_servo_epipolar.core.mapping.window import (
     Unknowns,
     VIEW,
 )
+from visual_servo_epipolar.core.twoview.estimator import Attitude
 
 STEPS, ROUNDS = 12, 2
 SCALE_DEVIATION = 0.01  # of the logarithm of the true way over that of the odometry

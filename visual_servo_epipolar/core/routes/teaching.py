@@ -15,7 +15,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError, TrackingError
-from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.motion import Pose, relative_pose
 from visual_servo_epipolar.core.routes.chain import (
     against_odometry,
@@ -38,6 +37,7 @@ from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 from visual_servo_epipolar.core.tracking.matching import desired_view
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.core.twoview.estimator import Attitude
 
 LEAST_STEP, LEAST_TURN = 0.01, 0.005  # between two images that are kept [m, rad]
 TIGHTEST = 0.2  # radius of a curve [m]

@@ -18,10 +18,10 @@ from visual_servo_epipolar.core.estimate.motion_check import (
     NOISE_OF_PARALLAX,
 )
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
-from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Known, ServoState
+from visual_servo_epipolar.core.twoview.lens_check import contradicted_by_pair
+from visual_servo_epipolar.core.twoview.observation import Observation
 
 AHEAD = 0.5  # sine of the bearing up to which the goal is ahead or behind
 KNOWN_PARALLAX = 3.0  # deviations of a parallax of which a metre shows a part

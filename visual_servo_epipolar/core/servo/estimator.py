@@ -19,21 +19,9 @@ from visual_servo_epipolar.core.estimate.extrinsics import (
 )
 from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate, MotionState
 from visual_servo_epipolar.core.estimate.map_state import localize, MapState, measurement_of
-from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.laws.conditions import turned_by_far
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.odometry.increments import OdometryIncrement
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
-from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import perceive, Perception, with_difference
-from visual_servo_epipolar.core.perception.rivals import (
-    ahead_of_both,
-    begun,
-    followed,
-    in_order,
-)
-from visual_servo_epipolar.core.perception.validation import noise_learnt
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.servo.dead_reckoning import (
@@ -46,6 +34,18 @@ from visual_servo_epipolar.core.servo.dead_reckoning import (
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Identification, ServoState, ViewState
+from visual_servo_epipolar.core.twoview.estimator import UNKNOWN_COVARIANCE
+from visual_servo_epipolar.core.twoview.measurement import Measurement
+from visual_servo_epipolar.core.twoview.memory import fresh_memory, PerceptionMemory
+from visual_servo_epipolar.core.twoview.observation import Observation
+from visual_servo_epipolar.core.twoview.perceive import perceive, Perception, with_difference
+from visual_servo_epipolar.core.twoview.rivals import (
+    ahead_of_both,
+    begun,
+    followed,
+    in_order,
+)
+from visual_servo_epipolar.core.twoview.validation import noise_learnt
 
 SKIPPED = 3  # views between two that are estimated all the same: noise and attitude may change
 BIAS_SMOOTHING = 0.2  # weight of the newest value in an exponential mean

@@ -16,7 +16,6 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.machine import interruption
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.rig import HALT
 from visual_servo_epipolar.core.servo import supervisor
@@ -25,6 +24,7 @@ from visual_servo_epipolar.core.servo.estimator import update_map
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState, ViewState
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.twoview.observation import Observation
 
 
 class Interruption(Enum):

@@ -26,12 +26,12 @@ from visual_servo_epipolar.core.laws.conditions import sees_too_little
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.prediction import predicted
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.run_log import AT_GOAL_M
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.twoview.measurement import Measurement
+from visual_servo_epipolar.core.twoview.observation import Observation
 
 SEEN_S = 0.4  # after which a motion has acted and was seen, of a base that obeys in time
 ROUNDING = 1e-9  # of a sum of hops

@@ -16,9 +16,9 @@ from visual_servo_epipolar.core.estimate.settings import SettingsT
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.laws.memory import Memory, parts_by_field
-from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.rigs.rig import Command, Joints
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.twoview.memory import PerceptionMemory
 
 NO_MAP = MapState()
 

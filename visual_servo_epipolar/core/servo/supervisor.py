@@ -25,9 +25,6 @@ from visual_servo_epipolar.core.laws.conditions import (
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.standing import classify_probe, is_probing, probe
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.rig import Command, Gaze, HeadCommand
 from visual_servo_epipolar.core.servo.checking import check_lens, check_motion
@@ -43,6 +40,9 @@ from visual_servo_epipolar.core.servo.timing import (
     time_step,
 )
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.twoview.measurement import Measurement
+from visual_servo_epipolar.core.twoview.observation import Observation
+from visual_servo_epipolar.core.twoview.perceive import perceive, Perception
 
 LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
 

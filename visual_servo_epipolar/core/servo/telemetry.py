@@ -7,12 +7,12 @@ from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.twoview.measurement import Measurement
+from visual_servo_epipolar.core.twoview.memory import PerceptionMemory
 
 # A replay ramps by the first, and drives by the others.
 SINCE_COMMAND = 'since_command_s'

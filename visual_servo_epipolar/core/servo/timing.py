@@ -10,11 +10,11 @@ import math
 
 from visual_servo_epipolar.core.estimate.goal_estimate import usual_step
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING, seconds_between
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 HALF_TURNS = 3.0  # at full speed, that no turn in place takes

@@ -20,12 +20,12 @@ from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.map_state import BY_COMMANDS
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.settings import updated
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.evaluation.tables import cells, Columns, markdown, numbers
 from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.regions import start_in

@@ -21,14 +21,14 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Estimator, Prior
-from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
-from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
-from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
-from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, epipoles
 from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
+from visual_servo_epipolar.core.twoview.estimator import Attitude, Estimate, Estimator, Prior
+from visual_servo_epipolar.core.twoview.lmeds_8pt import lmeds_8pt
+from visual_servo_epipolar.core.twoview.planar_2dof import planar_2dof
+from visual_servo_epipolar.core.twoview.planar_3dof import planar_3dof
+from visual_servo_epipolar.core.twoview.soft_planar import soft_planar
 from visual_servo_epipolar.evaluation.benchmarks.scenes import (
     Cell,
     difference,

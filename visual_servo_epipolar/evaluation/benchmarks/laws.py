@@ -30,16 +30,16 @@ from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, saturate, 
 from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.steering import aim, curvature, Gains, polar_pose
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.measures import turned
-from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.rigs.rig import Command, HALT
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise, WRONG_DEG, WRONG_M
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.twoview.measurement import Measurement
+from visual_servo_epipolar.core.twoview.measures import turned
+from visual_servo_epipolar.core.twoview.observation import Observation
+from visual_servo_epipolar.core.twoview.perceive import perceive
 from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
 from visual_servo_epipolar.simulation.closed_loop import Control, Loop
 from visual_servo_epipolar.simulation.regions import start_in

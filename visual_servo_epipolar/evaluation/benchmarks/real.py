@@ -18,9 +18,9 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.rays import image_points
-from visual_servo_epipolar.core.perception.general_motion import Motions
-from visual_servo_epipolar.core.perception.inspection import inspect
-from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.twoview.general_motion import Motions
+from visual_servo_epipolar.core.twoview.inspection import inspect
+from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 from visual_servo_epipolar.evaluation.tables import aligned, percentiles
 
 OPTIONS = ('photographs',)

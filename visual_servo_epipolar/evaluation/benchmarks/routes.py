@@ -22,9 +22,6 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError, InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, relative_pose
-from visual_servo_epipolar.core.perception.inspection import inspect
-from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.teaching import Teacher
@@ -33,6 +30,9 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.core.twoview.inspection import inspect
+from visual_servo_epipolar.core.twoview.observation import observe
+from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 from visual_servo_epipolar.evaluation.benchmarks.real import (
     angle_errors,
     opencv_motion,

@@ -9,12 +9,12 @@ from typing import Any, TypeVar
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
-from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.routes.driven_images import DrivenImages, MOST_WAITING
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.routes.settings import TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
+from visual_servo_epipolar.core.twoview.estimator import Attitude
 from visual_servo_epipolar.messages.route_folder import write_route
 
 ResultT = TypeVar('ResultT')

@@ -7,12 +7,12 @@ from sensor_msgs.msg import CameraInfo
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import doubts
-from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
-from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.twoview.lens_check import LensCheck, looked_at
+from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings

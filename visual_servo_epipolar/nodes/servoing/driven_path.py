@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.odometry.path import Path
-from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servoing.rivals import publishers, type_mismatch

@@ -8,7 +8,6 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
-from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.routes.route import RouteView
 from visual_servo_epipolar.core.servo.run import Interruption, Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -17,6 +16,7 @@ from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.core.twoview.observation import observe
 
 APART, APART_SHARE = 0.05, 0.1  # of a station [m], and share of what was driven
 

@@ -19,14 +19,14 @@ from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimate.goal_estimate import USUAL_STEP_S
-from visual_servo_epipolar.core.estimators.base import Prior
-from visual_servo_epipolar.core.estimators.registry import estimate
 from visual_servo_epipolar.core.geometry.motion import inverse_pose, Twist
-from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.routes.route import RouteView
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.twoview.estimator import Prior
+from visual_servo_epipolar.core.twoview.observation import observe
+from visual_servo_epipolar.core.twoview.registry import estimate
 
 TURN_NOISE = 0.02  # of the true turn against the commanded one [rad/sqrt(s)]
 SLIDE_NOISE = 0.002  # of the base across its heading [m/sqrt(m)]

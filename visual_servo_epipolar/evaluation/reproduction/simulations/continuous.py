@@ -13,12 +13,12 @@ from operator import attrgetter
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimators.lmeds_8pt import fundamental_from_matches
 from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose, Twist
 from visual_servo_epipolar.core.geometry.rays import unit_rays
 from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.twoview.lmeds_8pt import fundamental_from_matches
 
 # (X, Y, Z) in the axes of the desired camera: right, down, forward [m]. The paper does not say
 # where its points are. These lie ahead of every pose of both simulations and span the view.

@@ -1,0 +1,257 @@
+"""Observations through any lens: what it cannot place is dropped, and D is of the sphere."""
+
+from dataclasses import replace
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from strategies import CAMERA
+
+from visual_servo_epipolar.core.cameras.dual_fisheye import LAYOUTS
+from visual_servo_epipolar.core.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.equirectangular import STITCHED
+from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.cameras.registry import camera_of_size
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Twist
+from visual_servo_epipolar.core.geometry.rays import normalised
+from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import step
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.twoview.measures import (
+    difference_deviation,
+    feature_difference,
+    usual_difference,
+)
+from visual_servo_epipolar.core.twoview.observation import Observation, observe, OTHER_LENS
+from visual_servo_epipolar.core.twoview.perceive import perceive
+from visual_servo_epipolar.core.twoview.rolling_shutter import base_axes, RollingShutter
+from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
+from visual_servo_epipolar.simulation.mounts.sensor import Shutter
+from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.scenario import from_document, Scenario
+from visual_servo_epipolar.simulation.views import points_of
+
+SIZE = {'width': 1280, 'height': 1024}
+FOLDING = Camera(**SIZE, fx=769.0, fy=769.0, cx=635.0, cy=512.0, distortion=(-0.45, 0.0, 0.0, 0.0))
+FISHEYE = Equidistant(**SIZE, fx=396.0, fy=396.0, cx=639.5, cy=511.5)
+
+
+def features(count: int = 50, seed: int = 0) -> Features:
+    """Return features anywhere in the image."""
+    rng = np.random.default_rng(seed)
+    pixels = rng.uniform(0.0, 1.0, (2, count, 2)) * [1279.0, 1023.0]
+    numbers = np.arange(count)
+    return Features(numbers, pixels[0], pixels[1], numbers, np.zeros(count))
+
+
+def test_what_the_lens_cannot_place_is_dropped_from_both_views() -> None:
+    seen = features()
+    usable = [
+        FOLDING.round_trips(pixels, FOLDING.rays(pixels))
+        for pixels in (seen.current, seen.desired)
+    ]
+    kept = usable[0] & usable[1]
+    assert 0 < kept.sum() < usable[0].sum() < len(seen)
+    observation = observe(seen, FOLDING, 7)
+    assert (observation.dropped, len(observation)) == (len(seen) - kept.sum(), kept.sum())
+    np.testing.assert_array_equal(observation.current, FOLDING.rays(seen.current[kept]))
+    np.testing.assert_array_equal(observation.desired, FOLDING.rays(seen.desired[kept]))
+    resolution = FOLDING.resolution(observation.desired)
+    np.testing.assert_array_equal(observation.resolution[:, 1], resolution)
+    assert np.isfinite(observation.resolution).all()
+
+
+def test_of_a_lens_that_places_all_nothing_is_dropped() -> None:
+    lens = Camera(
+        **SIZE, fx=769.0, fy=769.0, cx=635.0, cy=512.0, distortion=(-0.2, 0.05, 0.0, 0.0)
+    )
+    for camera in (lens, replace(lens, distortion=()), FISHEYE):
+        observation = observe(features(), camera, 0)
+        assert (observation.dropped, len(observation)) == (0, 50)
+        assert observation.wide == (camera is FISHEYE)
+
+
+def test_nothing_that_is_seen_leaves_an_empty_observation() -> None:
+    seen = features()
+    corners = replace(seen, current=np.full((50, 2), 3.0), desired=np.full((50, 2), 3.0))
+    observation = observe(corners, FOLDING, 0)
+    assert (observation.dropped, len(observation)) == (50, 0)
+    perception = perceive(observation, ServoSettings(), 0)
+    assert perception.measurement.reason.startswith('0 features')
+
+
+def sphere(count: int = 200) -> np.ndarray:
+    """Return points all around, 3 to 8 m away, in axes of the camera at the goal."""
+    rng = np.random.default_rng(1)
+    points = normalised(rng.standard_normal((count, 3)))
+    return np.asarray(points * rng.uniform(3.0, 8.0, (count, 1)))
+
+
+def test_d_of_the_sphere_is_that_of_the_plane_at_small_angles() -> None:
+    points = np.array([[0.02, 0.01, 3.0], [-0.03, 0.02, 4.0]])
+    current, desired = normalised(points - [0.0, 0.0, 0.3]), normalised(points)
+    plane, wide = (feature_difference(current, desired, kind) for kind in (False, True))
+    assert wide == pytest.approx(plane, rel=1e-3)
+
+
+@pytest.mark.parametrize('part', ['all around', 'behind alone'])
+def test_d_of_the_sphere_falls_with_the_distance_to_the_goal_from_either_side(part: str) -> None:
+    points = sphere()
+    points = points[points[:, 2] < 0.0] if part == 'behind alone' else points
+    desired = normalised(points)
+    values = [
+        float(feature_difference(normalised(points - [0.0, 0.0, z]), desired, True))
+        for z in np.linspace(-2.0, 2.0, 21)
+    ]
+    assert (np.diff(values) > 0.0).all()
+    assert values[10] == 0.0
+
+
+def test_the_stated_deviation_of_d_is_what_noise_makes() -> None:
+    rng, desired = np.random.default_rng(2), normalised(sphere(60))
+    values = []
+    for _ in range(2000):
+        both = (normalised(desired + 1e-3 * rng.standard_normal(desired.shape)) for _ in range(2))
+        values.append(float(usual_difference(*both, True)))
+    stated = float(difference_deviation(desired, desired, 1e-3, True))
+    assert float(np.std(values)) == pytest.approx(stated, rel=0.1)
+
+
+@pytest.mark.parametrize('name', [*LAYOUTS, STITCHED])
+def test_a_feature_that_another_lens_sees_than_in_the_photograph_is_uncertain(name: str) -> None:
+    camera = camera_of_size(name, (640, 320))
+    ahead = normalised(np.random.default_rng(4).uniform([-1, -1, 0.5], 1.0, (12, 3)))
+    behind = ahead * [-1.0, 1.0, -1.0]
+    current, desired = np.concatenate([ahead, ahead]), np.concatenate([ahead, behind])
+    numbers = np.arange(24)
+    pixels = camera.pixels(current), camera.pixels(desired)
+    seen = observe(Features(numbers, *pixels, numbers, np.zeros(24)), camera, 7)
+    same, other = seen.resolution[:12], seen.resolution[12:]
+    np.testing.assert_allclose(other, OTHER_LENS * same)
+    np.testing.assert_allclose(same[:, 0], camera.resolution(ahead))
+
+
+CHEAP = {
+    **{'width': 640, 'height': 480, 'focal_length': 384.6, 'frame_rate': 15.0},
+    **{'principal_u': 317.25, 'principal_v': 239.75},
+}
+START = (0.1, -0.5, 5.0)
+
+
+def in_a_room(scenario: Scenario) -> PointWorld:
+    """Return points of a floor 0.6 m below, and of a wall 5 m ahead, as the goal sees them."""
+    world = points_of(scenario, 0)
+    axes, centre = world.rig.camera_pose(DESIRED_POSE)
+    rays = (world.points - centre) @ axes
+    depth = np.minimum(5.0, 0.6 * rays[:, 2] / np.maximum(rays[:, 1], 1e-9))
+    world.points = centre + (rays * (depth / rays[:, 2])[:, None]) @ axes.T
+    return world
+
+
+def driven(
+    seconds: float, true: float, *, told: float = 0.0, law: str = 'full'
+) -> tuple[RollingShutter, dict[str, Any]]:
+    """Return estimate and verdict of a run with a ``true`` readout, and one that is ``told``."""
+    document = {
+        'camera': {**CHEAP, 'readout': true},
+        'servo': {'law': law, 'readout': told},
+        'run': {'max_duration': seconds},
+    }
+    scenario = from_document(document, 'test')
+    shutters = [RollingShutter()]
+
+    def control(state: ServoState, seen: Observation, settings: ServoSettings) -> ServoState:
+        after = step(state, seen, settings)
+        assert after.view.memory is not None
+        shutters.append(after.view.memory.shutter)
+        return after
+
+    loop, camera = scenario.loop(START, 0), scenario.camera.camera
+    log = run(loop, in_a_room(scenario), camera, control=control)
+    return shutters[-1], summarise(log)
+
+
+@pytest.mark.parametrize('tilt', [0.0, 0.2])
+def test_rows_of_a_camera_that_turns_are_put_back_to_one_instant(tilt: float) -> None:
+    rig, twist, readout = FixedRig(CAMERA, CameraMount(tilt=tilt)), Twist(0.0, 1.0), 0.033
+    exact = PointSettings(noise=0.0)
+    rolling = PointWorld(exact, rig, seed=0, shutter=Shutter(readout))
+    rolling.move(twist)
+    seen = observe(rolling.observe(DESIRED_POSE, 0), CAMERA, 0)
+    then = integrate(DESIRED_POSE, twist, 0.5 * readout)
+    expected = observe(PointWorld(exact, rig, seed=0).observe(then, 0), CAMERA, 0)
+    _, here, there = np.intersect1d(seen.ids, expected.ids, return_indices=True)
+    up = np.array([0.0, -math.cos(tilt), -math.sin(tilt)])
+    put_back = seen.at_one_instant(twist.angular * readout * up)
+    assert np.abs(seen.current[here] - expected.current[there]).max() > 0.01
+    np.testing.assert_allclose(put_back.current[here], expected.current[there], atol=1e-6)
+
+
+def test_ahead_and_up_are_seen_as_the_mount_has_them() -> None:
+    tilt, roll, yaw = 0.2, 0.1, -0.3
+    axes = CameraMount(tilt=tilt, roll=roll, yaw=yaw).R_world_camera(DESIRED_POSE)
+    ahead, up = axes.T @ [0.0, 1.0, 0.0], axes.T @ [0.0, 0.0, 1.0]
+    np.testing.assert_allclose(base_axes(tilt, roll, yaw), [ahead, up], atol=1e-12)
+
+
+@pytest.mark.parametrize('true', [0.01, 0.02, 0.033])
+def test_the_first_turn_shows_the_readout(true: float) -> None:
+    shutter, _ = driven(1.2, true)
+    assert shutter.estimate[0] == pytest.approx(true, abs=0.003)
+    assert shutter.readout(0.0) == shutter.estimate[0]
+
+
+@pytest.mark.parametrize(('true', 'told'), [(0.0, 0.0), (0.02, 0.02)])
+def test_a_readout_that_images_do_not_contradict_is_the_configured_one(true, told) -> None:
+    shutter, _ = driven(1.2, true, told=told)
+    assert shutter.estimate[1] < 0.004
+    assert shutter.readout(told) == told
+
+
+def test_a_readout_that_was_told_wrong_is_estimated() -> None:
+    shutter, _ = driven(1.2, 0.01, told=0.033)
+    assert shutter.readout(0.033) == pytest.approx(0.01, abs=0.003)
+
+
+def test_a_base_that_turns_to_and_fro_from_image_to_image_shows_in_the_rows() -> None:
+    readout, rates = 0.033, [0.3 * (-1) ** number for number in range(20)]
+    world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0, shutter=Shutter(readout))
+    shutter, axes = RollingShutter(), base_axes(0.0, 0.0, 0.0)
+    for number, rate in enumerate(rates):
+        world.move(Twist(0.0, rate))
+        # In between it turns there and back, so that the middle rows are alike.
+        pose = integrate(DESIRED_POSE, Twist(0.0, rate), -0.5 * readout)
+        seen = observe(world.observe(pose, number), CAMERA, number * 66_666_667)
+        shutter = shutter.updated(seen, axes, readout)
+    assert abs(shutter.rate.mean) < 0.05
+    assert shutter.rate.now == pytest.approx(rates[-1], abs=0.08)
+
+
+@pytest.mark.parametrize('law', ['full', 'smooth'])
+def test_a_rolling_shutter_does_not_lead_astray(law: str) -> None:
+    _, verdict = driven(30.0, 0.033, law=law)
+    assert verdict['outcome'] == 'arrived'
+    assert verdict['position_error_m'] < 0.005
+    assert verdict['max_distance_ratio'] < 1.3
+    assert verdict['reversals']['w'] <= 6
+
+
+@pytest.mark.parametrize('points', [1, 2, 3])
+def test_features_at_a_few_points_tell_nothing_of_the_readout(points: int) -> None:
+    shutter, axes = RollingShutter(), base_axes(0.0, 0.0, 0.0)
+    ids = np.arange(20)
+    for number in range(12):
+        angle = 0.001 * number**2  # from rest into a turn
+        angles = angle + 0.1 * (ids % points)
+        rays = np.stack([np.sin(angles), 0.02 * (ids % points), np.cos(angles)], axis=1)
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        seen = Observation(
+            number * 50_000_000, rays, rays, CAMERA.focal, ids=ids, rows=0.1 * rays[:, 1]
+        )
+        shutter = shutter.updated(seen, axes, 0.02)
+        assert shutter.readout(0.02) == 0.02
+    assert math.isfinite(shutter.rate.now)

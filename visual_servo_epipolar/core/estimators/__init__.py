@@ -1,1 +1,0 @@
-"""Estimators of the two bearings from matches: one file each, one Protocol, chosen by name."""

@@ -1,1 +1,0 @@
-"""Parts of the estimators: hypotheses, Sampson distances, refinement, batches of views."""

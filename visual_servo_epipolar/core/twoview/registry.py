@@ -1,0 +1,54 @@
+"""The estimators by the names that settings give them."""
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.registry import Registry
+from visual_servo_epipolar.core.twoview.estimator import Estimate, Estimator, Prior
+from visual_servo_epipolar.core.twoview.lmeds_8pt import lmeds_8pt
+from visual_servo_epipolar.core.twoview.planar_2dof import planar_2dof
+from visual_servo_epipolar.core.twoview.planar_3dof import planar_3dof
+from visual_servo_epipolar.core.twoview.soft_planar import soft_planar
+
+OWN: dict[str, Estimator] = {
+    'lmeds_8pt': lmeds_8pt,
+    'planar_3dof': planar_3dof,
+    'planar_2dof': planar_2dof,
+    'soft_planar': soft_planar,
+}
+ESTIMATORS: Registry[Estimator] = Registry('visual_servo_epipolar.estimators', OWN)
+DEFAULT_ESTIMATOR = 'soft_planar'
+UNCALIBRATED = ('soft_planar',)  # those that learn a focal length that is not known
+WITHOUT_CHANCE = ('planar_2dof', 'soft_planar')
+UNDRAWN = np.random.default_rng(0)  # for those
+
+
+def may_learn_focal(name: str) -> bool:
+    """Return whether estimator ``name`` finds the lens out; one of another package may."""
+    return name in UNCALIBRATED or name not in OWN
+
+
+def estimate(
+    name: str,
+    current: FloatArray,
+    desired: FloatArray,
+    *,
+    noise: FloatArray | float,
+    prior: Prior,
+    seed: tuple[int, int],
+) -> Estimate:
+    """
+    Return what estimator ``name`` finds in one pair of views, unit rays of shape (N, 3) each.
+
+    ``noise`` is the deviation of their angles [rad]: one number or, of the current and of the
+    desired ray of each match, shape (N, 2). The ``seed`` fixes every random choice.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        If the matches cannot answer.
+
+    """
+    # To make a source of chance takes as long as two steps of a refinement.
+    rng = UNDRAWN if name in WITHOUT_CHANCE else np.random.default_rng(seed)
+    return ESTIMATORS[name](current, desired, noise=noise, prior=prior, rng=rng)

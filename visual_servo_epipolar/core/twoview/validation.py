@@ -1,0 +1,468 @@
+"""Validated estimates: the geometry of two views, and the gates: reasons not to act on it."""
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians, TINY
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, MIN_MATCHES, sampson_distance
+from visual_servo_epipolar.core.geometry.least_squares import deviation_of
+from visual_servo_epipolar.core.geometry.rays import handedness, rotation_level_camera
+from visual_servo_epipolar.core.geometry.rotation import fundamental_of_small_baseline, RotationFit
+from visual_servo_epipolar.core.geometry.significance import together
+from visual_servo_epipolar.core.reasons import Reason, reason_of
+from visual_servo_epipolar.core.twoview.estimator import Attitude, Estimate, Prior
+from visual_servo_epipolar.core.twoview.leaning_head import with_jitter
+from visual_servo_epipolar.core.twoview.memory import (
+    MAX_REJECTIONS,
+    PerceptionMemory,
+    Still,
+    updated_memory,
+)
+from visual_servo_epipolar.core.twoview.observation import Observation
+from visual_servo_epipolar.core.twoview.registry import estimate
+from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
+
+MIN_INLIER_SHARE = 0.3
+MAX_TURN_APART = 2.0  # turns that bearings, and features as a whole, may be apart [rad]
+FEW_INLIERS, FEW_SHARE = 12, 0.8  # fewer may agree by chance, if they are not most of all
+MOTION_PARAMETERS, LEAST_SPARE = 5, 3.0  # of a general one; matches beyond them, at least
+LEAST_HANDED = 0.8  # share of small triangles that turn alike, and are not mirrored
+MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
+# That jitter where a view shows bumps, wide enough to draw no estimate [rad]; bumps of 1 deg under
+# either view, and a nod of the body, are less than 3.4 deg.
+ROUGH_FLOOR, ROUGH_JUMP = 1.5e-2, 4.0
+FIRST, STEP = -4, 1.25  # power of the least noise that is compared, and ratio to the next
+SCALES = STEP ** np.arange(FIRST, 8.0)  # of what it is taken for
+SPENT = 4  # parameters that the fit spends on noise
+RIGHT, ANYWHERE_PX = 0.8, 60.0  # share of matches that are right; among how many px others are
+ROOT_2_PI = math.sqrt(2.0 * math.pi)
+MOUNT_DEVIATIONS = 2.0  # within which a camera is mounted as it is believed to be
+LEAST_PROMISED = math.radians(3.0)  # and within this of an attitude that is known
+MAX_LEANING = math.radians(20.0)  # change of the vertical that a hand makes between photographs
+LEAST_TURN = math.radians(3.0)  # of which an axis means anything
+IN_PLANE = math.radians(0.8)  # of the baseline and the plane of motion
+TURNED_ROLL = math.radians(20.0)  # that a hand seldom holds a camera at
+NEARLY_ONE = 0.09  # two geometries so near are one that is uncertain [rad]
+
+
+@dataclass(frozen=True, slots=True)
+class FitQuality:
+    """
+    How well an estimate fits: number of ``inliers``, their angular ``extent`` [rad].
+
+    ``noise`` is the deviation of a coordinate that residuals show [px]; ``growth`` is by how much
+    bearings are less certain than the covariance of the estimate says, ``deviation`` the larger
+    one of psi and phi with that [rad], nan if there is none. ``shared`` features count as one.
+    """
+
+    inliers: int
+    extent: float
+    noise: float
+    growth: float
+    deviation: float
+    shared: float
+
+
+def fit_quality(
+    estimate: Estimate,
+    current: FloatArray,
+    desired: FloatArray,
+    resolution: FloatArray,
+    noise: float,
+    shared: float = 1.0,
+) -> FitQuality:
+    """
+    Return how well ``estimate`` fits unit rays, (N, 3), with angles of a pixel, (N, 2).
+
+    It took the noise of a coordinate for ``noise`` [px]; ``shared`` matches count as one, and
+    what errs together in a part of the image does not average out.
+    """
+    distances = sampson_distance(estimate.fundamental, current, desired, resolution)
+    agree = estimate.inliers
+    inliers = int(np.count_nonzero(agree))
+    shown = likeliest_noise(np.abs(distances), noise)
+    shared *= together(distances[None, agree], np.eye(1), desired[agree]) if inliers else 1.0
+    growth = max(shown / noise, 1.0) * tails_of_few(inliers) * math.sqrt(shared)
+    variance = max(estimate.covariance[0, 0], estimate.covariance[1, 1], 0.0)
+    extent = angular_extent(desired, estimate.inliers)
+    deviation = math.hypot(growth * math.sqrt(variance), _apart(estimate))
+    return FitQuality(inliers, extent, shown, growth, deviation, shared)
+
+
+def is_one(estimate: Estimate) -> bool:
+    """Return whether an alternative, where there is one, differs by no more than noise may."""
+    return estimate.alternative is None or _apart(estimate) > 0.0
+
+
+def _apart(estimate: Estimate) -> float:
+    """Return how far off an alternative is that differs by no more than noise may [rad]."""
+    if estimate.alternative is None:
+        return 0.0
+    apart = _modulo_sign(estimate.bearings, estimate.alternative)
+    return apart if apart <= NEARLY_ONE else 0.0
+
+
+def _modulo_sign(bearings: Bearings, other: Bearings) -> float:
+    """Return how far apart bearings are whose sign is open, the larger of the two [rad]."""
+    return min(innovation(bearings, other), innovation(bearings, other.reversed()))
+
+
+def tails_of_few(inliers: int) -> float:
+    """
+    Return by how much the deviation of Student's distribution is larger than that of a normal one.
+
+    A few matches do not show how large their noise is: errors have its tails, of as many degrees
+    of freedom as there are inliers beyond a motion's parameters.
+    """
+    spare = max(inliers - MOTION_PARAMETERS, LEAST_SPARE)
+    return math.sqrt(spare / (spare - 2.0))
+
+
+def likeliest_noise(distances: FloatArray, noise: float) -> float:
+    """
+    Return the deviation [px] by which ``distances``, (N,) [px], are likeliest, near ``noise``.
+
+    The others are anywhere. A fit of many parameters to few matches leaves out those that do not
+    suit it: as wrong ones, if noise is taken for small. They would lie farther off than they do.
+    """
+    scales = noise * SCALES
+    squared = (distances / scales[:, None]) ** 2
+    density = RIGHT / (scales * ROOT_2_PI)[:, None] * np.exp(-0.5 * squared)
+    losses = -np.log(density + (1.0 - RIGHT) / ANYWHERE_PX).sum(axis=1)
+    best = min(max(int(losses.argmin()), 1), len(SCALES) - 2)
+    before, least, after = losses[best - 1 : best + 2].tolist()
+    curvature = before - 2.0 * least + after
+    aside = 0.5 * (before - after) / curvature if curvature > 0.0 else 0.0
+    spent = len(distances) / max(len(distances) - SPENT, 1)
+    return noise * float(STEP ** (FIRST + best + min(max(aside, -1.0), 1.0))) * math.sqrt(spent)
+
+
+def median_residual(
+    fundamental: FloatArray, current: FloatArray, desired: FloatArray, resolution: FloatArray
+) -> FloatArray:
+    """
+    Return the median Sampson distance of rays from F, shape (...) [px].
+
+    Unit rays have shape (..., N, 3), the angles of a pixel at them (..., N, 2).
+    """
+    distances = np.abs(sampson_distance(fundamental, current, desired, resolution))
+    return medians(distances)
+
+
+def angular_extent(rays: FloatArray, inliers: BoolArray) -> float:
+    """
+    Return how far apart the ``inliers``, (N,), among unit ``rays``, (N, 3), are.
+
+    It is the fourth root of the determinant of their covariance across their mean direction: the
+    geometric mean of the deviations along two axes [rad].
+    """
+    chosen = rays[inliers]
+    count = max(len(chosen), 2)
+    mean = chosen.sum(axis=0) / count
+    x, y, z = mean.tolist()
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = (
+        chosen.T @ chosen - count * np.outer(mean, mean)
+    ).tolist()
+    # Across the mean direction: its quadratic form with the adjugate of the scatter.
+    form = x * x * (yy * zz - yz * yz) + y * y * (xx * zz - xz * xz) + z * z * (xx * yy - xy * xy)
+    form += 2.0 * x * (y * (xz * yz - xy * zz) + z * (xy * yz - xz * yy))
+    form += 2.0 * y * z * (xy * xz - xx * yz)
+    determinant = form / max(x * x + y * y + z * z, TINY)
+    return float((max(determinant, 0.0) / (count - 1.0) ** 2) ** 0.25)
+
+
+def innovation(bearings: Bearings, before: Bearings) -> float:
+    """Return by how much bearings changed [rad], the larger of the two."""
+    psi = abs(math.remainder(bearings.psi - before.psi, 2.0 * math.pi))
+    return max(psi, abs(math.remainder(bearings.phi - before.phi, 2.0 * math.pi)))
+
+
+def rejection_reason(
+    estimate: Estimate,
+    quality: FitQuality,
+    memory: PerceptionMemory,
+    settings: PerceptionSettings,
+    jitter: float,
+) -> str:
+    """
+    Return why ``estimate`` does not pass the gates, in words; empty if it does.
+
+    ``jitter`` is the deviation of tilt and roll between the views [rad].
+    """
+    inliers, count = quality.inliers, len(estimate.inliers)
+    by_chance = min(FEW_INLIERS, FEW_SHARE * count)
+    if inliers < max(MIN_MATCHES, MIN_INLIER_SHARE * count, by_chance):
+        return Reason.FEW_INLIERS.of(inliers, count)
+    if quality.extent < settings.min_spread:
+        return Reason.CLUSTERED.of(math.degrees(quality.extent))
+    if estimate.confidence < settings.min_confidence:
+        return Reason.UNDECIDED.of(estimate.confidence)
+    deviations = ROUGH_JUMP if memory.attitude.jitter > settings.floor_jitter else MAX_JUMP
+    if estimate.jump > deviations * jitter:
+        return Reason.TILTED.of(math.degrees(estimate.jump))
+    # That there is a direction, features show one by one; how well it is known, they do not.
+    if quality.deviation > settings.max_deviation * math.sqrt(quality.shared):
+        return Reason.UNCERTAIN.of(math.degrees(quality.deviation))
+    return _contradiction(estimate, memory, settings)
+
+
+def turned_otherwise(bearings: Bearings, heading_error: float) -> str:
+    """
+    Return how the turn in ``bearings`` contradicts that of a rotation alone, in words, or ''.
+
+    Parallax makes them differ, by 1.3 rad at most in simulated runs; in a mirrored image, where a
+    geometry is found by chance, they are half a turn apart.
+    """
+    apart = abs(math.remainder(bearings.heading_error - heading_error, 2.0 * math.pi))
+    if apart > MAX_TURN_APART:
+        return Reason.TURNED_OTHERWISE.of(math.degrees(apart))
+    return ''
+
+
+def rolled_over(rotation: FloatArray, current: FloatArray, desired: FloatArray) -> str:
+    """
+    Return how a best ``rotation``, (3, 3), is none of a robot on a floor, in words, or ''.
+
+    A mirrored image looks as if the camera had rolled by half a turn, one upside down does. A turn
+    about the vertical keeps y of cameras that lean by 45 deg at most within a right angle. So does
+    what stands between two views that see it from opposite sides; there the features of each
+    surface turn alike, and what is above stays above. Unit rays have shape (N, 3).
+    """
+    if rotation[1, 1] >= 0.0:
+        return ''
+    is_above = float(current[:, 1] @ desired[:, 1]) > 0.0
+    if is_above and handedness(current, desired) > LEAST_HANDED:
+        return ''
+    return Reason.ROLLED_OVER.of(math.degrees(math.acos(max(float(rotation[1, 1]), -1.0))))
+
+
+def outside_mount(attitude: Attitude, mount: Attitude) -> str:
+    """Return how far ``attitude`` is from where the ``mount`` may be, in words, or ''."""
+    limits = mount_limits(mount)
+    for word, angle, centre, limit, deviation in (
+        ('rolled', attitude.roll, mount.roll, limits[1], attitude.roll_deviation),
+        ('tilted', attitude.tilt, mount.tilt, limits[0], attitude.tilt_deviation),
+    ):
+        if abs(angle - centre) > limit + deviation:
+            return (
+                f'both photographs seem {word} by {math.degrees(angle):.0f} deg, outside '
+                f'{math.degrees(centre):.0f} +- {math.degrees(limit):.0f} deg; turn both upright, '
+                'or tell how the camera is mounted'
+            )
+    return ''
+
+
+def mount_limits(mount: Attitude) -> tuple[float, float]:
+    """Return how far tilt and roll may be from those of the ``mount`` [rad]."""
+    tilt, roll = (
+        max(MOUNT_DEVIATIONS * deviation, LEAST_PROMISED)
+        for deviation in (mount.tilt_deviation, mount.roll_deviation)
+    )
+    return tilt, roll
+
+
+def rolled_between(rotation: FloatArray, baseline: FloatArray, mount: Attitude) -> str:
+    """
+    Return how ``rotation``, (3, 3), current -> desired, is none of a camera so mounted, or ''.
+
+    About whichever vertical the ``mount`` leaves possible, what is left of the rotation is a
+    change of tilt and roll between the views, what is left of the ``baseline``, (3,), a climb:
+    more than a hand makes is a photograph that was turned.
+    """
+    angle = math.atan2(rotation[0, 1] - rotation[1, 0], rotation[0, 0] + rotation[1, 1])
+    if abs(angle) < MAX_LEANING:
+        return ''
+    tilt, roll = mount_limits(mount)
+    verticals = np.array(
+        [
+            rotation_level_camera(a, b)[1]
+            for a in mount.tilt + tilt * np.linspace(-1.0, 1.0, 9)
+            for b in mount.roll + roll * np.linspace(-1.0, 1.0, 5)
+        ]
+    )
+    kept = ((verticals @ rotation.T) * verticals).sum(axis=1)
+    climb = verticals @ baseline / math.sqrt(float(baseline @ baseline))
+    if np.hypot(np.arccos(np.clip(kept, -1.0, 1.0)), np.arcsin(climb)).min() < MAX_LEANING:
+        return ''
+    way = 'clockwise' if angle > 0.0 else 'counterclockwise'
+    return (
+        f'the current photograph is rolled by {abs(math.degrees(angle)):.0f} deg {way} against '
+        'the desired one; turn it upright'
+    )
+
+
+def turned_about(rotation: FloatArray, baseline: FloatArray, mount: Attitude) -> str:
+    """
+    Return how both photographs are rolled, in words, or ''.
+
+    A motion is planar where the axis of its ``rotation``, (3, 3), is across the ``baseline``,
+    (3,): the axis is then the vertical of the camera. By chance that is seldom so.
+    """
+    axis = np.array([rotation[j, i] - rotation[i, j] for i, j in ((1, 2), (2, 0), (0, 1))])
+    size = math.sqrt(float(axis @ axis))
+    if size < 2.0 * math.sin(LEAST_TURN):
+        return ''
+    axis /= math.copysign(size, axis[1])
+    along = abs(float(axis @ baseline)) / math.sqrt(float(baseline @ baseline))
+    if along > math.sin(IN_PLANE):
+        return ''
+    tilt, roll = math.asin(min(max(axis[2], -1.0), 1.0)), math.atan2(axis[0], axis[1])
+    if abs(roll - mount.roll) < TURNED_ROLL:
+        return ''
+    return outside_mount(Attitude(tilt, roll, LEAST_PROMISED, LEAST_PROMISED), mount)
+
+
+def _contradiction(
+    estimate: Estimate, memory: PerceptionMemory, settings: PerceptionSettings
+) -> str:
+    """
+    Return how ``estimate`` contradicts the last bearings, in words; empty if it does not.
+
+    Without the last bearings as little is known as at the beginning: a second geometry then
+    counts as it does there.
+    """
+    if memory.bearings is not None:
+        change = innovation(estimate.bearings, memory.bearings)
+        if change <= settings.max_leap:
+            return ''
+        if memory.consecutive_rejections + 1 < MAX_REJECTIONS:
+            return Reason.LEAPT.of(math.degrees(change))
+    one = is_one(estimate) if settings.calibrated else estimate.alternative is None
+    return '' if one else Reason.TWO_GEOMETRIES.of()  # an unknown lens tells no twins
+
+
+NOISE_ADAPTION = 0.1
+NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ValidatedEstimate:
+    """An estimate that passed the gates, or the ``reason`` why not; and the memory after it."""
+
+    memory: PerceptionMemory
+    reason: str
+    estimate: Estimate | None = None
+    quality: FitQuality | None = None
+
+    @property
+    def bearings(self) -> Bearings | None:
+        """The bearings, if the estimate passed."""
+        return None if self.reason or self.estimate is None else self.estimate.bearings
+
+    @property
+    def rivals(self) -> tuple[Bearings, ...]:
+        """Both geometries, of either sign, where that alone is wrong with an estimate; or ()."""
+        if self.estimate is None or self.estimate.alternative is None:
+            return ()
+        reason = reason_of(self.reason)
+        are_two = reason is Reason.TWO_GEOMETRIES or not (self.reason or is_one(self.estimate))
+        return (self.estimate.bearings, self.estimate.alternative) if are_two else ()
+
+
+def validated_estimate(
+    observation: Observation,
+    rotation: RotationFit,
+    memory: PerceptionMemory,
+    settings: PerceptionSettings,
+    frame: int,
+) -> ValidatedEstimate:
+    """
+    Estimate the geometry of one pair of views with their best rotation, and validate.
+
+    A floor is even until a view tilts more than such a floor does: from then on it is rough.
+    """
+    parallax_px = rotation.parallax * observation.focal
+    reason = no_baseline(parallax_px, memory.noise, settings)
+    if reason:
+        return without_baseline(observation, rotation.rotation, memory, settings, reason)
+    if memory.two_view_skip:
+        return ValidatedEstimate(memory, Reason.SKIPPED.of())
+    prior = prior_of(memory, settings, observation)
+    try:
+        geometry = estimate(
+            settings.estimator,
+            observation.current,
+            observation.desired,
+            noise=memory.noise * observation.resolution,
+            prior=prior,
+            seed=(settings.seed, frame),
+        )
+    except DegenerateGeometryError as error:
+        return ValidatedEstimate(memory, str(error))
+    rays = observation.current, observation.desired, observation.resolution
+    quality = fit_quality(geometry, *rays, memory.noise, observation.shared)
+    reason = rejection_reason(geometry, quality, memory, settings, prior.attitude.jitter)
+    if reason_of(reason) is Reason.TILTED and memory.attitude.jitter < ROUGH_FLOOR:
+        rough = replace(memory, attitude=replace(settings.mount, jitter=ROUGH_FLOOR))
+        return validated_estimate(observation, rotation, rough, settings, frame)
+    if settings.calibrated:  # through an unknown lens a turn looks another
+        reason = reason or turned_otherwise(geometry.bearings, rotation.heading_error)
+    reason = reason or rolled_over(rotation.rotation, observation.current, observation.desired)
+    noise = _noise(quality.noise, memory.noise, settings.pixel_noise)
+    memory = updated_memory(memory, geometry, reason, noise=noise, parallax=parallax_px)
+    return ValidatedEstimate(memory, reason, geometry, quality)
+
+
+def no_baseline(parallax_px: float, noise: float, settings: PerceptionSettings) -> str:
+    """
+    Return why a parallax [px] shows no epipoles, in words; empty if it does.
+
+    Below eight deviations of the ``noise`` [px], as the defaults have it, covariances mean
+    nothing: a search finds a baseline in noise alone. Above, they decide.
+    """
+    if parallax_px < settings.min_parallax * noise / settings.pixel_noise:
+        return Reason.SMALL_PARALLAX.of(parallax_px)
+    return ''
+
+
+def without_baseline(
+    observation: Observation,
+    rotation: FloatArray,
+    memory: PerceptionMemory,
+    settings: PerceptionSettings,
+    reason: str,
+) -> ValidatedEstimate:
+    """
+    Return no estimate, for a ``reason``, and a memory that has the noise yet to learn.
+
+    What counts as arrived is measured in noise: a guess of it, or one that a wrong lens made
+    larger far away, would let the robot stop too early.
+    """
+    if settings.calibrated:  # through an unknown lens a turn alone leaves more than noise
+        still = Still(observation, rotation, settings.pixel_noise)
+        memory = replace(memory, unlearnt=still)
+    return ValidatedEstimate(memory, reason)
+
+
+def noise_learnt(memory: PerceptionMemory) -> PerceptionMemory:
+    """
+    Return the ``memory`` with the noise that the last view showed, had it no baseline.
+
+    It follows slowly: one view later is soon enough, and no twist waits for it.
+    """
+    still = memory.unlearnt
+    if still is None:
+        return memory
+    seen = still.observation
+    fundamental = fundamental_of_small_baseline(still.rotation, seen.current, seen.desired)
+    residual = median_residual(fundamental, seen.current, seen.desired, seen.resolution)
+    now = deviation_of(float(residual), len(seen) - 2)
+    return replace(memory, noise=_noise(now, memory.noise, still.first_noise), unlearnt=None)
+
+
+def prior_of(
+    memory: PerceptionMemory, settings: PerceptionSettings, observation: Observation
+) -> Prior:
+    """Return what an estimator may know beforehand of an ``observation``."""
+    attitude = with_jitter(memory.attitude, observation)
+    mount = memory.mount_by(settings)
+    return Prior(attitude, memory.bearings, settings.max_leap, memory.lens, mount, memory.decided)
+
+
+def _noise(now: float, before: float, first: float) -> float:
+    """Return the deviation of a coordinate [px], slowly following what it is ``now``."""
+    followed = before + NOISE_ADAPTION * (now - before)
+    return min(max(followed, NOISE_RANGE[0] * first), NOISE_RANGE[1] * first)
