@@ -5,7 +5,6 @@ from contextlib import ExitStack
 from typing import Any
 
 from bench import Bench, next_domain
-from dock_rig import TWIST
 from durations import few_of
 from frozen_listener import assert_waits, FrozenListener
 from geometry_msgs.msg import Twist as TwistMessage
@@ -14,7 +13,6 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from servo_rig import Rig
 
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes.dock_node import DockNode
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 
 
@@ -52,15 +50,6 @@ def test_a_servo_waits_for_the_base_to_hear_of_its_end(hall, end) -> None:
     hall.freeze(TwistMessage, 'cmd_vel', rig.node)
     rig.drive()
     assert_waits(end(rig.node))
-
-
-def test_a_dock_node_waits_for_a_base_that_it_drives_backward(hall: Hall) -> None:
-    node = hall.bench.start(DockNode, serve_action=True, camera_yaw=3.14)
-    hall.freeze(TwistMessage, 'cmd_vel', node)
-    heard = hall.bench.listen(TwistMessage, 'cmd_vel')
-    hall.bench.talk(TwistMessage, 'cmd_vel_reversed')(write.twist(TWIST))
-    hall.bench.until(lambda: bool(heard), 'the command, turned round')
-    assert_waits(node.stop)
 
 
 def test_a_tracker_waits_for_the_servo_to_hear_of_its_end(hall, simulator, view) -> None:

@@ -144,6 +144,15 @@ def test_a_file_with_nothing_but_parameters_of_others_is_warned_of(bench, tmp_pa
     bench.until(lambda: bench.logged(expected), expected)
 
 
+def test_a_file_of_the_node_is_its_own_also_with_names_alone_that_have_gone(
+    bench, tmp_path
+) -> None:
+    path = file(tmp_path, **under('dock_node', camera_left_deviation=0.02))
+    start(bench, DockNode, *given(path)).get_logger().info('after all warnings')
+    bench.until(lambda: bench.logged('after all warnings'), 'the end of the log')
+    assert not bench.logged(WARNING)
+
+
 def test_a_file_that_sets_the_clock_alone_is_not_warned_of(bench, tmp_path) -> None:
     start(bench, ServoNode, *given(file(tmp_path, **under('/**', use_sim_time=False))))
     start(bench, TrackerNode, *given(file(tmp_path, **under('other', max_features=9))))

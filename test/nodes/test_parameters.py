@@ -11,7 +11,8 @@ from rclpy.parameter import Parameter
 import yaml
 
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
-from visual_servo_epipolar.core.docking.settings import DockPoseSettings, DockTaskSettings
+from visual_servo_epipolar.core.docking.pose import DockPoseSettings
+from visual_servo_epipolar.core.docking.task import DockTaskSettings
 from visual_servo_epipolar.core.laws.registry import law_named
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings, StationSettings

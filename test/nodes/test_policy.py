@@ -11,7 +11,7 @@ POLICY = Path(__file__).parents[2] / 'config' / 'sros2' / 'visual_servo.policy.x
 # Nodes, with parameters that make them use more topics.
 NODES = {
     'tracker_node': {'renew': True},
-    'dock_node': {'serve_action': True, 'camera_yaw': 3.14},
+    'dock_node': {'serve_action': True},
     'servo_node': {'odometry': True, 'enable_timeout': 0.5},
     'route_node': {'enable_timeout': 0.5},
     'recorder_node': {},

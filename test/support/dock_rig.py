@@ -37,22 +37,12 @@ class Rig:
             self.calibrate()
 
     @property
-    def settings(self):
-        """The settings in force, with the mount that was heard of."""
-        return self.node._settings
-
-    @property
     def reports(self):
         """What the dock node reports: a servo does on that topic, too."""
         return [it for it in self._reports if it.status[0].name == '/dock_node']
 
-    @property
-    def pending(self):
-        """The tracks that wait for odometry."""
-        return self.node._pending
-
-    def calibrate(self) -> None:
-        self.info(write.camera_info(CAMERA, 0, 'camera'))
+    def calibrate(self, camera=CAMERA) -> None:
+        self.info(write.camera_info(camera, 0, 'camera'))
         self.bench.settle()
 
     @property
@@ -78,12 +68,14 @@ class Rig:
     def advance(self) -> None:
         """Drive on by one frame."""
         self.frame += 1
-        self.before = self.pose, self.told
+        self.before = self.pose
         self.pose = integrate(self.pose, TWIST, PERIOD_S)
         self.told = integrate(self.told, TWIST, PERIOD_S)
 
     def drive(self, frames=FRAMES):
+        """Drive, and return how many poses were published on the way."""
+        count = len(self.poses)
         for _ in range(frames):
             self.step()
         self.bench.settle()
-        return self
+        return len(self.poses) - count

@@ -8,8 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.cameras.pinhole import Camera
-from visual_servo_epipolar.core.docking.pose import DockSearch, update_search
-from visual_servo_epipolar.core.docking.settings import DockPoseSettings
+from visual_servo_epipolar.core.docking.pose import DockPoseSettings, DockSearch, update_search
 from visual_servo_epipolar.core.geometry.motion import (
     HALF_PI,
     integrate,

@@ -1,11 +1,11 @@
-"""Docking as messages: the dock's pose, and the action DockRobot of nav2_msgs where it is."""
+"""Docking as messages: the action DockRobot of nav2_msgs, where it is installed."""
 
 from importlib import import_module
 from typing import Any
 
 from builtin_interfaces.msg import Duration
 
-from visual_servo_epipolar.core.docking.task import Outcome, Request, Task
+from visual_servo_epipolar.core.docking.task import Outcome, Task
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 
@@ -15,9 +15,9 @@ class DockRobotWire:
     def __init__(self, kind: Any) -> None:
         self.kind = kind
 
-    def request(self, goal: Any) -> Request:
-        """Return what a goal asks for; there is no staging pose to navigate to."""
-        return Request(bool(goal.use_dock_id), str(goal.dock_id))
+    def request(self, goal: Any) -> tuple[bool, str]:
+        """Return whether a goal names a dock, and which; there is no staging pose to go to."""
+        return bool(goal.use_dock_id), str(goal.dock_id)
 
     def feedback(self, task: Task, seconds: float) -> Any:
         """Return a task, which has taken ``seconds``, as feedback."""
@@ -43,8 +43,3 @@ def dock_robot_wire() -> DockRobotWire | None:
         return DockRobotWire(import_module('nav2_msgs.action').DockRobot)
     except (ImportError, AttributeError):
         return None
-
-
-def current(message: Any) -> float:
-    """Return the current of a sensor_msgs/BatteryState [A]: positive while it charges."""
-    return float(message.current)

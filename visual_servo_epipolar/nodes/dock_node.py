@@ -10,20 +10,19 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.docking.pose import DockSearch, update_search
-from visual_servo_epipolar.core.docking.settings import DockPoseSettings, DockTaskSettings
+from visual_servo_epipolar.core.docking.pose import DockPoseSettings, DockSearch, update_search
+from visual_servo_epipolar.core.docking.task import DockTaskSettings
 from visual_servo_epipolar.core.odometry.path import LONGEST_STEP_S, PathPlace
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.messages import docking, read, validation, write
 from visual_servo_epipolar.messages.docking import DockRobotWire
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.dock_server import DEACTIVATED, DockServer, Reversal
+from visual_servo_epipolar.nodes.dock_server import DEACTIVATED, DockServer
 from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.lifecycle.gates import serve
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.servoing.driven_path import DrivenPath
-from visual_servo_epipolar.nodes.servoing.rivals import type_mismatch
 from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings
@@ -33,10 +32,6 @@ MOST_PENDING = 10  # tracks that wait for odometry: more are of a base that is s
 USUAL_BASE = 'base_link'  # where odometry names no frame of the base
 NO_NAV2 = (
     'nav2_msgs cannot be imported, dock_robot is not served; install ros-jazzy-nav2-msgs for it'
-)
-LOOKS_BACK = (
-    'the camera looks back by /tf_static: set camera_yaw: 3.1416 and its place, and start the '
-    'servo with -r cmd_vel:=cmd_vel_reversed'
 )
 
 
@@ -53,7 +48,7 @@ class DockReports:
             DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
         )
 
-    def search(self, search: DockSearch, stamp_ns: int, frame: str, notice: str) -> None:
+    def search(self, search: DockSearch, stamp_ns: int, frame: str) -> None:
         """Publish the pose in the ``frame`` of the base, if it may be, and how far it has come."""
         values: dict[str, object] = {'unpublished_because': search.reason}
         if search.map is not None:
@@ -68,8 +63,8 @@ class DockReports:
         self._diagnostics_pub.publish(
             write.diagnostics(
                 self._name,
-                level=DiagnosticStatus.WARN if search.reason or notice else DiagnosticStatus.OK,
-                summary='; '.join(filter(None, [search.reason or 'the dock is seen', notice])),
+                level=DiagnosticStatus.WARN if search.reason else DiagnosticStatus.OK,
+                summary=search.reason or 'the dock is seen',
                 values=values,
                 stamp_ns=stamp_ns,
             )
@@ -81,7 +76,7 @@ class DockNode(ManagedNode):
     Publishes the dock's pose wherever the photograph is seen, and serves requests to dock.
 
     ``wire`` is the action type that is served, by default that of nav2_msgs. No request outlives
-    a deactivation: one under way is aborted, and what moves the robot for it is stopped.
+    a deactivation: one under way is aborted, and the servo that drives for it is stopped.
     """
 
     def __init__(self, wire: DockRobotWire | None = None, **options: Any) -> None:
@@ -91,9 +86,8 @@ class DockNode(ManagedNode):
         self._task_settings = parameters.declare(self, DockTaskSettings)
         self._settings = parameters.declare(self, DockPoseSettings)
         parameters.finish(self, options)
-        parameters.watch(self, '_task_settings', self._use_task)
+        parameters.watch(self, '_task_settings')
         parameters.watch(self, '_settings')
-        self._reversal: Reversal | None = None
         self._server = self._new_server(wire)
         serve(self, '~/reset', self._on_reset)
         self.autostart(self._node_settings)
@@ -111,8 +105,6 @@ class DockNode(ManagedNode):
         camera = CameraSubscriptions(self, 'raw', settings.camera_reliability)
         camera.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
-        backward = settings.serve_action and self._settings.looks_back
-        self._reversal = Reversal(self, self._warn, settings) if backward else None
         if self._server is not None:
             self._server.configure()
 
@@ -123,8 +115,8 @@ class DockNode(ManagedNode):
         self._stamp_ns = None
 
     def deactivate(self) -> None:
-        """End what moves the robot; a request under way fails."""
-        self._come_to_rest(DEACTIVATED)
+        """Stop the servo that drives for a request, which fails."""
+        self._give_up(DEACTIVATED)
         self._pending.clear()
 
     def cleanup(self) -> None:
@@ -133,12 +125,12 @@ class DockNode(ManagedNode):
             self._look_anew()
 
     def stop(self) -> None:
-        """End what moves the robot."""
-        self._come_to_rest('the node ends')
+        """Stop the servo that drives for a request."""
+        self._give_up('the node ends')
 
     def suspend(self) -> None:
-        """End what moves the robot, before the process sleeps."""
-        self._come_to_rest('the node was suspended')
+        """Stop the servo that drives for a request, before the process sleeps."""
+        self._give_up('the node was suspended')
 
     def destroy_node(self) -> None:
         """Take the action server away before the node goes."""
@@ -147,11 +139,9 @@ class DockNode(ManagedNode):
             server.destroy()
         super().destroy_node()
 
-    def _come_to_rest(self, why: str) -> None:
+    def _give_up(self, why: str) -> None:
         if self._server is not None:
             self._server.give_up(why)
-        if self.is_configured and self._reversal is not None:
-            self._reversal.stop()
 
     def _new_server(self, wire: DockRobotWire | None) -> DockServer | None:
         if not self._node_settings.serve_action:
@@ -160,28 +150,7 @@ class DockNode(ManagedNode):
         if wire is None:
             self.get_logger().error(NO_NAV2)
             return None
-        self.get_logger().info(
-            'dock_robot is served, undock_robot is not, and its clients wait in vain; drive the '
-            "robot off by joystick or Nav2's backup"
-        )
-        return DockServer(self, wire, self._task_settings, self._refusal)
-
-    def _refusal(self) -> str:
-        """Return why the robot cannot dock, or ''; warn where the base takes no commands."""
-        if self._notice:
-            self._warn(self._notice)
-        if self._reversal is None:
-            return LOOKS_BACK if self._settings.looks_back else ''
-        return self._reversal.bypassed()
-
-    @property
-    def _notice(self) -> str:
-        """That commands of this node or for it arrive nowhere; or ''."""
-        return '' if self._reversal is None else type_mismatch(self)
-
-    def _use_task(self) -> None:
-        if self._server is not None:
-            self._server.settings = self._task_settings
+        return DockServer(self, wire, lambda: self._task_settings)
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
@@ -242,7 +211,7 @@ class DockNode(ManagedNode):
         self._search = update_search(
             self._search, observation, place, self._settings, goal=features.goal
         )
-        self._reports.search(self._search, place.stamp_ns, frame, self._notice)
+        self._reports.search(self._search, place.stamp_ns, frame)
 
     def _look_anew(self) -> None:
         """Forget the dock, and the mount from /tf_static: the next may be another."""

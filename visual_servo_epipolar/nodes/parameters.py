@@ -216,8 +216,10 @@ def _refuse_homonyms(node: Node, path: str, sections: Sequence[ParameterSection]
 
 def _warn_of_no_effect(node: Node, path: str, sections: Sequence[ParameterSection]) -> None:
     """Warn of a file without a parameter of the node: it keeps its defaults, and drives on."""
-    heard = _names_for(node, sections)
-    if not sections or any(map(node.has_parameter, heard)):
+    heard, kinds = _names_for(node, sections), set(map(table.name_of, type(node).__mro__))
+    # A file of an earlier version may hold names alone that have gone since.
+    own = table.accepted_names(*kinds.intersection(table.NODES))
+    if not sections or heard & own or any(map(node.has_parameter, heard)):
         return
     keys = ', '.join(section.key for section in sections)
     reason = (

@@ -7,8 +7,7 @@ from docking_drives import CAMERA, Drive, EXACT, NOISE, PERIOD_NS, PERIOD_S, tru
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.docking.pose import DockSearch, update_search
-from visual_servo_epipolar.core.docking.settings import DockPoseSettings
+from visual_servo_epipolar.core.docking.pose import DockPoseSettings, DockSearch, update_search
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.odometry.path import PathPlace
 from visual_servo_epipolar.core.tracking.features import Features

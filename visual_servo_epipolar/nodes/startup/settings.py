@@ -310,7 +310,7 @@ class DockNodeSettings(CalibrationSettings):
 
     INTERNAL: ClassVar[frozenset[str]] = frozenset({'cropped', 'camera_reliability'})
     RENAMED: ClassVar[Mapping[str, str]] = {
-        'dock_backwards': 'camera_yaw beyond 1.57',
+        'dock_backwards': 'a camera_yaw beyond 1.57, and topic_tools transform',
         'path_source': 'odometry alone, on odom',
         'pose_frame': 'the base alone, by child_frame_id of odom',
         'servo': '-r servo_node/start:=NAME/start -r servo_node/stop:=NAME/stop',
@@ -324,7 +324,6 @@ class DockNodeSettings(CalibrationSettings):
 
     camera_reliability: str = _reliability('camera_info')
     mount_from_tf: bool = _mount_from_tf()
-    enable_stamped_cmd_vel: bool = fixed(False, 'cmd_vel is geometry_msgs/TwistStamped')
     serve_action: bool = fixed(
         False, 'Serve the action dock_robot of nav2_msgs: requests start the servo'
     )

@@ -52,8 +52,8 @@ NODES: Mapping[str, NodeRow] = {
         services='~/reset',
         settings=(
             'nodes.startup.settings:DockNodeSettings',
-            'core.docking.settings:DockTaskSettings',
-            'core.docking.settings:DockPoseSettings',
+            'core.docking.task:DockTaskSettings',
+            'core.docking.pose:DockPoseSettings',
         ),
     ),
     'route_node': NodeRow(

@@ -1,0 +1,377 @@
+"""Requests to dock: a servo that is ordered about, and one that drives; failures, cancels."""
+
+from dataclasses import replace
+import math
+import random
+
+from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Twist as TwistMessage
+from lifecycles import assert_cycles_leave_nothing, assert_gone_at_once, change, entities, go
+from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
+from sensor_msgs.msg import CameraInfo, PointCloud2
+from std_msgs.msg import String
+
+pytest.importorskip('test_msgs', reason='pip install ros-jazzy-test-msgs==2.0.3')
+
+from dock_requests import Client, SERVED, served, Servo  # noqa: E402
+from docking_drives import CAMERA, true_dock  # noqa: E402
+from fibonacci_wire import BY_POSE  # noqa: E402
+import fuzzing  # noqa: E402
+
+from visual_servo_epipolar.core.docking.task import Error, State  # noqa: E402
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL  # noqa: E402
+from visual_servo_epipolar.core.laws.phase import Phase  # noqa: E402
+from visual_servo_epipolar.core.tracking.features import Features  # noqa: E402
+from visual_servo_epipolar.messages import read, write  # noqa: E402
+from visual_servo_epipolar.nodes import qos  # noqa: E402
+from visual_servo_epipolar.nodes.servo_node import ServoNode  # noqa: E402
+from visual_servo_epipolar.simulation.mounts.mounting import FixedRig  # noqa: E402
+from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld  # noqa: E402
+
+ABORTED, CANCELED = GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED
+DOCKED = (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])
+GIVEN_UP = (ABORTED, [0, int(Error.UNKNOWN), 0])
+
+
+@pytest.fixture
+def servo(bench):
+    return Servo(bench)
+
+
+@pytest.fixture
+def node(bench, servo):
+    return bench.start(served, **SERVED)
+
+
+@pytest.fixture
+def client(bench, node):
+    made = Client(bench)
+    yield made
+    made.close()
+
+
+def begun(servo, client, count=1):
+    """Ask for docking, and return goal and result once the robot drives for it."""
+    goal, result = client.ask()
+    servo.started(count)
+    servo.say(Phase.DISPLACING)
+    client.sees(State.CONTROLLING)
+    return goal, result
+
+
+def test_it_docks_again_and_again(servo, client) -> None:
+    for count in (1, 2, 3):
+        client.feedback.clear()
+        _, result = client.ask()
+        servo.started(count)
+        servo.say(Phase.RETREATING)
+        client.sees(State.NAV_TO_STAGING_POSE)
+        servo.say(Phase.DISPLACING)
+        client.sees(State.CONTROLLING)
+        servo.say(Phase.ARRIVED)
+        assert client.outcome(result) == DOCKED
+        assert client.states() == [2, 1, 3]
+    assert servo.calls == ['stop', 'start'] * 3
+
+
+def test_a_failure_is_tried_again_and_the_last_is_the_error_with_its_reason(
+    bench, servo, client
+) -> None:
+    _, result = begun(servo, client)
+    servo.say(Phase.FAILED)
+    servo.started(2)
+    assert State.RETRY in client.states()
+    servo.say(Phase.RETREATING)
+    servo.say(Phase.FAILED, reason='the reason of attempt 2')
+    expected = [0, int(Error.FAILED_TO_STAGE), 1]
+    assert client.outcome(result) == (ABORTED, expected)
+    servo.stopped()
+    assert bench.logged('dock_robot: attempt 2')
+    assert bench.logged('dock_robot: the reason of attempt 2')
+
+
+def test_a_cancel_stops_the_servo(servo, client) -> None:
+    goal, result = begun(servo, client)
+    goal.cancel_goal_async()
+    assert client.outcome(result) == (CANCELED, [0, 0, 0])
+    servo.stopped('stop', 'start', 'stop')
+
+
+def test_another_goal_aborts_the_first_and_docks(servo, client) -> None:
+    _, first = begun(servo, client)
+    _, second = client.ask()
+    assert client.outcome(first)[0] == ABORTED
+    servo.started(2)
+    servo.say(Phase.DISPLACING, Phase.ARRIVED)
+    assert client.outcome(second) == DOCKED
+
+
+def test_what_cannot_be_served_and_a_servo_that_refuses_start_nothing(servo, client) -> None:
+    _, result = client.ask(BY_POSE)
+    assert client.outcome(result) == (ABORTED, [0, int(Error.DOCK_NOT_VALID), 0])
+    servo.refuses = True
+    _, result = client.ask()
+    assert client.outcome(result) == GIVEN_UP
+    assert 'start' not in servo.calls
+
+
+def test_a_servo_that_is_not_there_is_an_unknown_error(bench) -> None:
+    bench.start(served, **SERVED)
+    client = Client(bench)
+    _, result = client.ask()
+    assert client.outcome(result) == GIVEN_UP
+    assert bench.logged('service /servo_node/stop is not available')
+    client.close()
+
+
+@pytest.mark.parametrize('way', [('deactivate',), ('deactivate', 'cleanup'), ('shutdown',)])
+def test_in_mid_docking_the_robot_is_stopped_and_the_goal_ends(
+    bench, servo, node, client, way
+) -> None:
+    _, result = begun(servo, client)
+    for label in way:
+        assert change(bench, node, label=label)
+    assert client.outcome(result) == GIVEN_UP
+    servo.stopped('stop', 'start', 'stop')
+    feedback = len(client.feedback)
+    servo.say(Phase.DISPLACING)
+    bench.settle()
+    assert not client.send().accepted
+    node.stop()  # as a signal does
+    bench.settle()
+    assert (len(servo.calls), len(client.feedback)) == (3, feedback)
+    bench.until(lambda: bench.logged('dock_robot refused: /dock_node is '), 'the reason')
+
+
+def test_active_again_it_docks_by_another_request_alone(bench, servo, node, client) -> None:
+    begun(servo, client)
+    go(bench, node, 'deactivate', 'activate')
+    servo.stopped('stop', 'start', 'stop')
+    _, result = begun(servo, client, 2)
+    servo.say(Phase.ARRIVED)
+    assert client.outcome(result) == DOCKED
+    go(bench, node, 'deactivate')
+    bench.settle()
+    assert servo.calls[-1] == 'start'  # what has docked stays docked
+
+
+def test_the_end_of_the_node_stops_the_servo(servo, node, client) -> None:
+    begun(servo, client)
+    node.stop()
+    servo.stopped('stop', 'start', 'stop')
+
+
+@pytest.mark.parametrize('cleanup', [False, True])
+def test_a_servo_that_starts_after_the_end_is_stopped_again(
+    bench, servo, node, client, cleanup
+) -> None:
+    def end() -> None:
+        node.trigger_deactivate()  # which orders a stop; then comes the answer to the start
+        if cleanup:
+            node.trigger_cleanup()
+
+    servo.on_start = end
+    _, result = client.ask()
+    assert client.outcome(result) == GIVEN_UP
+    bench.until(lambda: servo.calls == ['stop', 'start', 'stop', 'stop'], 'both stops')
+
+
+def test_configured_and_cleaned_up_again_and_again_it_leaves_nothing(bench) -> None:
+    node = bench.start(served, **SERVED, autostart_node=False, mount_from_tf=True)
+    assert_cycles_leave_nothing(bench, node)
+    bench.until(lambda: not bench.probe.count_publishers('/detected_dock_pose'), 'its topics to')
+
+
+def test_a_dock_node_that_is_destroyed_is_gone_at_once(bench) -> None:
+    assert_gone_at_once(bench, bench.start(served, **SERVED))
+
+
+def test_led_about_at_random_in_mid_docking_it_orders_while_active_alone(
+    bench, servo, node, client
+) -> None:
+    chance, before, runs = random.Random(6), None, 0
+    for _ in range(24):
+        active = node.is_active
+        if active:
+            runs += 1
+            _, result = begun(servo, client, runs)
+        else:
+            assert not client.send().accepted
+        label = chance.choice(('configure', 'cleanup', 'activate', 'deactivate'))
+        change(bench, node, label=label)
+        if active and not node.is_active:
+            assert client.outcome(result) == GIVEN_UP
+            servo.stopped()
+        if node.state == 'unconfigured':
+            before = before or entities(node)
+            assert entities(node) == before
+    assert runs >= 3
+
+
+def test_docking_outlives_all_that_it_hears(bench, servo, node, client) -> None:
+    results = []
+
+    def tell(rng, number: int) -> None:
+        if number % 30 == 0:  # it supersedes what is under way
+            results.append(client.ask()[1])
+        fuzzing.sent_to(node, rng)
+        bench.executor.spin_once(timeout_sec=0.0)
+
+    fuzzing.assert_stays_small(tell, 8)
+    bench.settle()
+    go(bench, node, 'deactivate')
+    bench.until(lambda: all(result.done() for result in results), 'an end of every goal')
+    bench.settle()
+    calls, rng = len(servo.calls), np.random.default_rng(9)
+    for _ in range(fuzzing.COUNT):
+        fuzzing.sent_to(node, rng)
+    bench.settle()
+    assert len(servo.calls) == calls
+    go(bench, node, 'activate')
+    _, result = client.ask()
+    servo.started(servo.calls.count('start') + 1)
+    servo.say(Phase.DISPLACING, Phase.ARRIVED)
+    assert client.outcome(result)[1][0] == 1
+
+
+PERIOD_NS, PERIOD_S = 90_909_091, 0.090909091
+HALF_WAY = -1.1
+GOAL = 7  # the number of the photograph
+
+
+class Robot:
+    """A base that obeys a real servo, its camera, and a client that asks it to dock."""
+
+    def __init__(self, bench, *, odometry=False, **servo) -> None:
+        self.bench, self.with_odometry, self.poses = bench, odometry, {}
+        self.world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=1)
+        self.pose, self.frame, self.blind = Pose.from_start(0.2, -1.2, 4.0), 0, False
+        self.commands = bench.listen(TwistMessage, 'cmd_vel')
+        self.detected = bench.listen(PoseStamped, 'detected_dock_pose')
+        self.phases = bench.listen(String, 'phase', qos.LATCHED)
+        self.tracks = bench.talk(PointCloud2, 'tracks')
+        self.odometry = bench.talk(Odometry, 'odom')
+        info = bench.talk(CameraInfo, 'camera_info')
+        self.servo = bench.start(ServoNode, stale_timeout=60.0, max_latency=0.0, **servo)
+        waits = {'servo_timeout': 60.0, 'initial_perception_timeout': 60.0}
+        self.node = bench.start(served, serve_action=True, max_retries=2, **waits)
+        info(write.camera_info(CAMERA, 0, 'camera'))
+        bench.settle()
+        self.client = Client(bench)
+        self.step()  # or a start would be refused
+
+    def ask(self):
+        """Ask for docking, and wait until the servo has been started."""
+        goal, result = self.client.ask()
+        self.armed()
+        return goal, result
+
+    def armed(self) -> None:
+        self.bench.until(lambda: self.phase == 'armed', 'the servo to be started')
+
+    @property
+    def phase(self) -> str:
+        return self.phases[-1].data if self.phases else ''
+
+    def step(self) -> None:
+        """Look, wait for what the servo does about it, and obey for one period."""
+        stamp_ns = (self.frame + 1) * PERIOD_NS
+        heard, seen = len(self.commands), self.world.observe(self.pose, self.frame)
+        self.poses[stamp_ns] = self.pose
+        if self.with_odometry:  # without, the dock node has no path, and looks at no tracks
+            told = write.odometry(self.pose, STANDSTILL, stamp_ns, 'odom', 'base_link')
+            self.odometry(told)
+        seen = replace(Features() if self.blind else seen, goal=GOAL)
+        received = self.servo.received
+        self.tracks(write.features(seen, stamp_ns, 'camera'))
+        self.bench.until(lambda: self.servo.received > received, 'tracks to arrive')
+        self.bench.settle()
+        self.frame += 1
+        if len(self.commands) > heard:
+            self.pose = integrate(self.pose, read.twist(self.commands[-1]), PERIOD_S)
+
+    def drive_until(self, condition, most=1200) -> None:
+        for _ in range(most):
+            if condition():
+                return
+            self.step()
+        pytest.fail(f'not after {most} images: phase {self.phase}')
+
+    def drive_half(self) -> None:
+        controls = lambda: self.client.states()[-1:] == [State.CONTROLLING]  # noqa: E731
+        self.drive_until(lambda: controls() and self.pose.y > HALF_WAY)
+
+    def outcome(self, result):
+        self.drive_until(result.done)
+        return self.client.outcome(result)
+
+
+@pytest.fixture
+def robot(bench):
+    made = []
+
+    def make(**values):
+        made.append(Robot(bench, **values))
+        return made[0]
+
+    yield make
+    for each in made:
+        each.client.close()
+
+
+def assert_docked(robot) -> None:
+    """Lateral, longitudinal and heading error of a base that stands at the dock."""
+    assert max(abs(robot.pose.x), abs(robot.pose.y)) < 0.005
+    assert abs(robot.pose.heading_error) < math.radians(0.2)
+
+
+def test_it_docks_after_a_failure_and_a_retry_and_detects_the_dock_on_the_way(robot) -> None:
+    it = robot(holding_timeout=1.0, odometry=True)
+    _, result = it.ask()
+    it.drive_half()
+    it.blind = True  # something stands before the camera until the servo gives up
+    it.drive_until(lambda: it.client.states()[-1] == State.RETRY)
+    it.blind = False
+    it.armed()
+    assert it.outcome(result) == (GoalStatus.STATUS_SUCCEEDED, [1, 0, 1])
+    assert_docked(it)
+    it.bench.settle()
+    errors = [
+        math.hypot(*(true_dock(it.poses[read.stamp_ns(message.header)])[:2] - place(message)))
+        for message in it.detected
+    ]
+    assert len(errors) > 20
+    assert max(errors) < 0.2  # four of the deviations at which it is published
+    assert errors[-1] < 0.01
+
+
+def place(message):
+    return np.array([message.pose.position.x, message.pose.position.y])
+
+
+@pytest.mark.parametrize('way', ['cancel', 'deactivate'])
+def test_ended_in_mid_docking_it_stands_and_another_request_docks(bench, robot, way) -> None:
+    it = robot()
+    goal, result = it.ask()
+    it.drive_half()
+    assert read.twist(it.commands[-1]) != STANDSTILL
+    if way == 'cancel':
+        goal.cancel_goal_async()
+    else:
+        go(bench, it.node, 'deactivate')
+    expected = (CANCELED, [0, 0, 0]) if way == 'cancel' else GIVEN_UP
+    assert it.client.outcome(result) == expected
+    bench.until(lambda: it.phase == 'waiting', 'the servo to be stopped')
+    bench.settle()
+    stood = it.pose
+    for _ in range(5):
+        it.step()
+    assert it.pose == stood
+    if way == 'deactivate':
+        go(bench, it.node, 'activate')
+    _, result = it.ask()
+    assert it.outcome(result) == DOCKED
+    assert_docked(it)
