@@ -27,7 +27,6 @@ from visual_servo_epipolar.simulation.scenario import load, Scenario
 RIGS = {
     'panorama': ((1.2, 0.5, -140.0), 480),
     'fisheye': ((1.0, 0.6, 40.0), 640),
-    'dual_fisheye': ((1.2, 0.5, -140.0), 640),
     'pan': ((1.2, -0.6, 30.0), 512),
     'car': ((0.7, -0.6, 10.0), 512),
 }

@@ -34,7 +34,7 @@ from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode, UnicycleSett
 from visual_servo_epipolar.simulation.bases.ackermann import AckermannSettings
 from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 from visual_servo_epipolar.simulation.light import LightSettings
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings, LensSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 CONFIG = Path(__file__).parents[2] / 'config'
 NODES = {
@@ -44,7 +44,6 @@ NODES = {
         (
             CameraSettings,
             HeadSettings,
-            LensSettings,
             CameraRig,
             DisturbanceSettings,
             LightSettings,

@@ -350,7 +350,7 @@ def test_the_tracker_takes_one_thread_of_opencv_and_has_room_for_images(monkeypa
     assert (during, tuned) == ([1], [{'sends_images': True}])
 
 
-@pytest.mark.parametrize('projection', ['equirectangular_stitched', 'dual_fisheye'])
+@pytest.mark.parametrize('projection', ['equirectangular'])
 def test_a_panorama_needs_no_camera_info_and_the_tracker_publishes_it(
     bench, simulator, photograph, view, projection
 ) -> None:

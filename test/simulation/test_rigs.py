@@ -28,7 +28,7 @@ from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.run_monitor import verdict
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
 from visual_servo_epipolar.simulation.view import View
-from visual_servo_epipolar.simulation.views import drive, points_of, view_of
+from visual_servo_epipolar.simulation.views import points_of, view_of
 from visual_servo_epipolar.sweeping.plan import result_of
 
 RIGS = Path(__file__).parents[2] / 'config/rigs'
@@ -53,30 +53,6 @@ def test_a_rate_that_falls_from_thirty_to_four_is_no_harm(rig, start, falls) -> 
     result = verdict(loop.run(watch=fall), new_rig(scenario.camera))
     assert result['outcome'] == 'arrived', result['reason']
     assert result['position_error_m'] < 0.003 and result['max_distance_ratio'] < 1.1
-
-
-# A stitcher knows how the lens behind is turned; where both images come as they are, nobody does.
-@pytest.mark.parametrize(
-    ('rig', 'turned'),
-    [('dual_fisheye', (-0.009, 0.0, 0.019)), ('panorama_stitched', (0.0, 0.0, 0.0))],
-)
-def test_two_centres_that_nobody_tells_move_the_goal_by_millimetres_at_most(rig, turned) -> None:
-    scenario = load(None, RIGS / f'{rig}.yaml').seeded(SEED)
-    camera = replace(scenario.camera, lens_rotation=turned)
-    scenario = replace(scenario, camera=camera)
-    log = drive(scenario, (0.8, 0.4, -120.0), SEED)
-    result = verdict(log, new_rig(scenario.camera))
-    assert result['outcome'] == 'arrived', result['reason']
-    assert result['position_error_m'] < 0.008 and result['max_distance_ratio'] < 1.1
-
-
-def test_a_turn_about_another_lens_is_not_taken_for_a_way() -> None:
-    scenario = load(None, RIGS / 'dual_fisheye.yaml').seeded(seed := 274359773)
-    start = (1.368867, -0.371214, -14.415847)  # its distance was 5 cm after a turn in place
-    log = drive(scenario, start, seed)
-    result = verdict(log, new_rig(scenario.camera))
-    assert result['outcome'] == 'arrived', result['reason']
-    assert result['duration_s'] < 30.0 and result['position_error_m'] < 0.008
 
 
 def test_a_jpeg_is_nearly_the_image_and_the_same_each_time() -> None:

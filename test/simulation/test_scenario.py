@@ -76,7 +76,7 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ),
         (
             'camera: {rig: [1]}',
-            r'bad.yaml: camera: rig must be one of fixed, pan_tilt, two_lenses, got \[1\]',
+            r'bad.yaml: camera: rig must be one of fixed, pan_tilt, got \[1\]',
         ),
         ('base: {slip: 2001-01-01}', 'bad.yaml: base: slip must be float'),
         pytest.param(

@@ -34,7 +34,6 @@ FEATURES = {
     'cheap': ('smooth', 'cheap', '', (-0.5, -2.0, 5.0)),
     'fisheye': ('smooth', '', 'fisheye', (0.7, -1.5, 20.0)),
     'panorama': ('smooth', '', 'panorama', (0.7, -1.5, 120.0)),
-    'dual_fisheye': ('smooth', '', 'dual_fisheye', (-0.7, -1.5, 60.0)),
     'pan': ('smooth', '', 'pan', (1.2, -1.0, 20.0)),
     'car': ('smooth', '', 'car', (0.3, -2.5, 5.0)),
 }

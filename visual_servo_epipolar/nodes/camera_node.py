@@ -25,7 +25,7 @@ from visual_servo_epipolar.nodes.startup.settings import CameraFrames, CameraRig
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 from visual_servo_epipolar.simulation.light import LightSettings
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings, LensSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.pan_tilt import HeadSettings, SimulatedHead
 from visual_servo_epipolar.simulation.mounts.registry import head_settings, rig_settings
 from visual_servo_epipolar.simulation.mounts.sensor import BodyState, PoseHistory
@@ -43,7 +43,6 @@ class CameraNode(GuardedNode):
         super().__init__('camera_node', **options)
         self._settings = parameters.declare(self, CameraSettings)
         self._head_settings = parameters.declare(self, HeadSettings)
-        self._lenses = parameters.declare(self, LensSettings)
         self._rig = parameters.declare(self, CameraRig)
         self._disturbances = parameters.declare(self, DisturbanceSettings)
         self._light = parameters.declare(self, LightSettings)
@@ -85,7 +84,7 @@ class CameraNode(GuardedNode):
 
     def _on_rig(self) -> CameraSettings:
         """Return the settings of the camera on its rig."""
-        return rig_settings(self._rig.rig, self._settings, self._head_settings, self._lenses)
+        return rig_settings(self._rig.rig, self._settings, self._head_settings)
 
     def _use(self) -> None:
         self._info = self._settings.nominal_camera

@@ -1,6 +1,6 @@
 """Point world: a seeded cloud of features and a noisy camera, for closed loops without images."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -26,13 +26,7 @@ from visual_servo_epipolar.simulation.mounts.sensor import (
     interpolated,
     Shutter,
 )
-from visual_servo_epipolar.simulation.mounts.simulated_rig import (
-    lenses_of,
-    LensPlacement,
-    ONE_LENS,
-    pitched,
-    SimulatedRig,
-)
+from visual_servo_epipolar.simulation.mounts.simulated_rig import pitched, SimulatedRig
 from visual_servo_epipolar.simulation.view import LEVEL, Nod, View
 
 MIN_DEPTH_M = 0.3
@@ -86,7 +80,7 @@ class PointWorld(View):
         rng = np.random.default_rng((seed, 2))
         pixels = _pixels_with_rays(camera, settings.candidates, rng)
         depth = settings.near + (settings.far - settings.near) * rng.random(settings.candidates)
-        points = _points_seen(camera, pixels, depth, lenses_of(rig))
+        points = _points_seen(camera, pixels, depth)
         axes, centre = rig.camera_pose(DESIRED_POSE, DESIRED_FRAME)
         self.points: FloatArray = points @ axes.T + centre  # in the world
         self._desired = pixels + settings.noise * rng.standard_normal(pixels.shape)
@@ -142,11 +136,11 @@ class PointWorld(View):
 
     def rolling(self, points: FloatArray, zoom: float) -> tuple[FloatArray, BoolArray]:
         """Return pixels, shape (N, 2), and which are in view, shape (N,), of what was ``seen``."""
-        lenses, camera = lenses_of(self.rig), self.camera
-        pixels, visible = through(lenses, points[len(points) // 2], camera)
+        camera = self.camera
+        pixels, visible = in_image(points[len(points) // 2], camera)
         for _ in range(ROUNDS if len(points) > 1 else 0):
             rows = np.clip(np.nan_to_num(pixels[..., 1]) / camera.height, 0.0, 1.0)
-            pixels, visible = through(lenses, interpolated(points, rows), camera)
+            pixels, visible = in_image(interpolated(points, rows), camera)
         if zoom != 1.0:
             centre = np.array([camera.cx, camera.cy])
             pixels = centre + zoom * (pixels - centre)
@@ -188,9 +182,7 @@ def _pixels_with_rays(camera: CameraModel, count: int, rng: np.random.Generator)
     )
 
 
-def _points_seen(
-    camera: CameraModel, pixels: FloatArray, depth: FloatArray, lenses: Sequence[LensPlacement]
-) -> FloatArray:
+def _points_seen(camera: CameraModel, pixels: FloatArray, depth: FloatArray) -> FloatArray:
     """
     Return what is seen at ``pixels``, in axes of the camera, shape (N, 3).
 
@@ -198,27 +190,7 @@ def _points_seen(
     """
     if camera.planar is not None:
         return np.column_stack([camera.planar.image_points(pixels) * depth[:, None], depth])
-    points = np.asarray(camera.rays(pixels) * depth[:, None])
-    if lenses is ONE_LENS:
-        return points
-    shown = [lens.shows(points)[:, None] for lens in lenses]
-    placed = [points @ lens.R_camera_lens.T + lens.centre for lens in lenses]
-    return np.select(shown, placed)
-
-
-def through(
-    lenses: Sequence[LensPlacement], points: FloatArray, camera: CameraModel
-) -> tuple[FloatArray, BoolArray]:
-    """Return what ``in_image`` does, of a camera whose ``lenses`` have centres of their own."""
-    if lenses is ONE_LENS:
-        return in_image(points, camera)
-    pixels, visible = np.full((*points.shape[:-1], 2), np.nan), np.zeros(points.shape[:-1], bool)
-    for lens in lenses:
-        vectors = (points - lens.centre) @ lens.R_camera_lens
-        there, seen = in_image(vectors, camera)
-        seen &= lens.shows(vectors) & ~visible
-        pixels[seen], visible = there[seen], visible | seen
-    return pixels, visible
+    return np.asarray(camera.rays(pixels) * depth[:, None])
 
 
 def in_image(points: FloatArray, camera: CameraModel) -> tuple[FloatArray, BoolArray]:

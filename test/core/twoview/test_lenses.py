@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 from strategies import CAMERA
 
-from visual_servo_epipolar.core.cameras.dual_fisheye import LAYOUTS
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
-from visual_servo_epipolar.core.cameras.equirectangular import STITCHED
 from visual_servo_epipolar.core.cameras.pinhole import Camera
-from visual_servo_epipolar.core.cameras.registry import camera_of_size
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Twist
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.servo.run_log import summarise
@@ -119,20 +116,6 @@ def test_the_stated_deviation_of_d_is_what_noise_makes() -> None:
         values.append(float(usual_difference(*both, True)))
     stated = float(difference_deviation(desired, desired, 1e-3, True))
     assert float(np.std(values)) == pytest.approx(stated, rel=0.1)
-
-
-@pytest.mark.parametrize('name', [*LAYOUTS, STITCHED])
-def test_a_feature_that_another_lens_sees_than_in_the_photograph_is_uncertain(name: str) -> None:
-    camera = camera_of_size(name, (640, 320))
-    ahead = normalised(np.random.default_rng(4).uniform([-1, -1, 0.5], 1.0, (12, 3)))
-    behind = ahead * [-1.0, 1.0, -1.0]
-    current, desired = np.concatenate([ahead, ahead]), np.concatenate([ahead, behind])
-    numbers = np.arange(24)
-    pixels = camera.pixels(current), camera.pixels(desired)
-    seen = observe(Features(numbers, *pixels, numbers, np.zeros(24)), camera, 7)
-    same, other = seen.resolution[:12], seen.resolution[12:]
-    np.testing.assert_allclose(other, OTHER_LENS * same)
-    np.testing.assert_allclose(same[:, 0], camera.resolution(ahead))
 
 
 CHEAP = {

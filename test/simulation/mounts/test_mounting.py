@@ -1,4 +1,4 @@
-"""Cameras on robots: the mount, the true geometry, two lenses, a head with its encoders."""
+"""Cameras on robots: the mount, the true geometry, a head with its encoders."""
 
 from dataclasses import replace
 import math
@@ -15,8 +15,6 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.rigs.rig import HeadCommand, Joints
 from visual_servo_epipolar.core.tracking.canvas import Canvas
-from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import two_lens_rig, TwoLensSettings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig, floor_jitter
 from visual_servo_epipolar.simulation.mounts.pan_tilt import (
     pan_tilt_rig,
@@ -24,8 +22,7 @@ from visual_servo_epipolar.simulation.mounts.pan_tilt import (
     SimulatedHead,
 )
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
-from visual_servo_epipolar.simulation.mounts.simulated_rig import leaned, ONE_LENS, true_geometry
-from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld, through
+from visual_servo_epipolar.simulation.mounts.simulated_rig import leaned, true_geometry
 
 CAMERA = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)
 
@@ -156,66 +153,6 @@ def test_what_was_not_measured_is_not_wrong() -> None:
 
 
 SIZE = 320, 160
-DUAL = TwoLensSettings(
-    width=320,
-    height=160,
-    focal_length=160 / np.pi,
-    principal_u=79.5,
-    principal_v=79.5,
-    distortion_model='dual_fisheye',
-    image_circle=180.0,
-    lens_baseline=0.2,
-    noise=0.0,
-)
-STITCHED = replace(DUAL, distortion_model='equirectangular_stitched')
-POSE = Pose.from_start(0.4, -0.6, 70.0)
-
-
-@pytest.mark.parametrize('settings', [DUAL, STITCHED], ids=['dual', 'stitched'])
-def test_each_side_is_seen_from_the_centre_of_its_lens(settings) -> None:
-    camera, lenses = settings.camera, two_lens_rig(settings).lenses
-    points = np.array([[1.0, 0.5, 2.0], [-0.7, 0.2, -3.0]])
-    pixels, visible = through(lenses, points, camera)
-    rays = points - [[0.0, 0.0, 0.1], [0.0, 0.0, -0.1]]
-    rays /= np.linalg.norm(rays, axis=1)[:, None]
-    assert visible.all()
-    np.testing.assert_allclose(pixels, camera.pixels(rays))
-
-
-def test_between_both_centres_nothing_is_seen() -> None:
-    points = np.array([[2.0, 0.0, 0.05], [2.0, 0.0, 0.15]])
-    _, visible = through(two_lens_rig(DUAL).lenses, points, DUAL.camera)
-    assert visible.tolist() == [False, True]
-
-
-def test_the_goal_sees_its_points_where_they_were_drawn() -> None:
-    turned = replace(DUAL, lens_rotation=(0.02, 0.01, -0.02))
-    world = PointWorld(PointSettings(noise=0.0), two_lens_rig(turned), seed=2)
-    pixels, visible = world.project(DESIRED_POSE)
-    assert visible.all()
-    np.testing.assert_allclose(pixels, world._desired, atol=1e-9)
-
-
-@pytest.mark.parametrize('settings', [DUAL, STITCHED], ids=['dual', 'stitched'])
-def test_an_image_is_of_two_halves_that_two_cameras_in_those_places_take(settings) -> None:
-    both = CameraSimulator(settings).capture(POSE, 0)
-    one = replace(settings, lens_baseline=0.0)
-    shift = {side: replace(one, mount_forward=0.1 * side) for side in (1, -1)}
-    ahead, behind = (CameraSimulator(shift[side]).capture(POSE, 0) for side in (1, -1))
-    u, v = np.meshgrid(np.arange(320.0), np.arange(160.0))
-    rays = settings.camera.rays(np.column_stack([u.ravel(), v.ravel()])).reshape(160, 320, 3)
-    front = rays[..., 2] >= 0.0
-    assert np.abs(both.astype(int) - np.where(front, ahead, behind)).max() <= 1
-    assert not np.array_equal(ahead, behind)
-
-
-def test_one_centre_is_one_lens() -> None:
-    settings = replace(DUAL, lens_baseline=0.0)
-    lenses = two_lens_rig(settings).lenses
-    points = np.random.default_rng(1).standard_normal((50, 3)) * 3.0
-    both, one = through(lenses, points, DUAL.camera), through(ONE_LENS, points, DUAL.camera)
-    np.testing.assert_array_equal(both[1], one[1])
-    np.testing.assert_allclose(both[0][both[1]], one[0][one[1]], atol=1e-9)
 
 
 def test_beside_the_seam_nothing_is_gone_by() -> None:

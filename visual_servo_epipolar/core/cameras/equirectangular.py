@@ -3,8 +3,7 @@ Equirectangular image of 360 deg, as drivers of 360-degree cameras publish it.
 
 No CameraInfo names it, and none is needed: all 360 deg lie over the width, as many pixels per rad
 along the height, and the horizon in the middle row, unless K of one that was cut has another. Its
-left edge is its right one. One that is stitched from two lenses shows what lies behind from
-another centre than what lies ahead.
+left edge is its right one.
 """
 
 from dataclasses import dataclass, replace
@@ -15,7 +14,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, packed
 from visual_servo_epipolar.core.cameras.intrinsics import ImageIntrinsics
 
-NAME, STITCHED = 'equirectangular', 'equirectangular_stitched'
+NAME = 'equirectangular'
 LEAST_LEVEL = 0.3  # cosine of an elevation: nearer to a pole a row is as exact, a column is not
 SLACK = 1.0  # of a width by its focal length, and of a height by the width [px]
 
@@ -95,25 +94,11 @@ class Equirectangular(ImageIntrinsics):
         return np.asarray(inside_u & (v >= margin - 0.5) & (v <= self.height - 0.5 - margin))
 
 
-@dataclass(frozen=True, slots=True)
-class StitchedPanorama(Equirectangular):
-    """Panorama stitched from two lenses back to back, which meet at 90 deg to either side."""
-
-    distortion_model: str = STITCHED
-
-    def looks_back(self, pixels: FloatArray) -> BoolArray:
-        """See ``TwoLenses``."""
-        bearing = (pixels[:, 0] - self.cx) / self.fx
-        return np.asarray(np.cos(bearing) < 0.0)
-
-
-def of_size(
-    width: int, height: int, kind: type[Equirectangular] = Equirectangular
-) -> Equirectangular:
+def of_size(width: int, height: int) -> Equirectangular:
     """Return the panorama of that size [px], which tells all; ValueError of a lower one."""
     focal = width / math.tau
     centre = 0.5 * (width - 1), 0.5 * (height - 1)
-    return kind(width, height, focal, focal, *centre)
+    return Equirectangular(width, height, focal, focal, *centre)
 
 
 def cut_note(camera: object) -> str:
@@ -124,6 +109,3 @@ def cut_note(camera: object) -> str:
         f'images of {camera.width}x{camera.height} px are taken for panoramas with as many rows '
         'cut above as below; if not, camera_info must have the row of the horizon in K[5]'
     )
-
-
-KINDS = {NAME: Equirectangular, STITCHED: StitchedPanorama}

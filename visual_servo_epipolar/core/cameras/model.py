@@ -1,9 +1,7 @@
 """Camera model: turns pixels into rays and back."""
 
 import math
-from typing import Protocol, runtime_checkable
-
-import numpy as np
+from typing import Protocol
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 
@@ -126,21 +124,6 @@ class PlanarCamera(CameraModel, Protocol):
 
     def pixels_of(self, points: FloatArray) -> FloatArray:
         """Return distorted pixels, (N, 2), of image-plane ``points``, (N, 2)."""
-
-
-@runtime_checkable
-class TwoLenses(Protocol):
-    """A camera of two lenses, whose centres are apart by an unknown distance."""
-
-    def looks_back(self, pixels: FloatArray) -> BoolArray:
-        """Return which ``pixels``, shape (N, 2), are of the lens that looks back."""
-
-
-def changes_lens(camera: CameraModel, current: FloatArray, desired: FloatArray) -> BoolArray:
-    """Return which features at pixels, (N, 2) each, another lens saw in the desired view: (N,)."""
-    if not isinstance(camera, TwoLenses):
-        return np.zeros(len(current), bool)
-    return np.asarray(camera.looks_back(current) != camera.looks_back(desired))
 
 
 def field_of_view(camera: CameraModel) -> float:

@@ -2,12 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from visual_servo_epipolar.core.cameras import dual_fisheye, equidistant, equirectangular, pinhole
+from visual_servo_epipolar.core.cameras import equidistant, equirectangular, pinhole
 from visual_servo_epipolar.core.cameras.intrinsics import checked_matrix
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.registry import Registry
@@ -22,17 +21,12 @@ class CameraRow:
 
     ``factory`` takes width, height, fx, fy, cx, cy [px], the coefficients and the name of the
     lens, and ``skew`` by keyword. Where the size of the image tells all, ``of_size`` makes it from
-    width and height [px]: no K is asked for, and one is taken only with a lens of coefficients.
+    width and height [px], and no K is asked for.
     """
 
     factory: CameraFactory
     coefficients: tuple[int, ...] = (0,)
     of_size: Callable[[int, int], CameraModel] | None = None
-
-    @property
-    def is_told_by_size(self) -> bool:
-        """Whether the size alone tells the camera: nothing of it is calibrated."""
-        return self.of_size is not None and self.coefficients == (0,)
 
 
 CAMERAS: Registry[CameraRow] = Registry(
@@ -43,14 +37,9 @@ CAMERAS: Registry[CameraRow] = Registry(
             for name, counts in pinhole.DISTORTION_MODELS.items()
         },
         'equidistant': CameraRow(equidistant.Equidistant, equidistant.COEFFICIENTS),
-        **{
-            name: CameraRow(kind, of_size=partial(equirectangular.of_size, kind=kind))
-            for name, kind in equirectangular.KINDS.items()
-        },
-        **{
-            name: CameraRow(dual_fisheye.DualFisheye, equidistant.COEFFICIENTS, of_size)
-            for name, of_size in dual_fisheye.SIZED.items()
-        },
+        equirectangular.NAME: CameraRow(
+            equirectangular.Equirectangular, of_size=equirectangular.of_size
+        ),
     },
     CameraRow,
 )
@@ -66,6 +55,7 @@ SYNONYMS = {
     'fisheye': 'equidistant',
     'equi': 'equidistant',
     'kannala_brandt4': 'equidistant',
+    'equirectangular_stitched': 'equirectangular',  # of routes and files of 0.1
 }
 
 
@@ -95,7 +85,7 @@ def calibrated_camera(
     """
     name = lens_name(distortion_model)
     row = CAMERAS[name] if name in CAMERAS else UNKNOWN
-    if row.of_size is not None and (row.is_told_by_size or not any(k)):
+    if row.of_size is not None:
         camera = row.of_size(*size)
         if isinstance(camera, equirectangular.Equirectangular):
             return camera.with_horizon(k[0], k[5])
@@ -107,7 +97,8 @@ def calibrated_camera(
 
 def camera_of_size(projection: str, size: tuple[int, int]) -> CameraModel:
     """Return the camera of a ``projection`` that an image ``size`` [px] tells; else ValueError."""
-    row = CAMERAS[projection] if projection in CAMERAS else UNKNOWN
+    name = lens_name(projection)
+    row = CAMERAS[name] if name in CAMERAS else UNKNOWN
     if row.of_size is None:
         known = [name for name in CAMERAS if CAMERAS[name].of_size is not None]
         raise ValueError(

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, IntArray
-from visual_servo_epipolar.core.cameras.model import CameraModel, changes_lens
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
@@ -14,10 +14,6 @@ from visual_servo_epipolar.core.geometry.rotation import rotated
 from visual_servo_epipolar.core.rigs.rig import HeadView, Joints, Rig
 from visual_servo_epipolar.core.tracking.alignment.sampling import overlap
 from visual_servo_epipolar.core.tracking.features import Features
-
-# Of the angle of a pixel, where another lens sees a feature than in the photograph: its centre is
-# elsewhere, by an unknown offset.
-OTHER_LENS = 8.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,7 +152,6 @@ def observe(features: Features, camera: CameraModel, stamp_ns: int) -> Observati
     rays.flags.writeable = False
     kept = len(ids)
     angles = camera.resolution(rays).reshape(2, kept).T.copy()
-    angles[changes_lens(camera, pixels[:kept], pixels[kept:])] *= OTHER_LENS
     return Observation(
         stamp_ns,
         rays[:kept],

@@ -47,9 +47,7 @@ class ImageSettings(CalibrationSettings):
     projection: str = fixed(
         CAMERA_INFO,
         'Images are: camera_info, what it says; or what their size tells, which the '
-        'tracker publishes as camera_info where no other node does: equirectangular, 360 deg, '
-        'equirectangular_stitched, the same of two lenses, dual_fisheye, these side by side, '
-        'dual_fisheye_insta360, the same as that driver publishes it',
+        'tracker publishes as camera_info where no other node does: equirectangular, 360 deg',
     )
     transport: str = fixed(
         'raw',
@@ -234,9 +232,8 @@ class CameraRig(Settings):
 
     rig: str = fixed(
         'fixed',
-        'What carries the camera: fixed (a mount), pan_tilt (a head), or two_lenses (a mount, for '
-        'a camera of 360 deg with two centres)',
-        choices=('fixed', 'pan_tilt', 'two_lenses'),
+        'What carries the camera: fixed (a mount), or pan_tilt (a head)',
+        choices=('fixed', 'pan_tilt'),
     )
     pan_joint: str = fixed('pan_joint', 'Joint of joint_states that pans the head to the left')
     tilt_joint: str = fixed('tilt_joint', 'Joint of joint_states that tilts the head down')

@@ -88,7 +88,6 @@ NODES: Mapping[str, NodeRow] = {
         settings=(
             'simulation.mounts.camera_settings:CameraSettings',
             'simulation.mounts.pan_tilt:HeadSettings',
-            'simulation.mounts.camera_settings:LensSettings',
             'nodes.startup.settings:CameraRig',
             'simulation.disturbances:DisturbanceSettings',
             'simulation.light:LightSettings',

@@ -1,7 +1,9 @@
 """Settings of the simulated camera: lens and image, mount, scene, noise."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import math
+from typing import Any, ClassVar
 
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant, WIDEST
 from visual_servo_epipolar.core.cameras.model import CameraModel
@@ -9,7 +11,6 @@ from visual_servo_epipolar.core.cameras.registry import calibrated_camera, CAMER
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.mounts.sensor import Receipt, Shutter
-from visual_servo_epipolar.simulation.mounts.simulated_rig import LensPlacement
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,9 +33,8 @@ class CameraSettings(Settings):
     distortion_model: str = fixed(
         'plumb_bob',
         'Lens: plumb_bob, rational_polynomial, equidistant (a fisheye, whose focal length is that '
-        'of its centre), equirectangular (360 deg, given by the size alone; '
-        'equirectangular_stitched: of two lenses), dual_fisheye (both side by side), or one of '
-        'another package',
+        'of its centre), equirectangular (360 deg, given by the size alone), or one of another '
+        'package',
     )
     image_circle: float = fixed(
         360.0,
@@ -112,6 +112,10 @@ class CameraSettings(Settings):
     believed_shift_v: float = internal(
         0.0, 'Principal point in camera_info, below the true one [px]', low=-1e4, high=1e4
     )
+    GONE: ClassVar[Mapping[str, Any]] = {
+        'lens_baseline': 0.1,
+        'lens_rotation': (0.0, 0.0, 0.0),
+    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -134,7 +138,7 @@ class CameraSettings(Settings):
     def nominal_camera(self) -> CameraModel:
         """The nominal intrinsics, those of the calibration, by which tracker and servo go."""
         true = self.camera
-        if CAMERAS[true.distortion_model].is_told_by_size:
+        if CAMERAS[true.distortion_model].of_size is not None:
             return true
         return with_intrinsics(
             true,
@@ -170,28 +174,3 @@ class CameraSettings(Settings):
     def fixed_rig(self) -> FixedRig:
         """Return the rig of a camera that is screwed to the robot."""
         return FixedRig(self.camera, self.mount, self.jitter, self.seed, self.bumps)
-
-
-@dataclass(frozen=True, kw_only=True)
-class LensSettings(Settings):
-    """Two lenses back to back: how far apart they are, and how the one behind is turned."""
-
-    lens_baseline: float = fixed(
-        0.1, 'Distance between the centres of both lenses [m]', low=0.0, high=0.5
-    )
-    lens_rotation: tuple[float, float, float] = internal(
-        (0.0, 0.0, 0.0), 'Turn of the lens behind, about right, down and ahead [rad]'
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class TwoLensSettings(LensSettings, CameraSettings):
-    """A camera of two lenses, whose mount is where the middle between them is."""
-
-
-def two_lens_rig(settings: TwoLensSettings) -> FixedRig:
-    """Return the rig that ``settings`` describe."""
-    half = 0.5 * settings.lens_baseline
-    ahead = LensPlacement(1, (0.0, 0.0, half))
-    behind = LensPlacement(-1, (0.0, 0.0, -half), settings.lens_rotation)
-    return replace(settings.fixed_rig(), lenses=(ahead, behind))

@@ -12,12 +12,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Joints
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
-from visual_servo_epipolar.simulation.mounts.simulated_rig import (
-    CameraPose,
-    leaned,
-    LensPlacement,
-    ONE_LENS,
-)
+from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose, leaned
 
 BLOCK = 64  # frames drawn at once: starting a random generator costs more than drawing
 WAVES, WAVELENGTHS_M = 4, (1.2, 2.4)  # of a floor: 5 mm lean a robot by up to 1 to 1.5 deg
@@ -117,18 +112,13 @@ def on_bumps(camera: CameraPose, pose: Pose, bumps: float, seed: int) -> CameraP
 
 @dataclass(frozen=True, slots=True)
 class FixedRig:
-    """
-    A camera on its mount, on a floor with ``jitter`` [rad] and ``bumps`` [m], both seeded.
-
-    Where it has several ``lenses``, their placements are on the camera.
-    """
+    """A camera on its mount, on a floor with ``jitter`` [rad] and ``bumps`` [m], both seeded."""
 
     camera: CameraModel
     mount: CameraMount = CameraMount()
     jitter: float = 0.0
     seed: int = 0
     bumps: float = 0.0
-    lenses: tuple[LensPlacement, ...] = ONE_LENS
 
     @property
     def views(self) -> tuple['FixedRig', ...]:

@@ -5,11 +5,7 @@ from dataclasses import fields
 from typing import Any, NamedTuple
 
 from visual_servo_epipolar.core.settings import Settings
-from visual_servo_epipolar.simulation.mounts.camera_settings import (
-    CameraSettings,
-    two_lens_rig,
-    TwoLensSettings,
-)
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.pan_tilt import (
     HeadSettings,
     pan_tilt_rig,
@@ -33,7 +29,6 @@ class SimulatedRigModel(NamedTuple):
 SIMULATED_RIGS: dict[str, SimulatedRigModel] = {
     'fixed': SimulatedRigModel(CameraSettings, CameraSettings.fixed_rig, turns=False),
     'pan_tilt': SimulatedRigModel(PanTiltSettings, pan_tilt_rig),
-    'two_lenses': SimulatedRigModel(TwoLensSettings, two_lens_rig, turns=False),
 }
 
 

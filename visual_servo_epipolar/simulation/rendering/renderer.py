@@ -1,6 +1,6 @@
 """The image of a scene through a camera, sub-pixel exact, and the truth behind each pixel."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 import math
 from typing import Any, NamedTuple
@@ -14,13 +14,7 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.simulation.mounts.sensor import Shutter
-from visual_servo_epipolar.simulation.mounts.simulated_rig import (
-    lenses_of,
-    LensPlacement,
-    ONE_LENS,
-    pitched,
-    SimulatedRig,
-)
+from visual_servo_epipolar.simulation.mounts.simulated_rig import pitched, SimulatedRig
 from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import NEAR, PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.sampling import draw_textures
@@ -64,20 +58,14 @@ class Renderer:
         self.scene, self.camera, self.rig = scene, rig.camera, rig
         self.pitch = 0.0  # of the body in what is rendered, nose down [rad]
         planar = rig.camera.planar
-        self._faces = (
-            list(_faces(rig.camera, lenses_of(rig)))
-            if planar is None
-            else [(_whole(planar), ONE_LENS[0])]
-        )
+        self._faces = list(_faces(rig.camera)) if planar is None else [_whole(planar)]
 
     def render(self, pose: Pose, frame: int | None = None) -> Image:
         """Return the image taken from ``pose``, shape (H, W); black where nothing is seen."""
         place = self.rig.camera_pose(pose, frame)
-        if self.pitch:
-            place = pitched(place, pose, self.pitch)
+        axes, centre = pitched(place, pose, self.pitch) if self.pitch else place
         image: Image = np.zeros((self.camera.height, self.camera.width), dtype=np.uint8)
-        for face, lens in self._faces:
-            axes, centre = place if lens is ONE_LENS[0] else lens.pose(place)
+        for face in self._faces:
             view = PinholeView(*face.size, face.intrinsics, centre, axes @ face.R_camera_face)
             part = draw(self.scene, view)
             if face.maps is not None:
@@ -179,10 +167,8 @@ def _whole(camera: PlanarCamera) -> Face:
     return Face((width, height), intrinsics, np.eye(3), both, box, None)
 
 
-def _faces(
-    camera: CameraModel, lenses: Sequence[LensPlacement]
-) -> Iterator[tuple[Face, LensPlacement]]:
-    """Yield the faces of a cube around each lens that it sees, of a camera that is no pinhole."""
+def _faces(camera: CameraModel) -> Iterator[Face]:
+    """Yield the faces of a cube around the lens that it sees, of a camera that is no pinhole."""
     u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
     rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
     rays = rays.reshape(camera.height, camera.width, 3)
@@ -190,11 +176,10 @@ def _faces(
     seen = np.isfinite(rays).all(axis=2)
     axes = [np.array(columns).T for columns in AXES.values()]
     nearest[seen] = np.argmax(rays[seen] @ np.array([each[:, 2] for each in axes]).T, axis=1)
-    for lens in lenses:
-        for k, each in enumerate(axes):
-            part = (nearest == k) & lens.shows(rays)
-            if part.any():
-                yield _face(camera, rays, part, each), lens
+    for k, each in enumerate(axes):
+        part = nearest == k
+        if part.any():
+            yield _face(camera, rays, part, each)
 
 
 def _face(camera: CameraModel, rays: FloatArray, shown: FloatArray, axes: FloatArray) -> Face:
