@@ -12,10 +12,9 @@ from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
-from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
+from visual_servo_epipolar.simulation.rendering.drawing import draw_textures, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
-from visual_servo_epipolar.simulation.rendering.sampling import draw_textures
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface, Texture
 from visual_servo_epipolar.simulation.rooms.scene import room
 
@@ -172,7 +171,7 @@ def test_a_surface_may_fill_a_single_pixel(furnished: Renderer) -> None:
     single = replace(raster, boxes=((320, 240, 321, 241),) * len(raster.boxes))
     image = np.zeros((480, 640), np.uint8)
     draw_textures(furnished.scene, single, image)
-    smooth_edges(image, mixing(furnished.scene, view, single))
+    smooth_edges(furnished.scene, view, single, image)
     assert image[240, 320] == pytest.approx(furnished.render(POSES[0])[240, 320], abs=1)
 
 

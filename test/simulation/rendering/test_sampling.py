@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
+from visual_servo_epipolar.simulation.rendering.drawing import _averaged, draw
 from visual_servo_epipolar.simulation.rendering.raster import (
     _blurred_area,
     _footprint,
@@ -17,27 +17,11 @@ from visual_servo_epipolar.simulation.rendering.raster import (
     MAX_SKEW,
     PinholeView,
     rasterize,
+    Strip,
 )
-from visual_servo_epipolar.simulation.rendering.renderer import draw
-from visual_servo_epipolar.simulation.rendering.sampling import (
-    _areas,
-    _average,
-    _cover,
-    _sources,
-    _texel_boxes,
-)
-from visual_servo_epipolar.simulation.rendering.surfaces import (
-    _blur,
-    Box,
-    LENS_SIGMA,
-    SHARPEST,
-    Sheet,
-    Texture,
-    TILE,
-)
+from visual_servo_epipolar.simulation.rendering.surfaces import _blur, LENS_SIGMA, SHARPEST
 from visual_servo_epipolar.simulation.rooms.scene import room
 
-CAMERA = Camera(320, 240, 192.0, 192.0, 159.5, 119.5)
 ANGLE = 0.7  # of a long pixel on the texture [rad]
 
 
@@ -64,128 +48,12 @@ def test_a_pixel_on_a_magnified_texture_stays_whole(length: float) -> None:
     assert (columns[0], rows[0]) == (1, 1)
 
 
-@pytest.mark.parametrize('waste', (0, 30, 400))
-def test_a_cover_holds_a_mask_once_and_little_beside(waste: int) -> None:
-    rng = np.random.default_rng(waste)
-    mask = (rng.random((12, 17)) < 0.03).astype(np.uint8)
-    mask = np.kron(mask, np.ones((6, 5), np.uint8))
-    times = np.zeros(mask.shape, int)
-    for (left, top, right, bottom), full in _cover(mask, waste):
-        part = mask[top:bottom, left:right]
-        times[top:bottom, left:right] += 1
-        assert (part == 0).sum() <= waste
-        assert full == part.all()
-    assert times.max() == 1
-    assert times[mask > 0].all()
-
-
-def test_an_empty_mask_needs_no_cover() -> None:
-    assert not list(_cover(np.zeros((5, 7), np.uint8), 0))
-
-
-@pytest.mark.parametrize('pose', (DESIRED_POSE, Pose(0.7, -3.0, 1.2)))
-def test_the_areas_show_each_pixel_of_each_strip_once(pose: Pose) -> None:
-    scene, rig = room(0), FixedRig(CAMERA, CameraMount(tilt=0.1, roll=0.05))
-    R_world_camera, centre = rig.camera_pose(pose)
-    raster = rasterize(scene, PinholeView(320, 240, CAMERA.matrix, centre, R_world_camera))
-    painted = np.zeros_like(raster.ids)
-    for number, (left, top, right, bottom), mask in _areas(raster):
-        shown = np.ones((bottom - top, right - left), bool) if mask is None else mask > 0
-        assert not painted[top:bottom, left:right][shown].any()
-        painted[top:bottom, left:right][shown] = number
-    np.testing.assert_array_equal(painted, raster.ids)
-
-
 @pytest.mark.parametrize(('columns', 'rows'), [(1, 2), (1, 4), (1, 8), (2, 1), (8, 1), (2, 4)])
 def test_the_mean_of_the_parts_is_rounded_once(columns: int, rows: int) -> None:
     parts = np.random.default_rng(0).integers(0, 256, (7 * rows, 13 * columns), dtype=np.uint8)
-    mean = np.zeros((7, 20), np.uint8)
-    _average(parts, mean[:, 3:16])  # in place, in a part of a row
+    mean = _averaged(parts, Strip(0, 0, 0, 0, columns, rows))
     exact = parts.reshape(7, rows, 13, columns).mean(axis=(1, 3))
-    assert np.abs(mean[:, 3:16] - exact).max() <= 0.5
-    assert not mean[:, :3].any()
-    assert not mean[:, 16:].any()
-
-
-@pytest.mark.parametrize('pose', (DESIRED_POSE, Pose(0.7, -3.0, 1.2)))
-def test_the_boxes_of_texels_hold_what_is_sampled(pose: Pose) -> None:
-    scene, rig = room(0), FixedRig(CAMERA, CameraMount(tilt=0.1, roll=0.05))
-    R_world_camera, centre = rig.camera_pose(pose)
-    raster = rasterize(scene, PinholeView(320, 240, CAMERA.matrix, centre, R_world_camera))
-    areas = list(_areas(raster))
-    sheets, maps = _sources(scene, raster, areas)
-    boxes = list(_texel_boxes(raster, areas, sheets, maps))
-    whole = 0
-    for area, sheet, matrix, (box, _) in zip(areas, sheets, maps, boxes, strict=True):
-        strip, (rows, columns) = raster.strips[area.number - 1], sheet.shape
-        width, height = np.subtract(area.box[2:], area.box[:2]) * (strip.columns, strip.rows)
-        assert 0 <= box[0] < box[2] <= columns
-        assert 0 <= box[1] < box[3] <= rows
-        whole += box == (0, 0, columns, rows)
-        x, y = np.meshgrid((0, width - 1), (0, height - 1))
-        u, v, w = matrix @ [x.ravel(), y.ravel(), np.ones(4)]
-        if (w <= 0.0).any():
-            assert box == (0, 0, columns, rows)
-            continue
-        # Bilinear sampling reads the texel before and the one after.
-        for at, low, high, end in ((u / w, *box[::2], columns), (v / w, *box[1::2], rows)):
-            at = np.clip(at, 0.0, end - 1.0)
-            assert (np.floor(at) >= low).all()
-            assert (np.minimum(np.floor(at) + 1, end - 1) < high).all()
-    assert whole < 0.5 * len(areas)
-    assert np.mean([dense for _, dense in boxes]) > 0.5
-
-
-COPIES = [(0, 0), (1, 4), (2, 2), (3, 3), (4, 1), (5, 8), (7, 6)]
-BOXES = [(300, 10, 310, 600), (0, 0, 1, 1), (700, 900, 701, 901), (500, 250, 530, 262)]
-
-
-@pytest.fixture(scope='module')
-def noise() -> Image:
-    rng = np.random.default_rng(3)
-    return rng.integers(0, 256, (1203, 901)).astype(np.uint8)  # odd, and no multiple of a tile
-
-
-@pytest.mark.parametrize('copy', COPIES)
-def test_a_copy_made_in_pieces_is_that_made_as_a_whole(noise: Image, copy) -> None:
-    whole = Texture(noise).filtered(*copy)[0].whole()
-    sheet, i, j = Texture(noise).filtered(*copy)
-    scale = 2.0**-i, 2.0**-j
-    for left, top, right, bottom in BOXES:
-        x, y = scale
-        box = int(x * left), int(y * top), int(x * right) + 1, int(y * bottom) + 1
-        at = np.s_[box[1] : box[3], box[0] : box[2]]
-        np.testing.assert_array_equal(sheet.made(box)[at], whole[at])
-    np.testing.assert_array_equal(sheet.whole(), whole)
-
-
-def test_only_what_is_asked_for_is_made_and_once() -> None:
-    asked: list[Box] = []
-
-    def make(box: Box) -> Image:
-        asked.append(box)
-        left, top, right, bottom = box
-        return np.full((bottom - top, right - left), len(asked), np.uint8)
-
-    sheet = Sheet((3 * TILE + 5, 2 * TILE + 9), make)
-    sheet.made((TILE + 1, 0, TILE + 2, 1))
-    sheet.made((TILE + 1, 3, 2 * TILE, TILE))
-    assert asked == [(TILE, 0, 2 * TILE, TILE)]
-    picture = sheet.made((0, 0, 1, TILE + 1))
-    assert asked[1:] == [(0, 0, TILE, 2 * TILE)]
-    assert (picture[0, 0], picture[0, TILE]) == (2, 1)
-    sheet.whole()
-    sheet.whole()
-    assert len(asked) == 3
-    assert asked[2][2:] == (2 * TILE + 9, 3 * TILE + 5)
-
-
-def test_beyond_the_border_its_pixels_are_repeated() -> None:
-    sheet = Sheet.of(np.arange(12, dtype=np.uint8).reshape(3, 4))
-    part = sheet.part((-2, -1, 5, 4))
-    assert part.shape == (5, 7)
-    np.testing.assert_array_equal(part[1, :3], [0, 0, 0])
-    np.testing.assert_array_equal(part[-1, -2:], [11, 11])
+    assert np.abs(mean - exact).max() <= 0.5
 
 
 def variances(image: np.ndarray) -> tuple[float, float]:
@@ -200,8 +68,8 @@ def variances(image: np.ndarray) -> tuple[float, float]:
 def test_each_axis_is_blur_by_its_own_gaussian(sigma_u: float, sigma_v: float) -> None:
     block = np.zeros((101, 101), np.uint8)
     block[40:61, 40:61] = 250
-    blurred = _blur(Sheet.of(block), sigma_u, sigma_v)
-    before, after = variances(block), variances(blurred.whole())
+    blurred = _blur(block, sigma_u, sigma_v)
+    before, after = variances(block), variances(blurred)
     # A kernel ends at three deviations, and grey levels are rounded.
     assert after[0] - before[0] == pytest.approx(sigma_u**2, rel=0.05, abs=0.02)
     assert after[1] - before[1] == pytest.approx(sigma_v**2, rel=0.05, abs=0.02)

@@ -3,16 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import compress
 import math
-from operator import not_
 from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+from visual_servo_epipolar.core.arrays import FloatArray, IntArray
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene, SHARPEST
 
 MAX_SKEW = 1.5  # area blurred by texture copies over area of a pixel, before it is subdivided
@@ -114,7 +112,6 @@ def _blurred_area(footprint: FloatArray) -> FloatArray:
 
 
 NEAR = 0.05  # nothing nearer than this is seen [m]
-THIN = 3.0  # edges of narrower surfaces may share a pixel [px]
 MARGIN = 4.0  # how far outside of the image polygons are cut off [px]
 SUBPIXEL_BITS = 6
 
@@ -123,7 +120,6 @@ Box: TypeAlias = tuple[int, int, int, int]
 Corner: TypeAlias = tuple[float, float, float]
 Polygon: TypeAlias = list[Corner]
 Plane: TypeAlias = tuple[float, float, float, float]
-Outline: TypeAlias = list[tuple[float, float]]
 STRIP_RATIO = 1.4  # farthest over nearest depth within one strip
 SECTIONS = (-0.33, 0.33)  # x / z at which the strips of floor and ceiling are cut
 
@@ -159,11 +155,6 @@ class PinholeView:
             (0.0, -fy, self.height - 1 + MARGIN - cy, 0.0),
         ]
 
-    def outline(self, polygon: Polygon) -> Outline:
-        """Project a polygon in camera axes."""
-        fx, fy, cx, cy = self.scales
-        return [(fx * x / z + cx, fy * y / z + cy) for x, y, z in polygon]
-
 
 @dataclass(frozen=True, eq=False)
 class Raster:
@@ -173,16 +164,15 @@ class Raster:
     strips: tuple[Strip, ...]
     boxes: tuple[Box, ...]  # of each strip: left, top, right, bottom, the last two exclusive [px]
     shown: IntArray  # surfaces that may be seen, shape (S,)
-    thin: BoolArray  # which of these are slivers, shape (S,)
     maps: FloatArray  # their maps from pixels to (a w, b w, w) of origin + a u + b v, (S, 3, 3)
 
 
 def rasterize(scene: Scene, view: PinholeView) -> Raster:
     """Paint the numbers of the strips of all surfaces from back to front."""
-    shown, polygons, thin = _polygons(scene, view)
+    shown, polygons = _polygons(scene, view)
     maps = _unprojections(scene, view, shown)
     level = np.abs(scene.normals[shown, 2]) > 0.5
-    parts = _parts(view, polygons, level.tolist(), thin.tolist())
+    parts = _parts(view, polygons, level.tolist())
     keys = sampling(scene, shown, maps, parts)
     numbers = {key: number for number, key in enumerate(dict.fromkeys(keys), start=1)}
     shape = (view.height, view.width)
@@ -195,20 +185,15 @@ def rasterize(scene: Scene, view: PinholeView) -> Raster:
         outline = vertices[start : start + size]
         cv2.fillConvexPoly(ids, outline, number, cv2.LINE_8, SUBPIXEL_BITS)
     boxes = _boxes(view, parts, np.array(painted, np.int64) - 1, len(numbers))
-    return Raster(ids, tuple(numbers), boxes, shown, thin, maps)
+    return Raster(ids, tuple(numbers), boxes, shown, maps)
 
 
-def _parts(
-    view: PinholeView, polygons: list[Polygon], level: list[bool], thin: list[bool]
-) -> Parts:
-    """Cut the polygons of surfaces, some of them ``level``, some ``thin``, and project them."""
+def _parts(view: PinholeView, polygons: list[Polygon], level: list[bool]) -> Parts:
+    """Cut the polygons of surfaces, some of them ``level``, and project them."""
     owners, sides, sizes = [], [], []
     corners: Polygon = []
-    shortened: list[slice] = []
     for owner, polygon in enumerate(polygons):
         for side, strip in strips(polygon, sections=level[owner]):
-            if thin[owner]:
-                shortened.append(slice(len(corners), len(corners) + len(strip)))
             owners.append(owner)
             sides.append(side)
             sizes.append(len(strip))
@@ -216,14 +201,12 @@ def _parts(
     fx, fy, cx, cy = view.scales
     x, y, z = np.array(corners).reshape(-1, 3).T
     pixels = np.stack([fx * x / z + cx, fy * y / z + cy], axis=1)
-    for part in shortened:
-        pixels[part] = _shorten(pixels[part].tolist())
     counts = np.array(sizes, np.int64)
     return Parts(np.array(owners, np.int64), sides, pixels, np.cumsum(counts) - counts, counts)
 
 
-def _polygons(scene: Scene, view: PinholeView) -> tuple[IntArray, list[Polygon], BoolArray]:
-    """Return surfaces in view, from back to front; what of them is in view; which are thin."""
+def _polygons(scene: Scene, view: PinholeView) -> tuple[IntArray, list[Polygon]]:
+    """Return surfaces in view, from back to front, and what of them is in view."""
     frustum = view.frustum()
     planes = np.array(frustum)
     corners = view.to_camera(scene.corners)
@@ -231,20 +214,15 @@ def _polygons(scene: Scene, view: PinholeView) -> tuple[IntArray, list[Polygon],
     candidates = np.nonzero(scene.facing(view.centre) & inside.any(axis=1).all(axis=1))[0]
     rank = np.argsort(scene.back_to_front(view.centre))[scene.bodies]
     candidates = candidates[np.argsort(rank[candidates], kind='stable')]
-    within, places = inside[candidates].all(axis=1).tolist(), corners[candidates].tolist()
-    shown, polygons, breadths = [], [], []
-    for k, uncut, place in zip(candidates.tolist(), within, places, strict=True):
+    shown, polygons = [], []
+    for k, place in zip(candidates.tolist(), corners[candidates].tolist(), strict=True):
         polygon: Polygon = list(map(tuple, place))
-        for a, b, c, d in () if all(uncut) else compress(frustum, map(not_, uncut)):
-            if polygon:
-                sides = [a * x + b * y + c * z + d for x, y, z in polygon]
-                polygon, _ = _split(polygon, sides)
-        breadth = breadth_of(view.outline(polygon)) if polygon else 0.0
-        if breadth >= 0.02:  # narrower slivers are left out [px]
+        for a, b, c, d in frustum:
+            polygon, _ = _split(polygon, [a * x + b * y + c * z + d for x, y, z in polygon])
+        if polygon:
             shown.append(k)
             polygons.append(polygon)
-            breadths.append(breadth)
-    return np.array(shown, dtype=np.int64), polygons, np.array(breadths) < THIN
+    return np.array(shown, dtype=np.int64), polygons
 
 
 def _unprojections(scene: Scene, view: PinholeView, shown: IntArray) -> FloatArray:
@@ -252,16 +230,6 @@ def _unprojections(scene: Scene, view: PinholeView, shown: IntArray) -> FloatArr
     origin = corners[:, 0]
     frames = np.stack([corners[:, 1] - origin, corners[:, 3] - origin, origin], axis=-1)
     return np.asarray(np.linalg.inv(frames) @ np.linalg.inv(view.intrinsics))
-
-
-def _shorten(outline: Outline) -> Outline:
-    """Draw the ends of a thin outline in by a pixel: painted, they would stick out by one."""
-    u, v = zip(*outline, strict=True)
-    middle_u, middle_v = sum(u) / len(u), sum(v) / len(v)
-    scale = 1.0 - 2.0 / max(max(u) - min(u), max(v) - min(v), 3.0)
-    return [
-        (middle_u + scale * (x - middle_u), middle_v + scale * (y - middle_v)) for x, y in outline
-    ]
 
 
 def _boxes(view: PinholeView, parts: Parts, strips: IntArray, count: int) -> tuple[Box, ...]:
@@ -279,7 +247,7 @@ def _boxes(view: PinholeView, parts: Parts, strips: IntArray, count: int) -> tup
 
 def _split(polygon: Polygon, sides: list[float]) -> tuple[Polygon, Polygon]:
     """Return what of a convex polygon, whose corners have ``sides``, has 0 or more, and less."""
-    if min(sides) >= 0.0:
+    if min(sides, default=0.0) >= 0.0:
         return polygon, []
     if max(sides) < 0.0:
         return [], polygon
@@ -325,13 +293,3 @@ def _sections(strip: Polygon) -> Iterator[tuple[int, Polygon]]:
             yield side, part
     if len(strip) > 2:
         yield 1, strip
-
-
-def breadth_of(outline: Outline) -> float:
-    """Return the mean width [px] of a convex outline [px]: its area over half its perimeter."""
-    area = perimeter = 0.0
-    for k, (x, y) in enumerate(outline):
-        x0, y0 = outline[k - 1]
-        area += x0 * y - x * y0
-        perimeter += math.hypot(x - x0, y - y0)
-    return abs(area) / perimeter if perimeter > 0.0 else 0.0

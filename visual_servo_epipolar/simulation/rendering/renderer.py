@@ -15,9 +15,8 @@ from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTI
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.simulation.mounts.sensor import Shutter
 from visual_servo_epipolar.simulation.mounts.simulated_rig import pitched, SimulatedRig
-from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
-from visual_servo_epipolar.simulation.rendering.raster import NEAR, PinholeView, rasterize
-from visual_servo_epipolar.simulation.rendering.sampling import draw_textures
+from visual_servo_epipolar.simulation.rendering.drawing import draw
+from visual_servo_epipolar.simulation.rendering.raster import NEAR, PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.view import LEVEL, Nod
 
@@ -134,17 +133,6 @@ class Renderer:
         nearest = self.trace(pixels, pose)
         distance = np.linalg.norm(points - self.rig.camera_pose(pose).centre, axis=1)
         return np.asarray(np.linalg.norm(nearest - points, axis=1) <= SAME_PLACE * distance)
-
-
-def draw(scene: Scene, view: PinholeView) -> Image:
-    """Return the image of ``scene`` by an ideal pinhole, shape (H, W)."""
-    scene = scene.seen_from(view.centre)
-    raster = rasterize(scene, view)
-    edges = mixing(scene, view, raster)  # first, while the raster is in the cache
-    image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
-    draw_textures(scene, raster, image)
-    smooth_edges(image, edges)
-    return image
 
 
 def _whole(camera: PlanarCamera) -> Face:

@@ -1,10 +1,9 @@
 """Textured rectangles: grey pictures and their prefiltered copies, the order to paint them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
-from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -18,8 +17,6 @@ from visual_servo_epipolar.core.arrays import (
     IntArray,
 )
 
-TILE = 256  # side of a tile, even [texel]
-Box: TypeAlias = tuple[int, int, int, int]  # left, top, right, bottom, the last two exclusive
 # Blur of the imaginary lens and pixel together [px]. Less aliases, more looks out of focus: at
 # 0.42 px a contrast of 42 % is left at the Nyquist frequency and 6 % at the pixel frequency.
 LENS_SIGMA = 0.42
@@ -28,64 +25,6 @@ TEXEL_VARIANCE = 0.5
 DOUBLED_VARIANCE = 1.6
 # The sharpest copy, the doubled one, is blurred as if a pixel spanned so many texels.
 SHARPEST = math.sqrt(DOUBLED_VARIANCE) / (2.0 * LENS_SIGMA)
-
-
-class Sheet:
-    """
-    A picture of ``shape``, (H, W), whose tiles ``make`` gives, by boxes that consist of tiles.
-
-    Each pixel depends on its place alone, not on the boxes it was made in.
-    """
-
-    def __init__(self, shape: tuple[int, int], make: Callable[[Box], Image]) -> None:
-        self.shape, self._make = shape, make
-        self._picture: Image = np.empty(shape, np.uint8)  # takes no memory until it is written to
-        self._missing = np.ones([-(-side // TILE) for side in shape], bool)
-        self._looked_at: set[Box] = set()  # boxes of tiles that are made
-
-    @classmethod
-    def of(cls, image: Image) -> 'Sheet':
-        """Return a sheet of a picture that is there."""
-        sheet = cls.__new__(cls)
-        sheet.shape, sheet._picture = (image.shape[0], image.shape[1]), image
-        sheet._missing, sheet._looked_at = np.zeros((0, 0), bool), set()
-        return sheet
-
-    def made(self, box: Box) -> Image:
-        """Return the picture, shape (H, W), made at least in ``box``, inside of it."""
-        left, top, right, bottom = box
-        tiles = left // TILE, top // TILE, -(-right // TILE), -(-bottom // TILE)
-        if tiles not in self._looked_at:  # five times as fast as to look at the tiles
-            missing = self._missing[tiles[1] : tiles[3], tiles[0] : tiles[2]]
-            if missing.any():
-                self._fill(tiles[1], tiles[0], missing)
-            self._looked_at.add(tiles)
-        return self._picture
-
-    def whole(self) -> Image:
-        """Return the picture, shape (H, W), all of it made."""
-        return self.made((0, 0, self.shape[1], self.shape[0]))
-
-    def part(self, box: Box) -> Image:
-        """Return what is in ``box``; beyond the border the pixels of the border are repeated."""
-        left, top, right, bottom = box
-        rows, columns = self.shape
-        inside = max(left, 0), max(top, 0), min(right, columns), min(bottom, rows)
-        part = self.made(inside)[inside[1] : inside[3], inside[0] : inside[2]]
-        if inside == box:
-            return part
-        beyond = inside[1] - top, bottom - inside[3], inside[0] - left, right - inside[2]
-        framed = cv2.copyMakeBorder(part, *beyond, cv2.BORDER_REPLICATE)
-        return np.asarray(framed, dtype=np.uint8)
-
-    def _fill(self, row: int, column: int, missing: Image) -> None:
-        """Make the box around the tiles that are ``missing`` from tile (row, column) on."""
-        rows, columns = (np.flatnonzero(missing.any(axis=axis)) for axis in (1, 0))
-        top, left = TILE * (row + int(rows[0])), TILE * (column + int(columns[0]))
-        bottom = min(TILE * (row + int(rows[-1]) + 1), self.shape[0])
-        right = min(TILE * (column + int(columns[-1]) + 1), self.shape[1])
-        self._picture[top:bottom, left:right] = self._make((left, top, right, bottom))
-        missing[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] = False
 
 
 class Texture:
@@ -101,10 +40,10 @@ class Texture:
 
     def __init__(self, image: Image) -> None:
         self.image: Image = frozen(as_gray(image, 'texture'))
-        self._reduced: dict[tuple[int, int], Sheet] = {(0, 0): Sheet.of(self.image)}
-        self._filtered: dict[tuple[int, int], tuple[Sheet, int, int]] = {}
+        self._reduced: dict[tuple[int, int], Image] = {(0, 0): self.image}
+        self._filtered: dict[tuple[int, int], tuple[Image, int, int]] = {}
 
-    def filtered(self, p: int, q: int) -> tuple[Sheet, int, int]:
+    def filtered(self, p: int, q: int) -> tuple[Image, int, int]:
         """Return copy (p, q), and how often its columns and rows were halved."""
         if (p, q) not in self._filtered:
             i, j = (p - 2) // 2, (q - 2) // 2
@@ -112,16 +51,19 @@ class Texture:
             self._filtered[p, q] = _blur(self._level(i, j), *sigmas), i, j
         return self._filtered[p, q]
 
-    def _level(self, i: int, j: int) -> Sheet:
+    def _level(self, i: int, j: int) -> Image:
         """Return the picture with columns halved i times and rows j times; -1 is doubled."""
         if (i, j) not in self._reduced:
             if i > 0:
-                sheet = _halved(self._level(i - 1, j), columns=True)
+                columns = cv2.transpose(self._level(i - 1, j))
+                picture = np.asarray(cv2.transpose(_halved(columns)), np.uint8)
             elif j > 0:
-                sheet = _halved(self._level(i, j - 1), columns=False)
+                picture = _halved(self._level(i, j - 1))
             else:
-                sheet = _double(self._reduced[0, 0], i < 0, j < 0)
-            self._reduced[i, j] = sheet
+                size = {'fx': 1 + (i < 0), 'fy': 1 + (j < 0)}
+                larger = cv2.resize(self.image, None, **size, interpolation=cv2.INTER_CUBIC)
+                picture = np.asarray(larger, np.uint8)
+            self._reduced[i, j] = picture
         return self._reduced[i, j]
 
 
@@ -131,61 +73,26 @@ def _sigma(texels_a_pixel: float, halvings: int) -> float:
     return math.sqrt(max(0.0, (LENS_SIGMA * texels_a_pixel) ** 2 - variance))
 
 
-def _blur(source: Sheet, sigma_u: float, sigma_v: float) -> Sheet:
+def _blur(source: Image, sigma_u: float, sigma_v: float) -> Image:
     """Blur columns and rows by their own Gaussian; a sigma of 0 leaves them alone."""
     if sigma_u == 0.0 and sigma_v == 0.0:
         return source
-    u, v = math.ceil(3.0 * sigma_u), math.ceil(3.0 * sigma_v)
+    size = 2 * math.ceil(3.0 * sigma_u) + 1, 2 * math.ceil(3.0 * sigma_v) + 1
     # OpenCV reads a sigma of 0 as "choose one"; a kernel of one tap ignores it.
     sigmas = {'sigmaX': max(sigma_u, 0.1), 'sigmaY': max(sigma_v, 0.1)}
-
-    def make(box: Box) -> Image:
-        left, top, right, bottom = box
-        part = source.part((left - u, top - v, right + u, bottom + v))
-        blurred = cv2.GaussianBlur(part, (2 * u + 1, 2 * v + 1), **sigmas)
-        return np.asarray(blurred[v : v + bottom - top, u : u + right - left], dtype=np.uint8)
-
-    return Sheet(source.shape, make)
+    blurred = cv2.GaussianBlur(source, size, **sigmas, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(blurred, np.uint8)
 
 
-def _halved(source: Sheet, *, columns: bool) -> Sheet:
-    """Halve rows or columns by (1 3 3 1) / 8; where they are odd the last one counts twice."""
-
-    def make(box: Box) -> Image:
-        left, top, right, bottom = box
-        if not columns:
-            return _halve(source.part((left, 2 * top - 1, right, 2 * bottom + 1)))
-        part = source.part((2 * left - 1, top, 2 * right + 1, bottom))
-        return np.asarray(cv2.transpose(_halve(cv2.transpose(part))), dtype=np.uint8)
-
-    height, width = source.shape
-    shape = (height, (width + 1) // 2) if columns else ((height + 1) // 2, width)
-    return Sheet(shape, make)
-
-
-def _halve(padded: Image) -> Image:
-    """Halve the rows of ``padded``, (2 N + 2, W), by (1 3 3 1) / 8."""
+def _halved(picture: Image) -> Image:
+    """Halve the rows by (1 3 3 1) / 8; where they are odd the last one counts twice."""
+    padded = np.pad(picture, ((1, 1 + len(picture) % 2), (0, 0)), 'edge')
     total = cv2.add(padded[1:-1:2], padded[2:-1:2], dtype=cv2.CV_16U)
     total *= 3
     total += cv2.add(padded[:-2:2], padded[3::2], dtype=cv2.CV_16U)
     total += 4
     total >>= 3
     return np.asarray(total.astype(np.uint8))
-
-
-def _double(source: Sheet, columns: bool, rows: bool) -> Sheet:
-    """Double columns or rows, or both, by cubic interpolation."""
-    fx, fy = 1 + columns, 1 + rows
-    u, v = 2 * columns, 2 * rows  # how far the interpolation reaches
-
-    def make(box: Box) -> Image:
-        left, top, right, bottom = box
-        part = source.part((left // fx - u, top // fy - v, right // fx + u, bottom // fy + v))
-        larger = cv2.resize(part, None, fx=fx, fy=fy, interpolation=cv2.INTER_CUBIC)
-        u0, v0 = fx * u, fy * v
-        return np.asarray(larger[v0 : v0 + bottom - top, u0 : u0 + right - left], dtype=np.uint8)
-
-    return Sheet((fy * source.shape[0], fx * source.shape[1]), make)
 
 
 ROOM = 'room'
@@ -248,10 +155,6 @@ class Scene:
         """Return the scene without its pictures: enough for geometry, and small."""
         blank = Texture(np.zeros((1, 1), np.uint8))
         return Scene(tuple(replace(surface, texture=blank) for surface in self.surfaces))
-
-    def seen_from(self, centre: FloatArray) -> 'Scene':
-        """Return what of it may be seen from ``centre``, shape (3,): all of a room."""
-        return self
 
     @cached_property
     def texture_sizes(self) -> IntArray:
