@@ -22,7 +22,7 @@ from visual_servo_epipolar.core.twoview.measures import (
     feature_difference,
     usual_difference,
 )
-from visual_servo_epipolar.core.twoview.observation import Observation, observe, OTHER_LENS
+from visual_servo_epipolar.core.twoview.observation import Observation, observe
 from visual_servo_epipolar.core.twoview.perceive import perceive
 from visual_servo_epipolar.core.twoview.rolling_shutter import base_axes, RollingShutter
 from visual_servo_epipolar.simulation.closed_loop import run
