@@ -30,13 +30,14 @@ DT = 0.1
 
 
 def after(
-    velocity: float, moved: float, *, seconds: float = 4.0, most: float = 0.1, deviation=1e-3
+    velocity: float, moved: float, *, seconds=4.0, most=0.1, deviation=1e-3, latency=0.0
 ) -> Threshold:
     """Return the threshold of a base that makes of a command the part ``moved``."""
     threshold, position = Threshold(), 1.0
     for _ in range(round(seconds / DT)):
         position += moved * velocity * DT
-        threshold = threshold.updated(position, deviation, velocity, DT, most=most)
+        known = {'most': most, 'latency': latency}
+        threshold = threshold.updated(position, deviation, velocity, DT, **known)
     return threshold
 
 
@@ -81,7 +82,25 @@ def test_what_is_not_slow_is_no_dead_band() -> None:
 
 
 def test_a_base_that_follows_late_is_waited_for() -> None:
-    assert after(0.05, 0.0, seconds=1.4).value == 0.0
+    assert after(0.05, 0.0, seconds=0.7).value == 0.0
+    assert after(0.05, 0.0, seconds=1.2, latency=1.0).value == 0.0
+    assert after(0.05, 0.0, seconds=1.5, latency=1.0).value > 0.05
+
+
+def test_a_command_after_a_pause_is_waited_for_as_the_first_one() -> None:
+    threshold = Threshold()
+    for velocity in [0.05] * 2 + [0.0] * 20 + [0.05] * 6:
+        threshold = threshold.updated(0.0, 1e-4, velocity, DT, most=0.1)
+        assert threshold.value == 0.0
+
+
+def test_on_a_way_a_turn_is_waited_for_longer_as_wheels_may_undo_it_for_a_while() -> None:
+    for way, patient in ((0.02, True), (0.0, False)):
+        threshold = Threshold()
+        for _ in range(12):
+            known = {'most': 0.1, 'way': way, 'gone': way}
+            threshold = threshold.updated(0.0, 1e-4, 0.05, DT, **known)
+        assert (threshold.value == 0.0) is patient
 
 
 def test_what_noise_hides_teaches_nothing() -> None:
@@ -215,6 +234,30 @@ def test_pulses_ahead_and_back_do_not_keep_from_learning_of_turns() -> None:
     assert band.angular.value > 0.02
 
 
+def test_a_base_that_does_not_drive_slowly_is_not_taken_to_turn_slowly_either() -> None:
+    for settings in (SETTINGS, replace(SETTINGS, dead_band_angular=0.01)):
+        band = DeadBand()
+        for _ in range(40):
+            band = band.updated(sight(), reading(), Twist(0.02, 0.0), DT, settings)
+        assert bool(band.angular.value) is not bool(settings.dead_band_angular)
+        assert band.angular.value <= largest_dead_band(settings.max_angular)
+
+
+@pytest.mark.parametrize(
+    ('gone', 'error', 'raised'),
+    [(0.0, 0.5e-3, True), (0.3e-3, 0.5e-3, True), (0.0, 1.2e-3, False), (0.7e-3, 0.0, False)],
+)
+def test_pulses_that_lead_nowhere_between_two_stands_raise_the_dead_band(
+    gone: float, error: float, raised: bool
+) -> None:
+    band = DeadBand(linear=Threshold(0.02))
+    after = band.after_move(4e-3, gone, error, DT, SETTINGS)
+    assert (after.linear.value == pytest.approx(MARGIN * 0.02)) is raised
+    assert raised or after is band
+    wide = DeadBand(linear=Threshold(0.09)).after_move(4e-3, gone, error, DT, SETTINGS)
+    assert 0.09 <= wide.linear.value <= 0.1
+
+
 def test_two_views_tell_turns_but_no_way() -> None:
     band, bare = DeadBand(), sight()
     for _ in range(40):
@@ -267,7 +310,7 @@ def test_the_first_look_after_a_gap_is_none() -> None:
 
 def test_images_that_hang_teach_nothing() -> None:
     threshold = Threshold()
-    for dt in [DT] * 12 + [1.0] + [DT] * 5:
+    for dt in [DT] * 6 + [1.0] + [DT] * 5:
         threshold = threshold.updated(0.0, 1e-3, 0.03, dt, most=0.1)
     assert threshold.value == threshold.stood == 0.0
 

@@ -26,7 +26,7 @@ from visual_servo_epipolar.core.laws.conditions import (
     is_sideways,
 )
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.odometry.ranging import Leg
+from visual_servo_epipolar.core.odometry.ranging import Leg, Slope
 from visual_servo_epipolar.core.servo.settling import is_close, is_settled
 from visual_servo_epipolar.core.servo.supervisor import (
     classify,
@@ -55,9 +55,18 @@ def test_a_bearing_within_its_noise_counts_as_zero(bound, deviations, least) -> 
 
 
 def test_a_difference_within_twice_its_noise_counts_as_zero() -> None:
-    noisy = matched_bound(sight(difference_deviation=0.1), SETTINGS)
+    noisy = matched_bound(goal(sight(difference_deviation=0.1)), SETTINGS)
     assert noisy == pytest.approx(0.2)
-    assert matched_bound(sight(difference_deviation=0.0), SETTINGS) == SETTINGS.arrival_difference
+    sure = goal(sight(difference_deviation=0.0))
+    assert matched_bound(sure, SETTINGS) == SETTINGS.arrival_difference
+
+
+def test_two_views_match_as_closely_as_the_base_moves_once_their_slope_is_known() -> None:
+    """A base whose least hop leads from one side to the other would go back and forth."""
+    seen, settings = sight(difference_deviation=0.0), replace(SETTINGS, dead_band_linear=0.08)
+    for slope, bound in ((0.13, 0.5 * 0.08 * USUAL_STEP_S * 0.13), (math.nan, 0.0)):
+        estimate = goal(seen, in_phase(Phase.MATCHING_FEATURES, slope=Slope(slope, 1.0)))
+        assert matched_bound(estimate, settings) == max(settings.arrival_difference, bound)
 
 
 def test_a_memory_of_views_matches_as_closely_as_it_knows() -> None:

@@ -239,4 +239,8 @@ def test_the_next_run_is_of_the_same_base() -> None:
 def test_a_robot_rests_from_the_first_command_to_stand() -> None:
     still = sent().after(12 * SECOND, STANDSTILL).after(13 * SECOND, STANDSTILL)
     assert still.rest_s(14 * SECOND) == 2.0
+    creeping = still.after(14 * SECOND, Twist(0.01, -0.02))
+    assert creeping.rest_s(15 * SECOND) == 0.0
+    assert creeping.rest_s(15 * SECOND, Twist(0.02, 0.03)) == 3.0
+    assert creeping.rest_s(15 * SECOND, Twist(0.02, 0.01)) == 0.0
     assert sent().rest_s(14 * SECOND) == 0.0

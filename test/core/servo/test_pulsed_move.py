@@ -115,6 +115,24 @@ def test_no_pulse_is_faster_than_the_robot_may_go() -> None:
     assert commanded(at(1.9), TURN, 3, slow) == pytest.approx([-THRESHOLD, -THRESHOLD, 0.0])
 
 
+def test_a_long_turn_of_a_robot_that_stands_is_a_few_pulses_as_fast_as_ramps_allow() -> None:
+    sent = [speed for speed in commanded(at(30.0), TURN, 30) if speed]
+    assert len(sent) < 8
+    assert sum(sent) * FRAME_S == pytest.approx(-30.0 * HOP)
+    ramp = BANDED.max_angular_acceleration * FRAME_S
+    assert abs(sent[0]) <= THRESHOLD + ramp * (1.0 + 1e-9)
+    assert len([speed for speed in commanded(at(4.0), DRIVE, 30) if speed]) == 4
+
+
+def test_a_robot_at_its_goal_that_stands_turns_by_one_train_however_far() -> None:
+    seen, wanted = at(0.0, heading_error=0.2), Twist(0.0, -0.3)
+    for rested in (BANDED.arrival_frames, 0):
+        state = in_phase(DRIVE, measurement=seen, rest=seen if rested else None, rested=rested)
+        twist, rest = pulsed_move(wanted, state, BANDED)
+        assert bool(rest.angular) is bool(rested)
+        assert twist.angular == -0.3 if not rested else abs(twist.angular) < 0.3
+
+
 def test_no_pulse_rises_faster_than_the_ramp_allows_from_the_dead_band_on() -> None:
     gentle = replace(BANDED, max_angular_acceleration=0.05)
     most = THRESHOLD + 0.05 * FRAME_S
@@ -179,8 +197,20 @@ def test_where_two_views_know_the_slope_of_d_they_tell_the_way_as_well() -> None
     assert sum(pulses) * FRAME_S == pytest.approx(-2.0 * HOP - LOST)
 
 
-def test_a_robot_that_stands_where_it_should_may_turn() -> None:
-    state = in_phase(DRIVE, measurement=at(0.0), rested=9, dead_band_residual=Twist(0.0, 0.5))
+def test_a_robot_turns_to_the_goals_heading_while_it_drives_there() -> None:
+    for hops in (2.0, 0.0):  # ahead of it, and where it should be
+        seen = at(hops, heading_error=-2.0 * HOP)
+        state = in_phase(DRIVE, measurement=seen, rested=BANDED.arrival_frames, period=FRAME_S)
+        move = pulsed_move(slowly(seen), state, BANDED)
+        assert move is not None
+        assert move[0].angular + move[1].angular == pytest.approx(2.0 * THRESHOLD)
+        assert bool(move[0].linear) is bool(hops)
+
+
+def test_where_two_views_alone_show_that_it_should_stand_the_law_turns_it() -> None:
+    seen = replace(at(0.0), offset=None, difference_slope=math.nan)
+    known = {'dead_band_residual': Twist(0.0, 0.5), 'slope': Slope(SLOPE, 1.0)}
+    state = in_phase(DRIVE, measurement=seen, rested=9, **known)
     turned = pulsed_move(Twist(1e-4, 0.5 * THRESHOLD), state, BANDED)
     assert turned is not None
     assert turned[0] == Twist(0.0, THRESHOLD)

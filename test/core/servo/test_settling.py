@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from servo_states import in_phase, seeing, SETTINGS, sight
 
+from visual_servo_epipolar.core.estimate.dead_band import DeadBand, Threshold
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.smooth import APPROACHING
@@ -64,6 +65,22 @@ def test_two_views_alone_are_averaged_at_rest_as_well() -> None:
     assert state.settling.rest.difference == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.parametrize('gone', [0.0, 0.5])
+def test_a_train_of_pulses_after_which_the_robot_stands_as_before_shows_a_dead_band(gone) -> None:
+    """Metres tell, by means of what is seen before and after; BANDED has what was learnt."""
+    state = seeing(stood([1e-3] * 8), dead_band=DeadBand(linear=Threshold(0.03)))
+    sent, pulse = state.motion.sent, Twist(0.03, 0.0)
+    first = 1 + SEEN + 8
+    for frame in range(first, first + 3 + SEEN + BANDED.arrival_frames):
+        difference = 1e-3 + gone * 3 * 0.03 * 0.1 * 0.1 * (frame > first + 3)
+        seen = replace(state.settling.stood or state.measurement, stamp_ns=frame * FRAME_NS)
+        seen = replace(seen, difference=difference)
+        state = settle(seeing(state, measurement=seen, sent=sent), None, None, 0.1, BANDED)
+        sent = sent.after(frame * FRAME_NS, pulse if frame < first + 3 else STANDSTILL)
+    assert state.settling.rested == BANDED.arrival_frames
+    assert (state.identified.dead_band.linear.value > 0.03) is (gone == 0.0)
+
+
 def test_what_varies_at_rest_is_the_error_of_its_mean() -> None:
     state = stood([1e-3, -1e-3] * 4)
     assert state.settling.rested == 8
@@ -75,6 +92,10 @@ def test_a_robot_that_moves_or_whose_motion_is_not_seen_yet_does_not_rest(last) 
     assert stood([0.0] * 8, last).settling.rest is None
     assert stood([]).settling.rested == 0 < stood([0.0]).settling.rested
     assert stood([0.0] * 8, phase=Phase.HOLDING).settling.rest is None
+
+
+def test_a_robot_whose_commands_do_not_move_its_base_rests() -> None:
+    assert stood([0.0] * 8, Twist(0.029, 0.0)).settling.rest is not None
 
 
 def test_a_mean_at_the_goal_is_no_miss_for_the_swing_of_one_image() -> None:

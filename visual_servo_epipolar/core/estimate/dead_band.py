@@ -15,8 +15,9 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.mapping.localization import MapMeasurement
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 
-LATE_S = 0.5  # by which a base may follow late
-PATIENCE_S = 1.5  # in which it follows if it does at all
+LATE_S = 0.5  # by which a base may follow late whose delay is unknown
+# After that, in which it follows if it does at all; on a way, where wheels may undo a turn.
+PATIENCE_S, PATIENCE_ON_WAY_S = 0.3, 1.0
 LEAST_ASKED = 0.003  # motion, below which laws and delays make anything of it [m], [rad]
 STANDING = 0.5  # of what was commanded: a base that moved less stands, at least now and then
 OF_PULSES = 0.15  # the same of pulses, most of which a base may spend on speeding up, and on a way
@@ -24,6 +25,7 @@ DISCERNIBLE = 2.0  # pulses, by which wheels of a bend must turn the base, else 
 SMOOTHING = 0.2  # weight of the newest position of a standing robot
 MANY = 4.0  # pulses, of which one may not have acted yet
 DEVIATIONS = 8.0  # of a position, that the motion commanded must be
+ERRORS = 2.0  # of a way between two means, which it is longer than at most
 MARGIN = 2.5  # over the velocity that was not followed: it may be twenty times as fast that is
 UNLIKE = 0.5  # of a curvature, by which two differ: the other may be none
 MOST_HOP = 0.005, math.radians(0.5)  # half a pulse: no end may be wider for it [m], [rad]
@@ -70,6 +72,7 @@ class Threshold:
         most: float,
         way: float = 0.0,
         gone: float = 0.0,
+        latency: float = 0.0,
     ) -> 'Threshold':
         """
         Return the threshold after ``velocity`` was commanded for ``dt`` [s].
@@ -77,37 +80,45 @@ class Threshold:
         ``position`` is where that led, as it was measured to ``deviation``; nan begins anew, as
         does a command of more than ``most``, or to the other side before the last one was seen,
         or a gap between images, in which a command may have been withdrawn, or stamps that leap.
-        None at all is a pause. What a base does first may be what was commanded before.
+        None at all is a pause. What a base does first may be what was commanded before its
+        ``latency`` [s].
         """
         side = math.copysign(1.0, velocity) if velocity else self.side
         turns = side * self.side < 0.0 and (self.asked != 0.0 or not self.value)
         gap = not 0.0 < dt <= LATE_S
         if turns or gap or not math.isfinite(deviation) or abs(velocity) > most:
             return Threshold(self.value, stood=self.stood, bend=self.bend)
-        lasted = self.lasted + dt if side else 0.0
+        late = max(LATE_S, latency)
+        paused = not self.value and self.idle > late  # no pulses: what came before has acted
+        lasted = self.lasted + dt if side and not paused else 0.0
         idle = 0.0 if velocity else self.idle + dt
-        if lasted <= LATE_S or math.isnan(self.origin):
-            begun = Threshold(self.value, side, min(lasted, LATE_S), position, idle=idle)
+        if lasted <= late or math.isnan(self.origin):
+            begun = Threshold(self.value, side, min(lasted, late), position, idle=idle)
             return replace(begun, stood=self.stood, bend=self.bend)
         asked, power = self.asked + velocity * dt, self.power + velocity * velocity * dt
         sums = {'asked': asked, 'power': power, 'way': self.way + way, 'gone': self.gone + gone}
         after = replace(self, side=side, lasted=lasted, idle=idle, **sums)
-        if self.value and idle > LATE_S and abs(asked) < self.value * dt:
+        if self.value and idle > late and abs(asked) < self.value * dt:
             # It stands, and no pulse was sent: where it does is known better with every look.
             origin = self.origin + SMOOTHING * (position - self.origin)
             return replace(after, origin=origin, asked=0.0, power=0.0)
         # Of pulses the last one has to act, or to be one of many.
-        many = lasted >= PATIENCE_S and abs(asked) >= MANY * self.value * dt
-        has_acted = many or (self.value > 0.0 and idle + dt > LATE_S)
+        patience = PATIENCE_ON_WAY_S if after.drives else PATIENCE_S
+        many = lasted >= late + patience and abs(asked) >= MANY * self.value * dt
+        has_acted = many or (self.value > 0.0 and idle + dt > late)
         enough = abs(asked) >= max(LEAST_ASKED, DEVIATIONS * deviation)
         tells = not (self.stood and abs(self.bend * after.way) < DISCERNIBLE * self.value * dt)
         return after._judged(position, dt, most) if enough and has_acted and tells else after
 
+    @property
+    def drives(self) -> bool:
+        """Whether the robot was to drive meanwhile, farther than slow turns lead."""
+        return abs(self.way) > max(CREEPING * self.lasted, MOST_WAY * abs(self.asked))
+
     def _judged(self, position: float, dt: float, most: float) -> 'Threshold':
         """Return the threshold after what was asked has led to ``position``."""
         again = Threshold(self.value, self.side, LATE_S, position, idle=self.idle, bend=self.bend)
-        drives = abs(self.way) > max(CREEPING * self.lasted, MOST_WAY * abs(self.asked))
-        if drives and not self.gone:
+        if self.drives and not self.gone:
             return again  # the base is deaf
         bend = (position - self.origin - self.asked) / self.way if self.way else math.inf
         alike = abs(bend - self.bend) <= UNLIKE * max(abs(bend), abs(self.bend))
@@ -171,7 +182,10 @@ class DeadBand:
             deviation = measurement.difference_deviation / slope
             along += seen - self.seen if math.isfinite(seen - self.seen) else 0.0
         most = _most(settings.max_linear, MOST_HOP[0], dt)
-        linear = self.linear.updated(along, deviation, twist.linear, dt, most=most)
+        turn_most = _most(settings.max_angular, MOST_HOP[1], dt)
+        linear, late = self.linear, settings.latency
+        if not linear.value:  # else moves between stands tell: see ``after_move``
+            linear = linear.updated(along, deviation, twist.linear, dt, most=most, latency=late)
         angular = self.angular.updated(
             self._unwrapped(measurement.heading_error),
             heading_deviation(measurement),
@@ -179,13 +193,25 @@ class DeadBand:
             dt,
             way=twist.linear * dt,
             gone=abs(twist.linear) * dt if view_moves else 0.0,
-            most=_most(settings.max_angular, MOST_HOP[1], dt),
+            most=turn_most,
+            latency=late,
         )
-        known = linear.value or settings.dead_band_linear
-        if angular.value and not (angular.stood or known):
-            # What has one dead band has both, and its wheels have a lever of less than a metre.
-            linear = replace(linear, value=min(angular.value, FOLLOWED, most))
+        linear, angular = _shared(linear, angular, (most, turn_most), settings)
         return DeadBand(linear, angular, along, place, seen)
+
+    def after_move(
+        self, way: float, gone: float, error: float, dt: float, settings: DriveSettings
+    ) -> 'DeadBand':
+        """
+        Return the dead band after pulses for a ``way``, of which so much was ``gone`` [m].
+
+        ``error`` is that of the positions between which it went [m].
+        """
+        if gone >= OF_PULSES * way or gone + ERRORS * error >= STANDING * way:
+            return self
+        most = _most(settings.max_linear, MOST_HOP[0], dt)
+        value = max(self.linear.value, min(MARGIN * self.linear.value, most))
+        return replace(self, linear=replace(self.linear, value=value))
 
     def beside(self, settings: SettingsT) -> SettingsT:
         """Return ``settings`` with dead bands at least as wide as those that were learnt."""
@@ -205,6 +231,18 @@ class DeadBand:
         if math.isnan(origin):
             return heading
         return origin + math.remainder(heading - origin, 2.0 * math.pi)
+
+
+def _shared(
+    linear: Threshold, angular: Threshold, most: tuple[float, float], settings: DriveSettings
+) -> tuple[Threshold, Threshold]:
+    """Return both thresholds: what has one dead band has both, of at ``most`` [m/s, rad/s]."""
+    if angular.value and not (angular.stood or linear.value or settings.dead_band_linear):
+        # Its wheels have a lever of less than a metre.
+        linear = replace(linear, value=min(angular.value, FOLLOWED, most[0]))
+    elif linear.value and not (angular.value or settings.dead_band_angular):
+        angular = replace(angular, value=most[1])
+    return linear, angular
 
 
 def learns(settings: DriveSettings) -> bool:

@@ -107,10 +107,12 @@ def ends_by_pulses(goal: GoalEstimate, settings: DriveSettings) -> bool:
 def matched_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
     """Return the largest |D|, at unit focal length, that counts as zero, its noise at least."""
     least, deviation = settings.arrival_difference, goal.difference_deviation
-    if goal.offset is None:
-        return max(least, NOISE_DEVIATIONS * deviation)
-    usual, slope = max(least, PLACE_DEVIATIONS * deviation), goal.difference_slope
+    # While its slope is unknown (nan), D tells no hop.
+    slope = max(0.0, goal.motion.slope.value) if goal.offset is None else goal.difference_slope
     hop = half_hop(settings.dead_band_linear, settings, trial) * slope
+    if goal.offset is None:
+        return max(least, NOISE_DEVIATIONS * deviation, hop)
+    usual = max(least, PLACE_DEVIATIONS * deviation)
     fine = max(min(least, LEAST_OFFSET * slope), (1.0 if hop else NEGLIGIBLE) * deviation)
     return max(fine if _is_patient(trial) else usual, hop)
 

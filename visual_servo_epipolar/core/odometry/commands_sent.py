@@ -76,11 +76,12 @@ class CommandsSent:
         before = np.interp(begin_ns - end_ns - late, times, driven)
         return np.asarray((np.interp(-late, times, driven) - before) / NANOSECONDS)
 
-    def rest_s(self, now_ns: int) -> float:
-        """Return for how long the base has been commanded to stand [s]."""
+    def rest_s(self, now_ns: int, bands: Twist = STANDSTILL) -> float:
+        """Return for how long the base stands by its commands, some within dead ``bands`` [s]."""
         began = now_ns
         for stamp, twist in zip(reversed(self.stamps), reversed(self.twists), strict=True):
-            if twist != STANDSTILL:
+            rates = (twist.linear, bands.linear), (twist.angular, bands.angular)
+            if any(rate and abs(rate) >= band for rate, band in rates):
                 break
             began = stamp
         return (now_ns - began) / NANOSECONDS

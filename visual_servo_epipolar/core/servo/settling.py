@@ -82,6 +82,7 @@ def settle(
 ) -> ServoState:
     """Return the state with its count of settled frames, ``dt`` [s] after the ``previous``."""
     state = state.changed(**_rest(state, settings))
+    state = _with_dead_band_of_move(state, settings)
     if is_close(state, settings) or _stands_at_goal(state):
         state = state.changed(time_in_tolerance=state.settling.time_in_tolerance + dt)
     measurement = state.measurement
@@ -106,7 +107,7 @@ def _rest(state: ServoState, settings: ServoSettings) -> dict[str, Any]:
         now is None
         or not math.isfinite(now.difference)
         or not state.phase.drives
-        or state.motion.sent.rest_s(now.stamp_ns) < seen_after(settings)
+        or state.motion.sent.rest_s(now.stamp_ns, _bands(settings)) < seen_after(settings)
     ):
         moves = {'rest': None, 'rested': 0, 'rest_square': 0.0}
         return moves | {'stood': before} if rested > settings.arrival_frames else moves
@@ -126,6 +127,26 @@ def _rest(state: ServoState, settings: ServoSettings) -> dict[str, Any]:
         )
     square = state.settling.rest_square + change * (now.difference - mean.difference)
     return {'rest': mean, 'rested': rested, 'rest_square': square}
+
+
+def _bands(settings: ServoSettings) -> Twist:
+    """Return the dead bands [m/s, rad/s]."""
+    return Twist(settings.dead_band_linear, settings.dead_band_angular)
+
+
+def _with_dead_band_of_move(state: ServoState, settings: ServoSettings) -> ServoState:
+    """Return ``state`` with the dead band that the last move along the axis shows, if any."""
+    seen, band = state.settling.rest, state.identified.dead_band
+    if seen is None or state.settling.rested != settings.arrival_frames:
+        return state
+    slope = _slope(seen, state)
+    move = _last_move(seen, slope, state) if slope > 0.0 else None
+    if move is None or not band.linear.value:
+        return state
+    moved = band.after_move(
+        move.way, move.gone, _mean_error(state, slope), state.view.period, settings
+    )
+    return state.changed(dead_band=moved)
 
 
 def seen_after(settings: ServoSettings) -> float:
@@ -183,17 +204,10 @@ def pulsed_move(
     seen, rest = state.settling.rest or state.measurement, state.dead_band_residual
     if seen is None or settings.dead_band_mode != 'pulse' or not turns_in_place(settings.drive):
         return None
-    if state.phase.turns_in_place and seen.offset is not None:
-        bound = facing_bound(seen, settings, trial_of(seen, state))
-        aim = Aim(-seen.heading_error, bound, settings.dead_band_angular, room=seen.view_margins)
-        if abs(wanted.angular) >= aim.threshold and not _moves(rest.angular, aim.threshold):
-            return None
-        ramp = settings.max_angular_acceleration * usual_step(state.view.period)
-        most = _fastest(aim, state.twist.angular, ramp, settings.max_angular)
-        turn, more = _next_pulse(aim, rest.angular, most, state, settings)
-        return Twist(0.0, turn), Twist(0.0, more)
-    slope, settling = seen.difference_slope, state.settling
-    slope = slope if slope > 0.0 else state.motion.slope.value  # nan by two views
+    turn = _pulsed_turn(wanted.angular, seen, rest.angular, state, settings)
+    if state.phase.turns_in_place and turn:
+        return Twist(0.0, turn[0]), Twist(0.0, turn[1])
+    slope = _slope(seen, state)
     if not state.phase.straight or not slope > 0.0:
         return None
     left, band = -seen.difference / slope, settings.dead_band_linear
@@ -202,14 +216,52 @@ def pulsed_move(
     near = abs(left) <= band * seen_after(settings)
     if not moves and (abs(wanted.linear) >= band or not near):
         return None
-    if not moves and abs(left) <= bound:  # there, but it may have to turn
+    if not moves and abs(left) <= bound and not turn:  # there, but it may have to turn
         return settings.drive.beyond_dead_band(Twist(0.0, wanted.angular), rest, mode='pulse')
-    error = math.sqrt(settling.rest_square) / max(settling.rested - 1, 1) / slope
-    aim = Aim(left, bound, band, error, _acceleration(left, seen, slope, state, settings))
+    aim = Aim(
+        left,
+        bound,
+        band,
+        _mean_error(state, slope),
+        _acceleration(left, seen, slope, state, settings),
+    )
     ramp = settings.max_acceleration * usual_step(state.view.period)
     most = _fastest(aim, state.twist.linear, ramp, settings.max_linear)
     speed, more = _next_pulse(aim, rest.linear, most, state, settings)
-    return Twist(speed, 0.0), Twist(more, 0.0)
+    turn = turn or (0.0, 0.0)
+    return Twist(speed, turn[0]), Twist(more, turn[1])
+
+
+def _slope(seen: GoalEstimate, state: ServoState) -> float:
+    """Return the slope of D by the map or by two views [1/m]; nan while unknown."""
+    slope = seen.difference_slope
+    return slope if slope > 0.0 else state.motion.slope.value
+
+
+def _mean_error(state: ServoState, slope: float) -> float:
+    """Return the error [m] of the mean of what is measured since the robot stands."""
+    settling = state.settling
+    return math.sqrt(settling.rest_square) / max(settling.rested - 1, 1) / slope
+
+
+def _pulsed_turn(
+    wanted: float, seen: GoalEstimate, moving: float, state: ServoState, settings: ServoSettings
+) -> tuple[float, float] | None:
+    """
+    Return the next pulse to the goal's heading with ``moving`` left, and the rest [rad/s].
+
+    None where the law turns faster and the robot does not stand, or its heading is of two views.
+    """
+    band, stands = settings.dead_band_angular, state.settling.rested > 0
+    if seen.offset is None or not band:
+        return None
+    if abs(wanted) >= band and not (stands or _moves(moving, band)):
+        return None
+    bound = facing_bound(seen, settings, trial_of(seen, state))
+    aim = Aim(-seen.heading_error, bound, band, room=seen.view_margins)
+    ramp = settings.max_angular_acceleration * usual_step(state.view.period)
+    most = _fastest(aim, state.twist.angular, ramp, settings.max_angular)
+    return _next_pulse(aim, moving, most, state, settings)
 
 
 def _moves(left: float, threshold: float) -> bool:
@@ -237,7 +289,7 @@ def _next_pulse(
         frame_s = usual_step(state.view.period)
         way = way_of_move(aim.left, aim.bound, aim.threshold * frame_s, aim.room)
         moving = _pulses(way, aim, frame_s, most) if measured and way else 0.0
-    pulse = first_pulse(moving, aim.threshold, most)
+    pulse = first_pulse(moving, aim.threshold, most, quick=math.isinf(aim.acceleration))
     return pulse, moving - pulse
 
 
@@ -261,6 +313,31 @@ def _pulses(way: float, aim: Aim, frame_s: float, most: float) -> float:
     return math.copysign(moving, way)
 
 
+class Move(NamedTuple):
+    """Move between two stands: its ``way`` as sent, what was ``gone`` of it [m], and how long."""
+
+    way: float
+    gone: float
+    lasted: float
+
+
+def _last_move(seen: GoalEstimate, slope: float, state: ServoState) -> Move | None:
+    """Return the move along the axis from where the robot stood last to where it is ``seen``."""
+    stood, sent = state.settling.stood, state.motion.sent
+    if stood is None or not sent.stamps or sent.stamps[0] > stood.stamp_ns:
+        return None
+    spans = [
+        (span, twist.linear)
+        for span, twist in sent.acting(stood.stamp_ns, seen.stamp_ns, 0.0)
+        if twist.linear
+    ]
+    way = math.fsum(span * speed for span, speed in spans)
+    if not way:
+        return None
+    gone = math.copysign(1.0, way) * (seen.difference - stood.difference) / slope
+    return Move(abs(way), gone, math.fsum(span for span, _ in spans))
+
+
 def _acceleration(
     left: float, seen: GoalEstimate, slope: float, state: ServoState, settings: ServoSettings
 ) -> float:
@@ -270,25 +347,14 @@ def _acceleration(
     Before a move it is twice that of the ramps, and so large that even a base without ramps ends
     no farther past what is ``left`` [m] than by half of it.
     """
-    least, stood, sent = settings.max_acceleration, state.settling.stood, state.motion.sent
-    unknown = max(2.0 * least, 0.6 * settings.dead_band_linear**2 / max(abs(left), 1e-9))
-    if stood is None or not sent.stamps or sent.stamps[0] > stood.stamp_ns:
-        return unknown
-    spans = [
-        (span, twist.linear)
-        for span, twist in sent.acting(stood.stamp_ns, seen.stamp_ns, 0.0)
-        if twist.linear
-    ]
-    lasted = math.fsum(span for span, _ in spans)
-    way = math.fsum(span * speed for span, speed in spans)
-    if not way:
-        return unknown
-    gone = math.copysign(1.0, way) * (seen.difference - stood.difference) / slope
-    lost = abs(way) - gone
-    if lost <= 0.0:
+    least, move = settings.max_acceleration, _last_move(seen, slope, state)
+    if move is None:
+        return max(2.0 * least, 0.6 * settings.dead_band_linear**2 / max(abs(left), 1e-9))
+    way, gone, lasted = move
+    if gone >= way:
         return math.inf
-    if lost <= 0.25 * abs(way):
-        return max((way / lasted) ** 2 / (4.0 * lost), least)
+    if gone >= 0.75 * way:
+        return max((way / lasted) ** 2 / (4.0 * (way - gone)), least)
     return max(gone / (0.75 * lasted**2), least)
 
 
@@ -308,7 +374,13 @@ def way_of_move(left: float, bound: float, hop: float, room: tuple[float, float]
     return math.copysign(hop, -left) if hop <= room[left > 0.0] else 0.0
 
 
-def first_pulse(moving: float, threshold: float, most: float) -> float:
-    """Return the first of the pulses that add up to ``moving``, all of which are alike."""
+def first_pulse(moving: float, threshold: float, most: float, *, quick: bool = False) -> float:
+    """
+    Return the first of alike pulses, of at least the ``threshold``, that add up to ``moving``.
+
+    They are as small as can be, or ``quick``: as few as can be, of a base that follows ramps.
+    """
     hops = _hops(moving, threshold)
+    if quick and hops:
+        hops = min(hops, math.ceil(abs(moving) / most))
     return math.copysign(min(abs(moving) / hops, most), moving) if hops else 0.0
