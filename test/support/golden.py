@@ -41,7 +41,7 @@ IMAGES = {
     'images': ('smooth', 'small', '', (0.3, -1.0, 3.0)),
     'images_harsh': ('full', 'harsh', 'panorama_small', (0.2, -0.9, 5.0)),
 }
-FAULT = 'wheel_slips', 0
+FAULT = 'wheels_slip', 0
 ROUTE = ((3.0, -3.9), (3.0, -1.2), (4.4, -1.2))
 
 

@@ -39,7 +39,7 @@ class Store:
     def __init__(self, folder: Path, plan: SweepPlan) -> None:
         self.path = folder / FILE
         self.results: dict[Key, dict[str, Any]] = {}
-        self._before_s, self._session, self._began = 0.0, 0, time.monotonic()
+        self._before_s, self._began = 0.0, time.monotonic()
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
@@ -62,13 +62,7 @@ class Store:
         lines = []
         for index, result in zip(chunk.indices, results, strict=True):
             self.results[chunk.law, index] = result
-            line = {
-                'law': chunk.law,
-                'index': index,
-                'session': self._session,
-                'elapsed_s': round(time.monotonic() - self._began, 3),
-                'result': result,
-            }
+            line = {'law': chunk.law, 'index': index, 'wall_s': self.wall_s, 'result': result}
             lines.append(json.dumps(line))
         self._append(lines)
 
@@ -108,18 +102,15 @@ class Store:
         return header
 
     def _read(self, lines: list[bytes]) -> None:
-        sessions: dict[int, float] = {}
         for number, text in enumerate(lines, start=2):
             line = _parse(text, f'{self.path}:{number}')
             try:
                 self.results[line['law'], line['index']] = line['result']
-                sessions[line['session']] = line['elapsed_s']
+                self._before_s = line['wall_s']
             except KeyError as error:
                 raise InputError(
                     f'{self.path}:{number}: lacks {error}; remove this line'
                 ) from None
-        self._before_s = sum(sessions.values())
-        self._session = max(sessions, default=-1) + 1
 
     def _append(self, lines: list[str]) -> None:
         data = memoryview(''.join(f'{line}\n' for line in lines).encode())

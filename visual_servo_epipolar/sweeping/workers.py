@@ -7,15 +7,13 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 import logging
 from multiprocessing import active_children
-from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnContext, SpawnProcess
 import os
 import pickle
-import threading
 from typing import Any
 
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
-from visual_servo_epipolar.processes import ignore_interrupts, without_interrupts
+from visual_servo_epipolar.processes import end_with, ignore_interrupts, without_interrupts
 from visual_servo_epipolar.sweeping.plan import Chunk, Result, SweepPlan, work
 from visual_servo_epipolar.sweeping.provenance import digest
 
@@ -57,10 +55,8 @@ def worker_pool(jobs: int, remedy: str) -> Iterator[ProcessPoolExecutor]:
 
     Raises VisualServoError if one of them dies; ``remedy`` says what to do about it.
     """
-    spawn = _Spawn()
-    lifeline, parent_end = spawn.Pipe(duplex=False)
     with _environment():
-        pool = ProcessPoolExecutor(jobs, spawn, _live_by, (lifeline,))
+        pool = ProcessPoolExecutor(jobs, _Spawn(), _begin, (os.getpid(),))
         try:
             yield pool
         except BrokenProcessPool:
@@ -68,14 +64,12 @@ def worker_pool(jobs: int, remedy: str) -> Iterator[ProcessPoolExecutor]:
                 f'a worker process died (killed, or out of memory?); {remedy}'
             ) from None
         except BaseException:
-            for process in active_children():  # some may not hear of ``lifeline`` yet
+            for process in active_children():
                 if isinstance(process, _Worker):
                     process.kill()
             raise
         finally:
             pool.shutdown(cancel_futures=True)
-            parent_end.close()
-            lifeline.close()
 
 
 class _Worker(SpawnProcess):
@@ -91,33 +85,23 @@ class _Spawn(SpawnContext):
     Process = _Worker
 
 
-def _live_by(lifeline: Connection) -> None:
-    """Leave Ctrl-C to the parent, and end when the other end of ``lifeline`` is gone."""
+def _begin(parent: int) -> None:
+    """Leave Ctrl-C to the parent, and end when it does."""
     ignore_interrupts()
-    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
-
-
-def _end_with(lifeline: Connection) -> None:
-    try:
-        lifeline.recv()
-    except EOFError:
+    if not end_with(parent):
         os._exit(1)
 
 
 @contextmanager
 def _environment() -> Iterator[None]:
     """Let processes that are started meanwhile have one thread each, and keep their memory."""
-    changes = {**dict.fromkeys(THREADS, '1'), **MEMORY}
-    before = {name: os.environ.get(name) for name in changes}
-    os.environ.update(changes)
+    before = dict(os.environ)
+    os.environ.update({**dict.fromkeys(THREADS, '1'), **MEMORY})
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        os.environ.clear()
+        os.environ.update(before)
 
 
 CONNECT_S = 10.0  # for a scheduler to answer

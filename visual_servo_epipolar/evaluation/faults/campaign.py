@@ -3,8 +3,9 @@
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby
+import math
 from typing import Any, NamedTuple
 import zlib
 
@@ -12,20 +13,16 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint
 from visual_servo_epipolar.evaluation.faults.fault import (
-    ALWAYS,
     BASE,
-    EVERYWHERE,
     Fault,
-    Faults,
+    RunStage,
     SERVO,
     StruckRun,
-    Table,
     Witness,
 )
 from visual_servo_epipolar.evaluation.faults.judge import (
@@ -37,19 +34,13 @@ from visual_servo_epipolar.evaluation.faults.judge import (
     SAFE,
     SafetyBounds,
 )
-from visual_servo_epipolar.evaluation.faults.robot import ROBOT
-from visual_servo_epipolar.evaluation.faults.sensing import SENSING
-from visual_servo_epipolar.evaluation.faults.world import small_camera, World, WorldSettings
+from visual_servo_epipolar.evaluation.faults.table import FAULTS
+from visual_servo_epipolar.evaluation.faults.world import NODES, small_camera, World, WorldSettings
 from visual_servo_epipolar.evaluation.tables import markdown
+from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings
 from visual_servo_epipolar.sweeping.provenance import commit
 from visual_servo_epipolar.sweeping.workers import worker_pool
 
-TABLE: Table = {it: {**SENSING.get(it, {}), **ROBOT[it]} for it in ROBOT}
-FAULTS: Faults = {name: fault for rows in TABLE.values() for name, fault in rows.items()}
-WORDS = {name: fault.what for name, fault in FAULTS.items()}
-# The invariant that each tries most; the judge tries each run by all.
-TRIED = {name: invariant.value for invariant, rows in TABLE.items() for name in rows}
-NAMES = tuple(WORDS)
 Result = dict[str, Any]
 
 
@@ -57,23 +48,23 @@ REST_S = 8.0  # that a robot must stand until a run is over: longer than the ser
 LONGEST_S = 180.0  # since the fault struck: past the longest phase
 
 
-@dataclass(frozen=True, slots=True)
-class StrikeTime:
-    """When a fault strikes: ``delay_s`` into ``phase``."""
-
-    phase: Phase
-    delay_s: float
+WHOLE_WAY_S = 10.0  # from the first motion on, most of the way from these starts
+AFTERWARDS_S = 3.0  # likewise from the end of a run on
 
 
 class FaultDrive:
-    """A run of a ``scene``; ``struck_s`` and ``struck_in`` say when the fault struck."""
+    """
+    A run of a ``scene`` whose fault strikes ``delay_s`` into a ``stage``.
 
-    def __init__(self, scene: StruckRun, fault: Fault, moment: StrikeTime) -> None:
-        self.scene, self._fault, self._moment = scene, fault, moment
+    ``struck_s`` and ``struck_in`` say when, and in which phase, it did.
+    """
+
+    def __init__(self, scene: StruckRun, fault: Fault, stage: RunStage, delay_s: float) -> None:
+        self.scene, self._fault, self._stage, self._delay_s = scene, fault, stage, delay_s
         self.struck_s: float | None = None
         self.struck_in = ''
         self._begin_s = scene.witness.now_s
-        self._reached_s: float | None = None  # when the phase of the moment was seen
+        self._reached_s = math.inf  # when the stage was
         self._moved_s = self._begin_s  # when the robot moved last, or something was to happen
 
     @property
@@ -83,9 +74,9 @@ class FaultDrive:
 
     def drive(self) -> None:
         """Run until the robot has stood for long enough, or for as long as a run may take."""
-        for name in tuple(self.scene.world.settings.kinds)[::-1]:
+        for name in tuple(NODES)[::-1]:
             self.scene.world.start(name)
-        if self._moment.phase is Phase.WAITING:
+        if self._stage is RunStage.BEGIN:
             self._strike()
         while not self._done():
             self.scene.world.run_for(0.1)
@@ -96,11 +87,12 @@ class FaultDrive:
         moves = bool(record.truths) and moving(record.truths[-1].twist)
         if self._may_drive_on or (moves and self.scene.world.works(BASE)):
             self._moved_s = now_s
-        if self._reached_s is None and record.phase == self._moment.phase.value:
-            self._reached_s = now_s
-        reached = self._reached_s is not None and now_s >= self._reached_s + self._moment.delay_s
-        never = self._phase.ended or self.time_s > 20.0
-        if self.struck_s is None and (reached or (never and self._reached_s is None)):
+        ended = self._phase.ended
+        if self._phase.drives if self._stage is RunStage.DRIVING else ended:
+            self._reached_s = min(self._reached_s, now_s)
+        never = self.time_s > 20.0 and self._reached_s == math.inf
+        over = ended and self._stage is RunStage.DRIVING
+        if self.struck_s is None and (now_s >= self._reached_s + self._delay_s or never or over):
             self._strike()
 
     def _strike(self) -> None:
@@ -130,10 +122,6 @@ class FaultDrive:
         return quiet_s >= (2.0 if calm else REST_S)
 
 
-WHOLE_WAY_S = 5.5  # into a phase of another law: one motion lasts 6 to 8 s from these starts
-ASIDE = (Phase.ORIENTING, Phase.RETREATING)
-
-
 def drive_one(name: str, fault: Fault, seed: int, law: str = ServoSettings.law) -> dict[str, Any]:
     """Drive by a law with a fault, and return what became of it as a JSON object."""
     cv2.setNumThreads(1)
@@ -141,11 +129,12 @@ def drive_one(name: str, fault: Fault, seed: int, law: str = ServoSettings.law) 
     beside = bool(rng.random() < 0.25)  # from there it turns and backs off first
     drawn = _world(seed, rng, beside=beside)
     settings = fault.prepare(replace(drawn, servo=replace(drawn.servo, law=law)), rng)
-    moment = strike_time(fault, settings.servo, rng, beside=beside)
+    stage = fault.stages[int(rng.integers(len(fault.stages)))]
+    delay_s = rng.uniform(0.0, WHOLE_WAY_S if stage is RunStage.DRIVING else AFTERWARDS_S)
     if not fault.base_alone and bool(rng.random() < 0.5):
         settings = replace(settings, base=replace(settings.base, command_timeout=0.0))
     with World(settings) as world:
-        drive = FaultDrive(StruckRun(world, Witness(world), rng), fault, moment)
+        drive = FaultDrive(StruckRun(world, Witness(world), rng), fault, stage, float(delay_s))
         drive.drive()
         judgement = judge_run(drive.scene.witness.finish(), _bounds(world))
     return judgement.document(
@@ -155,7 +144,7 @@ def drive_one(name: str, fault: Fault, seed: int, law: str = ServoSettings.law) 
         law=settings.servo.law,
         start=list(settings.start),
         base_stops_by_itself=settings.base.command_timeout > 0.0,
-        moment={'phase': moment.phase.value, 'delay_s': moment.delay_s},
+        moment={'stage': stage.value, 'delay_s': float(delay_s)},
         struck_s=drive.struck_s,
         struck_in=drive.struck_in,
         notes=drive.scene.notes,
@@ -170,46 +159,13 @@ def _world(seed: int, rng: np.random.Generator, *, beside: bool) -> WorldSetting
     return WorldSettings(start=start, seed=seed, camera=small_camera(seed))
 
 
-def strike_time(
-    fault: Fault, servo: ServoSettings, rng: np.random.Generator, *, beside: bool
-) -> StrikeTime:
-    """Return when a fault strikes a run of ``servo``: in a phase that its law has."""
-    phases, rows = fault.phases, servo.machine.rows
-    if beside and set(EVERYWHERE) <= set(phases):
-        phases = (*phases, *ASIDE)
-    if not rows.keys() >= set(EVERYWHERE):  # then it drives in phases of its own
-        own = [phase for phase in rows if phase.drives and phase not in (*ALWAYS, *ASIDE)]
-        phases = tuple(dict.fromkeys(p for each in phases for p in _instead(each, rows, own)))
-    phase = phases[int(rng.integers(len(phases)))]
-    longest_s = 3.0 if phase in (*ALWAYS, *ASIDE) else WHOLE_WAY_S
-    return StrikeTime(phase, float(rng.uniform(0.0, longest_s)))
-
-
-def _instead(phase: Phase, rows: Mapping[Phase, PhaseRow], own: list[Phase]) -> list[Phase]:
-    """Return the phases of a law with its ``own`` that stand for one of the paper's steps."""
-    if phase in EVERYWHERE:
-        return own
-    return [phase] if phase in rows else []
-
-
 def _bounds(world: World) -> SafetyBounds:
-    settings, base = world.settings, world.settings.base
-    period_s = 1.0 / settings.camera.frame_rate
-    given: Mapping[str, float] = world.given.get(SERVO, {})
+    settings, period_s = world.settings, 1.0 / world.settings.camera.frame_rate
+    sight_s = settings.servo.stale_timeout + DriverNodeSettings.max_latency
     return SafetyBounds(
-        sight_s=given['stale_timeout']
-        + given.get('max_latency', 0.0)
-        + period_s
-        + 0.15,  # watchdog, messages, ticks
+        sight_s=sight_s + period_s + 0.15,  # watchdog, messages, ticks
         period_s=period_s,
-        base_linear=base.max_linear,
-        base_angular=base.max_angular,
-        base_acceleration=base.acceleration,
-        base_deceleration=base.deceleration,
-        base_angular_acceleration=base.angular_acceleration,
-        delay_s=world.delay_s,
-        # What is so much deeper looks alike from so much farther: epipoles take a longer way.
-        position_m=SafetyBounds.position_m * settings.depth,
+        base=replace(settings.base, command_delay=world.delay_s),
         excursion_m=settings.servo.max_retreat,
     )
 
@@ -233,10 +189,10 @@ def plan(names: Sequence[str], runs: int, seed: int, law: str = '') -> list[Faul
         ServoSettings(law=law)
     except ValueError as error:
         raise InputError(str(error)) from None
-    unknown = sorted(set(names) - set(NAMES))
+    unknown = sorted(set(names) - set(FAULTS))
     if unknown:
-        raise InputError(f'unknown fault {", ".join(unknown)}; {hint(unknown, NAMES)}')
-    chosen = list(dict.fromkeys(names)) or list(NAMES)
+        raise InputError(f'unknown fault {", ".join(unknown)}; {hint(unknown, [*FAULTS])}')
+    chosen = list(dict.fromkeys(names)) or list(FAULTS)
     return [FaultRun(chosen[k % len(chosen)], seed + k // len(chosen), law) for k in range(runs)]
 
 
@@ -259,14 +215,8 @@ def one(run: FaultRun) -> Result:
         return drive_one(run.fault, FAULTS[run.fault], run.seed, run.law)
     except Exception as error:  # the other runs of a night shall not be lost
         nothing = Judgement(RunVerdict.UNJUDGED, f'{type(error).__name__}: {error}')
-        return nothing.document(
-            Record(phase=''),
-            fault=run.fault,
-            seed=run.seed,
-            notes=[],
-            struck_in='',
-            duration_s=0.0,
-        )
+        facts = {'fault': run.fault, 'seed': run.seed, 'notes': [], 'struck_in': ''}
+        return nothing.document(Record(phase=''), **facts, duration_s=0.0)
 
 
 def document(results: Sequence[Result], seed: int) -> dict[str, Any]:
@@ -281,15 +231,13 @@ def document(results: Sequence[Result], seed: int) -> dict[str, Any]:
     }
 
 
-HEAD = (
-    'fault | what | arrived | at rest | unsafe | excursion [m] | without sight [s] '
-    '| wrong geometry [s]'
-)
+HEAD = 'fault | what | arrived | at rest | unsafe | excursion [m] | without sight [s]'
 
 
 def table(document: Mapping[str, Any]) -> str:
     """Return a campaign as Markdown: one row a fault, then each unsafe run."""
-    results = sorted(document['runs'], key=lambda it: NAMES.index(it['fault']))
+    names = [*FAULTS]
+    results = sorted(document['runs'], key=lambda it: names.index(it['fault']))
     rows = (_row(name, list(runs)) for name, runs in groupby(results, lambda it: it['fault']))
     words = (
         f'{len(results)} runs, seeds from {document["seed"]}, commit {document["commit"]}: '
@@ -303,12 +251,10 @@ def table(document: Mapping[str, Any]) -> str:
 def _row(name: str, runs: Sequence[Mapping[str, Any]]) -> list[str]:
     counts = Counter(run['verdict'] for run in runs)
     unsafe = [it.value for it in RunVerdict if counts[it.value] and it not in SAFE]
-    worst = (
-        max(run[key] for run in runs) for key in ('excursion_m', 'blind_s', 'wrong_geometry_s')
-    )
+    worst = (max(run[key] for run in runs) for key in ('excursion_m', 'blind_s'))
     return [
         f'`{name}`',
-        WORDS[name],
+        FAULTS[name].what,
         *(str(counts[it.value]) for it in SAFE),
         ', '.join(f'{counts[it]} {it}' for it in unsafe) or '0',
         *(f'{value:.1f}' for value in worst),

@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Mapping
 from contextlib import closing
-from pathlib import Path
 import sys
 from typing import Any
 
@@ -15,9 +14,7 @@ from visual_servo_epipolar.commands.arguments import (
     count,
 )
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.outputs import OutputFile, publish
-from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.files import write_whole
+from visual_servo_epipolar.commands.outputs import publish
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.processes import cores
 
@@ -36,10 +33,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_seed(parser)
     words = {
         '--only NAME,...': 'inject these faults only',
-        '--law LAW': 'law of the runs (default full; those with a head have smooth)',
+        '--law LAW': 'law of the runs (default full)',
     }
     add_words(parser, words)
-    add_words(parser, {'--table FILE': 'write the table to FILE as well'}, type=OutputFile)
     add_flags(parser, {'--list': 'list the faults, and run nothing'})
     add_json(parser)
     parser.set_defaults(run=faults)
@@ -49,13 +45,15 @@ def faults(options: argparse.Namespace) -> int:
     """Run the campaign, print the table; return 0 if every verdict is safe."""
     require('rclpy')
     from visual_servo_epipolar.evaluation.faults import campaign
+    from visual_servo_epipolar.evaluation.faults.table import FAULTS, TABLE
 
     if options.list:
-        for name, what in campaign.WORDS.items():
-            print(f'{name:<24} {campaign.TRIED[name]:<22} {what}')
+        for verdict, rows in TABLE.items():
+            for name, fault in rows.items():
+                print(f'{name:<24} {verdict.value:<22} {fault.what}')
         return 0
     names = options.only.split(',') if options.only is not None else []
-    number = options.runs or len(names or campaign.NAMES)
+    number = options.runs or len(names or FAULTS)
     runs = campaign.plan(names, number, options.seed, options.law or '')
     with closing(Progress()) as progress:
         progress.say('starting workers ...')
@@ -74,8 +72,6 @@ def faults(options: argparse.Namespace) -> int:
         results = campaign.drive(runs, min(options.jobs or cores(), len(runs)), watch)
     document = campaign.document(results, options.seed)
     text = campaign.table(document)
-    if options.table is not None:
-        _write(Path(options.table), text)
     publish(document, text, options.json)
     if document['unsafe']:
         print(
@@ -83,10 +79,3 @@ def faults(options: argparse.Namespace) -> int:
             file=sys.stderr,
         )
     return 1 if document['unsafe'] else 0
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        write_whole(path, f'{text}\n'.encode())
-    except OSError as error:
-        raise InputError(f'{path}: table cannot be written: {error.strerror}') from None

@@ -1,8 +1,9 @@
 """Faults: what each is called, when it strikes, the run that it strikes, and its witness."""
 
 from bisect import bisect_right
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from functools import partial
 import math
 from typing import Any, Concatenate, ParamSpec
@@ -10,15 +11,13 @@ from typing import Any, Concatenate, ParamSpec
 import numpy as np
 from rclpy.node import Node
 
+from visual_servo_epipolar.core.estimate.map_state import LEAST_CARRIED
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
-from visual_servo_epipolar.core.routes.run import FOLLOWING, LOCALIZING
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.judge import (
     Limits,
     Record,
-    RunVerdict,
     SeenTracks,
     ServoCommand,
     TrueMotion,
@@ -32,14 +31,8 @@ from visual_servo_epipolar.evaluation.faults.world import (
     WorldSettings,
 )
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.mounts.simulated_rig import true_geometry
-from visual_servo_epipolar.simulation.run_monitor import LEAST_BASELINE_M, WRONG_BEARING
 
 SERVO, BASE = 'servo_node', 'unicycle_node'
-LONGEST_STEP_S = 0.5  # between two measurements that count as one drive
-# Phases of a route, as the servo would call them.
-OF_ROUTES = {FOLLOWING: 'approaching', LOCALIZING: Phase.WAITING.value}
 # Have a reason, or should.
 MUTE = (Phase.HOLDING.value, Phase.FAILED.value, Phase.WAITING.value, ARMED)
 
@@ -50,10 +43,7 @@ class Witness:
     def __init__(self, world: World) -> None:
         self.record, self._world, self._wire = Record(), world, world.wire
         self.struck_ns = 0  # earlier reports explain nothing
-        self._rig = new_rig(world.settings.camera)
         self._image: ImageOrigin | None = None  # the last one that reached the tracker
-        self._sight: ImageOrigin | None = None  # what the servo saw last
-        self._measured_s: float | None = None
         self._learnt_dead_band = STANDSTILL
         listeners = self._wire.publish_listeners
         listeners['/ground_truth'].append(self._on_truth)
@@ -66,8 +56,7 @@ class Witness:
             ('/epipoles', self._on_epipoles),
         ):
             listeners[topic].append(partial(self._of_servo, hear))
-        for topic in ('/image_raw', '/image_raw/compressed'):
-            self._wire.delivery_listeners[topic].append(self._on_arrival)
+        self._wire.delivery_listeners['/image_raw'].append(self._on_arrival)
         self._wire.delivery_listeners['/tracks'].append(self._on_sight)
 
     @property
@@ -81,15 +70,14 @@ class Witness:
         truths = self.record.truths
         return truths[-1].pose if truths else Pose.from_start(*self._world.settings.start)
 
-    def pose_at(self, taken_ns: int) -> Pose:
-        """Return where the robot was."""
-        times = [truth.time_s for truth in self.record.truths]
-        return self.record.truths[max(bisect_right(times, taken_ns / NANOSECONDS) - 1, 0)].pose
-
     @property
     def seen_pose(self) -> Pose:
         """Where the image was taken that the tracker had last."""
-        return self.pose if self._image is None else self.pose_at(self._image.taken_ns)
+        if self._image is None:
+            return self.pose
+        times = [truth.time_s for truth in self.record.truths]
+        last = bisect_right(times, self._image.taken_ns / NANOSECONDS) - 1
+        return self.record.truths[max(last, 0)].pose
 
     def finish(self) -> Record:
         """Return the record, with the reports of why the robot stands."""
@@ -104,7 +92,7 @@ class Witness:
         ]
         if not self._world.works(SERVO):  # as one that hangs for good, from before it drove
             record.why.append(f'{SERVO} is gone, or hangs')
-        if record.interventions.stopped_s < math.inf:
+        if record.stopped_s < math.inf:
             record.why.append('it was commanded to')
         if record.phase in MUTE and record.reason:
             record.why.append(record.reason)
@@ -121,8 +109,7 @@ class Witness:
     def _on_phase(self, envelope: Envelope) -> None:
         if envelope.sender not in (SERVO, ''):  # '' in its constructor
             return
-        word = str(envelope.message.data)
-        before, self.record.phase = self.record.phase, OF_ROUTES.get(word, word)
+        before, self.record.phase = self.record.phase, str(envelope.message.data)
         if self.record.phase == Phase.ARRIVED.value != before:
             self.record.arrived_s = self.now_s
 
@@ -134,25 +121,17 @@ class Witness:
 
     def _on_arrival(self, node: Node, envelope: Envelope) -> None:
         self._image = envelope.sight
-        if node.get_name() == SERVO and envelope.sight is not None:  # a route: images, no tracks
-            taken_s = envelope.sight.taken_ns / NANOSECONDS
-            self.record.sight.seen.append(SeenTracks(self.now_s, taken_s))
 
     def _on_tracks(self, envelope: Envelope) -> None:
         # An image that waited for its camera_info was not what the tracker was called for.
         envelope.sight = envelope.sight or self._image
 
     def _on_sight(self, node: Node, envelope: Envelope) -> None:
-        if node.get_name() != SERVO or envelope.sight is None:
+        if node.get_name() != SERVO or envelope.sight is None or not envelope.sight.true:
             return
-        self._sight = envelope.sight
-        if not envelope.sight.true:
-            return
-        memory = node.get_parameter('memory').value
-        carried_s = ServoSettings.few_features_timeout if memory else 0.0
-        enough = ServoSettings.min_features
-        taken_s = envelope.sight.taken_ns / NANOSECONDS
-        self.record.sight.note(_shown(envelope.message), self.now_s, taken_s, enough, carried_s)
+        if _shown(envelope.message) >= LEAST_CARRIED:
+            taken_s = envelope.sight.taken_ns / NANOSECONDS
+            self.record.seen.append(SeenTracks(self.now_s, taken_s))
 
     def _on_command(self, message: Any) -> None:
         servo = self._world.nodes.get(SERVO)
@@ -167,20 +146,11 @@ class Witness:
         self.record.orders.append(ServoCommand(self.now_s, twist, limits))
 
     def _on_epipoles(self, message: Any) -> None:
-        """Add up the time driven on a wrong geometry; note whether a dead band was learnt."""
-        said: dict[str, Any] = read.telemetry(message)
+        """Note whether a dead band was learnt."""
+        report = read.telemetry(message)
         self._learnt_dead_band = Twist(
-            said['dead_band_linear_m_s'], said['dead_band_angular_rad_s']
+            report['dead_band_linear_m_s'], report['dead_band_angular_rad_s']
         )
-        if self._sight is None or len(self.record.interventions.goals) > 1:
-            return
-        truth = true_geometry(self._rig, self.pose_at(self._sight.taken_ns))
-        error = truth.error(said['bearing_current_rad'], said['bearing_desired_rad'])
-        before_s, self._measured_s = self._measured_s, self.now_s
-        driven = bool(self.record.orders) and self.record.orders[-1].twist != STANDSTILL
-        wrong = truth.baseline > LEAST_BASELINE_M and error > WRONG_BEARING
-        if driven and wrong and before_s is not None:
-            self.record.wrong_geometry_s += min(self.now_s - before_s, LONGEST_STEP_S)
 
 
 def _limits(servo: Node, learnt: Twist) -> Limits:
@@ -190,19 +160,18 @@ def _limits(servo: Node, learnt: Twist) -> Limits:
     Slow commands may jump to a dead band that is configured, or reported as ``learnt``.
     """
 
-    def least(*names: str) -> float:  # those of a route as well
-        return float(min(servo.get_parameter(it).value for it in names if servo.has_parameter(it)))
+    def given(name: str) -> float:
+        return float(servo.get_parameter(name).value)
 
-    band = Twist(
-        max(least('dead_band_linear'), learnt.linear),
-        max(least('dead_band_angular'), learnt.angular),
-    )
     return Limits(
-        least('max_linear', 'max_speed'),
-        least('max_angular', 'max_turn_rate'),
-        least('max_acceleration'),
-        least('max_angular_acceleration'),
-        band,
+        given('max_linear'),
+        given('max_angular'),
+        given('max_acceleration'),
+        given('max_angular_acceleration'),
+        Twist(
+            max(given('dead_band_linear'), learnt.linear),
+            max(given('dead_band_angular'), learnt.angular),
+        ),
     )
 
 
@@ -214,9 +183,15 @@ def _shown(tracks: Any) -> int:
         return int(tracks.width)
 
 
-# Phases that nearly every run goes through, where the robot moves; a law without them has its own.
-EVERYWHERE = (Phase.DISPLACING, Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)
-ALWAYS = (Phase.WAITING, *EVERYWHERE, Phase.ARRIVED)
+class RunStage(str, Enum):
+    """Stages of a run: before the first image, on the way, after its end."""
+
+    BEGIN = 'begin'
+    DRIVING = 'driving'
+    END = 'end'
+
+
+ALWAYS = (RunStage.BEGIN, RunStage.DRIVING, RunStage.DRIVING, RunStage.DRIVING, RunStage.END)
 
 
 @dataclass(slots=True)
@@ -236,10 +211,6 @@ class StruckRun:
     def hits(self, share: float) -> bool:
         """Draw whether one of a ``share`` is hit."""
         return bool(self.rng.random() < share)
-
-    def side(self) -> float:
-        """Draw a sign."""
-        return 1.0 if self.hits(0.5) else -1.0
 
     def later(self, seconds: float, act: Callable[[], object]) -> None:
         """Let ``act`` happen in ``seconds`` from now."""
@@ -272,13 +243,9 @@ class StruckRun:
 
         self.filter(topic, altered, seconds)
 
-    def lose(self, topic: str, seconds: float = math.inf) -> None:
-        """Let no message of ``topic`` arrive, for ``seconds``."""
-        self.filter(topic, lambda envelope: [], seconds)
-
     def note_stop(self) -> None:
         """Note that the robot is commanded now to stand for good."""
-        self.witness.record.interventions.stopped_s = self.witness.now_s
+        self.witness.record.stopped_s = self.witness.now_s
 
     def spell(self, low: float, high: float) -> float:
         """Draw how long something lasts [s], and note it; half of the time it is for good."""
@@ -304,35 +271,24 @@ def striking(act: Callable[Concatenate[StruckRun, What], object]) -> Callable[Wh
 Change = Callable[[Any, StruckRun], object]
 
 
-def world_change(**changes: Any) -> Prepare:
-    """Return a change of how a world is built."""
-    return lambda settings, rng: replace(settings, **changes)
-
-
 @dataclass(frozen=True)
 class Fault:
     """
-    A fault: ``strike`` does it to a scene, in one of the ``phases`` and some time into it.
+    A fault: ``strike`` does it to a scene, in one of the ``stages`` and some time into it.
 
-    ``prepare`` changes the world before it is made, for what is wrong from the beginning. A fault
-    in WAITING strikes before the first image. Where the servo cannot be heard, as ``base_alone``
-    says, the base must stop by itself; elsewhere it may be one that does not.
+    ``prepare`` changes the world before it is made, for what is wrong from the beginning. Where
+    the servo cannot be heard, as ``base_alone`` says, the base must stop by itself; elsewhere it
+    may be one that does not.
     """
 
     what: str
     strike: Strike = lambda scene: None
     prepare: Prepare = lambda settings, rng: settings
-    phases: tuple[Phase, ...] = EVERYWHERE
+    stages: tuple[RunStage, ...] = (RunStage.DRIVING,)
     base_alone: bool = False
 
 
-Faults = Mapping[str, Fault]
-Table = Mapping[RunVerdict, Faults]
-
-
-def driving(
-    what: str, *ways: Strike, phases: tuple[Phase, ...] = EVERYWHERE, **more: Any
-) -> Fault:
+def driving(what: str, *ways: Strike, **more: Any) -> Fault:
     """Return a fault that strikes a robot that drives, in one of ``ways``, which is drawn."""
 
     def strike(scene: StruckRun) -> None:
@@ -342,7 +298,4 @@ def driving(
         for way in ways[number : number + 1]:
             way(scene)
 
-    return Fault(what, strike, phases=phases, **more)
-
-
-always, at_first = partial(driving, phases=ALWAYS), partial(driving, phases=(Phase.WAITING,))
+    return Fault(what, strike, **more)

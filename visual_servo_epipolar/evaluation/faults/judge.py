@@ -11,7 +11,6 @@ from itertools import pairwise
 import math
 from typing import Any, NamedTuple
 
-from visual_servo_epipolar.core.estimate.map_state import LEAST_CARRIED
 from visual_servo_epipolar.core.geometry.motion import (
     DESIRED_POSE,
     Pose,
@@ -20,6 +19,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     wrap_angle,
 )
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 
 
 class TrueMotion(NamedTuple):
@@ -60,78 +60,28 @@ class SeenTracks(NamedTuple):
 
 
 @dataclass(slots=True)
-class Interventions:
-    """
-    What somebody did in a run; times are of the steady clock [s].
-
-    ``goals`` are the poses that somebody asked for, ``moved_s`` when the robot was carried,
-    ``broken_s`` when its wheels broke, ``driven_s`` when another drove it, ascending,
-    ``stopped_s`` when it was commanded to stand for good.
-    """
-
-    goals: list[Pose] = field(default_factory=lambda: [DESIRED_POSE])
-    moved_s: list[float] = field(default_factory=list)
-    broken_s: list[float] = field(default_factory=list)
-    driven_s: list[float] = field(default_factory=list)
-    stopped_s: float = math.inf
-
-
-@dataclass(slots=True)
-class SightLog:
-    """
-    What the servo saw of the true scene.
-
-    ``few_s`` is for how long too few features for two views were seen by ``features_s``, less how
-    long enough were since [s].
-    """
-
-    seen: list[SeenTracks] = field(default_factory=list)
-    few_s: float = 0.0
-    features_s: float = math.nan
-
-    def note(
-        self, features: int, time_s: float, taken_s: float, enough: int, carried_s: float
-    ) -> None:
-        """
-        Note tracks of the true scene if they show the servo where it is.
-
-        They do if there are ``enough``; with a memory of views it goes by fewer, for
-        ``carried_s`` in all.
-        """
-        passed_s = 0.0 if math.isnan(self.features_s) else time_s - self.features_s
-        self.features_s = time_s
-        if features >= enough:
-            self.few_s = max(min(self.few_s, carried_s) - passed_s, 0.0)
-        else:
-            self.few_s += passed_s
-            if features < LEAST_CARRIED or self.few_s > carried_s:
-                return
-        self.seen.append(SeenTracks(time_s, taken_s))
-
-
-@dataclass(slots=True)
 class Record:
     """
     Record of one run; times are of the steady clock [s].
 
-    ``arrived_s`` is when the robot last reported its arrival, ``why`` the words of nodes that
-    reported why it stands, ``senseless`` what was wrong with a command that is no velocity;
-    ``wrong_route`` the message on a route that must not have been written;
-    ``wrong_geometry_s`` is as ``run_monitor.wrong_geometry_s`` [s].
+    ``goals`` are the poses that were asked for, ``moved_s`` when the robot was carried, or its
+    motion leapt by no motor, ``stopped_s`` when it was commanded to stand for good, ``arrived_s``
+    when it last reported its arrival, ``why`` the words of nodes that reported why it stands,
+    ``senseless`` what was wrong with a command that is no velocity.
     """
 
     truths: list[TrueMotion] = field(default_factory=list)
     orders: list[ServoCommand] = field(default_factory=list)
-    sight: SightLog = field(default_factory=SightLog)
-    interventions: Interventions = field(default_factory=Interventions)
+    seen: list[SeenTracks] = field(default_factory=list)
+    goals: list[Pose] = field(default_factory=lambda: [DESIRED_POSE])
+    moved_s: list[float] = field(default_factory=list)
+    stopped_s: float = math.inf
     arrived_s: float = math.inf
     phase: str = 'waiting'
     reason: str = ''
     why: list[str] = field(default_factory=list)
     crashes: list[str] = field(default_factory=list)
     senseless: str = ''
-    wrong_route: str = ''
-    wrong_geometry_s: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,18 +90,12 @@ class SafetyBounds:
     What is right and what is allowed.
 
     ``sight_s``: how old the newest true sight may be before a moving robot must begin to stand;
-    ``delay_s``: from a command to the motors; ``period_s``: between two images. Speeds and
-    accelerations are those of the base.
+    ``period_s``: between two images.
     """
 
     sight_s: float
     period_s: float
-    delay_s: float = 0.0
-    base_linear: float = 1.0
-    base_angular: float = 1.74
-    base_acceleration: float = 0.6
-    base_deceleration: float = 0.6
-    base_angular_acceleration: float = 1.74
+    base: PioneerSettings = PioneerSettings()
     position_m: float = 0.03
     heading_rad: float = math.radians(1.0)
     excursion_ratio: float = 2.0
@@ -171,7 +115,6 @@ class RunVerdict(str, Enum):
     RAN_AWAY = 'ran away'
     STILL_MOVING = 'still moving at the end'
     WRONG_ARRIVAL = 'wrong arrival'
-    WRONG_ROUTE = 'wrong route'
     UNEXPLAINED = 'at rest without a reason'
 
 
@@ -188,9 +131,9 @@ def moving(twist: Twist) -> bool:
 
 def braking_s(twist: Twist, bounds: SafetyBounds) -> float:
     """Return the time in which the base comes to rest from ``twist`` [s]."""
-    return bounds.delay_s + max(
-        abs(twist.linear) / bounds.base_deceleration,
-        abs(twist.angular) / bounds.base_angular_acceleration,
+    return bounds.base.command_delay + max(
+        abs(twist.linear) / bounds.base.deceleration,
+        abs(twist.angular) / bounds.base.angular_acceleration,
     )
 
 
@@ -204,19 +147,15 @@ def _blindness(record: Record, bounds: SafetyBounds) -> tuple[float, str]:
     Return how long the robot moved without sight [s], and the charge if it was too long.
 
     The newest true sight grows old from when its image was taken: a late image is an old one.
-    Beyond ``sight_s`` the robot must brake, and what it needs for that is no offence. Nor is it
-    what another drives it: it brakes from the last of those commands on.
+    Beyond ``sight_s`` the robot must brake, and what it needs for that is no offence.
     """
-    driven_s = record.interventions.driven_s
-    seen, number, total_s, charge, at_onset = sorted(record.sight.seen), 0, 0.0, '', STANDSTILL
+    seen, number, total_s, charge, at_onset = sorted(record.seen), 0, 0.0, '', STANDSTILL
     newest_s = before_s = record.truths[0].time_s if record.truths else math.nan
     for time_s, _, twist in record.truths:
         while number < len(seen) and seen[number].time_s <= time_s:
             newest_s = max(newest_s, seen[number].taken_s)
             number += 1
         onset_s = newest_s + bounds.sight_s
-        if count := bisect_right(driven_s, time_s):
-            onset_s = max(onset_s, driven_s[count - 1] + bounds.period_s)
         if time_s <= onset_s:
             at_onset = twist
         elif moving(twist):
@@ -254,8 +193,8 @@ class Judgement:
 
     def document(self, record: Record, **facts: Any) -> dict[str, Any]:
         """Return the JSON object of a run: ``facts`` about it, the verdict, its reports."""
-        said = {name: getattr(record, name) for name in ('wrong_geometry_s', 'phase', 'reason')}
-        return {**facts, 'safe': self.safe, **asdict(self), 'verdict': self.verdict.value, **said}
+        end = {'verdict': self.verdict.value, 'phase': record.phase, 'reason': record.reason}
+        return {**facts, 'safe': self.safe, **asdict(self), **end}
 
 
 def judge_run(record: Record, bounds: SafetyBounds) -> Judgement:
@@ -271,7 +210,7 @@ def judge_run(record: Record, bounds: SafetyBounds) -> Judgement:
         detail,
         excursion_m=max((it.pose.distance for it in record.truths), default=0.0),
         blind_s=blind_s,
-        position_error_m=min(_off(record, goal)[0] for goal in record.interventions.goals),
+        position_error_m=min(_off(record, goal)[0] for goal in record.goals),
         charges=tuple(f'{name.value}: {text}' for name, text in charges),
     )
 
@@ -285,7 +224,6 @@ def _charges(record: Record, bounds: SafetyBounds, blind: str) -> list[tuple[Run
         (RunVerdict.DISOBEYED, _disobedience(record, bounds)),
         (RunVerdict.LIMITS, _limits(record, bounds)),
         (RunVerdict.RAN_AWAY, _excursion(record, bounds)),
-        (RunVerdict.WRONG_ROUTE, record.wrong_route),
     ]
     last = record.truths[-1] if record.truths else None
     if last is not None and moving(last.twist):
@@ -300,7 +238,7 @@ def _charges(record: Record, bounds: SafetyBounds, blind: str) -> list[tuple[Run
 
 def _disobedience(record: Record, bounds: SafetyBounds) -> str:
     """Return how the robot moved after it was commanded to stand."""
-    at_stop, stopped_s = STANDSTILL, record.interventions.stopped_s
+    at_stop, stopped_s = STANDSTILL, record.stopped_s
     for truth in record.truths:
         at_stop = truth.twist if truth.time_s <= stopped_s else at_stop
         limit_s = stopped_s + bounds.period_s + braking_s(at_stop, bounds)
@@ -346,22 +284,22 @@ def _rise(before: float, after: float, dead_band: float) -> float:
 
 def _taken_s(record: Record, time_s: float) -> float:
     """Return when the newest image was taken that had come by ``time_s``; 0 if none had."""
-    count = bisect_right(record.sight.seen, time_s, key=lambda seen: seen.time_s)
-    newest = record.sight.seen[max(0, count - 5) : count]
+    count = bisect_right(record.seen, time_s, key=lambda seen: seen.time_s)
+    newest = record.seen[max(0, count - 5) : count]
     return max((seen.taken_s for seen in newest), default=0.0)
 
 
 def _base(record: Record, bounds: SafetyBounds) -> str:
-    leaps = (*record.interventions.moved_s, *record.interventions.broken_s)  # by no motor
-    change = max(bounds.base_acceleration, bounds.base_deceleration)
+    leaps, base = record.moved_s, bounds.base
+    change = max(base.acceleration, base.deceleration)
     for before, after in pairwise(record.truths):
         if any(before.time_s <= leap <= after.time_s for leap in leaps):
             continue
         was, now, dt = before.twist, after.twist, STEP * (after.time_s - before.time_s)
         if (
-            _is_over(now, bounds.base_linear, bounds.base_angular)
+            _is_over(now, base.max_linear, base.max_angular)
             or abs(now.linear - was.linear) > change * dt + RAMP_M_S
-            or abs(now.angular - was.angular) > bounds.base_angular_acceleration * dt + RAMP_RAD_S
+            or abs(now.angular - was.angular) > base.angular_acceleration * dt + RAMP_RAD_S
         ):
             return f'the base goes from {speed(was)} to {speed(now)} at once'
     return ''
@@ -378,7 +316,7 @@ def _excursion(record: Record, bounds: SafetyBounds) -> str:
 
 def _arrival_error(record: Record, bounds: SafetyBounds) -> str:
     """Return how far from each goal a robot stands that reports its arrival."""
-    offs = [_off(record, goal) for goal in record.interventions.goals]
+    offs = [_off(record, goal) for goal in record.goals]
     if any(off <= bounds.position_m and turn <= bounds.heading_rad for off, turn in offs):
         return ''
     off, turn = min(offs)
@@ -391,7 +329,7 @@ def _off(record: Record, goal: Pose) -> tuple[float, float]:
         return math.nan, math.nan
     away_s = math.inf
     if record.phase == Phase.ARRIVED.value:  # one that is carried away afterwards had arrived
-        carried = [it for it in record.interventions.moved_s if it > record.arrived_s]
+        carried = [it for it in record.moved_s if it > record.arrived_s]
         away_s = min(carried, default=math.inf)
     there = [truth for truth in record.truths if truth.time_s < away_s] or record.truths
     pose = there[-1].pose

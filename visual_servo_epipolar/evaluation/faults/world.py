@@ -1,6 +1,6 @@
-"""The world of a run: real nodes on a wire, in simulated time; killed, hung, restarted at will."""
+"""The world of a run: real nodes on a wire, in simulated time; killed, restarted at will."""
 
-from collections import defaultdict, deque
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, ExitStack
 from dataclasses import asdict, dataclass, field
@@ -10,7 +10,6 @@ import itertools
 import traceback
 from typing import Any
 
-import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.logging import get_logger
 from rclpy.node import Node
@@ -22,19 +21,16 @@ from rclpy.subscription import Subscription
 from rclpy.time import Time
 from rclpy.timer import Timer
 
-from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup import complaints
 from visual_servo_epipolar.nodes.startup.executor import isolated_context, new_node
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
-from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
-from visual_servo_epipolar.simulation.bases.registry import SimulatedBase
+from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 
@@ -94,7 +90,6 @@ class Wire:
         self._events: list[tuple[int, int, Callable[[], object]]] = []
         self._numbers = itertools.count()
         self._due: dict[Timer, int] = {}
-        self._hung: dict[Node, dict[Subscription, deque[Envelope]]] = {}
         self._latched: dict[str, Envelope] = {}
         self._sight: ImageOrigin | None = None  # of the envelope that is worked on
         self._running = ''  # the node that works
@@ -117,25 +112,6 @@ class Wire:
         """Disconnect a node, as if its process had gone."""
         if node in self.nodes:
             self.nodes.remove(node)
-        self._hung.pop(node, None)
-
-    def hang(self, node: Node) -> None:
-        """Let a node do nothing; its queues keep what they are deep for."""
-        self._hung.setdefault(node, {})
-
-    def resume(self, node: Node) -> None:
-        """Let a node go on, with what has waited for it."""
-        for subscription, envelopes in self._hung.pop(node, {}).items():
-            for envelope in envelopes:
-                self._deliver(node, subscription, envelope)
-
-    def forget(self, topic: str) -> None:
-        """Hide from later subscribers what was latched on ``topic``."""
-        self._latched.pop(topic, None)
-
-    def works(self, node: Node) -> bool:
-        """Return whether a node is connected and does not hang."""
-        return node in self.nodes and node not in self._hung
 
     def at(self, moment_ns: int, act: Callable[[], object]) -> None:
         """Let ``act`` happen at ``moment_ns``, after what was set for then before."""
@@ -214,10 +190,6 @@ class Wire:
         ]
 
     def _deliver(self, node: Node, subscription: Subscription, envelope: Envelope) -> None:
-        if node in self._hung:
-            depth = max(subscription.qos_profile.depth, 1)
-            self._hung[node].setdefault(subscription, deque(maxlen=depth)).append(envelope)
-            return
         for hear in self.delivery_listeners[envelope.topic]:
             hear(node, envelope)
         before, self._sight = self._sight, envelope.sight
@@ -231,7 +203,7 @@ class Wire:
         for node in self.nodes:
             for timer in node.timers:
                 due_ns = self._due.setdefault(timer, self.now_ns + timer.timer_period_ns)
-                if due_ns < first_ns and not timer.is_canceled() and node not in self._hung:
+                if due_ns < first_ns and not timer.is_canceled():
                     first, first_ns = timer, due_ns
         return first, first_ns
 
@@ -248,15 +220,12 @@ def hook_rclpy(wire: Wire) -> Iterator[None]:
 
     Entities of rclpy stay real: names, types and QoS are theirs. Classes are hooked, not objects,
     so that what a node publishes in its constructor is carried as well, and what a managed
-    publisher withholds is not. A clock that follows /clock is left to rclpy.
+    publisher withholds is not.
     """
-    real_now = Clock.now
 
     def now(clock: Clock) -> Time:
         if clock.clock_type is ClockType.STEADY_TIME:
             return Time(nanoseconds=wire.now_ns, clock_type=clock.clock_type)
-        if getattr(clock, 'ros_time_is_active', False):
-            return real_now(clock)
         return Time(nanoseconds=wire.wall_ns, clock_type=clock.clock_type)
 
     def publish(publisher: Publisher, message: Any) -> None:
@@ -279,59 +248,20 @@ def hook_rclpy(wire: Wire) -> Iterator[None]:
 
 
 BASE_RATE = 50.0  # [Hz]
-CLOCK = '/clock'
 WIDTH, HEIGHT = 320, 256  # [px], a quarter of the default camera each way
-TIMES = ('stale_timeout', 'max_latency')  # what a servo was given of them at its start [s]
-
-
-class BreakablePioneer(Pioneer):
-    """A base that can break: ``grip`` is what is left of each wheel's motion, 0 is stuck."""
-
-    grip = (1.0, 1.0)
-
-    def _true(self, linear: float, angular: float) -> tuple[float, float]:
-        linear, angular = super()._true(linear, angular)
-        half = 0.5 * self.settings.track
-        left, right = self.grip
-        left, right = left * (linear - half * angular), right * (linear + half * angular)
-        return 0.5 * (left + right), (right - left) / self.settings.track
-
-
-class BreakableUnicycleNode(UnicycleNode):
-    """The node of the base, with one that can break."""
-
-    def break_wheels(self, left: float, right: float) -> None:
-        """Leave of each wheel's motion this part."""
-        assert isinstance(self._base, BreakablePioneer)
-        self._base.grip = left, right
-
-    def _new_base(self) -> SimulatedBase:
-        start = Pose.from_start(*self._settings.start)
-        now_ns = int(self._steady.now().nanoseconds)
-        return BreakablePioneer(
-            self._base_settings, start, seed=self._settings.seed, now_ns=now_ns
-        )
-
-
-# The name of the executable stays.
-BreakableUnicycleNode.__name__ = UnicycleNode.__name__
 
 
 NODES: Mapping[str, type[Any]] = {
     'servo_node': ServoNode,
     'tracker_node': TrackerNode,
     'camera_node': CameraNode,
-    'unicycle_node': BreakableUnicycleNode,
+    'unicycle_node': UnicycleNode,
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
-    """
-    How a world is built: ``kinds`` of its nodes by name, ``more`` parameters of each.
-
-    ``simulated_time`` is that of /clock.
-    """
+    """How a world is built."""
 
     start: tuple[float, float, float]
     seed: int
@@ -340,58 +270,35 @@ class WorldSettings:
     servo: ServoSettings = field(
         default_factory=lambda: ServoSettings(autostart=True, run_timeout=150.0, max_retreat=1.0)
     )
-    kinds: Mapping[str, type[Any]] = field(default_factory=lambda: NODES)
-    more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    simulated_time: bool = False
-    depth: float = 1.0  # over that of the scene that is seen
 
 
 class World(AbstractContextManager['World']):
     """
     Real nodes and a wire; no other process sees them.
 
-    ``nodes`` are those that live, by name, ``given`` the TIMES that each was given. What happens
-    to one is what happens to its process.
+    ``nodes`` are those that live, by name. What happens to one is what happens to its process.
     """
 
     def __init__(self, settings: WorldSettings) -> None:
         self.settings, self.wire = settings, Wire()
         self.nodes: dict[str, Node] = {}
-        self.given: dict[str, dict[str, float]] = {}
         self._stack = ExitStack()
         with ExitStack() as stack:
             self._context = stack.enter_context(isolated_context())
             stack.enter_context(hook_rclpy(self.wire))
             stack.callback(self._destroy)
-            if settings.simulated_time:
-                self._tick()
             self._stack = stack.pop_all()
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def start(self, name: str, *, alias: str = '') -> None:
-        """Start a node; as ``alias`` it is one more of its kind."""
-        known = alias or name
-        more = {'use_sim_time': self.settings.simulated_time, **self.settings.more.get(name, {})}
-        node = new_node(
-            self.settings.kinds[name], self._context, {**self._values(name), **more}, name=known
-        )
+    def start(self, name: str) -> None:
+        """Start a node, or replace the one that is there."""
+        self.kill(name)
+        node = new_node(NODES[name], self._context, self._values(name))
         complaints.watch(node)  # as spin() does
-        self.nodes[known] = node
+        self.nodes[name] = node
         self.wire.add(node)
-        numbers = (int, float)
-        given = {key: node.get_parameter(key).value for key in TIMES if node.has_parameter(key)}
-        self.given[known] = {
-            key: float(it) for key, it in given.items() if isinstance(it, numbers)
-        }
-
-    def talker(self, name: str, kind: Any, topic: str) -> Callable[[Any], None]:
-        """Return what publishes on ``topic``, as a node of that ``name`` does that is not ours."""
-        node = rclpy.create_node(name, context=self._context)
-        self._stack.callback(node.destroy_node)
-        publish: Callable[[Any], None] = node.create_publisher(kind, topic, 1).publish
-        return publish
 
     def kill(self, name: str) -> None:
         """Let a node be gone, without a word."""
@@ -408,48 +315,19 @@ class World(AbstractContextManager['World']):
             self.wire.call(node, stop)
         self.kill(name)
 
-    def restart(self, name: str) -> None:
-        """Start a node that is gone, or replace the one that is there."""
-        self.kill(name)
-        self.start(name)
-
-    def hang(self, name: str) -> None:
-        """Let a node do nothing (SIGSTOP)."""
-        if name in self.nodes:
-            self.wire.hang(self.nodes[name])
-
-    def resume(self, name: str) -> None:
-        """Let a node go on (SIGCONT)."""
-        if name in self.nodes:
-            self.wire.resume(self.nodes[name])
-
     def works(self, name: str) -> bool:
-        """Return whether a node lives and does not hang."""
-        return name in self.nodes and self.wire.works(self.nodes[name])
+        """Return whether a node lives: one that raised is over."""
+        return self.nodes.get(name) in self.wire.nodes
 
     def call(self, service: str) -> str:
-        """Call a service (std_srvs/Trigger), as /servo_node/stop, and return its answer."""
-        answer = self._ask(service)
-        return '' if answer is None else str(answer.message)
-
-    def change_state(self, name: str, label: str) -> str:
-        """Ask a managed node for a transition, as others do: by its service; return the answer."""
-        service = f'/{name}/change_state'
-        if name not in self.nodes:
-            return f'no {service}'
-        answer = self._ask(service, lambda request: setattr(request.transition, 'label', label))
-        return 'done' if answer is not None and answer.success else 'refused'
-
-    def _ask(self, service: str, fill: Callable[[Any], object] = lambda request: None) -> Any:
-        """Return the answer of a service; None where no node serves it, or its node dies of it."""
+        """Call a service (std_srvs/Trigger), as /servo_node/stop, and return its answer, or ''."""
         for node in list(self.nodes.values()):
             for item in node.services:
                 if item.service_name == service:
                     kind: Any = item.srv_type
-                    request = kind.Request()
-                    fill(request)
-                    return self.wire.call(node, item.callback, request, kind.Response())
-        return None
+                    answer = self.wire.call(node, item.callback, kind.Request(), kind.Response())
+                    return '' if answer is None else str(answer.message)
+        return ''
 
     def set(self, name: str, values: Mapping[str, Any]) -> str:
         """Set parameters of a node, all or none, and return why it refused, or ''."""
@@ -469,12 +347,6 @@ class World(AbstractContextManager['World']):
     def run_for(self, seconds: float) -> None:
         """Let time pass."""
         self.wire.run_until(self.wire.now_ns + round(seconds * NANOSECONDS))
-
-    def _tick(self) -> None:
-        """Publish /clock, now and for ever."""
-        wire = self.wire
-        wire.post(Envelope(CLOCK, write.clock(wire.now_ns - BEGIN_NS + NANOSECONDS), 0))
-        wire.at(wire.now_ns + round(NANOSECONDS / BASE_RATE), self._tick)
 
     def _values(self, name: str) -> dict[str, Any]:
         it = self.settings
