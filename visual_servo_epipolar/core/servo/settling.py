@@ -228,7 +228,8 @@ def pulsed_move(
     ramp = settings.max_acceleration * usual_step(state.view.period)
     most = _fastest(aim, state.twist.linear, ramp, settings.max_linear)
     speed, more = _next_pulse(aim, rest.linear, most, state, settings)
-    turn = turn or (0.0, 0.0)
+    awaits = abs(left) > bound and not (speed or _moves(rest.angular, settings.dead_band_angular))
+    turn = (0.0, 0.0) if turn is None or awaits else turn  # one move, not two
     return Twist(speed, turn[0]), Twist(more, turn[1])
 
 
