@@ -215,6 +215,23 @@ def test_what_noise_explains_is_no_miss_where_the_memory_cannot_tell(
     assert (classify(again, SETTINGS) is Event.MISSED) is (aside > 2.0 * deviation)
 
 
+@pytest.mark.parametrize(
+    ('x', 'y', 'frames', 'event'),
+    [
+        (8e-3, -5e-3, 5, Event.MISSED),
+        (8e-3, -5e-3, 0, Event.NOTHING),  # it drives
+        (8e-3, -9e-3, 5, Event.NOTHING),  # on the way there it may still steer
+        (1e-3, 0.5e-3, 5, Event.NOTHING),
+    ],
+)
+def test_a_robot_that_stands_beside_the_goal_wastes_no_moves_ahead(x, y, frames, event) -> None:
+    seen = near(x=x, y=y)
+    state = ending(seen, settled=0, rested=frames, rest=seen if frames else None)
+    assert classify(state, SETTINGS) is event
+    last = ending(seen, settled=0, rested=frames, rest=seen, attempts=SETTINGS.max_attempts)
+    assert classify(last, SETTINGS) is Event.NOTHING
+
+
 def test_a_tolerance_finer_than_the_noise_is_held_as_measured() -> None:
     fine = replace(SETTINGS, arrival_position=1e-3)
     for x, event in ((0.9e-3, Event.MATCHED), (1.1e-3, Event.MISSED)):

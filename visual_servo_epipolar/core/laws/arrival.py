@@ -192,6 +192,14 @@ def _offset_bound(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -
     return max(ARRIVAL_OFFSET * memory.run.attempts, noise)
 
 
+def stands_beside(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
+    """Return whether the robot stands at the goal but aside of it, where no last move leads."""
+    if goal.offset is None or memory.settling.rested < settings.arrival_frames:
+        return False
+    x, y = goal.offset
+    return abs(y) <= abs(x) and abs(x) > _offset_bound(goal, memory, settings)
+
+
 def is_near_enough(
     goal: GoalEstimate,
     memory: Memory,

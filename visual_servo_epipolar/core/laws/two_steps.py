@@ -26,6 +26,7 @@ from visual_servo_epipolar.core.laws.arrival import (
     is_near_enough,
     release_bound,
     stands_aside,
+    stands_beside,
     stopping,
     trial_of,
 )
@@ -316,10 +317,12 @@ ZEROING_EPIPOLES = PhaseRow(
 def _matched(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
     if is_untrusted(goal, settings):
         return Event.LOST
-    if memory.settling.settled < _looks(goal, memory, settings) * settings.arrival_frames:
-        return Event.NOTHING
     attempts_remain = memory.run.attempts < settings.max_attempts
     repeats = settings.options.new_attempts and attempts_remain
+    if repeats and stands_beside(goal, memory, settings):
+        return Event.MISSED
+    if memory.settling.settled < _looks(goal, memory, settings) * settings.arrival_frames:
+        return Event.NOTHING
     missed = Event.MISSED if repeats else Event.EXHAUSTED
     if has_parallax(goal, memory, settings):
         # Within a tolerance of the owner's alone it is no miss: it goes on, nearer.
