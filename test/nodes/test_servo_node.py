@@ -24,7 +24,7 @@ from servo_rig import (
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -51,18 +51,6 @@ def test_one_set_of_tracks_is_one_command(rig) -> None:
     for count in range(1, 4):
         rig.see()
         assert len(rig.commands) == count
-
-
-def test_a_focal_length_that_the_tracks_contradict_is_said(bench) -> None:
-    rig = Rig(bench, calibrated=False)
-    wrong = replace(CAMERA, fx=1.25 * CAMERA.fx, fy=1.25 * CAMERA.fy)
-    rig.hear(wrong)
-    text = 'the tracks contradict camera_info: a focal length of 962 px, and they say'
-    for turn in range(40):
-        rig.see(Pose.from_start(1.0, -3.5, 18.0 - turn))
-        if bench.logged(text):
-            break
-    assert bench.logged(text)
 
 
 def test_it_is_silent_until_it_is_started(bench) -> None:

@@ -222,7 +222,7 @@ class ServoNode(ManagedNode):
             trouble=unusable,
         )
         live.advance(run, stamp_ns, message.header.frame_id)
-        self._camera.check(observation, self._state, self._settings)
+        self._camera.check(observation)
 
     @property
     def _is_stale(self) -> bool:

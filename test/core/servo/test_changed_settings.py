@@ -82,11 +82,8 @@ def test_gains_that_were_given_up_are_not_taken_up_again_by_the_next_phase() -> 
     assert (state.phase, state.law.gains) == (Phase.MATCHING_FEATURES, None)
 
 
-@pytest.mark.parametrize('estimator', ['planar_2dof', 'planar_3dof', 'lmeds_8pt'])
-def test_a_focal_length_is_not_left_to_an_estimator_that_cannot_learn_it(estimator: str) -> None:
-    with pytest.raises(
-        ValueError, match=rf'with estimator {estimator}, .* got 0\.3; soft_planar does'
-    ):
-        PerceptionSettings(estimator=estimator, focal_deviation=0.3)
-    assert PerceptionSettings(estimator=estimator).calibrated
+def test_a_focal_length_is_not_left_to_an_estimator_that_cannot_learn_it() -> None:
+    with pytest.raises(ValueError, match=r'with estimator lmeds_8pt, .* got 0\.3; soft_planar'):
+        PerceptionSettings(estimator='lmeds_8pt', focal_deviation=0.3)
+    assert PerceptionSettings(estimator='lmeds_8pt').calibrated
     assert not PerceptionSettings(focal_deviation=0.3).calibrated

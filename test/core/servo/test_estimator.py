@@ -16,7 +16,6 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.twoview import validation
-from visual_servo_epipolar.core.twoview.lens_check import LensCheck, looked_at, UNKNOWN
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.core.twoview.perceive import perceive, with_difference
 from visual_servo_epipolar.simulation.scenario import load
@@ -94,16 +93,6 @@ def test_where_the_memory_is_unsure_two_views_are_asked(driven, monkeypatch) -> 
     assert after.measurement.bearings is not None
     assert after.phase is state.phase
     assert after.view.memory.two_view_skip == 0
-
-
-def test_the_look_at_the_lens_is_spared_nothing(driven) -> None:
-    state, seen, servo = next(
-        it for it in driven[60:] if it[0].view.memory and it[0].view.memory.two_view_skip
-    )
-    run_so_far = state.measurement, state.view.memory
-    assert state.measurement.bearings is not None
-    looked = looked_at(LensCheck(), seen, run_so_far, servo, 0)
-    assert looked.memory.lens.ratio_deviation < UNKNOWN
 
 
 def test_wrong_matches_that_the_memory_found_do_not_count_for_the_margins(driven) -> None:

@@ -95,17 +95,6 @@ def test_a_hand_held_pair_is_seen_better_than_by_magsac() -> None:
     assert np.median(own) < 0.8 * np.median([magsac_error(pair) for pair in pairs])
 
 
-@pytest.mark.long
-def test_what_a_camera_may_be_wrong_by_is_told_from_a_motion() -> None:
-    before, after = [], []
-    for pair in drawn('hand') + drawn('phone') + drawn('facade'):
-        rays, truth = rays_from(pair), pair.truth(ground=False)
-        fit = general_motion(rays)
-        for told, motions in ((before, fit.motions), (after, spread_of(fit)[0].motions)):
-            told.append(errors(motions.bearings[0], truth)[:2].max())
-    assert np.median(after) < 0.9 * np.median(before)
-
-
 @pytest.mark.parametrize('name', some_of(sorted(KINDS)))
 def test_nothing_wrong_is_trusted(name: str) -> None:
     wrong = [error for found, error in inspected(name) if found.trusted and error > 3.0]

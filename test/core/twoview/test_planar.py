@@ -1,4 +1,4 @@
-"""Planar estimators of two and three degrees of freedom, and what they share."""
+"""The planar estimator, and the parts of its search."""
 
 import math
 import warnings
@@ -14,15 +14,13 @@ from strategies import (
     poses,
     poses_behind_the_goal,
     random_rays,
-    regular_poses,
-    through_lens,
 )
 
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
 from visual_servo_epipolar.core.geometry.motion import Pose, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import normalised, unit_rays
-from visual_servo_epipolar.core.twoview.estimator import Estimate, Estimator, Prior
+from visual_servo_epipolar.core.twoview.estimator import Estimate, Prior
 from visual_servo_epipolar.core.twoview.hypotheses import (
     best_modes,
     pairs,
@@ -30,94 +28,69 @@ from visual_servo_epipolar.core.twoview.hypotheses import (
     scores,
     two_point_hypotheses,
 )
-from visual_servo_epipolar.core.twoview.planar_2dof import planar_2dof
-from visual_servo_epipolar.core.twoview.planar_3dof import planar_3dof
 from visual_servo_epipolar.core.twoview.soft_planar import soft_planar
 from visual_servo_epipolar.evaluation.benchmarks.scenes import Cell, draw_pairs, error
 
 NOISE = 0.3 / 769.0
-ALL = pytest.mark.parametrize('estimator', [planar_2dof, planar_3dof, soft_planar])
 POSE = Pose.from_start(1.0, -3.0, 5.0)
 TRUE = Bearings.from_pose(POSE)
 
 
 def solve(
-    estimator: Estimator,
     current: np.ndarray,
     desired: np.ndarray,
     prior: Prior = Prior(),  # noqa: B008
 ) -> Estimate:
     rng = np.random.default_rng(1)
-    return estimator(current, desired, noise=NOISE, prior=prior, rng=rng)
+    return soft_planar(current, desired, noise=NOISE, prior=prior, rng=rng)
 
 
 def worst_error(found: Bearings, true: Bearings) -> float:
     return max(abs(wrap_angle(found.psi - true.psi)), abs(wrap_angle(found.phi - true.phi)))
 
 
-@ALL
 @given(pose=poses(min_baseline=0.3))
-def test_exact_matches_give_the_oriented_bearings_from_anywhere(estimator, pose) -> None:
-    found = solve(estimator, *matches(pose))
+def test_exact_matches_give_the_oriented_bearings_from_anywhere(pose: Pose) -> None:
+    found = solve(*matches(pose))
     # The last step is below 4e-5 rad and the one after it quadratically smaller.
     assert worst_error(found.bearings, Bearings.from_pose(pose)) < 1e-6
 
 
-@ALL
 @given(pose=poses(min_baseline=0.3))
-def test_features_all_round_give_the_oriented_bearings(estimator: Estimator, pose: Pose) -> None:
+def test_features_all_round_give_the_oriented_bearings(pose: Pose) -> None:
     current, desired = panorama(pose)
-    found = solve(estimator, current, desired)
+    found = solve(current, desired)
     assert worst_error(found.bearings, Bearings.from_pose(pose)) < 1e-6
     assert found.inliers.all()
 
 
-@pytest.mark.parametrize('estimator', [planar_2dof, soft_planar])
-def test_features_behind_the_camera_help_as_those_in_front_do(estimator: Estimator) -> None:
+def test_features_behind_the_camera_help_as_those_in_front_do() -> None:
     errors = []
     for trial in range(40):
         rng = np.random.default_rng(trial)
         current, desired = (blurred(rays, NOISE, rng) for rays in panorama(POSE, count=26))
-        errors.append(worst_error(solve(estimator, current, desired).bearings, TRUE))
+        errors.append(worst_error(solve(current, desired).bearings, TRUE))
     # Measured: 0.02 deg; as many features in front give 0.07 deg.
     assert math.degrees(float(np.median(errors))) < 0.1
 
 
-@ALL
 @given(pose=poses_behind_the_goal())
-def test_the_fundamental_matrix_fits_exact_matches(estimator: Estimator, pose: Pose) -> None:
+def test_the_fundamental_matrix_fits_exact_matches(pose: Pose) -> None:
     current, desired = matches(pose)
-    found = solve(estimator, current, desired)
+    found = solve(current, desired)
     assert np.abs(sampson_distance(found.fundamental, current, desired)).max() < 1e-6
     assert found.inliers.all()
 
 
-@ALL
-def test_three_outliers_in_ten_do_no_harm_and_are_named(estimator: Estimator) -> None:
+def test_three_outliers_in_ten_do_no_harm_and_are_named() -> None:
     current, desired = matches(POSE, count=50)
     current = current.copy()
     current[:15] = random_rays(np.random.default_rng(2), 15)
-    found = solve(estimator, current, desired)
+    found = solve(current, desired)
     assert worst_error(found.bearings, Bearings.from_pose(POSE)) < 1e-6
     # A random partner lies within 2.5 deviations of its epipolar line once in a hundred.
     assert found.inliers[15:].all()
     assert found.inliers[:15].sum() <= 1
-
-
-@given(regular_poses(), floats(0.8, 1.2))
-def test_three_degrees_of_freedom_do_not_need_the_focal_length(pose: Pose, scale: float) -> None:
-    current, desired = matches(pose)
-    found = solve(planar_3dof, through_lens(current, scale), through_lens(desired, scale)).bearings
-    true = Bearings.from_pose(pose)
-    assert found.epipole_current == pytest.approx(scale * true.epipole_current, abs=1e-4, rel=1e-4)
-    assert found.epipole_desired == pytest.approx(scale * true.epipole_desired, abs=1e-4, rel=1e-4)
-
-
-def test_two_degrees_of_freedom_do_need_it() -> None:
-    current, desired = matches(POSE)
-    found = solve(planar_2dof, through_lens(current, 1.2), through_lens(desired, 1.2)).bearings
-    scaled = 1.2 * Bearings.from_pose(POSE).epipole_desired
-    assert abs(found.epipole_desired - scaled) > 1e-3
 
 
 def wall() -> list[tuple[np.ndarray, np.ndarray, Bearings]]:
@@ -125,90 +98,80 @@ def wall() -> list[tuple[np.ndarray, np.ndarray, Bearings]]:
     return [(pair.current, pair.desired, pair.bearings) for pair in drawn]
 
 
-@pytest.mark.parametrize('estimator', [planar_2dof, soft_planar])
-def test_on_a_wall_the_mode_near_the_last_bearings_is_taken(estimator: Estimator) -> None:
+def test_on_a_wall_the_mode_near_the_last_bearings_is_taken() -> None:
     errors = []
     for current, desired, true in wall():
         before = Bearings(true.psi + 0.03, true.phi - 0.03)
-        found = solve(estimator, current, desired, Prior(bearings=before)).bearings
+        found = solve(current, desired, Prior(bearings=before)).bearings
         errors.append(error(found, true))
     # Measured: one in twenty-five above 5 deg, where the two modes nearly meet.
     assert np.median(errors) < 1.0
     assert np.mean(np.array(errors) > 5.0) < 0.1
 
 
-@pytest.mark.parametrize('estimator', [planar_2dof, soft_planar])
-def test_on_a_wall_the_other_mode_is_reported(estimator: Estimator) -> None:
+def test_on_a_wall_the_other_mode_is_reported() -> None:
     missed = [
         found.alternative is None and error(found.bearings, true) > 5.0
         for current, desired, true in wall()
-        for found in [solve(estimator, current, desired)]
+        for found in [solve(current, desired)]
     ]
     assert np.mean(missed) < 0.1
 
 
-@pytest.mark.parametrize('estimator', [planar_2dof, soft_planar])
-def test_in_an_ordinary_scene_there_is_no_other_mode(estimator: Estimator) -> None:
+def test_in_an_ordinary_scene_there_is_no_other_mode() -> None:
     drawn = draw_pairs(Cell(baseline=3.0), 40, 5)
-    assert not any(solve(estimator, pair.current, pair.desired).alternative for pair in drawn)
+    assert not any(solve(pair.current, pair.desired).alternative for pair in drawn)
 
 
-@ALL
-def test_matches_on_the_horizon_alone_cannot_answer(estimator: Estimator) -> None:
+def test_matches_on_the_horizon_alone_cannot_answer() -> None:
     current, desired = matches(POSE)
     current, desired = (normalised(rays * [1.0, 0.0, 1.0]) for rays in (current, desired))
     with pytest.raises(DegenerateGeometryError, match='leave the bearings open'):
-        solve(estimator, current, desired)
+        solve(current, desired)
 
 
-@ALL
-def test_a_match_less_than_needed_is_too_few(estimator: Estimator) -> None:
+def test_a_match_less_than_needed_is_too_few() -> None:
     current, desired = matches(POSE)
     with pytest.raises(DegenerateGeometryError, match=r'got 2 of 2; track more features'):
-        solve(estimator, current[:2], desired[:2])
+        solve(current[:2], desired[:2])
 
 
-@ALL
-def test_no_match_at_all_is_too_few(estimator: Estimator) -> None:
+def test_no_match_at_all_is_too_few() -> None:
     with pytest.raises(DegenerateGeometryError, match=r'got 0 of 0'):
-        solve(estimator, np.empty((0, 3)), np.empty((0, 3)))
+        solve(np.empty((0, 3)), np.empty((0, 3)))
 
 
-@ALL
 @pytest.mark.parametrize('known', [False, True])
-def test_one_point_many_times_cannot_answer(estimator: Estimator, known: bool) -> None:
+def test_one_point_many_times_cannot_answer(known: bool) -> None:
     prior = Prior(bearings=Bearings(-1.5, 3.0)) if known else Prior()
     with pytest.raises(DegenerateGeometryError, match='leave the bearings open'):
-        solve(estimator, unit_rays(np.full((30, 2), 0.1)), unit_rays(np.full((30, 2), 0.2)), prior)
+        solve(unit_rays(np.full((30, 2), 0.1)), unit_rays(np.full((30, 2), 0.2)), prior)
 
 
-@ALL
-def test_two_equal_views_cannot_answer(estimator: Estimator) -> None:
+def test_two_equal_views_cannot_answer() -> None:
     _, desired = matches(POSE)
     with pytest.raises(DegenerateGeometryError, match='leave the bearings open'):
-        solve(estimator, desired, desired)
+        solve(desired, desired)
 
 
-@ALL
 @given(seed=floats(0.0, 1.0), size=floats(0.0, 3.0))
-def test_garbage_raises_nothing_else(estimator: Estimator, seed: float, size: float) -> None:
+def test_garbage_raises_nothing_else(seed: float, size: float) -> None:
     rng = np.random.default_rng(int(1e6 * seed))
     current, desired = (random_rays(rng, 20, size) for _ in range(2))
     with warnings.catch_warnings():
         warnings.simplefilter('error')
         try:
-            found = solve(estimator, current, desired)
+            found = solve(current, desired)
         except DegenerateGeometryError:
             return
     assert np.isfinite([found.bearings.psi, found.bearings.phi, found.confidence]).all()
     assert np.isfinite(found.covariance).all()
 
 
-@ALL
-def test_the_covariance_is_that_of_the_error(estimator: Estimator) -> None:
+def test_the_covariance_is_that_of_the_error() -> None:
     squared = []
     for pair in draw_pairs(Cell(baseline=3.0), 60, 3):
-        found = estimator(
+        found = soft_planar(
             pair.current,
             pair.desired,
             noise=pair.noise,

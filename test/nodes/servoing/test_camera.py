@@ -23,7 +23,6 @@ from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.core.twoview.lens_check import LensCheck
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
@@ -50,16 +49,6 @@ def test_another_camera_in_mid_run_stops_the_robot_at_once_and_for_good(bench) -
     assert (rig.phase, set(rig.twists()[told:])) == ('holding', {STANDSTILL})
     assert rig.reason.startswith(CHANGED)
     bench.until(lambda: bool(bench.logged(CHANGED)), 'the complaint')
-
-
-@pytest.mark.parametrize(('camera', 'doubted'), [(CAMERA, True), (OTHER, False)])
-def test_what_contradicts_a_camera_does_not_outlive_it(bench, camera, doubted) -> None:
-    servo = ServoCamera(bench.probe, ServoNodeSettings(), print)
-    settings = ServoSettings()
-    servo.hear(write.camera_info(CAMERA, 0, 'camera'), Run(), settings)
-    servo._lens_check = LensCheck(doubt='the tracks contradict camera_info')
-    servo.hear(write.camera_info(camera, 0, 'camera'), Run(), settings)
-    assert bool(servo._lens_check.doubt) == doubted
 
 
 FISHEYE = Equidistant(1280, 1024, 400.0, 400.0, 635.0, 512.0, (0.0, 0.0, 0.0, 0.0))

@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.geometry.rays import dot, homogeneous
 MIN_MATCHES = 8  # that define a geometry by linear equations
 MIN_SINGULAR_RATIO = 1e-9
 SMALLEST_SINE = 1e-16
+QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,3 +221,11 @@ def rank_two(fundamental: FloatArray) -> FloatArray:
     """Return the closest matrices of rank 2 in Frobenius norm, shape (..., 3, 3)."""
     u, singular, vt = np.linalg.svd(fundamental)
     return np.asarray((u[..., :2] * singular[..., None, :2]) @ vt[..., :2, :])
+
+
+def decomposed(essential: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return unit baselines, (K, 3), and both rotations, (2, K, 3, 3), of E, shape (K, 3, 3)."""
+    u, _, vt = np.linalg.svd(essential)
+    u[..., 2] *= np.sign(np.linalg.det(u))[:, None]
+    vt[..., 2, :] *= np.sign(np.linalg.det(vt))[:, None]
+    return u[..., 2], np.stack([u @ QUARTER_TURN @ vt, u @ QUARTER_TURN.T @ vt])

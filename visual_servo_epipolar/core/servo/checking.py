@@ -59,7 +59,7 @@ def check_lens(
     retreats = after.backs_off and not state.phase.backs_off
     if not (starts or retreats) or observation is None or state.measurement is None:
         return state, event
-    trouble = contradicted_by_pair(observation, settings)
+    trouble, _ = contradicted_by_pair(observation, settings)
     if not trouble:
         return state, event
     measurement = replace(state.measurement, reason=trouble)

@@ -18,7 +18,6 @@ from visual_servo_epipolar.core.geometry.least_squares import LARGEST_CONDITION,
 from visual_servo_epipolar.core.twoview.hypotheses import Rays
 
 SAMPLE = 5
-QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 REAL = 1e-7  # imaginary part of an eigenvalue that counts as real
 LARGEST = 1e12  # element of an action matrix whose eigenvalues mean anything
 
@@ -75,14 +74,6 @@ def essential_matrices(rays: Rays, chosen: IntArray) -> FloatArray:
     essential = np.einsum('ka,kaij->kij', weights, null[sample])
     norm = np.sqrt((essential * essential).sum(axis=(-2, -1)))
     return np.asarray(essential / (norm + TINY)[:, None, None])
-
-
-def decomposed(essential: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return unit baselines, (K, 3), and both rotations, (2, K, 3, 3), of E, shape (K, 3, 3)."""
-    u, _, vt = np.linalg.svd(essential)
-    u[..., 2] *= np.sign(np.linalg.det(u))[:, None]
-    vt[..., 2, :] *= np.sign(np.linalg.det(vt))[:, None]
-    return u[..., 2], np.stack([u @ QUARTER_TURN @ vt, u @ QUARTER_TURN.T @ vt])
 
 
 def _real(values: FloatArray) -> BoolArray:

@@ -73,6 +73,16 @@ class Rays(NamedTuple):
         return Rays(*(part[rows] for part in self))
 
     @property
+    def current(self) -> FloatArray:
+        """The current rays, shape (..., N, 3)."""
+        return np.stack(self[:3], axis=-1)
+
+    @property
+    def desired(self) -> FloatArray:
+        """The desired rays, shape (..., N, 3)."""
+        return np.stack(self[3:6], axis=-1)
+
+    @property
     def matches(self) -> int:
         """Number of matches N."""
         return int(self.x_a.shape[-1])

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 import math
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from visual_servo_epipolar.core.cameras.plausibility import doubtful_tilt
 from visual_servo_epipolar.core.errors import DegenerateGeometryError, TrackingError
 from visual_servo_epipolar.core.geometry.epipolar import in_pixels, MIN_MATCHES
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
-from visual_servo_epipolar.core.geometry.rotation import fit_rotation
+from visual_servo_epipolar.core.geometry.rotation import fit_rotation, rotation_vector
 from visual_servo_epipolar.core.reasons import Reason, reason_of
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, overlap
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import (
@@ -35,24 +36,17 @@ from visual_servo_epipolar.core.twoview.general_motion import (
     general_motion,
     GeneralFit,
     Motions,
-    planar_deviations,
-    planar_is_simplest,
     Spread,
     spread_of,
 )
 from visual_servo_epipolar.core.twoview.hypotheses import rays_of
-from visual_servo_epipolar.core.twoview.lens_check import contradicted_by_pair, uncalibrated
+from visual_servo_epipolar.core.twoview.lens_check import contradicted_by_pair
 from visual_servo_epipolar.core.twoview.memory import fresh_memory
 from visual_servo_epipolar.core.twoview.observation import Observation
-from visual_servo_epipolar.core.twoview.perceive import perceive
 from visual_servo_epipolar.core.twoview.registry import estimate
 from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
-from visual_servo_epipolar.core.twoview.validation import (
-    outside_mount,
-    prior_of,
-    rolled_between,
-    turned_about,
-)
+from visual_servo_epipolar.core.twoview.tilted_planar import JITTER_DEVIATIONS
+from visual_servo_epipolar.core.twoview.validation import prior_of
 
 MIN_CORRELATION = 0.75
 ENOUGH, ROUNDS = 250, 2  # matches; searches for more among their neighbours
@@ -62,17 +56,13 @@ PLANAR_SHARE = 0.7  # of the inliers of a general motion that a planar one must 
 REPORTED = math.radians(3.0)  # deviation of tilt or roll beyond which it is not reported
 SAME_PLACE_PX = 0.3  # parallax that noise alone makes
 LARGEST_DEVIATION = math.radians(1.5)  # of bearings that are trusted: half of what is wrong
-LARGEST_TURN_DEVIATION = math.radians(2.0)  # of a heading that is reported
-NEAR_PX = 2.5  # parallax below which a baseline may be missing altogether
 UNLEVEL = 2.0  # ratio of deviations beyond which the ground plane costs too much
 VERTICAL = 0.5  # share of what an estimated ground plane changes that counts as its deviation
 GENERAL = 'general epipolar geometry'
 FAR = math.radians(15.0)  # between two answers
-OFF_HORIZON = math.radians(4.0)  # by which a feature is above or below it: three of a level mount
-OFF_BASELINE = 0.1  # sine of the angle from it that a depth needs
-# Of pairs of features, one above the horizon and one below, those where the upper one is nearer:
-# of 68 real pairs of cars and robots at most a third, in rooms half of them.
-UPPER_NEARER, SURELY = 0.8, 3.0  # and by so many deviations of what chance makes of a half
+ROLLED = math.radians(20.0)  # more than a hand makes between photographs, or of both
+IN_PLANE = math.radians(0.8)  # of the baseline and the plane of motion
+MOUNT_DEVIATIONS = 2.0  # within which a camera is mounted as it is believed to be
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,23 +117,21 @@ def inspect(
         matches = _aligned(view, match(view, painted), painted)
     except TrackingError as error:
         return Inspection(False, str(error))
-    pixels_current = canvas.pixels_of_image(matches.current)
-    pixels_desired = canvas.pixels_of_image(matches.desired)
-    rays_current = current_camera.rays(pixels_current)
-    rays_desired = desired_camera.rays(pixels_desired)
-    usable = current_camera.round_trips(pixels_current, rays_current)
-    usable &= desired_camera.round_trips(pixels_desired, rays_desired)
-    pixels_current, pixels_desired = pixels_current[usable], pixels_desired[usable]
-    rays_current, rays_desired = rays_current[usable], rays_desired[usable]
-    resolution = np.stack(
-        [current_camera.resolution(rays_current), desired_camera.resolution(rays_desired)], axis=1
+    sides, usable = [], np.ones(len(matches), bool)
+    for camera, points in (current_camera, matches.current), (desired_camera, matches.desired):
+        pixels = canvas.pixels_of_image(points)
+        rays = camera.rays(pixels)
+        usable &= camera.round_trips(pixels, rays)
+        sides.append((pixels, rays, camera.resolution(rays)))
+    (current_px, current_rays, current_angles), (desired_px, desired_rays, desired_angles) = (
+        tuple(part[usable] for part in side) for side in sides
     )
     observation = Observation(
         0,
-        rays_current,
-        rays_desired,
+        current_rays,
+        desired_rays,
         current_camera.focal,
-        pixel_angles=resolution,
+        pixel_angles=np.stack([current_angles, desired_angles], axis=1),
         wide=current_camera.wide,
         shared=overlap(matches.current, painted.shape),
     )
@@ -151,8 +139,11 @@ def inspect(
     doubt = doubtful_tilt(current_camera, found.tilt)
     if found.trusted and doubt:
         found = replace(found, trusted=False, reason=doubt)
-    in_px = None if essential is None else _in_pixels(essential, current_camera, desired_camera)
-    return replace(found, current=pixels_current, desired=pixels_desired, fundamental=in_px)
+    pinholes = current_camera.planar is not None and desired_camera.planar is not None
+    if essential is not None and pinholes:
+        matrix = in_pixels(essential, current_camera.matrix, desired_camera.matrix)
+        found = replace(found, fundamental=matrix)
+    return replace(found, current=current_px, desired=desired_px)
 
 
 def _aligned(view: DesiredView, matches: Matches, image: Image) -> Warps:
@@ -175,15 +166,6 @@ def _aligned(view: DesiredView, matches: Matches, image: Image) -> Warps:
     return found
 
 
-def _in_pixels(
-    fundamental: FloatArray, current_camera: CameraModel, desired_camera: CameraModel
-) -> FloatArray | None:
-    """Return F in pixels, which only pinholes have."""
-    if current_camera.planar is None or desired_camera.planar is None:
-        return None
-    return in_pixels(fundamental, current_camera.matrix, desired_camera.matrix)
-
-
 def judged(
     observation: Observation, settings: PerceptionSettings
 ) -> tuple[Inspection, FloatArray | None]:
@@ -203,147 +185,32 @@ def judged(
         fit, spread = spread_of(general_motion(rays), observation.shared)
     except DegenerateGeometryError as error:
         return replace(found, reason=str(error)), None
-    planar = _simplest_planar(observation, fit, spread, settings)
     general = _with_general(found, fit, spread, settings.mount)
-    essential = fit.best.essentials[0]
-    if planar is None:
-        found = replace(general, reason=f'the motion was not planar: {GENERAL}')
-    else:
-        found = _with_planar(found, planar, spread)
-        if not general.ground:
-            found = replace(found, deviation=_of_unknown_vertical(found, general))
+    found, essential = general, fit.best.essentials[0]
+    why = f'the motion was not planar: {GENERAL}'
+    planar = _simplest_planar(observation, fit, spread, settings)
+    if planar is not None:
+        found = _with_planar(general, planar, spread)
+        essential = planar.fundamental
         if found.deviation > UNLEVEL * general.deviation:
-            general = replace(general, tilt=found.tilt, roll=found.roll)
-            found = replace(general, reason=f'the matches do not show what is level: {GENERAL}')
-        else:
-            essential = planar.fundamental
-    reason = _refusal(found, fit, settings.mount)
-    if not reason and planar is not None and planar.attitude is not None:
-        reason = outside_mount(planar.attitude, settings.mount)
+            found = replace(general, tilt=found.tilt, roll=found.roll)
+            essential, why = (
+                fit.best.essentials[0],
+                f'the matches do not show what is level: {GENERAL}',
+            )
+    reason = _refusal(found, fit, settings)
     if reason_of(reason) in (Reason.NONE, Reason.UNCERTAIN):  # by a wrong lens, it may be
         reason = _wrong_lens(observation, fit, settings, general=planar is None) or reason
-    reason = reason or _upside_down(observation, fit, found.tilt, settings.mount)
-    return _concluded(found, reason, turn.heading_error), essential
-
-
-def _upside_down(observation: Observation, fit: GeneralFit, tilt: float, mount: Attitude) -> str:
-    """
-    Return that both photographs may be upside down, in words, or ''.
-
-    No geometry of matches tells that, but a robot is nearer to the floor than to what is above it:
-    of where the horizon is, which ``tilt`` tells, or nothing does. A configured mount is right.
-    """
-    if _is_told(mount) or math.isnan(tilt):
-        return ''
-    inliers, baseline = fit.inliers, fit.motions.baseline[0]
-    desired = observation.desired[inliers]
-    turned = observation.current[inliers] @ fit.motions.rotation[0].T
-    across = np.linalg.norm(np.cross(turned, baseline), axis=1)
-    inverse_depth = np.linalg.norm(np.cross(turned, desired), axis=1) / np.maximum(across, 1e-9)
-    down = desired @ rotation_level_camera(tilt, 0.0)[1]
-    off = math.sin(OFF_HORIZON)
-    upper, lower = (
-        inverse_depth[side & (across > OFF_BASELINE)] for side in (down < -off, down > off)
-    )
-    pairs = max(len(upper) * len(lower), 1)
-    share = (upper[:, None] > lower).sum() / pairs
-    chance = math.sqrt((len(upper) + len(lower) + 1) / (12.0 * pairs))  # of a rank sum
-    if share < max(UPPER_NEARER, 0.5 + SURELY * chance):
-        return ''
-    return (
-        'both photographs may be upside down: what is above the horizon is nearer than what is '
-        'below; turn both upright, or tell how the camera is mounted'
-    )
-
-
-def _is_told(mount: Attitude) -> bool:
-    """Return whether tilt and roll are given, not those of any camera."""
-    return max(mount.tilt_deviation, mount.roll_deviation) < REPORTED
-
-
-def _of_unknown_vertical(planar: Inspection, general: Inspection) -> float:
-    """
-    Return the deviation of ``planar`` bearings with that of the ground plane they are in.
-
-    Two views do not tell the axis of a robot's turn, which is vertical, from that of a hand's. The
-    cameras' own axes, which ``general`` bearings are in, are certain: what both differ by is not.
-    """
-    away = (
-        planar.bearing_current - general.bearing_current,
-        planar.bearing_desired - general.bearing_desired,
-    )
-    largest = max(abs(math.remainder(each, 2.0 * math.pi)) for each in away)
-    return math.hypot(planar.deviation, VERTICAL * largest)
-
-
-def _wrong_lens(
-    observation: Observation, fit: GeneralFit, settings: PerceptionSettings, *, general: bool
-) -> str:
-    """
-    Return that the matches contradict the focal length, in words, or ''.
-
-    A motion that is not planar looks like another focal length: where it is ``general``, a planar
-    one of another focal length must explain the matches better.
-    """
-    reason = contradicted_by_pair(observation, settings)
-    if not reason or not general:
-        return reason
-    fundamental = perceive(observation, uncalibrated(settings), 0).fundamental
-    costs = [fit.plain_cost(essential) for essential in fit.motions.essentials]
-    better = fundamental is not None and fit.plain_cost(fundamental) < min(costs)
-    return reason if better else ''
-
-
-def _simplest_planar(
-    observation: Observation,
-    fit: GeneralFit,
-    spread: Spread,
-    settings: PerceptionSettings,
-) -> Estimate | None:
-    """Return the planar motion of the matches where no other explains them better."""
-    try:
-        planar = estimate(
-            settings.estimator,
-            observation.current,
-            observation.desired,
-            noise=fit.scale * observation.resolution,
-            prior=prior_of(fresh_memory(settings), settings, observation),
-            seed=(settings.seed, 0),
-        )
-    except DegenerateGeometryError:
-        return None
-    if planar.inliers.sum() < PLANAR_SHARE * fit.inliers.sum():
-        return None  # its twin may explain more, as in a mirrored image
-    return planar if planar_is_simplest(planar, fit, spread, settings.mount) else None
-
-
-def _with_planar(found: Inspection, planar: Estimate, spread: Spread) -> Inspection:
-    bearings, attitude = planar.bearings, planar.attitude
-    deviations = np.maximum(planar_deviations(planar, spread), spread.whole)
-    found = replace(
-        found,
-        bearing_current=bearings.current,
-        bearing_desired=bearings.desired,
-        rotation=bearings.heading_error,
-        sigma=bearings.sigma,
-        deviation=float(deviations[:2].max()),
-        rotation_deviation=float(deviations[2]),
-        inliers=int(planar.inliers.sum()),
-    )
-    if attitude is None:
-        return found
-    return replace(
-        found,
-        tilt=attitude.tilt if attitude.tilt_deviation < REPORTED else math.nan,
-        roll=attitude.roll if attitude.roll_deviation < REPORTED else math.nan,
-    )
+    if reason:
+        return _refused(found, reason, turn.heading_error), essential
+    return replace(found, trusted=True, reason='' if found.planar else why), essential
 
 
 def _with_general(
     found: Inspection, fit: GeneralFit, spread: Spread, mount: Attitude
 ) -> Inspection:
     """Return what is found with a general motion: in the ground plane by a known mount."""
-    known = _is_told(mount)
+    known = max(mount.tilt_deviation, mount.roll_deviation) < REPORTED
     level = rotation_level_camera(mount.tilt, mount.roll) if known else np.eye(3)
     levelled = Motions(level @ fit.best.rotation @ level.T, fit.best.baseline @ level.T)
     current, desired, rotation = levelled.bearings[0].tolist()
@@ -361,24 +228,93 @@ def _with_general(
     )
 
 
-def _refusal(found: Inspection, fit: GeneralFit, mount: Attitude) -> str:
+def _simplest_planar(
+    observation: Observation, fit: GeneralFit, spread: Spread, settings: PerceptionSettings
+) -> Estimate | None:
+    """
+    Return the planar motion of the matches where no other explains them better, or None.
+
+    By minimum description length: it has a parameter less, which is worth log(N) of the robust
+    cost (Torr's GRIC weighs costs the same way). Costs are at the scale of the residuals, less
+    what their tails add: by shares of inliers, each attitude that bends far enough would do.
+    """
+    try:
+        planar = estimate(
+            settings.estimator,
+            observation.current,
+            observation.desired,
+            noise=fit.scale * observation.resolution,
+            prior=prior_of(fresh_memory(settings), settings, observation),
+            seed=(settings.seed, 0),
+        )
+    except DegenerateGeometryError:
+        return None
+    if planar.inliers.sum() < PLANAR_SHARE * fit.inliers.sum():
+        return None  # its twin may explain more, as in a mirrored image
+    mount = settings.mount
+    costs = fit.losses(Motions.of(planar.fundamental[None]).twins).sum(axis=1)
+    excess = float(costs.min() - fit.losses(fit.best).sum()) / spread.tails
+    excess += (planar.jump / (JITTER_DEVIATIONS * mount.jitter)) ** 2 if mount.jitter else 0.0
+    if planar.attitude is not None:
+        excess += ((planar.attitude.tilt - mount.tilt) / mount.tilt_deviation) ** 2
+        excess += ((planar.attitude.roll - mount.roll) / mount.roll_deviation) ** 2
+    return planar if excess <= math.log(len(observation)) else None
+
+
+def _with_planar(general: Inspection, planar: Estimate, spread: Spread) -> Inspection:
+    """
+    Return what is found with a ``planar`` motion in place of the ``general`` one.
+
+    A level plane is as far from that of motion as tilt and roll are unknown: to second order that
+    turns bearings between the axis and across it. Two views do not tell the axis of a robot's
+    turn, which is vertical, from that of a hand's: where the mount is not known, half of what the
+    ground plane changes of bearings in the cameras' own axes, which are certain, is doubtful.
+    """
+    bearings, attitude = planar.bearings, planar.attitude
+    covariance = planar.whole_covariance
+    psi, phi = covariance[0, 0], covariance[1, 1]
+    variances = np.array([phi, psi, max(psi + phi - 2.0 * covariance[0, 1], 0.0)])
+    variances += (1.0 - 1.0 / spread.tails) * spread.noise**2 + spread.camera**2
+    told: dict[str, Any] = {}
+    angles = np.array([bearings.current, bearings.desired])
+    if attitude is not None:
+        lean = attitude.tilt_deviation**2 + attitude.roll_deviation**2
+        variances[:2] += (0.5 * lean * np.sin(2.0 * angles)) ** 2
+        told['tilt'] = attitude.tilt if attitude.tilt_deviation < REPORTED else math.nan
+        told['roll'] = attitude.roll if attitude.roll_deviation < REPORTED else math.nan
+    deviations = np.maximum(np.sqrt(variances), spread.whole)
+    deviation = float(deviations[:2].max())
+    if not general.ground:
+        away = angles - [general.bearing_current, general.bearing_desired]
+        away = np.abs(np.remainder(away + np.pi, 2.0 * np.pi) - np.pi)
+        deviation = math.hypot(deviation, VERTICAL * float(away.max()))
+    return replace(
+        general,
+        bearing_current=bearings.current,
+        bearing_desired=bearings.desired,
+        rotation=bearings.heading_error,
+        sigma=bearings.sigma,
+        deviation=deviation,
+        rotation_deviation=float(deviations[2]),
+        inliers=int(planar.inliers.sum()),
+        planar=True,
+        ground=True,
+        **told,
+    )
+
+
+def _refusal(found: Inspection, fit: GeneralFit, settings: PerceptionSettings) -> str:
     """Return why what is ``found`` is not to be trusted, in words, or ''."""
-    count = len(fit.inliers)
+    count, parallax = len(fit.inliers), found.parallax_px
     if min(found.inliers, int(fit.inliers.sum())) < max(MIN_MATCHES, MIN_SHARE * count):
         return Reason.FEW_INLIERS.of(found.inliers, count)
-    if found.deviation > LARGEST_DEVIATION:
-        return _uncertain(found, fit)
-    rotation, baseline = fit.motions.rotation[0], fit.motions.baseline[0]
-    rolled = rolled_between(rotation, baseline, mount)
-    return rolled or turned_about(rotation, baseline, mount)
-
-
-def _uncertain(found: Inspection, fit: GeneralFit) -> str:
-    """Return why bearings are uncertain: no baseline, a second answer, or too few matches."""
-    if found.parallax_px < NEAR_PX:
-        parallax = Reason.SMALL_PARALLAX.of(found.parallax_px)
-        return f'{_nearness(found.parallax_px)}: {parallax}'
+    if parallax < settings.min_parallax:
+        far = '' if parallax < SAME_PLACE_PX else 'nearly '
+        also = ', or of what is far away' if far else ''
+        return f'taken from {far}the same place{also}: {Reason.SMALL_PARALLAX.of(parallax)}'
     degrees = math.degrees(found.deviation)
+    if found.deviation <= LARGEST_DEVIATION:
+        return _rolled(fit.best, settings.mount)
     if found.deviation > FAR:
         return (
             f'ambiguous: a motion {degrees:.0f} deg or more aside explains the matches nearly '
@@ -387,23 +323,62 @@ def _uncertain(found: Inspection, fit: GeneralFit) -> str:
     return Reason.UNCERTAIN.of(degrees)
 
 
-def _concluded(found: Inspection, reason: str, heading: float) -> Inspection:
-    """Return the verdict; no bearings that nothing fixes, nor a heading but that of a turn."""
-    if not reason:
-        return replace(found, trusted=True)
-    found = replace(found, trusted=False, reason=reason)
+def _rolled(best: Motions, mount: Attitude) -> str:
+    """
+    Return that photographs were rolled by more than a hand does, in words, or ''.
+
+    One against the other: a turn about the vertical of a tilted camera shows as a roll, too. Both
+    alike: a motion is planar where the axis of its rotation is across the baseline,
+    by chance that is seldom so, and the axis is then the vertical of the camera.
+    """
+    rotation, baseline = best.rotation[0], best.baseline[0]
+    roll = math.atan2(rotation[0, 1] - rotation[1, 0], rotation[0, 0] + rotation[1, 1])
+    turn = rotation_vector(rotation)
+    angle = math.sqrt(float(turn @ turn))
+    tilted = abs(mount.tilt) + MOUNT_DEVIATIONS * mount.tilt_deviation
+    if abs(roll) > ROLLED + abs(float(turn[1])) * math.tan(tilted):
+        way = 'clockwise' if roll > 0.0 else 'counterclockwise'
+        return (
+            f'the current photograph is rolled by {abs(math.degrees(roll)):.0f} deg {way} against '
+            'the desired one; turn it upright'
+        )
+    if angle < REPORTED or abs(float(turn @ baseline)) > angle * math.sin(IN_PLANE):
+        return ''
+    x, y, _ = turn * math.copysign(1.0, turn[1])
+    off = math.atan2(x, y) - mount.roll
+    if abs(off) < max(ROLLED, MOUNT_DEVIATIONS * mount.roll_deviation + REPORTED):
+        return ''
+    return (
+        f'both photographs seem rolled by {math.degrees(off):.0f} deg; turn both upright, or tell '
+        'how the camera is mounted'
+    )
+
+
+def _wrong_lens(
+    observation: Observation, fit: GeneralFit, settings: PerceptionSettings, *, general: bool
+) -> str:
+    """
+    Return that the matches contradict the focal length, in words, or ''.
+
+    A motion that is not planar looks like another focal length: where it is ``general``, a planar
+    one of another focal length must explain the matches better.
+    """
+    reason, fundamental = contradicted_by_pair(observation, settings)
+    if not reason or not general:
+        return reason
+    costs = fit.plain_losses(fit.motions.essentials).sum(axis=1)
+    better = fundamental is not None and fit.plain_losses(fundamental).sum() < costs.min()
+    return reason if better else ''
+
+
+def _refused(found: Inspection, reason: str, heading: float) -> Inspection:
+    """Return the refusal; no bearings that nothing fixes, nor a heading but that of a turn."""
+    found = replace(found, reason=reason)
     if found.parallax_px < SAME_PLACE_PX:
         found = replace(found, rotation=heading)
-    if found.rotation_deviation > LARGEST_TURN_DEVIATION:
+    if found.rotation_deviation > LARGEST_DEVIATION:
         found = replace(found, rotation=math.nan)
     if found.deviation > FAR or found.parallax_px < SAME_PLACE_PX:
         found = replace(found, bearing_current=math.nan, bearing_desired=math.nan)
         found = replace(found, sigma=math.nan, inliers=0, tilt=math.nan, roll=math.nan)
     return found
-
-
-def _nearness(parallax_px: float) -> str:
-    """Return where photographs were taken that a turn of the camera alone explains so well."""
-    if parallax_px < SAME_PLACE_PX:
-        return 'taken from the same place'
-    return 'taken from nearly the same place, or of what is far away'

@@ -6,26 +6,20 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.registry import Registry
 from visual_servo_epipolar.core.twoview.estimator import Estimate, Estimator, Prior
 from visual_servo_epipolar.core.twoview.lmeds_8pt import lmeds_8pt
-from visual_servo_epipolar.core.twoview.planar_2dof import planar_2dof
-from visual_servo_epipolar.core.twoview.planar_3dof import planar_3dof
 from visual_servo_epipolar.core.twoview.soft_planar import soft_planar
 
 OWN: dict[str, Estimator] = {
     'lmeds_8pt': lmeds_8pt,
-    'planar_3dof': planar_3dof,
-    'planar_2dof': planar_2dof,
     'soft_planar': soft_planar,
 }
 ESTIMATORS: Registry[Estimator] = Registry('visual_servo_epipolar.estimators', OWN)
 DEFAULT_ESTIMATOR = 'soft_planar'
-UNCALIBRATED = ('soft_planar',)  # those that learn a focal length that is not known
-WITHOUT_CHANCE = ('planar_2dof', 'soft_planar')
-UNDRAWN = np.random.default_rng(0)  # for those
+UNDRAWN = np.random.default_rng(0)  # for what needs no chance
 
 
 def may_learn_focal(name: str) -> bool:
     """Return whether estimator ``name`` finds the lens out; one of another package may."""
-    return name in UNCALIBRATED or name not in OWN
+    return name == DEFAULT_ESTIMATOR or name not in OWN
 
 
 def estimate(
@@ -50,5 +44,5 @@ def estimate(
 
     """
     # To make a source of chance takes as long as two steps of a refinement.
-    rng = UNDRAWN if name in WITHOUT_CHANCE else np.random.default_rng(seed)
+    rng = UNDRAWN if name == DEFAULT_ESTIMATOR else np.random.default_rng(seed)
     return ESTIMATORS[name](current, desired, noise=noise, prior=prior, rng=rng)

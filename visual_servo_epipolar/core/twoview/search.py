@@ -19,12 +19,11 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, packed
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, decomposed
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.twoview.estimator import Attitude, COLD_DEVIATION, Estimate, Prior
 from visual_servo_epipolar.core.twoview.five_point import (
-    decomposed,
     essential_matrices,
     samples_of_five,
 )

@@ -9,7 +9,6 @@ from visual_servo_epipolar.core.twoview.registry import (
     DEFAULT_ESTIMATOR,
     ESTIMATORS,
     may_learn_focal,
-    UNCALIBRATED,
 )
 
 
@@ -19,9 +18,8 @@ class PerceptionSettings(Settings):
 
     estimator: str = fixed(
         DEFAULT_ESTIMATOR,
-        'Estimator: lmeds_8pt (the paper), planar_3dof (focal length unknown), planar_2dof '
-        '(upright camera), soft_planar (tilt, roll and floor jitter found out), or one of another '
-        'package',
+        'Estimator: lmeds_8pt (the paper), soft_planar (tilt, roll and floor jitter found out) or '
+        'one of another package',
     )
     seed: int = internal(0, 'Seed of the random subsets', low=0, high=2**31 - 1)
     focal_deviation: float = fixed(
@@ -97,7 +95,7 @@ class PerceptionSettings(Settings):
         if not self.calibrated and not may_learn_focal(self.estimator):
             raise ValueError(
                 f'focal_deviation must be 0 with estimator {self.estimator}, which does not learn '
-                f'the focal length, got {self.focal_deviation:g}; {", ".join(UNCALIBRATED)} does: '
+                f'the focal length, got {self.focal_deviation:g}; {DEFAULT_ESTIMATOR} does: '
                 'set estimator to it, or focal_deviation to 0.0'
             )
 

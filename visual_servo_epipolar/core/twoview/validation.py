@@ -9,11 +9,11 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians, TI
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, MIN_MATCHES, sampson_distance
 from visual_servo_epipolar.core.geometry.least_squares import deviation_of
-from visual_servo_epipolar.core.geometry.rays import handedness, rotation_level_camera
+from visual_servo_epipolar.core.geometry.rays import handedness
 from visual_servo_epipolar.core.geometry.rotation import fundamental_of_small_baseline, RotationFit
 from visual_servo_epipolar.core.geometry.significance import together
 from visual_servo_epipolar.core.reasons import Reason, reason_of
-from visual_servo_epipolar.core.twoview.estimator import Attitude, Estimate, Prior
+from visual_servo_epipolar.core.twoview.estimator import Estimate, Prior
 from visual_servo_epipolar.core.twoview.leaning_head import with_jitter
 from visual_servo_epipolar.core.twoview.memory import (
     MAX_REJECTIONS,
@@ -39,12 +39,6 @@ SCALES = STEP ** np.arange(FIRST, 8.0)  # of what it is taken for
 SPENT = 4  # parameters that the fit spends on noise
 RIGHT, ANYWHERE_PX = 0.8, 60.0  # share of matches that are right; among how many px others are
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
-MOUNT_DEVIATIONS = 2.0  # within which a camera is mounted as it is believed to be
-LEAST_PROMISED = math.radians(3.0)  # and within this of an attitude that is known
-MAX_LEANING = math.radians(20.0)  # change of the vertical that a hand makes between photographs
-LEAST_TURN = math.radians(3.0)  # of which an axis means anything
-IN_PLANE = math.radians(0.8)  # of the baseline and the plane of motion
-TURNED_ROLL = math.radians(20.0)  # that a hand seldom holds a camera at
 NEARLY_ONE = 0.09  # two geometries so near are one that is uncertain [rad]
 
 
@@ -237,82 +231,6 @@ def rolled_over(rotation: FloatArray, current: FloatArray, desired: FloatArray) 
     if is_above and handedness(current, desired) > LEAST_HANDED:
         return ''
     return Reason.ROLLED_OVER.of(math.degrees(math.acos(max(float(rotation[1, 1]), -1.0))))
-
-
-def outside_mount(attitude: Attitude, mount: Attitude) -> str:
-    """Return how far ``attitude`` is from where the ``mount`` may be, in words, or ''."""
-    limits = mount_limits(mount)
-    for word, angle, centre, limit, deviation in (
-        ('rolled', attitude.roll, mount.roll, limits[1], attitude.roll_deviation),
-        ('tilted', attitude.tilt, mount.tilt, limits[0], attitude.tilt_deviation),
-    ):
-        if abs(angle - centre) > limit + deviation:
-            return (
-                f'both photographs seem {word} by {math.degrees(angle):.0f} deg, outside '
-                f'{math.degrees(centre):.0f} +- {math.degrees(limit):.0f} deg; turn both upright, '
-                'or tell how the camera is mounted'
-            )
-    return ''
-
-
-def mount_limits(mount: Attitude) -> tuple[float, float]:
-    """Return how far tilt and roll may be from those of the ``mount`` [rad]."""
-    tilt, roll = (
-        max(MOUNT_DEVIATIONS * deviation, LEAST_PROMISED)
-        for deviation in (mount.tilt_deviation, mount.roll_deviation)
-    )
-    return tilt, roll
-
-
-def rolled_between(rotation: FloatArray, baseline: FloatArray, mount: Attitude) -> str:
-    """
-    Return how ``rotation``, (3, 3), current -> desired, is none of a camera so mounted, or ''.
-
-    About whichever vertical the ``mount`` leaves possible, what is left of the rotation is a
-    change of tilt and roll between the views, what is left of the ``baseline``, (3,), a climb:
-    more than a hand makes is a photograph that was turned.
-    """
-    angle = math.atan2(rotation[0, 1] - rotation[1, 0], rotation[0, 0] + rotation[1, 1])
-    if abs(angle) < MAX_LEANING:
-        return ''
-    tilt, roll = mount_limits(mount)
-    verticals = np.array(
-        [
-            rotation_level_camera(a, b)[1]
-            for a in mount.tilt + tilt * np.linspace(-1.0, 1.0, 9)
-            for b in mount.roll + roll * np.linspace(-1.0, 1.0, 5)
-        ]
-    )
-    kept = ((verticals @ rotation.T) * verticals).sum(axis=1)
-    climb = verticals @ baseline / math.sqrt(float(baseline @ baseline))
-    if np.hypot(np.arccos(np.clip(kept, -1.0, 1.0)), np.arcsin(climb)).min() < MAX_LEANING:
-        return ''
-    way = 'clockwise' if angle > 0.0 else 'counterclockwise'
-    return (
-        f'the current photograph is rolled by {abs(math.degrees(angle)):.0f} deg {way} against '
-        'the desired one; turn it upright'
-    )
-
-
-def turned_about(rotation: FloatArray, baseline: FloatArray, mount: Attitude) -> str:
-    """
-    Return how both photographs are rolled, in words, or ''.
-
-    A motion is planar where the axis of its ``rotation``, (3, 3), is across the ``baseline``,
-    (3,): the axis is then the vertical of the camera. By chance that is seldom so.
-    """
-    axis = np.array([rotation[j, i] - rotation[i, j] for i, j in ((1, 2), (2, 0), (0, 1))])
-    size = math.sqrt(float(axis @ axis))
-    if size < 2.0 * math.sin(LEAST_TURN):
-        return ''
-    axis /= math.copysign(size, axis[1])
-    along = abs(float(axis @ baseline)) / math.sqrt(float(baseline @ baseline))
-    if along > math.sin(IN_PLANE):
-        return ''
-    tilt, roll = math.asin(min(max(axis[2], -1.0), 1.0)), math.atan2(axis[0], axis[1])
-    if abs(roll - mount.roll) < TURNED_ROLL:
-        return ''
-    return outside_mount(Attitude(tilt, roll, LEAST_PROMISED, LEAST_PROMISED), mount)
 
 
 def _contradiction(

@@ -18,7 +18,6 @@ MOUNTS = {'above the axle': 0.0, '0.13 m ahead': 0.13}
 METHODS: Mapping[str, Mapping[str, Any]] = {
     'found out': {'focal_deviation': 1.0},
     'believed': {},
-    'planar_3dof': {'estimator': 'planar_3dof'},
 }
 CELLS = (  # method, mount, region and number of starts, each with every ratio
     ('found out', 'above the axle', 'front', 64),
@@ -26,7 +25,6 @@ CELLS = (  # method, mount, region and number of starts, each with every ratio
     ('found out', '0.13 m ahead', 'front', 32),
     ('found out', '0.13 m ahead', 'beside', 32),
     ('believed', 'above the axle', 'front', 16),
-    ('planar_3dof', 'above the axle', 'front', 16),
 )
 COLUMNS: Columns = {
     'matrix': itemgetter('method'),

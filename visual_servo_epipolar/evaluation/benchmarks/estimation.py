@@ -26,8 +26,6 @@ from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.twoview.estimator import Attitude, Estimate, Estimator, Prior
 from visual_servo_epipolar.core.twoview.lmeds_8pt import lmeds_8pt
-from visual_servo_epipolar.core.twoview.planar_2dof import planar_2dof
-from visual_servo_epipolar.core.twoview.planar_3dof import planar_3dof
 from visual_servo_epipolar.core.twoview.soft_planar import soft_planar
 from visual_servo_epipolar.evaluation.benchmarks.scenes import (
     Cell,
@@ -78,9 +76,6 @@ class Knowledge:
 WARM = math.radians(0.3)  # how far the bearings have moved since the frame before
 OURS: Mapping[str, tuple[Estimator, Knowledge]] = {
     'lmeds_8pt (paper)': (lmeds_8pt, Knowledge()),
-    'planar_3dof': (planar_3dof, Knowledge()),
-    'planar_2dof': (planar_2dof, Knowledge()),
-    'planar_2dof warm': (planar_2dof, Knowledge(deviation=WARM)),
     'soft cold': (soft_planar, Knowledge()),
     'soft calibrated': (soft_planar, Knowledge(calibrated=True)),
     'soft warm': (soft_planar, Knowledge(True, WARM)),
@@ -201,10 +196,9 @@ def _accuracy(
     for method, solve in methods().items():
         say(f'{kind}, {name}: {method}')
         rows[method] = _summary(np.array([_error(solve(pair, cell), pair) for pair in pairs]))
-    for method in ('planar_2dof', 'soft cold'):
-        answers = [estimate(method, pair, cell) for pair in pairs]
-        second = sum(it is not None and it.alternative is not None for it in answers)
-        rows[method]['second_geometry'] = second / len(pairs)
+    answers = [estimate('soft cold', pair, cell) for pair in pairs]
+    second = sum(it is not None and it.alternative is not None for it in answers)
+    rows['soft cold']['second_geometry'] = second / len(pairs)
     return {'kind': kind, 'cell': name, 'rows': rows}
 
 
@@ -224,11 +218,11 @@ def _summary(errors: FloatArray) -> dict[str, float]:
 
 
 def _bound(baseline: float, trials: int, seed: int) -> dict[str, Any]:
-    """Return the error of planar_2dof in units of the Cramer-Rao bound."""
+    """Return the error of soft_planar with a known attitude in units of the Cramer-Rao bound."""
     cell, squared, sizes = Cell(baseline=baseline), [], []
     for pair in draw_pairs(cell, trials, seed):
         information = fisher_information(pair, cell.ray_noise)
-        bearings = _bearings('planar_2dof', pair, cell)
+        bearings = _bearings('soft calibrated', pair, cell)
         if bearings is not None:
             away = difference(bearings, pair.bearings)
             squared.append(float(away @ information @ away) / 2.0)
@@ -246,7 +240,6 @@ def _normalised(squared: list[float]) -> dict[str, float]:
 
 # Methods whose errors are compared with the deviations that they state.
 STATED: Mapping[str, Mapping[str, Any]] = {
-    'planar_2dof': {},
     'soft cold': REALISTIC,
     'soft calibrated': REALISTIC,
 }
@@ -272,7 +265,7 @@ def _consistency(
 def _signs(baseline: float, trials: int, seed: int) -> dict[str, Any]:
     """Return the share of baselines that point the wrong way, all around the goal."""
     cell = Cell(baseline=baseline, noise=0.5, outliers=0.3, around=True)
-    pairs, names = draw_pairs(cell, 2 * trials, seed), ('planar_2dof', 'soft cold', 'poselib E')
+    pairs, names = draw_pairs(cell, 2 * trials, seed), ('soft cold', 'poselib E')
     flips = {
         method: float(np.mean([_flipped(solve(pair, cell), pair) for pair in pairs]))
         for method, solve in methods().items()
@@ -326,7 +319,7 @@ def table(document: Mapping[str, Any]) -> str:
         lines += ['', *aligned(head, rows)]
     lines += ['(median / p95, (failures above 5 deg) and [second geometries] in per cent)', '']
     for key, head in (
-        ('bound', 'error of planar_2dof in units of the Cramer-Rao bound'),
+        ('bound', 'error of soft_planar, attitude known, in units of the Cramer-Rao bound'),
         ('honesty', 'error in units of the deviation that is reported'),
     ):
         rows = (

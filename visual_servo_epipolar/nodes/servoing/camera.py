@@ -11,7 +11,6 @@ from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
-from visual_servo_epipolar.core.twoview.lens_check import LensCheck, looked_at
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.nodes.frames import StaticMount
@@ -39,7 +38,6 @@ class ServoCamera:
         )
         self._settings, self._warn = settings, warn
         self._other: tuple[CameraModel, int] | None = None  # heard in a run, and its stamp
-        self._lens_check = LensCheck()
 
     def hear(self, message: CameraInfo, run: Run, settings: ServoSettings) -> tuple[Run, str]:
         """Take in a camera_info; return the run, and why it cannot go on with it, or ''."""
@@ -50,8 +48,6 @@ class ServoCamera:
             self.model, self._unusable = None, f'camera_info cannot be used: {error}'
             self._warn(f'camera_info cannot be used, the robot stands: {error}')
             return run, self._unusable
-        if camera != self.model:
-            self._lens_check = LensCheck()
         self.model = camera
         self._doubt(camera, settings)
         run = run.with_camera(camera)
@@ -77,18 +73,11 @@ class ServoCamera:
         """Return ``settings`` with the mount of /tf_static, before a run that was given none."""
         return settings if state.view.memory else self.static_mount.taken(frame_id, settings)
 
-    def check(self, observation: Observation, state: ServoState, settings: ServoSettings) -> None:
-        """Say if the lens cannot place tracks, or they contradict the configured focal length."""
+    def check(self, observation: Observation) -> None:
+        """Warn where the lens cannot place tracks."""
         left_out = '' if self.model is None else validation.left_out(observation, self.model)
         if left_out:
             self._warn(left_out)
-        if state.measurement is not None and state.view.memory is not None:
-            after = state.measurement, state.view.memory
-            self._lens_check = looked_at(
-                self._lens_check, observation, after, settings, state.view.frame
-            )
-        if self._lens_check.doubt:
-            self._warn(self._lens_check.doubt)
 
     def _doubt(self, camera: CameraModel, settings: ServoSettings) -> None:
         """Say what is odd about a camera."""
