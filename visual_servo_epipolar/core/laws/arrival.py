@@ -25,8 +25,6 @@ from visual_servo_epipolar.core.laws.memory import Memory
 # Deviations that noise hardly reaches, and those that it never does; the first also of means over
 # looks, all of which share the noise of the photograph.
 NOISE_DEVIATIONS, SURE_DEVIATIONS = 2.0, 4.0
-PLACE_DEVIATIONS = 1.5  # of a place by a memory of views, which counts all that it may be wrong by
-LEAST_OFFSET, LEAST_HEADING = 4e-5, 2e-5  # that a memory of views bothers about [m], [rad]
 NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of arrivals from behind
 PULSE_MISS = 0.15  # of a hop, by which stretched pulses miss: a base slips
 FACING = 6e-4  # heading error that two views leave; what a tolerance is less by, too [rad]
@@ -88,7 +86,7 @@ def facing_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIR
     if goal.offset is not None:
         deviation = goal.heading_deviation
         if _is_patient(trial):
-            fine = min(max(NEGLIGIBLE * deviation, LEAST_HEADING), fine)
+            fine = min(NEGLIGIBLE * deviation, fine)
     bound = max(fine, tolerance - FACING - NOISE_DEVIATIONS * deviation)
     least = half_hop(settings.dead_band_angular, settings, trial)
     if ends_by_pulses(goal, settings) and _is_patient(trial):
@@ -112,8 +110,8 @@ def matched_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FI
     hop = half_hop(settings.dead_band_linear, settings, trial) * slope
     if goal.offset is None:
         return max(least, NOISE_DEVIATIONS * deviation, hop)
-    usual = max(least, PLACE_DEVIATIONS * deviation)
-    fine = max(min(least, LEAST_OFFSET * slope), (1.0 if hop else NEGLIGIBLE) * deviation)
+    usual = max(least, NOISE_DEVIATIONS * deviation)
+    fine = (1.0 if hop else NEGLIGIBLE) * deviation
     return max(fine if _is_patient(trial) else usual, hop)
 
 
