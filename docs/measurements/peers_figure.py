@@ -1,4 +1,4 @@
-"""Draws peers.png and prints the table of peers.md: python peers_figure.py."""
+"""Draws peers.png and prints the table of docs/results.md: python peers_figure.py."""
 
 from collections.abc import Mapping
 import math
@@ -14,7 +14,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.evaluation.benchmarks import laws
-from visual_servo_epipolar.evaluation.benchmarks.laws import PEERS
+from visual_servo_epipolar.evaluation.benchmarks.laws import LAWS
 from visual_servo_epipolar.report.canvas import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, robot_body, robot_nose
 
@@ -23,10 +23,8 @@ FATES = {
     'missed': ('#E69F00', 's', 'elsewhere'),
     'lost': ('#D55E00', 'x', 'features lost'),
 }
-LAWS = (laws.SMOOTH, *PEERS)
-LABELS = {'ours': 'full'}  # both are ours
-COLOURS = dict(zip(LAWS, ('#117733', '#0072B2', '#009E73', '#D55E00'), strict=True))
-STYLES = dict(zip(LAWS, ('-', '-', '--', ':'), strict=True))
+COLOURS = dict(zip(LAWS, ('#0072B2', '#117733', '#009E73', '#E69F00', '#D55E00'), strict=True))
+STYLES = dict(zip(LAWS, ('-', '-', '--', '-.', ':'), strict=True))
 
 
 def draw(document: Mapping[str, Any]) -> Figure:
@@ -55,7 +53,7 @@ def draw(document: Mapping[str, Any]) -> Figure:
                 where='post',
                 color=COLOURS[law],
                 ls=STYLES[law],
-                label=LABELS.get(law, law),
+                label=law,
             )
         if scale > 1.0:
             axes.set_xscale('log')
@@ -73,7 +71,7 @@ def _map(axes: Axes, runs: list[Mapping[str, Any]], law: str) -> None:
     axes.fill(*robot_nose(DESIRED_POSE).T, facecolor=INK)
     axes.set(xlabel='x [m]', xlim=(-1.8, 1.8), ylim=(-5.3, 1.9))
     axes.set_aspect('equal')
-    axes.set_title(LABELS.get(law, law), fontsize=9.0)
+    axes.set_title(law, fontsize=9.0)
 
 
 def main(target: Path) -> None:

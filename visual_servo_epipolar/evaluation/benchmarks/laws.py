@@ -1,45 +1,34 @@
 """
-Control laws beside ours: shared starts, features, base and measure of success.
+Control laws beside ours: shared starts, features, limits and measure of success.
 
-Position-based: the polar law of Aicardi, Casalino, Bicchi, Balestrino (1995) on the relative pose.
-With e the distance, a the direction of the goal against the heading and b against the goal's
-heading, u = g cos(a) e and w = k a + g cos(a) sin(a) / a (a + h b) make (e^2 + a^2 + h b^2) / 2
-fall. It is smooth, and has no field of view. Close to the goal, where the direction of the
-residual is noise, the robot covers the way ahead and turns to the final heading.
-
-Image-based: the classical law on points (Espiau, Chaumette, Rives 1992). The interaction matrix
-keeps the columns of v and w alone, at the depth of the scene from the goal:
-x' = x v / Z + (1 + x^2) w and y' = y v / Z + x y w for a ray (x, y). The robot cannot do what the
-image asks sideways: where the error has no part along the two columns it stands still.
-
-Each is a step of the closed loop, ``step(state, observation, settings) -> state``, as ours is.
+The peers are given the true pose, the best that a law based on position can have, and look at
+features alone: where they lose them they stop. ``polar`` is the law of Aicardi, Casalino, Bicchi,
+Balestrino (1995): with e the distance, a the direction of the goal against the heading and b
+against the goal's heading, u = g cos(a) e and w = k a + g cos(a) sin(a) / a (a + h b) make
+(e^2 + a^2 + h b^2) / 2 fall. Close to the goal, where directions change fast, the robot covers the
+way ahead and turns to the final heading. ``graceful`` is Nav2's controller, ``displaced`` drives a
+point ahead of the axle (section IX-1 of the paper).
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 import math
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-
-from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, saturate, Twist, wrap_angle
-from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.steering import aim, curvature, Gains, polar_pose
 from visual_servo_epipolar.core.rigs.rig import Command, HALT
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise, WRONG_DEG, WRONG_M
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.twoview.measurement import Measurement
-from visual_servo_epipolar.core.twoview.measures import turned
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.core.twoview.perceive import perceive
+from visual_servo_epipolar.evaluation.benchmarks.sweeps import within
 from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
 from visual_servo_epipolar.simulation.closed_loop import Control, Loop
 from visual_servo_epipolar.simulation.regions import start_in
@@ -49,111 +38,8 @@ from visual_servo_epipolar.simulation.view import View
 from visual_servo_epipolar.simulation.views import points_of
 from visual_servo_epipolar.sweeping.summary import quantile
 
-DEPTH = 5.0  # of the scene from the goal, Z, as the laws take it [m]
-CLOSE = 0.05  # distance at which directions are noise [m]
+CLOSE = 0.05  # distance at which directions change fast [m]
 APPROACH, TURN, ALIGN = 0.3, 1.0, 1.5  # polar law: g and k [1/s], weight h of the final heading
-POINT_GAIN = 0.3  # classical law: lambda [1/s]
-
-
-class RelativePose(NamedTuple):
-    """
-    Pose of the robot from two views: its place in units of the depth of the scene, its heading.
-
-    ``distance`` is d / Z, Z the harmonic mean of the depths of the features from the goal, and
-    ``psi`` its direction [rad]; ``heading_error`` is theta - pi/2 [rad].
-    """
-
-    distance: float
-    psi: float
-    heading_error: float
-
-    @property
-    def ahead(self) -> float:
-        """The goal's place in the robot's frame, forward, in units of Z."""
-        return -self.distance * math.cos(self.psi - self.heading_error - HALF_PI)
-
-
-def relative_pose(measurement: Measurement, observation: Observation) -> RelativePose:
-    """Return the pose up to scale; close to the goal, without bearings, to first order."""
-    bearings, desired = measurement.bearings, image_points(observation.desired)
-    if bearings is None:
-        rotation = rotation_desired_current(measurement.heading_error)
-        close = nearby_pose(image_points(turned(observation.current, rotation)), desired)
-        return close._replace(heading_error=close.heading_error + measurement.heading_error)
-    scale = relative_distance(image_points(observation.current), desired, bearings)
-    return RelativePose(scale, bearings.psi, bearings.heading_error)
-
-
-def nearby_pose(current: FloatArray, desired: FloatArray) -> RelativePose:
-    """
-    Return the pose up to scale from rays, shape (N, 2) each, where it is nearly the goal's.
-
-    All features are taken to be at depth Z: a bias in proportion to the distance, which is to
-    become zero. Least squares over x, y, both by Z, and the heading error, with one reweighting.
-    """
-    u, v = desired.T
-    none, one = np.zeros_like(u), np.ones_like(u)
-    rows = np.concatenate(
-        [np.stack([-one, u, 1.0 + u * u], axis=1), np.stack([none, v, u * v], axis=1)]
-    )
-    error = (current - desired).T.reshape(-1)
-    weights: FloatArray = np.ones(len(error))
-    solution: FloatArray = np.zeros(3)
-    for _ in range(2):
-        fit = np.linalg.lstsq(rows * weights[:, None], error * weights, rcond=None)
-        solution = np.asarray(fit[0], dtype=np.float64)
-        residual = np.abs(error - rows @ solution)
-        weights = 1.0 / (1.0 + (residual / (3.0 * np.median(residual) + 1e-12)) ** 2)
-    x, y, heading = (float(value) for value in solution)
-    return RelativePose(math.hypot(x, y), math.atan2(y, x), heading)
-
-
-def relative_distance(current: FloatArray, desired: FloatArray, bearings: Bearings) -> float:
-    """
-    Return d / Z from rays, shape (N, 2): the parallax that the features show, by least squares.
-
-    With h the horizontal rays in the goal's axes and c the unit vector of psi, a feature at depth
-    Z has h_d x h_a = (d / Z) c x h_a: one line through zero, robust by its weights.
-    """
-    alpha = bearings.heading_error
-    cosine, sine = math.cos(alpha), math.sin(alpha)
-    x = cosine * current[:, 0] - sine
-    z = sine * current[:, 0] + cosine
-    parallax = desired[:, 0] * z - x
-    whole = math.cos(bearings.psi) * z - math.sin(bearings.psi) * x
-    weights, scale = np.ones(len(x)), 0.0
-    for _ in range(3):
-        scale = float((weights * parallax * whole).sum() / (weights * whole**2).sum())
-        residual = np.abs(parallax - scale * whole)
-        weights = 1.0 / (1.0 + (residual / (3.0 * np.median(residual) + 1e-12)) ** 2)
-    return max(scale, 0.0)
-
-
-def polar(pose: RelativePose, *, backwards: bool = False, close: float = CLOSE) -> Twist:
-    """Return the twist of the polar law; ``backwards`` drives it with the robot's other end."""
-    if pose.distance * DEPTH < close:
-        return Twist(APPROACH * pose.ahead * DEPTH, -TURN * pose.heading_error)
-    toward = pose.psi + (0.0 if backwards else math.pi)  # where that end has to go
-    against_goal = wrap_angle(toward - HALF_PI)
-    against_heading = wrap_angle(against_goal - pose.heading_error)
-    cosine = math.cos(against_heading)
-    sinc = math.sin(against_heading) / against_heading if against_heading else 1.0
-    pull = APPROACH * cosine * sinc * (against_heading + ALIGN * against_goal)
-    speed = APPROACH * cosine * pose.distance * DEPTH
-    return Twist(-speed if backwards else speed, TURN * against_heading + pull)
-
-
-def points(current: FloatArray, desired: FloatArray) -> Twist:
-    """Return -lambda L^+ (s - s*) for rays, shape (N, 2) each."""
-    x, y = current.T
-    matrix = np.stack(
-        [np.concatenate([x, y]) / DEPTH, np.concatenate([1.0 + x * x, x * y])], axis=1
-    )
-    error = (current - desired).T.reshape(-1)
-    linear, angular = -POINT_GAIN * np.linalg.lstsq(matrix, error, rcond=None)[0]
-    return Twist(float(linear), float(angular))
-
-
 MATCHED_PX, MATCHED_FRAMES = 0.7, 5  # median feature error at which a peer has arrived
 STILL_M_S, STILL_RAD_S, STILL_FRAMES = 1e-3, 1e-3, 55  # at which it stands, for five seconds
 NEAR_PX = 2.0  # feature error at which a peer that stands has arrived too
@@ -161,31 +47,28 @@ NEAR_PX = 2.0  # feature error at which a peer that stands has arrived too
 
 @dataclass(frozen=True)
 class PeerState(ServoState):
-    """The servo's state, and whether a peer drives backwards, and for how long it stands."""
+    """The servo's state, and for how many frames a peer has stood still."""
 
-    backwards: bool = False
     still: int = 0
 
 
-Law = Callable[[PeerState, Measurement, Observation], Twist]
-
-
-def as_step(law: Law) -> Control:
+def as_step(law: Callable[[], Twist]) -> Control:
     """
     Return ``law`` as a step of the closed loop.
 
-    It has our perception, our limits and our stop where nothing can be trusted. It has arrived
-    when the features match to their noise, or nearly and it stands; it has failed when it stands
-    where they do not.
+    It has our perception of the features, our limits and our stop where there are too few. It has
+    arrived when the features match to their noise, or nearly and it stands; it has failed when it
+    stands where they do not.
     """
 
     def drive(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
         perception = perceive(observation, settings, state.view.frame, state.view.memory)
-        measurement = perception.measurement
-        peer = _take_in(_as_peer(state), measurement, observation)
-        peer = peer.changed(memory=perception.memory)
-        decided = _decide(peer, measurement, observation, law, settings)
-        return decided.changed(frame=state.view.frame + 1)
+        peer = _as_peer(state).changed(
+            measurement=perception.measurement,
+            memory=perception.memory,
+            frame=state.view.frame + 1,
+        )
+        return _decide(peer, perception.measurement, law, settings)
 
     return drive
 
@@ -196,37 +79,18 @@ def _as_peer(state: ServoState) -> PeerState:
     return PeerState(**{item.name: getattr(state, item.name) for item in fields(state)})
 
 
-def _take_in(state: PeerState, measurement: Measurement, observation: Observation) -> PeerState:
-    """Take in a measurement; the first trusted one decides which end goes first."""
-    state = state.changed(measurement=measurement)
-    if state.phase is not Phase.WAITING or measurement.bearings is None:
-        return state
-    return state.changed(
-        phase=Phase.MATCHING_FEATURES,
-        run_start_ns=measurement.stamp_ns,
-        backwards=relative_pose(measurement, observation).ahead < 0.0,
-    )
-
-
 def _decide(
-    state: PeerState,
-    measurement: Measurement,
-    observation: Observation,
-    law: Law,
-    settings: ServoSettings,
+    state: PeerState, measurement: Measurement, law: Callable[[], Twist], settings: ServoSettings
 ) -> PeerState:
-    if state.phase in (Phase.WAITING, Phase.ARRIVED, Phase.FAILED):
+    if state.phase.ended:
         return state.changed(command=HALT)
-    if _is_lost(measurement, settings):
+    if measurement.features < settings.min_features:
         return _held(state, measurement, settings)
-    if state.phase is Phase.HOLDING:
+    if state.phase is not Phase.MATCHING_FEATURES:
         state = state.changed(phase=Phase.MATCHING_FEATURES, reason='')
+        state = state.changed(run_start_ns=state.run.run_start_ns or measurement.stamp_ns)
     error = measurement.feature_error * measurement.focal
-    twist = saturate(
-        law(state, measurement, observation),
-        max_linear=settings.max_linear,
-        max_angular=settings.max_angular,
-    )
+    twist = saturate(law(), max_linear=settings.max_linear, max_angular=settings.max_angular)
     stands = abs(twist.linear) < STILL_M_S and abs(twist.angular) < STILL_RAD_S
     state = state.changed(
         command=Command(twist),
@@ -239,12 +103,6 @@ def _decide(
     if rests:
         return _fail(state, f'stands still with the features {error:.1f} px off')
     return state
-
-
-def _is_lost(measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether there are too few features, or a baseline that cannot be trusted."""
-    few = measurement.features < settings.min_features
-    return few or (measurement.bearings is None and measurement.parallax > settings.near_parallax)
 
 
 def _held(state: PeerState, measurement: Measurement, settings: ServoSettings) -> PeerState:
@@ -262,15 +120,20 @@ def _fail(state: PeerState, reason: str) -> PeerState:
     return state.changed(phase=Phase.FAILED, command=HALT, reason=reason)
 
 
-PEERS: Mapping[str, Control] = {
-    'ours': step,
-    'position-based': as_step(
-        lambda peer, seen, view: polar(relative_pose(seen, view), backwards=peer.backwards)
-    ),
-    'image-based': as_step(
-        lambda peer, seen, view: points(image_points(view.current), image_points(view.desired))
-    ),
-}
+def polar(pose: Pose, settings: ServoSettings) -> Twist:
+    """Return the velocity of the polar law; where the goal is behind, the other end drives."""
+    ahead = -(pose.x * math.cos(pose.theta) + pose.y * math.sin(pose.theta))
+    if pose.distance < CLOSE:
+        return Twist(APPROACH * ahead, -TURN * pose.heading_error)
+    backwards = ahead < 0.0
+    toward = math.atan2(pose.y, pose.x) + (0.0 if backwards else math.pi)  # where that end goes
+    against_goal = wrap_angle(toward - HALF_PI)
+    against_heading = wrap_angle(against_goal - pose.heading_error)
+    cosine = math.cos(against_heading)
+    sinc = math.sin(against_heading) / against_heading if against_heading else 1.0
+    pull = APPROACH * cosine * sinc * (against_heading + ALIGN * against_goal)
+    speed = APPROACH * cosine * pose.distance
+    return Twist(-speed if backwards else speed, TURN * against_heading + pull)
 
 
 SLOWDOWN_M = 0.5  # slowdown_radius of Nav2 is 1.5 m, for 0.5 m/s and more
@@ -306,7 +169,11 @@ def displaced(pose: Pose, settings: ServoSettings) -> Twist:
 
 
 PoseLaw = Callable[[Pose, ServoSettings], Twist]
-POSE_LAWS: dict[str, PoseLaw] = {'graceful': graceful, 'displaced': displaced}
+POSE_LAWS: dict[str, PoseLaw] = {
+    'polar': polar,
+    'graceful': graceful,
+    'displaced': displaced,
+}
 
 
 def drive_by_pose(name: str, settings: LoopSettings, view: View, camera: CameraModel) -> RunLog:
@@ -317,9 +184,8 @@ def drive_by_pose(name: str, settings: LoopSettings, view: View, camera: CameraM
 
 
 REGIONS = ('front', 'beside')
-# One motion by images, and laws of the same kind that are given the true pose.
-SMOOTH = 'smooth'
-LAWS = (*PEERS, SMOOTH, *POSE_LAWS)
+OURS = ('full', 'smooth')
+LAWS = (*OURS, *POSE_LAWS)
 STARTS, QUICK_STARTS = 20, 1
 LONGEST_S = 120.0
 COLUMNS: Columns = {
@@ -368,19 +234,14 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
 
 def one_run(law: str, start: tuple[float, float, float], seed: int) -> Run:
     """Return the result of one run of ``law`` from ``start``: x [m], y [m], heading [deg]."""
-    scenario = Scenario().seeded(seed)
-    servo = scenario.servo
-    if law == SMOOTH:
-        servo = replace(servo, law=SMOOTH)
-    elif law != 'ours':
-        servo = replace(servo, min_parallax=1.0)  # of trusted bearings [px]
-    scenario = replace(scenario, run=replace(scenario.run, max_duration=LONGEST_S), servo=servo)
+    scenario = within(Scenario().seeded(seed), LONGEST_S)
+    if law in OURS:
+        scenario = scenario.with_servo({'law': law})
     loop, view = scenario.loop(start, seed), points_of(scenario, seed)
-    if law in POSE_LAWS:
-        log = drive_by_pose(law, loop, view, scenario.camera.camera)
+    if law in OURS:
+        log = Loop(loop, view, scenario.camera.camera).run()
     else:
-        control = PEERS['ours' if law == SMOOTH else law]
-        log = Loop(loop, view, scenario.camera.camera).run(control=control)
+        log = drive_by_pose(law, loop, view, scenario.camera.camera)
     summary = summarise(log)
     return summary | {'law': law, 'fate': _fate(summary)}
 
@@ -429,7 +290,7 @@ def table(document: Mapping[str, Any]) -> str:
             f'{reached["heading_deg"]:g} deg',
             '(lost: the features; wrong: arrived, it says, but not reached; position and heading '
             'of all that did not lose the features, path and time of those that reached; T_0: the '
-            'least time of docs/results.md; graceful and displaced are given the true pose)',
+            'least time of docs/results.md; all but full and smooth are given the pose)',
             '',
             *aligned(' | '.join(COLUMNS), cells(COLUMNS, document['rows']), left=2),
         ]
