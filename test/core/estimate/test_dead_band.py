@@ -87,6 +87,14 @@ def test_a_base_that_follows_late_is_waited_for() -> None:
     assert after(0.05, 0.0, seconds=1.5, latency=1.0).value > 0.05
 
 
+def test_a_push_against_a_slow_command_is_no_standstill() -> None:
+    threshold, position = Threshold(), 0.0
+    for frame in range(12):
+        position += 0.03 * DT - 0.2 * (frame == 7)
+        threshold = threshold.updated(position, 1e-3, 0.03, DT, most=0.1)
+    assert threshold.value == threshold.stood == 0.0
+
+
 def test_a_command_after_a_pause_is_waited_for_as_the_first_one() -> None:
     threshold = Threshold()
     for velocity in [0.05] * 2 + [0.0] * 20 + [0.05] * 6:
@@ -245,7 +253,13 @@ def test_a_base_that_does_not_drive_slowly_is_not_taken_to_turn_slowly_either() 
 
 @pytest.mark.parametrize(
     ('gone', 'error', 'raised'),
-    [(0.0, 0.5e-3, True), (0.3e-3, 0.5e-3, True), (0.0, 1.2e-3, False), (0.7e-3, 0.0, False)],
+    [
+        (0.0, 0.5e-3, True),
+        (0.3e-3, 0.5e-3, True),
+        (0.0, 1.2e-3, False),
+        (0.7e-3, 0.0, False),
+        (-0.2, 0.0, False),
+    ],
 )
 def test_pulses_that_lead_nowhere_between_two_stands_raise_the_dead_band(
     gone: float, error: float, raised: bool

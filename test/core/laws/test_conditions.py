@@ -69,6 +69,15 @@ def test_two_views_match_as_closely_as_the_base_moves_once_their_slope_is_known(
         assert matched_bound(estimate, settings) == max(settings.arrival_difference, bound)
 
 
+def test_two_views_match_no_more_coarsely_than_asked_for_nor_by_a_slope_that_is_a_guess() -> None:
+    settings = replace(SETTINGS, dead_band_linear=0.08, arrival_position=0.002)
+    seen = sight(difference_deviation=1e-4)
+    estimate = goal(seen, in_phase(Phase.MATCHING_FEATURES, slope=Slope(0.13, 1.0)))
+    assert matched_bound(estimate, settings) <= 0.002 * 0.13
+    guess = goal(seen, in_phase(Phase.MATCHING_FEATURES, slope=Slope(2.0, 1e-8)))
+    assert matched_bound(guess, replace(settings, arrival_position=0.0)) == 2e-4
+
+
 def test_a_memory_of_views_matches_as_closely_as_it_knows() -> None:
     """What is within a part of the noise is let pass, later what noise explains."""
     exact = sight(difference_slope=0.06, difference_deviation=0.0, offset=(0.0, 0.002))

@@ -1,6 +1,7 @@
 """Moves by pulses: a robot with a dead band stands, measures, and moves once."""
 
 from dataclasses import replace
+from itertools import pairwise
 import math
 
 from hypothesis import given
@@ -124,6 +125,34 @@ def test_a_long_turn_of_a_robot_that_stands_is_a_few_pulses_as_fast_as_ramps_all
     assert len([speed for speed in commanded(at(4.0), DRIVE, 30) if speed]) == 4
 
 
+@pytest.mark.parametrize('limits', [{}, {'max_speed_ratio': 0.2}, {'max_angular_jerk': 5.0}])
+def test_a_long_turn_keeps_ramps_and_limits_until_it_ends(limits) -> None:
+    gentle, last, sent = replace(BANDED, **limits), 0.0, []
+    state = in_phase(TURN, measurement=at(150.0), rested=9, period=FRAME_S)
+    while move := pulsed_move(slowly(at(150.0)), state, gentle):
+        command = Command(move[0])
+        state = state.changed(command=command, dead_band_residual=move[1], rested=0)
+        sent.append(move[0].angular)
+        if not sent[-1]:
+            break
+    assert sum(sent) * FRAME_S == pytest.approx(-150.0 * HOP)
+    ramp = gentle.max_angular_acceleration * FRAME_S
+    for speed in map(abs, sent):
+        assert speed <= gentle.max_speed_ratio * gentle.max_angular
+        assert last - speed <= 2.0 * ramp + THRESHOLD * (speed == 0.0)
+        last = speed
+    changes = [after - before for before, after in pairwise(map(abs, sent[:-1]))]
+    bends = [abs(after - before) for before, after in pairwise(changes)]
+    jerk = gentle.max_angular_jerk
+    assert not jerk or max(bends) <= jerk * FRAME_S**2
+
+
+def test_what_is_left_of_a_move_that_was_given_up_turns_no_other_one() -> None:
+    wanted, rest = Twist(0.2, 0.1 * THRESHOLD), Twist(0.0, 9.0 * THRESHOLD)
+    twist, rest = BANDED.drive.beyond_dead_band(wanted, rest, mode='pulse')
+    assert (twist.angular, rest.angular) == (0.0, wanted.angular)
+
+
 def test_a_robot_at_its_goal_that_stands_turns_by_one_train_however_far() -> None:
     seen, wanted = at(0.0, heading_error=0.2), Twist(0.0, -0.3)
     for rested in (BANDED.arrival_frames, 0):
@@ -209,7 +238,7 @@ def test_a_robot_turns_to_the_goals_heading_while_it_drives_there() -> None:
 
 def test_where_two_views_alone_show_that_it_should_stand_the_law_turns_it() -> None:
     seen = replace(at(0.0), offset=None, difference_slope=math.nan)
-    known = {'dead_band_residual': Twist(0.0, 0.5), 'slope': Slope(SLOPE, 1.0)}
+    known = {'dead_band_residual': Twist(0.0, 0.6 * THRESHOLD), 'slope': Slope(SLOPE, 1.0)}
     state = in_phase(DRIVE, measurement=seen, rested=9, **known)
     turned = pulsed_move(Twist(1e-4, 0.5 * THRESHOLD), state, BANDED)
     assert turned is not None

@@ -10,6 +10,8 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.smooth import APPROACHING
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
+from visual_servo_epipolar.core.rigs.rig import Command
+from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import is_settled, SEEN_S, settle
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -65,9 +67,24 @@ def test_two_views_alone_are_averaged_at_rest_as_well() -> None:
     assert state.settling.rest.difference == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize('gone', [0.0, 0.5])
-def test_a_train_of_pulses_after_which_the_robot_stands_as_before_shows_a_dead_band(gone) -> None:
-    """Metres tell, by means of what is seen before and after; BANDED has what was learnt."""
+@pytest.mark.parametrize(
+    ('gone', 'amid', 'first_pulse', 'raised'),
+    [
+        (0.0, None, 0.03, True),
+        (0.5, None, 0.03, False),
+        (0.0, Phase.HOLDING, 0.03, False),
+        (0.0, Interruption.HALTED, 0.03, False),
+        (0.0, None, -0.05, False),
+    ],
+)
+def test_a_train_of_pulses_after_which_the_robot_stands_as_before_shows_a_dead_band(
+    gone, amid, first_pulse, raised
+) -> None:
+    """
+    Metres tell, by means of what is seen before and after; BANDED has what was learnt.
+
+    Not so after an interruption, in which it was moved, or commands back and forth.
+    """
     state = seeing(stood([1e-3] * 8), dead_band=DeadBand(linear=Threshold(0.03)))
     sent, pulse = state.motion.sent, Twist(0.03, 0.0)
     first = 1 + SEEN + 8
@@ -75,10 +92,16 @@ def test_a_train_of_pulses_after_which_the_robot_stands_as_before_shows_a_dead_b
         difference = 1e-3 + gone * 3 * 0.03 * 0.1 * 0.1 * (frame > first + 3)
         seen = replace(state.settling.stood or state.measurement, stamp_ns=frame * FRAME_NS)
         seen = replace(seen, difference=difference)
-        state = settle(seeing(state, measurement=seen, sent=sent), None, None, 0.1, BANDED)
-        sent = sent.after(frame * FRAME_NS, pulse if frame < first + 3 else STANDSTILL)
+        holds = frame == first + 3 and isinstance(amid, Phase)
+        phase = amid if holds else Phase.MATCHING_FEATURES
+        state = seeing(state, measurement=seen, sent=sent, phase=phase)
+        state = settle(state, None, None, 0.1, BANDED)
+        if frame == first + 2 and isinstance(amid, Interruption):
+            state = interrupted(state.changed(command=Command(pulse)), amid)
+        speed = first_pulse if frame == first else pulse.linear if frame < first + 3 else 0.0
+        sent = sent.after(frame * FRAME_NS, Twist(speed, 0.0))
     assert state.settling.rested == BANDED.arrival_frames
-    assert (state.identified.dead_band.linear.value > 0.03) is (gone == 0.0)
+    assert (state.identified.dead_band.linear.value > 0.03) is raised
 
 
 def test_what_varies_at_rest_is_the_error_of_its_mean() -> None:

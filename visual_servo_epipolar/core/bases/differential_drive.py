@@ -102,6 +102,7 @@ def pulse(wanted: float, residual: float, threshold: float) -> tuple[float, floa
     """Return a speed that is 0 or beyond the ``threshold``, and the new ``residual``."""
     if wanted == 0.0 or abs(wanted) >= threshold:
         return wanted, 0.0
-    residual += wanted
+    # More than a pulse is left of a move that was given up.
+    residual = wanted + (residual if abs(residual) < threshold else 0.0)
     speed = math.copysign(threshold, residual) if abs(residual) >= threshold else 0.0
     return speed, residual - speed

@@ -133,7 +133,9 @@ class Threshold:
             )
         part = OF_PULSES if self.value or abs(bend) <= MOST_CURVATURE else STANDING
         wheels = wheels or bend * bend <= FIRST_VARIANCE  # as those of many a base do
-        if wheels or self.side * (position - self.origin) >= part * abs(self.asked):
+        moved = self.side * (position - self.origin) / abs(self.asked)
+        pushed = moved <= -STANDING and abs(bend) > MOST_CURVATURE  # by a hand: no wheels do
+        if wheels or pushed or moved >= part:
             return again
         if self.value or abs(bend) > MOST_CURVATURE:
             return replace(again, value=learnt)
@@ -207,8 +209,8 @@ class DeadBand:
 
         ``error`` is that of the positions between which it went [m].
         """
-        if gone >= OF_PULSES * way or gone + ERRORS * error >= STANDING * way:
-            return self
+        if gone >= OF_PULSES * way or abs(gone) + ERRORS * error >= STANDING * way:
+            return self  # it moved, or was pushed back
         most = _most(settings.max_linear, MOST_HOP[0], dt)
         value = max(self.linear.value, min(MARGIN * self.linear.value, most))
         return replace(self, linear=replace(self.linear, value=value))

@@ -65,7 +65,11 @@ def _halted(state: ServoState) -> ServoState:
         return state
     sent = replace(state.motion.sent, withdrawn=True)
     return state.changed(
-        command=HALT, last_linear=state.twist.linear, sent=sent, dead_band_residual=STANDSTILL
+        command=HALT,
+        last_linear=state.twist.linear,
+        sent=sent,
+        dead_band_residual=STANDSTILL,
+        stood=None,  # how far the last command led is not known
     )
 
 

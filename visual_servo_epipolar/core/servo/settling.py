@@ -82,6 +82,8 @@ def settle(
 ) -> ServoState:
     """Return the state with its count of settled frames, ``dt`` [s] after the ``previous``."""
     state = state.changed(**_rest(state, settings))
+    if not (state.phase.drives and dt):  # it may have been moved, and commands be withdrawn
+        state = state.changed(stood=None)
     state = _with_dead_band_of_move(state, settings)
     if is_close(state, settings) or _stands_at_goal(state):
         state = state.changed(time_in_tolerance=state.settling.time_in_tolerance + dt)
@@ -179,7 +181,8 @@ class Aim(NamedTuple):
     """
     What is ``left`` to the aim, the ``bound`` within which it is met, and the ``error`` of both.
 
-    ``threshold`` is the dead band, ``acceleration`` that by which the base speeds up to it, and
+    ``threshold`` is the dead band, ``ramp`` by how much the next pulse may be faster, ``limit``
+    the fastest one; ``acceleration`` that by which the base speeds up to the threshold, and
     ``room`` what a move may lead away to come back, to the positive and to the negative side.
     [m, m/s, m/s^2] or [rad, rad/s, rad/s^2]
     """
@@ -187,6 +190,8 @@ class Aim(NamedTuple):
     left: float
     bound: float
     threshold: float
+    ramp: float
+    limit: float
     error: float = 0.0
     acceleration: float = math.inf
     room: tuple[float, float] = (0.0, 0.0)
@@ -222,12 +227,12 @@ def pulsed_move(
         left,
         bound,
         band,
+        _ramp(settings.max_acceleration, settings.max_jerk, state),
+        settings.max_speed_ratio * settings.max_linear,
         _mean_error(state, slope),
         _acceleration(left, seen, slope, state, settings),
     )
-    ramp = settings.max_acceleration * usual_step(state.view.period)
-    most = _fastest(aim, state.twist.linear, ramp, settings.max_linear)
-    speed, more = _next_pulse(aim, rest.linear, most, state, settings)
+    speed, more = _next_pulse(aim, rest.linear, state.twist.linear, state, settings)
     awaits = abs(left) > bound and not (speed or _moves(rest.angular, settings.dead_band_angular))
     turn = (0.0, 0.0) if turn is None or awaits else turn  # one move, not two
     return Twist(speed, turn[0]), Twist(more, turn[1])
@@ -259,10 +264,10 @@ def _pulsed_turn(
     if abs(wanted) >= band and not (stands or _moves(moving, band)):
         return None
     bound = facing_bound(seen, settings, trial_of(seen, state))
-    aim = Aim(-seen.heading_error, bound, band, room=seen.view_margins)
-    ramp = settings.max_angular_acceleration * usual_step(state.view.period)
-    most = _fastest(aim, state.twist.angular, ramp, settings.max_angular)
-    return _next_pulse(aim, moving, most, state, settings)
+    ramp = _ramp(settings.max_angular_acceleration, settings.max_angular_jerk, state)
+    limit = settings.max_speed_ratio * settings.max_angular
+    aim = Aim(-seen.heading_error, bound, band, ramp, limit, room=seen.view_margins)
+    return _next_pulse(aim, moving, state.twist.angular, state, settings)
 
 
 def _moves(left: float, threshold: float) -> bool:
@@ -270,9 +275,16 @@ def _moves(left: float, threshold: float) -> bool:
     return abs(left) >= threshold * (1.0 - ROUNDING) > 0.0
 
 
-def _fastest(aim: Aim, now: float, ramp: float, limit: float) -> float:
-    """Return the fastest pulse after the velocity of ``now``: a ``ramp`` above the dead band."""
-    return min(max(aim.threshold, abs(now)) + ramp, limit)
+def _ramp(acceleration: float, jerk: float, state: ServoState) -> float:
+    """Return by how much a pulse may be faster than the one before [m/s, rad/s]."""
+    frame_s = usual_step(state.view.period)
+    # From speeding up to slowing down, twice as fast, the acceleration changes by three of them.
+    return frame_s * (min(acceleration, jerk * frame_s / 3.0) if jerk else acceleration)
+
+
+def _fastest(aim: Aim, now: float) -> float:
+    """Return the fastest pulse after the velocity of ``now``: a ramp above the dead band."""
+    return min(max(aim.threshold, abs(now)) + aim.ramp, max(aim.limit, aim.threshold))
 
 
 def _hops(moving: float, threshold: float) -> int:
@@ -281,16 +293,18 @@ def _hops(moving: float, threshold: float) -> int:
 
 
 def _next_pulse(
-    aim: Aim, moving: float, most: float, state: ServoState, settings: ServoSettings
+    aim: Aim, moving: float, now: float, state: ServoState, settings: ServoSettings
 ) -> tuple[float, float]:
-    """Return the next pulse of a move with ``moving`` left, or of a new one; and the rest."""
+    """Return the pulse after that of ``now`` of a move with ``moving`` left, and the rest."""
+    most = _fastest(aim, now)
     if not _moves(moving, aim.threshold):  # the last one is over
         # What the mean may be wrong by is no reason to move.
         measured = state.settling.rested >= settings.arrival_frames and aim.error <= aim.bound
         frame_s = usual_step(state.view.period)
         way = way_of_move(aim.left, aim.bound, aim.threshold * frame_s, aim.room)
         moving = _pulses(way, aim, frame_s, most) if measured and way else 0.0
-    pulse = first_pulse(moving, aim.threshold, most, quick=math.isinf(aim.acceleration))
+    quick = aim.ramp if math.isinf(aim.acceleration) else 0.0
+    pulse = first_pulse(moving, aim.threshold, most, ramp=quick)
     return pulse, moving - pulse
 
 
@@ -333,7 +347,7 @@ def _last_move(seen: GoalEstimate, slope: float, state: ServoState) -> Move | No
         if twist.linear
     ]
     way = math.fsum(span * speed for span, speed in spans)
-    if not way:
+    if not way or min(way * speed for _, speed in spans) < 0.0:  # none, or back and forth
         return None
     gone = math.copysign(1.0, way) * (seen.difference - stood.difference) / slope
     return Move(abs(way), gone, math.fsum(span for span, _ in spans))
@@ -375,13 +389,22 @@ def way_of_move(left: float, bound: float, hop: float, room: tuple[float, float]
     return math.copysign(hop, -left) if hop <= room[left > 0.0] else 0.0
 
 
-def first_pulse(moving: float, threshold: float, most: float, *, quick: bool = False) -> float:
+def first_pulse(moving: float, threshold: float, most: float, *, ramp: float = 0.0) -> float:
     """
-    Return the first of alike pulses, of at least the ``threshold``, that add up to ``moving``.
+    Return the first of pulses, of at least the ``threshold``, that add up to ``moving``.
 
-    They are as small as can be, or ``quick``: as few as can be, of a base that follows ramps.
+    They are alike and as small as can be; or, of a base that follows a ``ramp``, as few as slow
+    down to the threshold by two of them from pulse to pulse.
     """
-    hops = _hops(moving, threshold)
-    if quick and hops:
-        hops = min(hops, math.ceil(abs(moving) / most))
-    return math.copysign(min(abs(moving) / hops, most), moving) if hops else 0.0
+    hops, way, falls = _hops(moving, threshold), abs(moving), 0
+    if not hops:
+        return 0.0
+    if ramp:
+        first = threshold + ramp
+        falls = math.ceil((math.sqrt(first**2 + 4.0 * ramp * way) - first) / (2.0 * ramp))
+        hops = min(hops, max(falls, math.ceil(way / most)))
+    pulse = way / hops
+    if hops == falls:  # it is the fastest: those after it slow down all along
+        pulse *= (threshold + 2.0 * ramp * hops) / (threshold + ramp * (hops + 1))
+        pulse = min(pulse, way - (hops - 1) * threshold)
+    return math.copysign(min(pulse, most), moving)
