@@ -272,6 +272,21 @@ def test_pulses_that_lead_nowhere_between_two_stands_raise_the_dead_band(
     assert 0.09 <= wide.linear.value <= 0.1
 
 
+@pytest.mark.parametrize(
+    ('velocities', 'raised'),
+    [((0.05,), True), ((0.04, 0.0), True), ((0.05, 0.05, *[0.0] * 8), False)],
+)
+def test_a_base_that_goes_on_standing_needs_more_than_what_its_turns_made_of_it(
+    velocities: tuple[float, ...], raised: bool
+) -> None:
+    """It never stands by its commands, so that no move between two stands tells."""
+    band = DeadBand(linear=Threshold(0.033), angular=Threshold(0.033))
+    for frame in range(30):
+        twist = Twist(velocities[frame % len(velocities)], 0.0)
+        band = band.updated(sight(), reading(), twist, DT, SETTINGS)
+    assert (band.linear.value > 0.06) is raised
+
+
 def test_two_views_tell_turns_but_no_way() -> None:
     band, bare = DeadBand(), sight()
     for _ in range(40):

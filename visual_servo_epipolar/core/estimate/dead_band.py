@@ -73,6 +73,7 @@ class Threshold:
         way: float = 0.0,
         gone: float = 0.0,
         latency: float = 0.0,
+        stands: bool = True,
     ) -> 'Threshold':
         """
         Return the threshold after ``velocity`` was commanded for ``dt`` [s].
@@ -81,7 +82,7 @@ class Threshold:
         does a command of more than ``most``, or to the other side before the last one was seen,
         or a gap between images, in which a command may have been withdrawn, or stamps that leap.
         None at all is a pause. What a base does first may be what was commanded before its
-        ``latency`` [s].
+        ``latency`` [s]. Whether it ``stands`` after few pulses tells, unless moves are judged.
         """
         side = math.copysign(1.0, velocity) if velocity else self.side
         turns = side * self.side < 0.0 and (self.asked != 0.0 or not self.value)
@@ -89,7 +90,8 @@ class Threshold:
         if turns or gap or not math.isfinite(deviation) or abs(velocity) > most:
             return Threshold(self.value, stood=self.stood, bend=self.bend)
         late = max(LATE_S, latency)
-        paused = not self.value and self.idle > late  # no pulses: what came before has acted
+        pulses = self.value > 0.0 and stands
+        paused = not pulses and self.idle > late  # what came before has acted
         lasted = self.lasted + dt if side and not paused else 0.0
         idle = 0.0 if velocity else self.idle + dt
         if lasted <= late or math.isnan(self.origin):
@@ -105,7 +107,7 @@ class Threshold:
         # Of pulses the last one has to act, or to be one of many.
         patience = PATIENCE_ON_WAY_S if after.drives else PATIENCE_S
         many = lasted >= late + patience and abs(asked) >= MANY * self.value * dt
-        has_acted = many or (self.value > 0.0 and idle + dt > late)
+        has_acted = many or (pulses and idle + dt > late)
         enough = abs(asked) >= max(LEAST_ASKED, DEVIATIONS * deviation)
         tells = not (self.stood and abs(self.bend * after.way) < DISCERNIBLE * self.value * dt)
         return after._judged(position, dt, most) if enough and has_acted and tells else after
@@ -185,9 +187,11 @@ class DeadBand:
             along += seen - self.seen if math.isfinite(seen - self.seen) else 0.0
         most = _most(settings.max_linear, MOST_HOP[0], dt)
         turn_most = _most(settings.max_angular, MOST_HOP[1], dt)
-        linear, late = self.linear, settings.latency
-        if not linear.value:  # else moves between stands tell: see ``after_move``
-            linear = linear.updated(along, deviation, twist.linear, dt, most=most, latency=late)
+        late = settings.latency
+        # Where it stands, moves tell: see ``after_move``.
+        linear = self.linear.updated(
+            along, deviation, twist.linear, dt, most=most, latency=late, stands=False
+        )
         angular = self.angular.updated(
             self._unwrapped(measurement.heading_error),
             heading_deviation(measurement),
