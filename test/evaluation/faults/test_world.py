@@ -38,7 +38,7 @@ def near_start(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def images_end(scene: StruckRun) -> None:
-    scene.filter('/image_raw', lambda envelope: [])
+    scene.filter('/image_raw', lambda envelope: [], None)
 
 
 def few_tracks(scene: StruckRun) -> None:
@@ -51,11 +51,8 @@ def few_tracks(scene: StruckRun) -> None:
         message.data.frombytes(rows.tobytes())
         return [envelope]
 
-    scene.filter('/tracks', leave_eight, 4.0)
-
-
-def without_a_base_that_stops_by_itself(settings: object, rng: object) -> object:
-    return replace(settings, base=PioneerSettings(command_timeout=0.0))
+    scene.filter('/tracks', leave_eight, None)
+    scene.later(4.0, lambda: scene.world.wire.filters['/tracks'].clear())
 
 
 @pytest.fixture(autouse=True)
@@ -95,8 +92,13 @@ def test_eight_features_for_four_seconds_are_no_harm() -> None:
 def test_a_servo_whose_stop_was_removed_moves_without_sight(monkeypatch) -> None:
     monkeypatch.setattr(ServoNode, '_on_watch', lambda self: None)
     monkeypatch.setattr(campaign, 'LONGEST_S', 5.0)
-    fault = Fault(what='', strike=images_end, prepare=without_a_base_that_stops_by_itself)
-    result = driven('end', fault)
+    near = campaign._world
+
+    def world(*given, **more):
+        return replace(near(*given, **more), base=PioneerSettings(command_timeout=0.0))
+
+    monkeypatch.setattr(campaign, '_world', world)
+    result = driven('end', Fault(what='', strike=images_end))
     assert (result['verdict'], result['safe']) == ('moved without sight', False)
     assert result['blind_s'] > 1.0
     assert any('still moving' in charge for charge in result['charges'])

@@ -127,8 +127,8 @@ def drive_one(name: str, fault: Fault, seed: int, law: str = ServoSettings.law) 
     cv2.setNumThreads(1)
     rng = np.random.default_rng((seed, zlib.crc32(name.encode())))
     beside = bool(rng.random() < 0.25)  # from there it turns and backs off first
-    drawn = _world(seed, rng, beside=beside)
-    settings = fault.prepare(replace(drawn, servo=replace(drawn.servo, law=law)), rng)
+    settings = _world(seed, rng, beside=beside)
+    settings = replace(settings, servo=replace(settings.servo, law=law))
     stage = fault.stages[int(rng.integers(len(fault.stages)))]
     delay_s = rng.uniform(0.0, WHOLE_WAY_S if stage is RunStage.DRIVING else AFTERWARDS_S)
     if not fault.base_alone and bool(rng.random() < 0.5):

@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
 import math
@@ -28,7 +28,6 @@ from visual_servo_epipolar.evaluation.faults.world import (
     ImageOrigin,
     WARNING,
     World,
-    WorldSettings,
 )
 from visual_servo_epipolar.messages import read
 
@@ -218,30 +217,14 @@ class StruckRun:
         self.busy_s = max(self.busy_s, self.witness.now_s + seconds)
         wire.at(wire.now_ns + round(seconds * NANOSECONDS), act)
 
-    def filter(self, topic: str, change: Filter, seconds: float = math.inf) -> None:
-        """Let messages of ``topic`` go through ``change``, for ``seconds``."""
-        filters = self.world.wire.filters[topic]
+    def filter(self, topic: str, change: Filter, spell: tuple[float, float] | None) -> None:
+        """Let messages of ``topic`` go through ``change``, for a ``spell`` [s] or for good."""
+        filters, seconds = self.world.wire.filters[topic], math.inf
         filters.append(change)
+        if spell is not None:
+            seconds = self.spell(*spell)
         if seconds < math.inf:
             self.later(seconds, lambda: filters.remove(change))
-
-    def alter(
-        self,
-        topic: str,
-        change: Callable[[Any], object],
-        seconds: float = math.inf,
-        *,
-        true: bool = True,
-    ) -> None:
-        """Let ``change`` alter each message of ``topic`` in place; ``true``: of the scene."""
-
-        def altered(envelope: Envelope) -> list[Envelope]:
-            change(envelope.message)
-            if envelope.sight is not None and not true:
-                envelope.sight = replace(envelope.sight, true=False)
-            return [envelope]
-
-        self.filter(topic, altered, seconds)
 
     def note_stop(self) -> None:
         """Note that the robot is commanded now to stand for good."""
@@ -255,7 +238,6 @@ class StruckRun:
 
 
 Strike = Callable[[StruckRun], object]
-Prepare = Callable[[WorldSettings, np.random.Generator], WorldSettings]
 What = ParamSpec('What')
 
 
@@ -276,14 +258,12 @@ class Fault:
     """
     A fault: ``strike`` does it to a scene, in one of the ``stages`` and some time into it.
 
-    ``prepare`` changes the world before it is made, for what is wrong from the beginning. Where
-    the servo cannot be heard, as ``base_alone`` says, the base must stop by itself; elsewhere it
-    may be one that does not.
+    Where the servo cannot be heard, as ``base_alone`` says, the base must stop by itself;
+    elsewhere it may be one that does not.
     """
 
     what: str
     strike: Strike = lambda scene: None
-    prepare: Prepare = lambda settings, rng: settings
     stages: tuple[RunStage, ...] = (RunStage.DRIVING,)
     base_alone: bool = False
 

@@ -34,14 +34,14 @@ from visual_servo_epipolar.evaluation.faults.fault import (
     StruckRun,
 )
 from visual_servo_epipolar.evaluation.faults.judge import RunVerdict
-from visual_servo_epipolar.evaluation.faults.world import Envelope, HOP_NS, NODES, WorldSettings
+from visual_servo_epipolar.evaluation.faults.world import Envelope, HOP_NS, NODES
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 IMAGES, TRACKS, INFO, DESIRED = '/image_raw', '/tracks', '/camera_info', '/desired/image_raw'
-COMMANDS, BUTTON, ODOMETRY = '/cmd_vel', '/stop_button', '/odom'
+COMMANDS, BUTTON = '/cmd_vel', '/stop_button'
 CAMERA, TRACKER = 'camera_node', 'tracker_node'
 SPELL = 0.3, 10.0  # for which nearly all of these last, if not for good [s]
 SERVICES: Mapping[str, str] = {
@@ -56,36 +56,21 @@ MEANT = ('arrival_', 'near_parallax', 'max_attempts', 'stale_timeout', 'law', 'f
 
 
 @striking
-def dropped(scene: StruckRun, topic: str) -> None:
-    """Lose up to half of the messages of ``topic``."""
-    share = scene.draw(0.1, 0.5)
-    scene.notes.append(f'{share:.0%} of them')
-    scene.filter(topic, lambda envelope: [] if scene.hits(share) else [envelope])
+def delayed(
+    scene: StruckRun,
+    topic: str,
+    delays: Callable[[StruckRun], list[float]],
+    spell: tuple[float, float] | None = None,
+) -> None:
+    """Let each message come as often, and so much later, as ``delays`` [s]: none is lost."""
 
+    def delay(envelope: Envelope) -> list[Envelope]:
+        return [
+            replace(envelope, delay_ns=envelope.delay_ns + round(seconds * NANOSECONDS))
+            for seconds in delays(scene)
+        ]
 
-@striking
-def lost(scene: StruckRun, topic: str, low: float = SPELL[0], high: float = SPELL[1]) -> None:
-    """Lose all messages of ``topic``, for a while or for good."""
-    scene.filter(topic, lambda envelope: [], scene.spell(low, high))
-
-
-@striking
-def late(scene: StruckRun, topic: str, low: float, high: float) -> None:
-    """Delay the messages of ``topic``, each by the same time."""
-    seconds = scene.draw(low, high)
-    scene.notes.append(f'by {seconds:.2f} s')
-    scene.filter(topic, lambda envelope: [delayed(envelope, seconds)])
-
-
-@striking
-def copied(scene: StruckRun, topic: str, delays: Callable[[StruckRun], list[float]]) -> None:
-    """Let each message come as often, and so much later, as ``delays`` [s]."""
-    scene.filter(topic, lambda envelope: [delayed(envelope, each) for each in delays(scene)])
-
-
-def delayed(envelope: Envelope, seconds: float) -> Envelope:
-    """Return ``envelope``, later by ``seconds``."""
-    return replace(envelope, delay_ns=envelope.delay_ns + round(seconds * NANOSECONDS))
+    scene.filter(topic, delay, spell)
 
 
 @striking
@@ -93,24 +78,34 @@ def altered(
     scene: StruckRun,
     topic: str,
     change: Change,
-    spell: tuple[float, float] | None = SPELL,
+    spell: tuple[float, float] | None = None,
     *,
     true: bool = True,
 ) -> None:
-    """Let ``change`` alter each message of ``topic``, for a drawn ``spell`` [s] or for good."""
-    seconds = math.inf if spell is None else scene.spell(*spell)
-    scene.alter(topic, lambda message: change(message, scene), seconds, true=true)
+    """Let ``change`` alter each message of ``topic`` in place; ``true``: it is of the scene."""
+
+    def alter(envelope: Envelope) -> list[Envelope]:
+        change(envelope.message, scene)
+        if envelope.sight is not None and not true:
+            envelope.sight = replace(envelope.sight, true=False)
+        return [envelope]
+
+    scene.filter(topic, alter, spell)
 
 
-@striking
-def restamped(scene: StruckRun, stamp: Callable[[int, StruckRun], int]) -> None:
-    """Let the stamp of each image be what ``stamp`` makes of it [ns]."""
+def in_part(scene: StruckRun) -> list[float]:
+    """Return the delays [s] of a message of which four of ten are lost."""
+    return [] if scene.hits(0.4) else [0.0]
 
-    def change(message: Any) -> None:
+
+def restamped(stamp: Callable[[int, StruckRun], int]) -> Strike:
+    """Return the strike that lets the stamp of an image be what ``stamp`` makes of it [ns]."""
+
+    def change(message: Any, scene: StruckRun) -> None:
         stamp_ns = stamp(read.stamp_ns(message.header), scene)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
 
-    scene.alter(IMAGES, change)
+    return altered(IMAGES, change)
 
 
 @striking
@@ -134,7 +129,7 @@ def replayed(scene: StruckRun, length: int, *, stamps: bool) -> None:
         message = write.image(_pixels(old.message), 'mono8', stamp_ns, header.frame_id)
         return [replace(envelope, message=message, sight=old.sight)]
 
-    scene.filter(IMAGES, play, scene.spell(*SPELL))
+    scene.filter(IMAGES, play, SPELL)
 
 
 PixelChange = Callable[[Pixels, StruckRun], Any]
@@ -171,7 +166,7 @@ def photographed(scene: StruckRun, pixels: Callable[[CameraSettings, StruckRun],
     """Let another publisher send the photograph that ``pixels`` makes with the camera."""
     image = np.ascontiguousarray(pixels(scene.world.settings.camera, scene), np.uint8)
     message: Any = write.image(image, 'mono8', 0, 'camera_optical_frame')
-    scene.filter(DESIRED, lambda envelope: [replace(envelope, message=message)])
+    scene.filter(DESIRED, lambda envelope: [replace(envelope, message=message)], None)
     scene.world.wire.send(Envelope(DESIRED, message, 2 * HOP_NS))
 
 
@@ -188,7 +183,7 @@ def retracked(change: Callable[[Any, StruckRun], Any], *, true: bool = True) -> 
         message.width, message.row_step = len(rows), len(rows) * message.point_step
         _show(message, rows.tobytes())
 
-    return altered(TRACKS, alter, true=true)
+    return altered(TRACKS, alter, SPELL, true=true)
 
 
 def anywhere(rows: Any, scene: StruckRun) -> Any:
@@ -238,12 +233,12 @@ def scaled(scene: StruckRun, *indices: int) -> None:
     ratio = float(scene.rng.choice((0.25, 0.35, 0.5, 0.7, 0.8, 1.2, 1.4, 2.0, 2.8, 4.0)))
     scene.notes.append(f'times {ratio:g}')
 
-    def scale(info: Any) -> None:
+    def scale(info: Any, scene: StruckRun) -> None:
         k = np.array(info.k)
         k[list(indices)] *= ratio
         info.k = k
 
-    scene.alter(INFO, scale)
+    altered(INFO, scale)(scene)
 
 
 @striking
@@ -266,24 +261,6 @@ def lit(scene: StruckRun, light: str) -> None:
     scene.world.set(CAMERA, {'light': light})
     if seconds < math.inf:
         scene.later(seconds, lambda: scene.world.set(CAMERA, {'light': 'ceiling'}))
-
-
-@striking
-def posed(scene: StruckRun, change: Callable[[list[float], list[float]], list[float]]) -> None:
-    """Let poses of odometry, (x, y, z, w), be what ``change`` makes of each and of the first."""
-    first: list[float] = []
-
-    def alter(message: Any) -> None:
-        place, turn = message.pose.pose.position, message.pose.pose.orientation
-        pose = [place.x, place.y, turn.z, turn.w]
-        first.extend(pose if not first else [])
-        place.x, place.y, turn.z, turn.w = change(pose, first)
-
-    scene.alter(ODOMETRY, alter)
-
-
-def _hears_odometry(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
-    return replace(settings, servo=replace(settings.servo, odometry=True))
 
 
 def _clock_leaps(scene: StruckRun) -> None:
@@ -406,14 +383,20 @@ BARREL = lens('plumb_bob', -0.35, 0.12, 0.0, 0.0, 0.0)
 FISHEYE = lens('equidistant', 0.0, 0.0, 0.0, 0.0)
 TABLE: Mapping[RunVerdict, Mapping[str, Fault]] = {
     RunVerdict.BLIND: {
-        'images_dropped': driving('up to half of the images lost', dropped(IMAGES)),
-        'images_end': always('no images, for a while or for good', lost(IMAGES)),
-        'images_late': driving('images late', late(IMAGES, 0.1, 0.5), late(IMAGES, 1.5, 4.0)),
+        'images_dropped': driving('four of ten images lost', delayed(IMAGES, in_part)),
+        'images_end': always(
+            'no images, for a while or for good', delayed(IMAGES, lambda _: [], SPELL)
+        ),
+        'images_late': driving(
+            'images 0.3 or 2.5 s late',
+            delayed(IMAGES, lambda _: [0.3]),
+            delayed(IMAGES, lambda _: [2.5]),
+        ),
         'images_uneven': driving(
             'images 0 to 0.5 s late each, out of order, or three times',
-            copied(IMAGES, lambda scene: [scene.draw(0.0, 0.5)]),
-            copied(IMAGES, lambda scene: [0.2 if scene.hits(0.3) else 0.0]),
-            copied(IMAGES, lambda _: [0.0, 0.02, 0.04]),
+            delayed(IMAGES, lambda scene: [scene.draw(0.0, 0.5)]),
+            delayed(IMAGES, lambda scene: [0.2 if scene.hits(0.3) else 0.0]),
+            delayed(IMAGES, lambda _: [0.0, 0.02, 0.04]),
         ),
         'images_stamps': driving(
             'stamps of 1970, of 0, of tomorrow, or up to 2 s off',
@@ -441,13 +424,17 @@ TABLE: Mapping[RunVerdict, Mapping[str, Fault]] = {
             retracked(lambda rows, scene: rows[: int(scene.rng.integers(1, 12))]),
             retracked(at_one_point, true=False),
         ),
-        'tracks_late': driving('tracks lost, or late', dropped(TRACKS), late(TRACKS, 0.1, 0.5)),
-        'info_missing': always('no camera_info', lambda scene: scene.filter(INFO, lambda _: [])),
+        'tracks_late': driving(
+            'four of ten tracks lost, or all late',
+            delayed(TRACKS, in_part),
+            delayed(TRACKS, lambda _: [0.3]),
+        ),
+        'info_missing': always('no camera_info', delayed(INFO, lambda _: [])),
         'clock_leaps': always('the wall clock leaps, ahead or back', _clock_leaps),
         'commands_lost': driving(
-            'up to half of the commands are lost, or all',
-            dropped(COMMANDS),
-            lost(COMMANDS, 3.0, 10.0),
+            'four of ten commands lost, or all',
+            delayed(COMMANDS, in_part),
+            delayed(COMMANDS, lambda _: [], (3.0, 10.0)),
             base_alone=True,
         ),
         **node_faults(),
@@ -473,13 +460,6 @@ TABLE: Mapping[RunVerdict, Mapping[str, Fault]] = {
         ),
         'wheels_slip': driving('wheels slip by 10 to 40 %, unevenly', _wheels_slip),
         'carried': always('the robot is carried to the start', _carry),
-        'odometry_wrong': driving(
-            'odometry, which is heard, stands still, has left for right, or begins anew',
-            posed(lambda pose, first: first),
-            posed(lambda pose, _: [pose[0], -pose[1], -pose[2], pose[3]]),
-            posed(lambda pose, first: [pose[0] - first[0], pose[1] - first[1], *pose[2:]]),
-            prepare=_hears_odometry,
-        ),
         'tracks_wrong': driving(
             'half of the tracks anywhere, or 25 px aside', retracked(anywhere), retracked(shifted)
         ),
@@ -489,7 +469,7 @@ TABLE: Mapping[RunVerdict, Mapping[str, Fault]] = {
         ),
         'info_wrong': at_first(
             'a distortion that is not there, a fisheye that is none, or K column by column',
-            *(altered(INFO, change, None) for change in (BARREL, FISHEYE, transposed)),
+            *(altered(INFO, change) for change in (BARREL, FISHEYE, transposed)),
         ),
         'photograph_other_room': always(
             'a photograph of another room, or a black one',
