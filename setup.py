@@ -78,7 +78,6 @@ setup(
         'test': [
             'av>=12.3.0',
             'dask[distributed]>=2023.12.1',
-            'faiss-cpu>=1.8.0',
             'hypothesis>=6.98.15',
             'mcap-ros2-support',
             'psutil>=5.9.8',
@@ -90,7 +89,6 @@ setup(
         'lint': ['import-linter', 'mypy', 'ruff', 'types-PyYAML'],
         'bench': ['poselib'],  # a peer to measure against
         'dask': ['dask[distributed]>=2023.12.1'],  # sweep --scheduler
-        'places': ['faiss-cpu>=1.8.0'],  # routes of some thousand photographs and more
         'colcon': ['colcon-common-extensions', 'setuptools<80'],
     },
     entry_points={

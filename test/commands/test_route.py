@@ -39,11 +39,6 @@ def test_numbers_have_the_limits_of_the_node(option: str, limits: str, capsys) -
     assert f"'1001' is not a whole number from {limits}" in capsys.readouterr().err
 
 
-def test_an_epipole_behind_the_robot_is_refused_at_once(capsys) -> None:
-    assert main(['route', 'demo', '--steering', 'epipole', '--reverse']) == 2
-    assert 'steering epipole must go forward, got reverse' in capsys.readouterr().err
-
-
 def test_a_report_shows_the_map_and_every_photograph(tmp_path: Path) -> None:
     write_route(route_of(*map(key_view, range(3))), tmp_path / 'hall')
     assert main(['report', str(tmp_path / 'hall')]) == 0

@@ -24,7 +24,7 @@ from visual_servo_epipolar.commands.arguments import (
 )
 from visual_servo_epipolar.commands.outputs import OutputFile, OutputFolder
 from visual_servo_epipolar.core.laws.circumstances import Circumstances
-from visual_servo_epipolar.core.routes.settings import FollowSettings, STEERINGS
+from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.settings import expanded, range_of
 from visual_servo_epipolar.simulation.choices import REGIONS, WAYS, WORLDS
 
@@ -242,12 +242,6 @@ def _add_route_demo(demo: ArgumentParser) -> None:
     renew = 'photographs of other light that a key view keeps, from arrivals (default 0)'
     add_words(demo, {'--renewals N': renew}, type=_number_of('renewals'), default=0)
     add_flags(demo, {'--reverse': 'repeat it backward, from the last station to the first'})
-    demo.add_argument(
-        '--steering',
-        choices=STEERINGS,
-        default=STEERINGS[0],
-        help='steer by the structure of key views, or by the epipole of the next',
-    )
     out = f'folder for the route and result.json (default {ROUTE_FOLDER})'
     add_words(demo, {'--out DIR': out}, type=OutputFolder, default=ROUTE_FOLDER)
     add_run_options(demo)

@@ -140,7 +140,9 @@ def demo(options: argparse.Namespace) -> int:
     """Teach a way in the simulated storey, repeat it from its folder, and judge by the truth."""
     from visual_servo_epipolar.simulation import routes
 
-    settings = _follow_settings(options)
+    settings = FollowSettings(
+        reverse=options.reverse, laps=options.laps, renewals=options.renewals
+    )
     scene = 1 if options.scene is None else options.scene
     scenario = routes.route_scenario(scenario_of(options, **AS_FAST), scene)
     folder = Path(options.out) / FOLDER
@@ -173,19 +175,6 @@ def demo(options: argparse.Namespace) -> int:
     write_json(result, str(Path(options.out) / 'result.json'))
     publish(result, _report(result, options.out), options.json)
     return 0 if result['outcome'] == 'arrived' else 1
-
-
-def _follow_settings(options: argparse.Namespace) -> FollowSettings:
-    """Return how the route is to be followed; raises InputError before anything is built."""
-    try:
-        return FollowSettings(
-            steering=options.steering,
-            reverse=options.reverse,
-            laps=options.laps,
-            renewals=options.renewals,
-        )
-    except ValueError as error:
-        raise InputError(str(error)) from None
 
 
 def _judged(

@@ -6,7 +6,7 @@ from nav_msgs.msg import Path
 from visualization_msgs.msg import Marker, MarkerArray
 
 from visual_servo_epipolar.core.routes.chain import path_poses
-from visual_servo_epipolar.core.routes.following.follower import RouteProgress
+from visual_servo_epipolar.core.routes.follower import RouteProgress
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import FAILED, HOLDING, RouteStep
 from visual_servo_epipolar.messages import write

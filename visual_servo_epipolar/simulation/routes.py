@@ -13,8 +13,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist, wrap_angle
 from visual_servo_epipolar.core.rigs.rig import Command
-from visual_servo_epipolar.core.routes.following.closing import closing_of
-from visual_servo_epipolar.core.routes.following.follower import RouteProgress
+from visual_servo_epipolar.core.routes.follower import RouteProgress
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun, RouteStep
@@ -434,7 +433,6 @@ def kidnap(scenario: Scenario, taught: Taught, count: int, seed: int) -> Kidnaps
     A camera that sees all around is turned anyhow.
     """
     simulator, finder = new_simulator(scenario), PlaceFinder(taught.route)
-    closing = closing_of(taught.route, finder)
     rng = np.random.default_rng((seed, 11))
     turned = math.pi if scenario.camera.camera.wraps else TURNED
     right = refused = 0
@@ -442,10 +440,8 @@ def kidnap(scenario: Scenario, taught: Taught, count: int, seed: int) -> Kidnaps
         k, offset = int(rng.integers(0, len(taught.way.points) - 40)), float(rng.uniform(-1, 1))
         pose = _beside(taught, k, ASIDE * offset, turned * float(rng.uniform(-1.0, 1.0)))
         place = finder.find(simulator.capture(pose, number))
-        if place is not None and closing is not None:  # right by either end of the way
-            place = closing.on_lap(place, taught.route.views, k * SPACING)
         refused += place is None
-        right += place is not None and _is_right(taught, place, pose)
+        right += place is not None and _is_right(taught, place, pose, finder.lap)
     return Kidnaps(count, right, refused, count - right - refused)
 
 
@@ -477,10 +473,12 @@ def _anywhere(count: int, seed: int) -> Iterator[Pose]:
         yield Pose(x, y, float(rng.uniform(-math.pi, math.pi)))
 
 
-def _is_right(taught: Taught, place: Place, pose: Pose) -> bool:
+def _is_right(taught: Taught, place: Place, pose: Pose, lap: float) -> bool:
     """Whether a place is where the robot is: odometry's ways are not quite true ones."""
-    ratio = float(taught.way.length[-1]) / taught.route.length
-    k = round(place.way * ratio / SPACING)
-    k, offset = taught.way.offset(pose, min(max(k, 0), len(taught.way.points) - 1))
-    apart = abs(k * SPACING - place.way * ratio)
-    return apart < RIGHT_WAY and abs(offset - place.offset) < RIGHT_OFFSET
+    ratio, last = float(taught.way.length[-1]) / taught.route.length, len(taught.way.points) - 1
+    ways = [place.way, place.way + lap, place.way - lap]  # right by either end of a lap
+    for way in (ratio * it for it in ways if math.isfinite(it)):
+        k, offset = taught.way.offset(pose, min(max(round(way / SPACING), 0), last))
+        if abs(k * SPACING - way) < RIGHT_WAY and abs(offset - place.offset) < RIGHT_OFFSET:
+            return True
+    return False

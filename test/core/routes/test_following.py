@@ -11,15 +11,14 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.bases.registry import base_of
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.routes.following.follower import Follower
-from visual_servo_epipolar.core.routes.following.path_estimate import (
+from visual_servo_epipolar.core.routes.follower import brake, Follower, steer
+from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
+from visual_servo_epipolar.core.routes.path import PathPoint, TaughtPath
+from visual_servo_epipolar.core.routes.path_estimate import (
     beside,
-    beyond_gate,
+    PathEstimate,
     PathMeasurement,
 )
-from visual_servo_epipolar.core.routes.following.steering import brake, LateralFilter, steer
-from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
-from visual_servo_epipolar.core.routes.path import TaughtPath
 from visual_servo_epipolar.core.routes.route import RouteView
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.routes.structure import ViewPose
@@ -29,7 +28,6 @@ SETTINGS = FollowSettings()
 LIMITS = replace(ServoSettings().drive.limits, max_linear=0.5, max_angular=1.0)
 BASE = base_of(ServoSettings().base, LIMITS)
 WAY = np.linspace(0.0, 2.0, 21)
-SURE = LateralFilter(np.zeros(3), np.diag([1e-8, 1e-8, 1e-8]))
 
 
 def straight(heading: float) -> TaughtPath:
@@ -48,9 +46,17 @@ def seen(heading: float, offset: float, turn: float, along: FloatArray) -> ViewP
     return ViewPose(np.append(ahead + offset * left, heading + turn), covariance, 40, 20, 0.01)
 
 
+def sure(way: float = 1.0, variance: float = 0.0) -> PathEstimate:
+    """Return an estimate on the path, to a tenth of a millimetre beside it."""
+    estimate = PathEstimate(way, 0.1)
+    estimate.is_placed, estimate.covariance = True, np.diag([1e-8, 1e-8, 1e-8])
+    estimate.way_variance = variance
+    return estimate
+
+
 def is_believed(measured: PathMeasurement, slip: float = 0.0, variance: float = 0.0) -> bool:
     """Whether a view is believed where what was predicted is known to a tenth of a millimetre."""
-    return not beyond_gate(SURE, measured, slip, variance)
+    return not sure(1.0 - slip, variance).trouble(measured)
 
 
 @pytest.mark.parametrize('heading', [0.0, 0.5 * math.pi, 2.0])
@@ -75,16 +81,15 @@ def test_the_gate_goes_by_the_deviations_across_the_path_and_of_the_turn(heading
 
 def test_what_is_not_believed_is_told_in_metres_and_radians() -> None:
     measured = beside(straight(0.0), seen(0.0, -0.25, 0.125, np.full(3, 1e-3)), 1.0)
-    reason = beyond_gate(SURE, measured, 0.5, 0.0)
+    reason = sure(0.5).trouble(measured)
     assert '+0.500 m along the way, -0.250 m beside it and +0.125 rad off' in reason
 
 
 def follower_on(path: TaughtPath, view: RouteView) -> Follower:
     """Return a follower 1 m along a path, at full speed, that believes views to a millimetre."""
     views = (replace(view, path=path), replace(key_view(1), path=path, way=2.0))
-    follower = Follower(
-        route_of(*views), SETTINGS, BASE, view=1, target=1, way=1.0, latency=0.1, at=SURE
-    )
+    follower = Follower(route_of(*views), SETTINGS, BASE, view=1, target=1, way=1.0, latency=0.1)
+    follower.estimate = sure()
     follower.limiter = Limiter(Twist(0.5, 0.5 * path.curvature_at(1.0)))
     return follower
 
@@ -96,8 +101,8 @@ def test_a_place_beyond_what_it_drives_is_not_believed(ahead, is_believed, monke
     """As by a cabinet that was moved along the wall; the base may have stood, though."""
     follower = follower_on(straight(0.0), key_view(0))
     follower.halt(0, unsent=False)
-    follower._estimate.sent(0, Twist(0.5, 0.0))
-    follower._stamp_ns, follower._way_variance = 100_000_000, 0.0
+    follower.estimate.sent(0, Twist(0.5, 0.0))
+    follower.stamp_ns = 100_000_000
     place = seen(0.0, 0.0, 0.0, np.full(3, 1e-3))
 
     def locate(tracker: KeyViewTracker, image: Image, near: FloatArray) -> ViewPose:
@@ -112,7 +117,7 @@ def test_a_place_beyond_what_it_drives_is_not_believed(ahead, is_believed, monke
 def test_after_a_hold_the_robot_speeds_up_by_its_ramps(monkeypatch: pytest.MonkeyPatch) -> None:
     follower = follower_on(straight(0.0), key_view(0))
     place = seen(0.0, 0.0, 0.0, np.full(3, 1e-3))
-    follower._stamp_ns = 0
+    follower.stamp_ns = 0
     follower.halt(0, unsent=False)
     monkeypatch.setattr(KeyViewTracker, 'locate', lambda *_: place)
     follower.step(follower.route.views[0].image, 3 * 10**9)
@@ -122,9 +127,9 @@ def test_after_a_hold_the_robot_speeds_up_by_its_ramps(monkeypatch: pytest.Monke
 def test_without_a_view_the_robot_slows_down_on_the_same_curve() -> None:
     arc = replace(straight(0.0), curvatures=np.full(21, 0.9))
     follower = follower_on(arc, key_view(0))
-    image, twists = follower.route.views[0].image, [follower.twist]
+    twists = [follower.twist]
     for follower.lost in (0.09, 0.18, 0.27, 0.36, 0.45):
-        follower.limiter = Limiter(follower._wanted(image, SURE, None, 0.09))
+        follower.limiter = Limiter(follower._wanted(None, 0.09))
         twists.append(follower.twist)
     speeds, turns = np.array([[twist.linear, twist.angular] for twist in twists]).T
     assert speeds[-1] < 0.3
@@ -136,8 +141,8 @@ def test_the_curve_stays_the_same_where_the_base_cannot_slow_down_as_fast() -> N
     """As where the view is unsure by centimetres: a quarter of the speed, at once."""
     arc = replace(straight(0.0), curvatures=np.full(21, 0.9))
     follower = follower_on(arc, key_view(0))
-    unsure = LateralFilter(np.zeros(3), np.diag([0.12**2, 1e-8, 1e-8]))
-    after = follower._wanted(follower.route.views[0].image, unsure, None, 0.04)
+    follower.estimate.covariance[0, 0] = 0.12**2
+    after = follower._wanted(None, 0.04)
     assert 0.4 < after.linear < 0.5 and after.angular == pytest.approx(0.9 * after.linear)
 
 
@@ -148,18 +153,28 @@ def driven(
     speed: float, offset: float, *, wheels: float = 0.0, curvature: float = 0.0
 ) -> list[float]:
     """Return the true offsets [m] on five metres of a path, seen with a millimetre of noise."""
-    rng, it = np.random.default_rng(2), LateralFilter()
+    rng, it = np.random.default_rng(2), PathEstimate(0.0, 0.0)
     turn, offsets = 0.0, []
     for _ in range(round(5.0 / (abs(speed) * DT))):
-        noise = rng.standard_normal(2) * [1e-3, 3e-4]
-        it = it.seen(offset + noise[0], turn + noise[1], np.diag([1e-6, 1e-7]))
-        twist = steer(it, curvature, speed, SETTINGS)
+        see(
+            it,
+            offset + 1e-3 * rng.standard_normal(),
+            turn + 3e-4 * rng.standard_normal(),
+            curvature,
+        )
+        twist = steer(it.state, curvature, speed, SETTINGS)
         rate = twist.angular + twist.linear * (wheels - curvature)
         offset += twist.linear * math.sin(turn + 0.5 * rate * DT) * DT
         turn += rate * DT
-        it = it.moved(twist.linear, twist.angular, curvature, DT)
+        it.move(twist, DT)
         offsets.append(offset)
     return offsets
+
+
+def see(it: PathEstimate, offset: float, turn: float = 0.0, curvature: float = 0.0) -> None:
+    """Let an estimate take in a view, known to a millimetre."""
+    point = PathPoint(it.way, offset, turn, curvature, 0.5)
+    it.update(PathMeasurement(point, np.diag([1e-6, 1e-6, 1e-7]), 40))
 
 
 @pytest.mark.parametrize('speed', [0.5, 0.2, -0.3])
@@ -179,19 +194,16 @@ def test_an_arc_is_followed() -> None:
 
 
 def test_a_step_between_key_views_turns_the_robot_by_little() -> None:
-    it = LateralFilter()
+    it = PathEstimate(0.0, 0.0)
     for _ in range(40):
-        it = it.seen(0.0, 0.0, np.diag([1e-6, 1e-7])).moved(0.5, 0.0, 0.0, DT)
-    before = steer(it, 0.0, 0.5, SETTINGS).angular
-    after = steer(it.seen(2e-3, 0.0, np.diag([1e-6, 1e-7])), 0.0, 0.5, SETTINGS).angular
+        see(it, 0.0)
+        it.move(Twist(0.5, 0.0), DT)
+    before = steer(it.state, 0.0, 0.5, SETTINGS).angular
+    see(it, 2e-3)
+    after = steer(it.state, 0.0, 0.5, SETTINGS).angular
     assert abs(after - before) < 0.05 * SETTINGS.max_turn_rate
 
 
 def test_it_can_stop_where_the_way_ends() -> None:
     assert brake(0.0, 0.3) <= 0.05
     assert brake(0.5, 0.3) ** 2 / (2.0 * 0.3) <= 0.5
-
-
-def test_an_epipole_that_lies_behind_does_not_steer() -> None:
-    with pytest.raises(ValueError, match='steering epipole must go forward, got reverse'):
-        FollowSettings(steering='epipole', reverse=True)

@@ -1,19 +1,16 @@
 """Teaching: what cannot become a route is refused, with what to do."""
 
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 from routes import key_view, route_of
 
-from visual_servo_epipolar.core.arrays import Image, IntArray
+from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.routes import descriptor_index
-from visual_servo_epipolar.core.routes.descriptor_index import DescriptorIndex
 from visual_servo_epipolar.core.routes.key_view_tracker import _described
 from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.route import Appearance, in_memory, RouteView
@@ -150,9 +147,7 @@ def test_places_are_looked_for_in_all_photographs_of_a_key_view(view: RouteView)
     finder = PlaceFinder(route_of(key_view(0), renewed, key_view(2)))
     shown = np.concatenate([it.keypoints.descriptors for it in renewed.appearances])
     assert len(shown) == 13 + len(ROWS)
-    owners, products = finder._index.nearest(shown, np.arange(3))
-    own = np.where(owners == 1, products, -np.inf).max(axis=1)
-    assert own == pytest.approx((shown**2).sum(axis=1))
+    np.testing.assert_array_equal(finder._descriptors[1], shown)
 
 
 def test_descriptors_are_of_today_where_today_shows_the_keypoint() -> None:
@@ -162,65 +157,3 @@ def test_descriptors_are_of_today_where_today_shows_the_keypoint() -> None:
     described = _described(keypoints, keypoints.pixels + 100.0, image)
     same = (described.descriptors == keypoints.descriptors).all(axis=1)
     assert not same.all() and np.array_equal(described.pixels, keypoints.pixels + 100.0)
-
-
-PHOTOGRAPHS, EACH = 120, 40
-RNG = np.random.default_rng(5)
-
-
-def of_one_norm(vectors: np.ndarray) -> np.ndarray:
-    return (vectors / np.linalg.norm(vectors, axis=1, keepdims=True)).astype(np.float32)
-
-
-DESCRIPTORS = of_one_norm(RNG.standard_normal((PHOTOGRAPHS * EACH, 32)))
-OWNERS = np.repeat(np.arange(PHOTOGRAPHS), EACH)
-SHOWN = RNG.integers(0, len(DESCRIPTORS), 200)  # rows that an image shows again, with some noise
-IMAGE = of_one_norm(DESCRIPTORS[SHOWN] + 0.05 * RNG.standard_normal((200, 32)))
-
-
-def found(among: range) -> tuple[IntArray, np.ndarray]:
-    index = DescriptorIndex(DESCRIPTORS, OWNERS)
-    owners, products = index.nearest(IMAGE, np.array(among))
-    best = products.argmax(axis=1)
-    return owners[np.arange(len(best)), best], products.max(axis=1)
-
-
-def test_each_descriptor_is_nearest_to_the_photograph_that_shows_it() -> None:
-    owners, products = found(range(PHOTOGRAPHS))
-    np.testing.assert_array_equal(owners, OWNERS[SHOWN])
-    np.testing.assert_allclose(products, (IMAGE * DESCRIPTORS[SHOWN]).sum(axis=1), atol=1e-5)
-
-
-def test_only_those_that_are_asked_for_count() -> None:
-    owners, _ = found(range(30, 50))
-    assert owners.min() == 30 and owners.max() == 49
-    asked = (OWNERS[SHOWN] >= 30) & (OWNERS[SHOWN] < 50)
-    np.testing.assert_array_equal(owners[asked], OWNERS[SHOWN][asked])
-
-
-def test_a_photograph_without_descriptors_is_never_nearest() -> None:
-    index = DescriptorIndex(DESCRIPTORS[:EACH], np.full(EACH, 1))
-    owners, products = index.nearest(IMAGE[:3], np.array([0, 1]))
-    assert np.isneginf(products[:, 0]).all() and (owners == [0, 1]).all()
-
-
-@pytest.mark.parametrize('installed', [True, False])
-def test_of_many_the_same_are_found(installed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    few = found(range(PHOTOGRAPHS))
-    monkeypatch.setattr(descriptor_index, 'MANY', 1000)
-    searched = []
-
-    def imported(name: str) -> object:
-        searched.append(name)
-        if not installed:
-            raise ImportError(name)
-        return import_module(name)
-
-    if installed:
-        pytest.importorskip('faiss', reason='faiss-cpu is not installed: an extra')
-    monkeypatch.setattr(descriptor_index, 'import_module', imported)
-    many = found(range(PHOTOGRAPHS))
-    assert searched == ['faiss']
-    same = many[0] == few[0]  # of neighbourhoods one in a hundred is missed
-    assert same.mean() > (0.97 if installed else 0.999)
-    np.testing.assert_allclose(many[1][same], few[1][same], atol=1e-5)

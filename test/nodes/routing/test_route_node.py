@@ -9,7 +9,6 @@ from nav_msgs.msg import Path as PathMessage
 import numpy as np
 import pytest
 from rclpy.logging import get_logger
-from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from recorded_drives import befallen, RecordedDrive, REFUSED, room_drive, TAKEN
 from route_rig import RouteRig
@@ -287,12 +286,6 @@ def test_without_images_nothing_begins(rig) -> None:
     rig.node._repetition.freshness._heard_ns -= 2 * 10**9
     success, text = rig.call('repeat')
     assert not success and 'no images have come' in text
-
-
-def test_epipole_in_reverse_is_refused_as_a_parameter(bench, folder) -> None:
-    rig = RouteRig(bench, folder, CAMERA, steering='epipole')
-    result = rig.node.set_parameters([RosParameter('reverse', value=True)])
-    assert not result[0].successful and 'must go forward' in result[0].reason
 
 
 def test_a_service_out_of_turn_says_what_to_call(rig) -> None:

@@ -14,13 +14,13 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.routes.chain import seam
-from visual_servo_epipolar.core.routes.following.follower import RouteProgress
-from visual_servo_epipolar.core.routes.following.station import Docking
+from visual_servo_epipolar.core.routes.follower import RouteProgress
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
-from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
+from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
+from visual_servo_epipolar.core.routes.station import Docking
 from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -270,41 +270,6 @@ def test_a_way_that_closes_is_driven_in_laps() -> None:
     first, second = log.laps()
     assert np.abs(np.concatenate([first, second])).max() < 0.015
     assert log.station[0] < 3e-3
-    # It goes on over its beginning as fast as anywhere, and turns no more than at any key view.
-    assert log.standstills == 0
-    on_the_way = [it for it in log.samples[40:] if it.progress.remaining > 5.0]
-    speeds = [sample.twist.linear for sample in on_the_way]
-    assert min(speeds) > 0.6 * SETTINGS.max_speed
-    assert log.turn_jump(SETTINGS.max_turn_rate) < 0.05
-
-
-def test_where_two_places_look_alike_it_turns_to_either_side_and_back(taught, monkeypatch) -> None:
-    def find(finder: PlaceFinder, image: Image, among: range | None = None) -> Place | None:
-        finder.is_ambiguous, finder.reason = not found, 'two places look alike'
-        return found[0] if found else None
-
-    found: list[Place] = []
-    monkeypatch.setattr(PlaceFinder, 'find', find)
-    image, heading, headings = taught.route.views[0].image, 0.0, [0.0]
-    run = RouteRun(taught.route, SETTINGS, SCENARIO.servo)
-    for k in range(60):
-        step = run.step(image, round(k * 9e7))
-        assert (step.phase, step.twist.linear) == ('localizing', 0.0)
-        assert 'two places look alike' in step.reason
-        heading += 0.09 * step.twist.angular
-        headings.append(heading)
-    assert max(headings) == pytest.approx(0.5, abs=0.15)
-    assert min(headings) == pytest.approx(-0.5, abs=0.15)
-    assert (headings[-1], step.twist) == (pytest.approx(0.0, abs=0.15), STANDSTILL)
-    # One that is found in the turn stands, looks once more, and begins.
-    run = RouteRun(taught.route, SETTINGS, SCENARIO.servo)
-    [run.step(image, round(k * 9e7)) for k in range(9)]
-    assert run.last.twist.angular > 0.2
-    found.append(Place(1, ViewPose(np.zeros(3), 1e-6 * np.eye(3), 40, 20, 0.01), 0.5, 0.0, 0.0))
-    steps = [run.step(image, round(k * 9e7)) for k in range(9, 20)]
-    begun = [step.reason.startswith('found after 0.50 m') for step in steps]
-    stood = [step.twist == STANDSTILL for step in steps]
-    assert any(begun) and stood[: begun.index(True)].count(True) >= 3
 
 
 @pytest.mark.long

@@ -15,7 +15,6 @@ from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import compose, relative_pose
 from visual_servo_epipolar.core.routes.chain import seam
-from visual_servo_epipolar.core.routes.descriptor_index import DescriptorIndex
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.path import PathPoint
 from visual_servo_epipolar.core.routes.route import Route, RouteView
@@ -36,6 +35,7 @@ CERTAIN = 0.05  # deviation of a place that is believed, also by its witnesses a
 FARTHEST = 3.0  # from the path, that the structure can tell [m]
 MOST_TURN = 1.2  # from its heading, of a camera that does not see all around [rad]
 LAP_APART = 0.5  # by how much a lap may differ of what is one place [m]
+GAP, BESIDE, BESIDE_TURN = 0.3, 0.4, 0.35  # of the end from the beginning of a lap [m, m, rad]
 RIVAL = 0.7  # of the inliers of the best: another place with so many leaves it open
 
 
@@ -64,15 +64,10 @@ class Place:
 
 
 class PlaceFinder:
-    """
-    Finds images on a route; ``reason`` says why the last one was not found.
-
-    Of a way that closes, places a ``lap`` [m] apart are one.
-    """
+    """Finds images on a route; ``reason`` says why the last one was not found."""
 
     def __init__(self, route: Route) -> None:
-        self.route, self.reason, self.lap = route, '', math.inf
-        self.is_ambiguous = False  # two places fit the last image
+        self.route, self.reason = route, ''
         # A robot that stands looks at the same few photographs again and again.
         self._view = lru_cache(maxsize=KEPT)(lambda number: route.views[number].loaded())
 
@@ -83,13 +78,24 @@ class PlaceFinder:
         return np.maximum(between[:-1], between[1:])
 
     @cached_property
-    def _index(self) -> DescriptorIndex:
-        views = self.route.views
-        counts = [sum(len(each.keypoints) for each in view.appearances) for view in views]
-        descriptors = [each.keypoints.descriptors for view in views for each in view.appearances]
-        return DescriptorIndex(
-            np.concatenate(descriptors), np.repeat(np.arange(len(views)), counts)
-        )
+    def _descriptors(self) -> list[FloatArray]:
+        """The descriptors of all photographs of each key view."""
+        looks = [
+            [it.keypoints.descriptors for it in view.appearances] for view in self.route.views
+        ]
+        return [np.concatenate(each) for each in looks]
+
+    @cached_property
+    def lap(self) -> float:
+        """Way after which the route meets its own beginning [m]; inf where it does not."""
+        last = self.route.views[-1]
+        alike = self._alike(last.image, range((len(self.route.views) + 1) // 2))
+        ways = [place.way for place in alike]
+        if not alike or max(ways) - min(ways) > FARTHEST:
+            return math.inf
+        place = min(alike, key=_away)
+        is_beside = abs(place.offset) < BESIDE and abs(place.turn) < BESIDE_TURN
+        return last.way - place.way if is_beside and place.way > -GAP else math.inf
 
     def votes(self, image: Image, among: range | None = None) -> FloatArray:
         """
@@ -103,27 +109,44 @@ class PlaceFinder:
         if not len(keypoints):
             return votes
         # Of one norm: the nearest has the largest product.
-        owners, products = self._index.nearest(keypoints.descriptors, numbers)
-        norm = float(np.median((keypoints.descriptors**2).sum(axis=1)))
-        squared = np.maximum(2.0 * (norm - products), 0.0)
-        rows, nearest = np.arange(len(squared)), squared.argmin(axis=1)
-        apart = np.abs(owners - owners[rows, nearest][:, None]) > SAME_PLACE
-        least = squared[rows, nearest]
+        descriptors = keypoints.descriptors
+        products = [
+            (descriptors @ self._descriptors[k].T).max(axis=1, initial=-np.inf) for k in numbers
+        ]
+        norm = float(np.median((descriptors**2).sum(axis=1)))
+        squared = np.maximum(2.0 * (norm - np.stack(products, axis=1)), 0.0)
+        least, nearest = squared.min(axis=1), numbers[squared.argmin(axis=1)]
+        apart = np.abs(numbers - nearest[:, None]) > SAME_PLACE
         other = np.where(apart, squared, np.inf).min(axis=1)
         distinct = least < RATIO**2 * other
         near = (squared < least[:, None] / RATIO**2) & distinct[:, None] & ~apart
-        # Each descriptor has one vote for a key view, however many of its are near.
-        pairs = np.unique(np.stack([np.nonzero(near)[0], owners[near]]), axis=1)
-        np.add.at(votes, pairs[1], 1.0)
+        votes[numbers] = near.sum(axis=0)
         return votes
 
     def find(self, image: Image, among: range | None = None) -> Place | None:
         """
         Return where ``image``, uint8 of shape (H, W), was taken; None, and why, if unsure.
 
-        Only the key views ``among`` these numbers are looked at, where that is not None.
+        Only the key views ``among`` these numbers are looked at, where that is not None. Of a way
+        that closes, places a lap apart are one.
         """
-        self.is_ambiguous = False
+        alike = self._alike(image, among)
+        if not alike:
+            return None
+        best = min(alike, key=_away)
+        for place in alike:
+            apart = abs(place.way - best.way)
+            if apart > FARTHEST and abs(apart - self.lap) > LAP_APART:
+                self.reason = (
+                    f'two places look alike, after {best.way:.1f} m and {place.way:.1f} m; drive '
+                    'on a little'
+                )
+                return None
+        self.reason = ''
+        return best
+
+    def _alike(self, image: Image, among: range | None) -> list[Place]:
+        """Return the places that fit an image nearly as well as the best; none, and why."""
         votes = self.votes(image, among)
         shortlist = [k for k in np.argsort(-votes)[:SHORTLIST].tolist() if votes[k] >= LEAST_VOTES]
         if not shortlist:
@@ -131,35 +154,17 @@ class PlaceFinder:
                 f'no key view has {LEAST_VOTES} features in common with the image, the best has '
                 f'{votes.max():.0f}; put the robot on the route, looking along it'
             )
-            return None
+            return []
         image = as_gray(image)
         current = CurrentView(Canvas.of(self.route.camera).painted(image))
-        places = [self._verified(image, current, k) for k in shortlist]
-        found = [place for place in places if place is not None]
-        if not found:
+        places = [place for k in shortlist if (place := self._verified(image, current, k))]
+        if not places:
             self.reason = (
                 f'{len(shortlist)} key views look alike, and none fits as a place; put the robot '
                 'on the route, looking along it'
             )
-            return None
-        most = max(place.pose.inliers for place in found)
-        alike = [place for place in found if place.pose.inliers > RIVAL * most]
-        best = min(alike, key=lambda place: float(np.linalg.norm(place.pose.pose[:2])))
-        rivals = [
-            place
-            for place in alike
-            if (apart := abs(place.way - best.way)) > FARTHEST
-            and abs(apart - self.lap) > LAP_APART
-        ]
-        if rivals:
-            self.is_ambiguous = True
-            self.reason = (
-                f'two places look alike, after {best.way:.1f} m and {rivals[0].way:.1f} m; drive '
-                'on a little'
-            )
-            return None
-        self.reason = ''
-        return best
+        most = max((place.pose.inliers for place in places), default=0)
+        return [place for place in places if place.pose.inliers > RIVAL * most]
 
     def _verified(self, image: Image, current: CurrentView, number: int) -> Place | None:
         view = self._view(number)
@@ -184,6 +189,11 @@ class PlaceFinder:
                 best = float(apart[nearest]), k, here, float(views[k].path.way[nearest])
         _, k, here, way = best
         return views[k].path.beside(here, way)
+
+
+def _away(place: Place) -> float:
+    """Return how far a place is from its key view [m]."""
+    return float(np.linalg.norm(place.pose.pose[:2]))
 
 
 def _located(

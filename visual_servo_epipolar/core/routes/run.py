@@ -18,8 +18,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.routes.following.closing import closing_of
-from visual_servo_epipolar.core.routes.following.follower import (
+from visual_servo_epipolar.core.routes.follower import (
     COASTED,
     Confirmation,
     Follower,
@@ -28,26 +27,18 @@ from visual_servo_epipolar.core.routes.following.follower import (
     RouteProgress,
     TURNED,
 )
-from visual_servo_epipolar.core.routes.following.path_estimate import place_filter
-from visual_servo_epipolar.core.routes.following.station import Docking
-from visual_servo_epipolar.core.routes.following.steering import LateralFilter, LookAround
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
-from visual_servo_epipolar.core.servo.admission import (
-    Arrival,
-    disorder,
-    FrozenImageCheck,
-    refusal,
-)
+from visual_servo_epipolar.core.routes.station import Docking
+from visual_servo_epipolar.core.servo.admission import Arrival, FrozenImageCheck
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import seconds_between
 
 LOCALIZING, FOLLOWING = 'localizing', 'following'
 WAITING, HOLDING = Phase.WAITING.value, Phase.HOLDING.value
 ARRIVED, FAILED = Phase.ARRIVED.value, Phase.FAILED.value
-REMEDY = '~/cancel, then ~/repeat'
 LEAST_RATIO = 0.01  # of max_speed_ratio
 SEARCH_FRAMES = 5  # images between two looks at the route
 NEIGHBOURS = 2  # key views on either side that are looked at first, for half of lost_timeout
@@ -86,17 +77,10 @@ class RouteRun:
         self._limit(servo)
         self.target = target_of(route, settings)
         self._finder = PlaceFinder(self.route)
-        # The end of the way, which may be its beginning, was seen by the camera that taught it.
-        finder = self._finder if self.route is route else PlaceFinder(route)
-        ends = self.target == (0 if settings.reverse else len(route.views) - 1)
-        closing = closing_of(route, finder) if way is None or settings.laps > 1 else None
-        self._finder.lap, self._finder.reason = finder.lap, finder.reason
-        self._closing = closing if ends else None
         self._follower: Follower | None = None
         self._docking = Docking(self.route.camera, route.camera)
         self._confirmed: dict[int, Confirmation] = {}
         self._searched, self._lost_ns, self.lap = 0, -1, 1
-        self._look_around = LookAround()
         self._newest_ns: int | None = None
         self._views = FrozenImageCheck()
         self.last = RouteStep(STANDSTILL, WAITING)
@@ -127,20 +111,23 @@ class RouteRun:
         self, arrival: Arrival, *, max_latency: float, still_timeout: float, withheld: str = ''
     ) -> str:
         """Return why no step is taken by an image, or ''; as ``Run.admit`` of the servo."""
-        trouble = refusal(arrival, max_latency)
-        trouble = trouble or disorder(self._newest_ns, arrival.stamp_ns, REMEDY) or withheld
-        if trouble:
-            return trouble
-        self._views = self._views.after(arrival, drives=self.last.twist != STANDSTILL)
-        return self._views.trouble(still_timeout)
+        self._views, trouble = self._views.admit(
+            arrival,
+            self._newest_ns,
+            drives=self.last.twist != STANDSTILL,
+            max_latency=max_latency,
+            still_timeout=still_timeout,
+            withheld=withheld,
+            remedy='~/cancel, then ~/repeat',
+        )
+        return trouble
 
     def step(self, image: Image, stamp_ns: int) -> RouteStep:
         """Take in an image, uint8 of shape (H, W), taken at ``stamp_ns``."""
         if self.ended:
             return replace(self.last, twist=STANDSTILL)
         self._newest_ns = stamp_ns
-        if self._follower is not None and self._follower.is_there:
-            self._begin_docking()
+        self._begin_docking()
         if self._docking.begun:
             self.last = self._dock(image, stamp_ns)
         elif self._follower is not None:
@@ -151,11 +138,8 @@ class RouteRun:
 
     def prepare(self) -> None:
         """Do what no command waits for: read what the next images need."""
-        if self._follower is None or self.ended:
-            return
-        if self._follower.is_there:
-            self._begin_docking()
-        else:
+        self._begin_docking()
+        if self._follower is not None and not self._docking.begun and not self.ended:
             self._follower.prepare()
 
     def halt(self, stamp_ns: int, reason: str, *, unsent: bool = False) -> RouteStep:
@@ -203,52 +187,34 @@ class RouteRun:
     def _localize(self, image: Image, stamp_ns: int) -> RouteStep:
         """Look for the robot on the route, every few images."""
         self._lost_ns = stamp_ns if self._lost_ns < 0 else self._lost_ns
-        begin = self.route.views[-1 if self.settings.reverse else 0].way
-        place = self._look(image, self._begin_of_lap, begin)
-        stands = self.last.twist == STANDSTILL
-        if place is not None and stands:
-            return self._begin_at(place.way, place_filter(place))
+        count, sign = len(self.route.views), -1.0 if self.settings.reverse else 1.0
+        half = range(count // 2, count) if self.settings.reverse else range((count + 1) // 2)
+        place = self._look(image, half if self.lap > 1 else None)
+        if place is not None and place.view not in half and math.isfinite(self._finder.lap):
+            # Where the way closes, its end may be its beginning as well.
+            begin = self._finder.find(image, half)
+            way = self.route.views[-1 if self.settings.reverse else 0].way
+            place = begin if begin is not None and sign * (begin.way - way) > -PASSED else place
+        if place is not None:
+            return self._begin_at(place.way, place)
+        reason = self._finder.reason
         if seconds_between(self._lost_ns, stamp_ns) > self.settings.lost_timeout:
-            return self.fail(self._unclosed + self._finder.reason)
-        if place is not None:  # found in a turn: it is looked at once more, standing
-            self._look_around, self._searched = LookAround(), 1
-        elif self._finder.is_ambiguous or not stands:
-            around = self._look_around.twist(stamp_ns, self.last.twist, self.base)
-            return RouteStep(around, LOCALIZING, self._finder.reason)
-        return RouteStep(STANDSTILL, LOCALIZING, self._finder.reason)
+            closes = 'needs a way that ends in sight of its beginning, or laps: 1'
+            return self.fail(reason if self.lap == 1 else f'lap {self.lap} {closes}: {reason}')
+        return RouteStep(STANDSTILL, LOCALIZING, reason)
 
-    @property
-    def _unclosed(self) -> str:
-        """What to think of where a lap is over, and its beginning is not in sight."""
-        if self.lap == 1:
-            return ''
-        return f'lap {self.lap} needs a way that ends in sight of its beginning, or laps: 1: '
-
-    @property
-    def _begin_of_lap(self) -> range | None:
-        """The key views among which a lap begins; None for the first, which may begin anywhere."""
-        if self.lap == 1:
-            return None
-        count = len(self.route.views)
-        return range(count // 2, count) if self.settings.reverse else range((count + 1) // 2)
-
-    def _look(self, image: Image, among: range | None, near: float) -> Place | None:
-        """Return where this image was taken, ``near`` a way [m], if it is looked at."""
+    def _look(self, image: Image, among: range | None) -> Place | None:
+        """Return where this image was taken, if it is looked at."""
         self._searched += 1
-        if self._searched % SEARCH_FRAMES != 1:
-            return None
-        place = self._finder.find(image, among)
-        if place is None or self._closing is None:
-            return place
-        return self._closing.on_lap(place, self.route.views, near)
+        return self._finder.find(image, among) if self._searched % SEARCH_FRAMES == 1 else None
 
-    def _begin_at(self, way: float, at: LateralFilter | None = None) -> RouteStep:
-        """Follow the route from a ``way`` [m] on, ``at`` a place beside it if that is known."""
+    def _begin_at(self, way: float, place: Place | None = None) -> RouteStep:
+        """Follow the route from a ``way`` [m] on, at a ``place`` beside it if that is known."""
         past = way - self.route.views[self.target].way
         if (-past if self.settings.reverse else past) > PASSED:
             other = _direction(replace(self.settings, reverse=not self.settings.reverse))
             return self.fail(f'the station is {abs(past):.2f} m behind; repeat the route {other}')
-        turn = 0.0 if at is None else float(at.state[1])
+        turn = 0.0 if place is None else place.turn
         if abs(turn) > TURNED and not turns_in_place(self.base):
             return self.fail(
                 f'the robot is turned by {math.degrees(turn):+.0f} deg to the left of the way, '
@@ -267,10 +233,8 @@ class RouteRun:
             target=self.target,
             way=way,
             latency=self._servo.latency,
-            at=at,
+            place=place,
             confirmed=self._confirmed,
-            closing=self._closing,
-            laps=self.settings.laps - self.lap,
         )
         self._docking.aim(self.route.views[self.target])
         return RouteStep(STANDSTILL, LOCALIZING, f'found after {way:.2f} m')
@@ -278,10 +242,8 @@ class RouteRun:
     def _follow(self, image: Image, stamp_ns: int, follower: Follower) -> RouteStep:
         """Follow the path, or look for it where it is lost."""
         progress = follower.step(image, stamp_ns)
-        if self._closing is not None:
-            self.lap = self.settings.laps - follower.laps
-        if follower.disobeyed:
-            return self.fail(follower.disobeyed)
+        if follower.estimate.disobeyed:
+            return self.fail(follower.estimate.disobeyed)
         if follower.lost > COASTED:
             return self._recover(image, follower, progress)
         self._searched = 0
@@ -294,15 +256,16 @@ class RouteRun:
         near = follower.lost < 0.5 * self.settings.lost_timeout
         first, last = follower.view - NEIGHBOURS, follower.view + NEIGHBOURS
         among = range(max(first, 0), min(last + 1, len(self.route.views))) if near else None
-        place = self._look(image, among, progress.way)
+        place = self._look(image, among)
         if place is not None:
-            return self._begin_at(place.way, place_filter(place))
+            return self._begin_at(place.way, place)
         return RouteStep(follower.twist, HOLDING, follower.reason, progress)
 
     def _begin_docking(self) -> None:
-        """Leave the path to the servo, once."""
-        if not self._docking.begun and self._follower is not None:
-            self._docking.begin(self._follower.station_pose(), self._follower.stamp_ns)
+        """Leave the path to the servo where it is near the station, once."""
+        it = self._follower
+        if it is not None and it.is_there and not self._docking.begun and not self.ended:
+            self._docking.begin(it.station_pose(), it.stamp_ns or 0)
 
     def _dock(self, image: Image, stamp_ns: int) -> RouteStep:
         """Let the servo drive to the photograph of the station."""

@@ -1,11 +1,12 @@
 """Settings of routes: how key views are chosen, and how the path is followed."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 from visual_servo_epipolar.core.settings import internal, setting, Settings
 
-STEERINGS = STRUCTURE, EPIPOLE = 'structure', 'epipole'
-OF_THE_RUN = 'reverse', 'station', 'laps', 'steering'  # which hold from the next repetition on
+OF_THE_RUN = 'reverse', 'station', 'laps'  # which hold from the next repetition on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +37,8 @@ class TeachSettings(Settings):
 class FollowSettings(Settings):
     """How the taught path is followed."""
 
+    GONE: ClassVar[Mapping[str, Any]] = {'steering': 'structure'}
+
     max_speed: float = setting(
         0.5, 'Largest speed [m/s]; that or max_linear, whichever is lower', low=0.01, high=5.0
     )
@@ -47,11 +50,6 @@ class FollowSettings(Settings):
     )
     steering_length: float = setting(
         0.5, 'Distance over which an offset from the path decays [m]', low=0.05, high=5.0
-    )
-    steering: str = internal(
-        STRUCTURE,
-        'Steered by: the structure of the key views, or the epipole of the next (Becerra 2014)',
-        choices=STEERINGS,
     )
     reverse: bool = setting(False, 'Drive the route backward, facing as when it was taught')
     station: int = setting(
@@ -78,14 +76,6 @@ class FollowSettings(Settings):
     lost_timeout: float = setting(
         10.0, 'Longest search for the route when lost [s]', low=0.1, high=600.0
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.reverse and self.steering == EPIPOLE:
-            raise ValueError(
-                'steering epipole must go forward, got reverse: the epipole of a key view that '
-                'lies behind does not steer; set steering: structure, or leave reverse out'
-            )
 
     def in_mid_run(self, changed: 'FollowSettings') -> 'FollowSettings':
         """Return ``changed`` settings as far as they reach a run that began with these."""

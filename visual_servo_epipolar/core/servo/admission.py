@@ -60,7 +60,7 @@ def refusal(arrival: Arrival, max_latency: float) -> str:
     )
 
 
-def disorder(newest_ns: int | None, stamp_ns: int, remedy: str = '~/stop, then ~/start') -> str:
+def disorder(newest_ns: int | None, stamp_ns: int, remedy: str) -> str:
     """Return that a stamp is not newer than the newest of the run, ``newest_ns``; or ''."""
     if newest_ns is None or stamp_ns > newest_ns:
         return ''
@@ -107,6 +107,29 @@ class FrozenImageCheck:
         if self.old_ns is None:
             return False
         return abs(seconds_between(self.old_ns, self.stamp_ns)) <= DISTRUST_S
+
+    def admit(
+        self,
+        arrival: Arrival,
+        newest_ns: int | None,
+        *,
+        drives: bool,
+        max_latency: float,
+        still_timeout: float,
+        withheld: str = '',
+        remedy: str = '~/stop, then ~/start',
+    ) -> tuple['FrozenImageCheck', str]:
+        """
+        Return the check after an image came, and why no step is taken by it, or ''.
+
+        It is too old, not newer than ``newest_ns`` of the run, the very same for ``still_timeout``
+        [s] of driving, or the run is ``withheld``; the ``remedy`` is what begins anew.
+        """
+        trouble = refusal(arrival, max_latency) or disorder(newest_ns, arrival.stamp_ns, remedy)
+        if trouble or withheld:
+            return self, trouble or withheld
+        after = self.after(arrival, drives=drives)
+        return after, '' if newest_ns is None else after.trouble(still_timeout)
 
     def trouble(self, timeout: float) -> str:
         """Return why views prove nothing: the same for ``timeout`` [s], or old ones; or ''."""

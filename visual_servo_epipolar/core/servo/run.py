@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.rig import HALT
 from visual_servo_epipolar.core.servo import supervisor
-from visual_servo_epipolar.core.servo.admission import Arrival, disorder, FrozenImageCheck, refusal
+from visual_servo_epipolar.core.servo.admission import Arrival, FrozenImageCheck
 from visual_servo_epipolar.core.servo.estimator import update_map
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState, ViewState
@@ -105,19 +105,15 @@ class Run:
     def admit(
         self, arrival: Arrival, *, max_latency: float, still_timeout: float, withheld: str = ''
     ) -> tuple['Run', str]:
-        """
-        Return the run after an image came, and why no step is taken by it, or ''.
-
-        It is too old, not newer than others of the run, the very same for ``still_timeout`` [s] of
-        driving, or the run is ``withheld``.
-        """
-        newest_ns = self.stamp_ns if self.state.phase.runs else None
-        trouble = refusal(arrival, max_latency) or disorder(newest_ns, arrival.stamp_ns)
-        trouble = trouble or (withheld if self.started else '')
-        if trouble:
-            return self, trouble
-        views = self.views.after(arrival, drives=self.state.command != HALT)
-        trouble = '' if newest_ns is None else views.trouble(still_timeout)
+        """Return the run after an image came, and why no step is taken by it, or ''."""
+        views, trouble = self.views.admit(
+            arrival,
+            self.stamp_ns if self.state.phase.runs else None,
+            drives=self.state.command != HALT,
+            max_latency=max_latency,
+            still_timeout=still_timeout,
+            withheld=withheld if self.started else '',
+        )
         return replace(self, views=views), trouble
 
     def with_camera(self, camera: CameraModel) -> 'Run':

@@ -1,1 +1,0 @@
-"""Following: the taught path, by one image after the other."""
