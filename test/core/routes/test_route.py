@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.follower import Confirmation
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.path import smooth_path, TaughtPath
-from visual_servo_epipolar.core.routes.places import _located, CERTAIN
+from visual_servo_epipolar.core.routes.places import _located, CERTAIN, Place, PlaceFinder
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.routes.structure import Localizer, LocalStructure, ViewPose
@@ -183,3 +183,24 @@ def test_where_nothing_else_is_seen_a_cabinet_is_believed_without_a_witness() ->
     found = placed(CABINET, CABINET + SHIFT)
     assert found is not None and found.witnesses == 0
     assert found.pose == pytest.approx(THERE - [0.14, 0.0, 0.0], abs=1e-2)
+
+
+@pytest.mark.parametrize(
+    ('ways', 'offset', 'turn', 'lap'),
+    [
+        ((0.2,), 0.1, 0.05, 1.8),
+        ((0.2,), 0.5, 0.0, math.inf),
+        ((0.2,), 0.0, -0.5, math.inf),
+        ((-0.5,), 0.0, 0.0, math.inf),
+        ((0.2, 5.0), 0.0, 0.0, math.inf),
+        ((), 0.0, 0.0, math.inf),
+    ],
+)
+def test_a_way_closes_where_its_end_is_beside_its_beginning(
+    ways, offset, turn, lap, monkeypatch
+) -> None:
+    pose = ViewPose(np.zeros(3), 1e-6 * np.eye(3), 40, 20, 0.01)
+    places = [Place(0, pose, way, offset, turn) for way in ways]
+    monkeypatch.setattr(PlaceFinder, '_alike', lambda finder, image, among: places)
+    finder = PlaceFinder(route_of(*map(key_view, range(3))))
+    assert finder.lap == pytest.approx(lap)

@@ -35,12 +35,10 @@ SAME_PX = 1.5  # from a feature to the keypoint that is the same [px]
 class KeyViewTracker:
     """Tracker of one key view: ``features`` of the last image, and why it was not placed."""
 
-    def __init__(
-        self, view: RouteView, camera: CameraModel, settings: TrackerSettings = SETTINGS
-    ) -> None:
-        self._view, self._camera, self._settings = view, camera, settings
+    def __init__(self, view: RouteView, camera: CameraModel) -> None:
+        self._view, self._camera = view, camera
         self._localizer = Localizer(view.structure, camera)
-        self._tracked = [_TrackedAppearance(view, view.appearances[0], settings, camera)]
+        self._tracked = [_TrackedAppearance(view, view.appearances[0], camera)]
         self._used = self._tracked[0]
         self.begun, self.reason = False, ''
         self.features = Features()
@@ -105,8 +103,7 @@ class KeyViewTracker:
         """Yield the photographs, the first one first; others are read when they are needed."""
         for number, appearance in enumerate(self._view.appearances):
             if number == len(self._tracked):
-                each = _TrackedAppearance(self._view, appearance, self._settings, self._camera)
-                self._tracked.append(each)
+                self._tracked.append(_TrackedAppearance(self._view, appearance, self._camera))
             yield self._tracked[number]
 
     def _expected(self, pose: FloatArray, appearance: Appearance) -> Warps:
@@ -121,18 +118,9 @@ class KeyViewTracker:
 class _TrackedAppearance:
     """A photograph of a key view, and its tracker; features are those of the structure."""
 
-    def __init__(
-        self,
-        view: RouteView,
-        appearance: Appearance,
-        settings: TrackerSettings,
-        camera: CameraModel,
-    ) -> None:
-        self.appearance, self._view, self.tracker = (
-            appearance,
-            view,
-            Tracker(settings, camera, as_many=False),
-        )
+    def __init__(self, view: RouteView, appearance: Appearance, camera: CameraModel) -> None:
+        self.appearance, self._view = appearance, view
+        self.tracker = Tracker(SETTINGS, camera, as_many=False)
         canvas, keypoints = self.tracker.canvas, appearance.keypoints
         self._desired = view_of_keypoints(
             canvas.painted(as_gray(appearance.load())),

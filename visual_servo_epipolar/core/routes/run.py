@@ -88,8 +88,11 @@ class RouteRun:
             self.last = self._begin_at(way)
 
     def use(self, settings: FollowSettings, servo: ServoSettings) -> None:
-        """Go on by other settings; where it leads, and by which steering, stays the same."""
-        self.settings = self.settings.in_mid_run(settings)
+        """Go on by other settings; where it leads stays the same."""
+        mine = self.settings
+        self.settings = replace(
+            settings, reverse=mine.reverse, station=mine.station, laps=mine.laps
+        )
         self._limit(servo)
         if self._follower is not None:
             self._follower.use(self.settings, self.base, self._servo.latency)

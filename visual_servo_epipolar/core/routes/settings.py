@@ -1,12 +1,10 @@
 """Settings of routes: how key views are chosen, and how the path is followed."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from visual_servo_epipolar.core.settings import internal, setting, Settings
-
-OF_THE_RUN = 'reverse', 'station', 'laps'  # which hold from the next repetition on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +74,3 @@ class FollowSettings(Settings):
     lost_timeout: float = setting(
         10.0, 'Longest search for the route when lost [s]', low=0.1, high=600.0
     )
-
-    def in_mid_run(self, changed: 'FollowSettings') -> 'FollowSettings':
-        """Return ``changed`` settings as far as they reach a run that began with these."""
-        return replace(changed, **{name: getattr(self, name) for name in OF_THE_RUN})

@@ -10,7 +10,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.geometry.least_squares import USUAL_SQUARES
 from visual_servo_epipolar.core.mapping.factors import (
     camera_poses,
     factors_of,
@@ -41,7 +40,6 @@ from visual_servo_epipolar.core.mapping.window import (
     SHARED,
     tangent_basis_of,
     Unknowns,
-    VIEW,
 )
 from visual_servo_epipolar.core.twoview.estimator import Attitude
 
@@ -49,7 +47,6 @@ STEPS, ROUNDS = 12, 2
 SCALE_DEVIATION = 0.01  # of the logarithm of the true way over that of the odometry
 START_NOISE_PX = 0.2  # of a tracked feature, until residuals tell it
 LEAST_NOISE_PX = 0.1  # of one on another day: what patches get wrong alike, no residual shows
-LEAST_LEFT = 0.1  # of residuals, where nearly as much is fitted as is seen
 ALL_AROUND = 1e-3  # of the logarithm of the focal length: 360 deg are as many pixels as it has
 LEAST_INVERSE_DEPTH = 1e-3  # [1/m]
 LEAST_VIEWS = 2  # in which a feature is seen, to be kept
@@ -204,7 +201,9 @@ def learn_structure(
     at, damping = refine_narrowing(Evaluation(window, unknowns, np.ones(count, bool), factors))
     noise, geometry = START_NOISE_PX, refine(at, STEPS, damping)
     for _ in range(ROUNDS):
-        ratio = max(_noise_ratio(geometry), LEAST_NOISE_PX / noise)
+        ratio = max(geometry.noise_ratio, LEAST_NOISE_PX / noise)
+        if not math.isfinite(ratio):
+            break  # too few residuals to tell it
         noise *= ratio
         geometry = refine(_renoised(geometry, ratio), STEPS, geometry.damping)
     rows = np.flatnonzero(geometry.trusted & (window.seen.sum(0) >= LEAST_VIEWS))
@@ -223,15 +222,6 @@ def learn_structure(
         float(factors.jitter),
         noise,
     )
-
-
-def _noise_ratio(geometry: Geometry) -> float:
-    """Return the deviation of residuals over that which was expected, by their median."""
-    seen = geometry.window.seen & geometry.trusted
-    observed, placed, views = 2 * int(seen.sum()), int(geometry.trusted.sum()), len(seen)
-    left = 1.0 - (3 * placed + VIEW * views) / (observed + 2 * placed)  # by what was fitted
-    usual = float(np.median(geometry.evaluation.squares[seen])) if observed else USUAL_SQUARES
-    return math.sqrt(usual / USUAL_SQUARES / max(left, LEAST_LEFT))
 
 
 def _renoised(geometry: Geometry, ratio: float) -> Evaluation:
