@@ -38,8 +38,9 @@ def stood(
             difference_slope=0.1,
             difference_deviation=1e-6,
         )
-        sent = sent.after(frame * FRAME_NS - 1, STANDSTILL)
-        state = settle(seeing(state, measurement=seen, sent=sent), None, None, 0.1, BANDED)
+        sent = sent.after(frame * FRAME_NS - 1, STANDSTILL) if last == STANDSTILL else sent
+        before = state.measurement
+        state = settle(seeing(state, measurement=seen, sent=sent), None, before, 0.1, BANDED)
         sent = sent.after(frame * FRAME_NS, last)
     return state
 
@@ -118,7 +119,9 @@ def test_a_robot_that_moves_or_whose_motion_is_not_seen_yet_does_not_rest(last) 
 
 
 def test_a_robot_whose_commands_do_not_move_its_base_rests() -> None:
-    assert stood([0.0] * 8, Twist(0.029, 0.0)).settling.rest is not None
+    slowly = Twist(0.029, 0.0)
+    assert stood([0.0] * 8, slowly).settling.rested == 7
+    assert not stood([2.9e-4 * frame for frame in range(8)], slowly).settling.rested  # they do
 
 
 def test_a_mean_at_the_goal_is_no_miss_for_the_swing_of_one_image() -> None:

@@ -13,10 +13,12 @@ import math
 from typing import Any, NamedTuple
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
+from visual_servo_epipolar.core.estimate.dead_band import STANDING
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.geometry.wall import aside
 from visual_servo_epipolar.core.laws.arrival import (
+    FACING,
     facing_bound,
     is_in_doubt,
     matched_bound,
@@ -81,7 +83,7 @@ def settle(
     settings: ServoSettings,
 ) -> ServoState:
     """Return the state with its count of settled frames, ``dt`` [s] after the ``previous``."""
-    state = state.changed(**_rest(state, settings))
+    state = state.changed(**_rest(state, previous, settings))
     if not (state.phase.drives and dt):  # it may have been moved, and commands be withdrawn
         state = state.changed(stood=None)
     state = _with_dead_band_of_move(state, settings)
@@ -102,14 +104,16 @@ def settle(
     )
 
 
-def _rest(state: ServoState, settings: ServoSettings) -> dict[str, Any]:
+def _rest(
+    state: ServoState, previous: Measurement | None, settings: ServoSettings
+) -> dict[str, Any]:
     """Return the mean of what is measured since the robot stands, in the fields of the state."""
     now, before, rested = state.measurement, state.settling.rest, state.settling.rested + 1
     if (
         now is None
         or not math.isfinite(now.difference)
         or not state.phase.drives
-        or state.motion.sent.rest_s(now.stamp_ns, _bands(settings)) < seen_after(settings)
+        or not _stands(now, previous, state, settings)
     ):
         moves = {'rest': None, 'rested': 0, 'rest_square': 0.0}
         return moves | {'stood': before} if rested > settings.arrival_frames else moves
@@ -131,9 +135,31 @@ def _rest(state: ServoState, settings: ServoSettings) -> dict[str, Any]:
     return {'rest': mean, 'rested': rested, 'rest_square': square}
 
 
-def _bands(settings: ServoSettings) -> Twist:
-    """Return the dead bands [m/s, rad/s]."""
-    return Twist(settings.dead_band_linear, settings.dead_band_angular)
+def _stands(
+    now: GoalEstimate, previous: Measurement | None, state: ServoState, settings: ServoSettings
+) -> bool:
+    """
+    Return whether the robot stands by its commands, some within its dead bands.
+
+    One of them may be but assumed, and narrower: it stands once images show that too.
+    """
+    sent, least = state.motion.sent, seen_after(settings)
+    if sent.rest_s(now.stamp_ns) >= least:
+        return True
+    bands = Twist(settings.dead_band_linear, settings.dead_band_angular)
+    if sent.rest_s(now.stamp_ns, bands) < least:
+        return False
+    if state.settling.rest is not None:
+        return True
+    if previous is None:
+        return False
+    dt = seconds_between(previous.stamp_ns, now.stamp_ns)
+    asked = sent.mean(previous.stamp_ns, now.stamp_ns, 0.0)
+    change = STANDING * dt * abs(asked.linear) * _slope(now, state)
+    turn = math.remainder(now.heading_error - previous.heading_error, 2.0 * math.pi)
+    return abs(now.difference - previous.difference) <= max(
+        settings.arrival_difference, change
+    ) and abs(turn) <= max(FACING, STANDING * dt * abs(asked.angular))
 
 
 def _with_dead_band_of_move(state: ServoState, settings: ServoSettings) -> ServoState:
