@@ -16,7 +16,7 @@ from visual_servo_epipolar.commands.arguments import rig_path
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.canvas import Canvas
-from visual_servo_epipolar.core.tracking.matchers.nearest import mutual_nearest
+from visual_servo_epipolar.core.tracking.matchers.base import mutual_nearest
 from visual_servo_epipolar.core.tracking.matchers.sift import detect
 from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_geometry
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator

@@ -12,8 +12,8 @@ from visual_servo_epipolar.core.cameras.equirectangular import of_size
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.tracking import photographs
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.core.tracking.photographs import photographs
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.core.twoview.observation import observe

@@ -3,8 +3,7 @@
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
-from visual_servo_epipolar.core.tracking.matchers.nearest import mutual_nearest
+from visual_servo_epipolar.core.tracking.matchers.base import Keypoints, mutual_nearest
 
 
 class Orb:

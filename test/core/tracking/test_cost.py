@@ -4,17 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.tracking.alignment import template_alignment
-from visual_servo_epipolar.core.tracking.alignment import templates as module
-from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, PatchGrid
-from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
-from visual_servo_epipolar.core.tracking.alignment.templates import LEVELS, Templates
-from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
+from visual_servo_epipolar.core.tracking import alignment
+from visual_servo_epipolar.core.tracking.alignment import Anchor, LEVELS, Templates
 from visual_servo_epipolar.core.tracking.candidates import Candidates, FULL_PERIOD, TRIES
 from visual_servo_epipolar.core.tracking.flow import flow, Frame
 from visual_servo_epipolar.core.tracking.matching import desired_view
 from visual_servo_epipolar.core.tracking.robust_geometry import agree_on_one_geometry
+from visual_servo_epipolar.core.tracking.sampling import float_image, PatchGrid
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.warps import contained, Warps
 
 SHIFT = np.array([1.6, -0.7])  # px
 SMALL = 320, 240  # px
@@ -49,7 +47,7 @@ def warps(offset: np.ndarray) -> Warps:
 def test_a_small_image_is_aligned_to_the_last_step(monkeypatch: pytest.MonkeyPatch) -> None:
     anchor, image = Anchor(scene(size=SMALL)), float_image(scene(SHIFT, SMALL))
     as_it_is = anchor.align(warps(SHIFT + 0.2), image, iterations=15)
-    monkeypatch.setattr(template_alignment, 'CONVERGED', 0.0)
+    monkeypatch.setattr(alignment, 'CONVERGED', 0.0)
     whole = anchor.align(warps(SHIFT + 0.2), image, iterations=15)
     np.testing.assert_array_equal(as_it_is.warps.current, whole.warps.current)
 
@@ -147,7 +145,7 @@ MOST, COUNT = 48, 20
 
 @pytest.fixture
 def cache(monkeypatch) -> Templates:
-    monkeypatch.setattr(module, 'MOST', MOST)
+    monkeypatch.setattr(alignment, 'MOST', MOST)
     image = np.random.default_rng(0).integers(0, 256, (120, 160), dtype=np.uint8)
     return Templates(image, PatchGrid(5))
 

@@ -10,15 +10,15 @@ from strategies import floats
 
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking import tracker as module
-from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, patch_radius
-from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
-from visual_servo_epipolar.core.tracking.alignment.warps import Warps
+from visual_servo_epipolar.core.tracking.alignment import Anchor
 from visual_servo_epipolar.core.tracking.flow import flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matching import desired_view, match
 from visual_servo_epipolar.core.tracking.reacquisition import PredictedFeatures, reacquire
 from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_geometry
+from visual_servo_epipolar.core.tracking.sampling import float_image, patch_radius
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.core.tracking.warps import Warps
 
 SIZE = (96, 128)  # rows and columns: small, so that many are tried
 KINDS = ('scene', 'shifted', 'constant', 'black', 'pepper', 'noise', 'stripes', 'checks', 'edge')

@@ -10,8 +10,6 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.routes.route import Appearance, in_memory, RouteView
 from visual_servo_epipolar.core.routes.structure import Localizer, ViewPose
-from visual_servo_epipolar.core.tracking.alignment.sampling import inside_border, patch_radius
-from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 from visual_servo_epipolar.core.tracking.matchers.sift import detect
@@ -23,8 +21,10 @@ from visual_servo_epipolar.core.tracking.matching import (
     view_of_keypoints,
     warps_of,
 )
+from visual_servo_epipolar.core.tracking.sampling import inside_border, patch_radius
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.core.tracking.warps import Warps
 
 MARGIN = 8.0  # from the border of the image, of what is expected in it [px]
 SETTINGS = TrackerSettings(max_features=60, min_features=20)

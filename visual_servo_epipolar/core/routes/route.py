@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.path import TaughtPath
 from visual_servo_epipolar.core.routes.structure import LocalStructure
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
-from visual_servo_epipolar.core.tracking.photographs.photographs import superfluous
+from visual_servo_epipolar.core.tracking.photographs import superfluous
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ second best.
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.matching import DesiredView, Matches, warps_of
 from visual_servo_epipolar.core.tracking.tracks import Tracks
+from visual_servo_epipolar.core.tracking.warps import contained, Warps
 
 GRID = (4, 3)  # columns and rows of the coarse grid that measures coverage
 CELLS = GRID[0] * GRID[1]

@@ -13,11 +13,11 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.robust_geometry import (
     agree_on_one_geometry,
     epipolar_geometry,
 )
+from visual_servo_epipolar.core.tracking.warps import Warps
 
 BESIDE = 0.1  # of the width, that the image goes on on either side
 BEYOND_POLE = 24  # rows

@@ -11,15 +11,15 @@ from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image, IntArr
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.epipolar import MIN_MATCHES
 from visual_servo_epipolar.core.geometry.significance import log_false_alarms
-from visual_servo_epipolar.core.tracking.alignment.sampling import (
+from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
+from visual_servo_epipolar.core.tracking.matchers.base import Keypoints, Matcher
+from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
+from visual_servo_epipolar.core.tracking.sampling import (
     inside_border,
     noise,
     patch_radius,
 )
-from visual_servo_epipolar.core.tracking.alignment.warps import Warps
-from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
-from visual_servo_epipolar.core.tracking.matchers.base import Keypoints, Matcher
-from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
+from visual_servo_epipolar.core.tracking.warps import Warps
 
 CORNER_WINDOW = 15  # side of the window of the corner measure [px]
 CORNER_SCALE = (0.5 * CORNER_WINDOW * 255) ** 2  # of OpenCV's measure, which is no sum

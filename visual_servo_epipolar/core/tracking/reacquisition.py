@@ -14,12 +14,12 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.tracking.alignment.sampling import FloatImage, inside_border
-from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
-from visual_servo_epipolar.core.tracking.alignment.warps import contained, numbers, Warps
+from visual_servo_epipolar.core.tracking.alignment import Anchor
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.matching import DesiredView
+from visual_servo_epipolar.core.tracking.sampling import FloatImage, inside_border
 from visual_servo_epipolar.core.tracking.tracks import fit_motion, ImageMotion
+from visual_servo_epipolar.core.tracking.warps import contained, numbers, Warps
 
 STALE_FRAMES = 100  # added to the age of a prediction by a frame without a motion to follow
 MAX_UNSEEN = 40  # frames for which a prediction is followed

@@ -15,21 +15,14 @@ from visual_servo_epipolar.core.arrays import as_gray, Image, median
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.goal import Goal, goal_id
-from visual_servo_epipolar.core.tracking.alignment.sampling import (
-    float_image,
-    FloatImage,
-    inside_border,
-    patches_for_one,
-)
-from visual_servo_epipolar.core.tracking.alignment.template_alignment import FIRST_ITERATIONS
-from visual_servo_epipolar.core.tracking.alignment.warps import Warps
+from visual_servo_epipolar.core.tracking.alignment import FIRST_ITERATIONS
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.canvas import Canvas
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.flow import flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matchers.registry import matcher_of
 from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView
-from visual_servo_epipolar.core.tracking.photographs.photographs import (
+from visual_servo_epipolar.core.tracking.photographs import (
     Photographs,
     Rematching,
     TiedView,
@@ -39,8 +32,15 @@ from visual_servo_epipolar.core.tracking.reacquisition import (
     Predictions,
     reacquire,
 )
+from visual_servo_epipolar.core.tracking.sampling import (
+    float_image,
+    FloatImage,
+    inside_border,
+    patches_for_one,
+)
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracks import Tracks
+from visual_servo_epipolar.core.tracking.warps import Warps
 
 BORDER = 4.0  # features nearer to the border of the current image are dropped [px]
 MOST_SHIFT = 0.25  # of the width, of features since a wide lens was matched

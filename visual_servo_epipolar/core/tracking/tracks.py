@@ -8,13 +8,13 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
 from visual_servo_epipolar.core.geometry.least_squares import cauchy, robust_fit
 from visual_servo_epipolar.core.geometry.rays import homogeneous
-from visual_servo_epipolar.core.tracking.alignment.warps import (
+from visual_servo_epipolar.core.tracking.canvas import Canvas
+from visual_servo_epipolar.core.tracking.warps import (
     keeps_all,
     numbers,
     squared_lengths,
     Warps,
 )
-from visual_servo_epipolar.core.tracking.canvas import Canvas
 
 MIN_FEATURES = 15  # below which a test of outliers says nothing
 RESIDUAL_FACTOR, RESIDUAL_FLOOR = 3.0, 2.0  # limit: times the median, plus grey levels

@@ -14,12 +14,10 @@ from visual_servo_epipolar.core.geometry.epipolar import in_pixels, MIN_MATCHES
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, rotation_vector
 from visual_servo_epipolar.core.reasons import Reason, reason_of
-from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, overlap
-from visual_servo_epipolar.core.tracking.alignment.template_alignment import (
+from visual_servo_epipolar.core.tracking.alignment import (
     Anchor,
     FIRST_ITERATIONS,
 )
-from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.matchers.base import Matcher
 from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
@@ -31,6 +29,8 @@ from visual_servo_epipolar.core.tracking.matching import (
     warps_of,
 )
 from visual_servo_epipolar.core.tracking.reacquisition import among_neighbours
+from visual_servo_epipolar.core.tracking.sampling import float_image, overlap
+from visual_servo_epipolar.core.tracking.warps import Warps
 from visual_servo_epipolar.core.twoview.estimator import Attitude, Estimate
 from visual_servo_epipolar.core.twoview.general_motion import (
     general_motion,

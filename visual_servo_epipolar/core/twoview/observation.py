@@ -12,8 +12,8 @@ from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 from visual_servo_epipolar.core.geometry.rotation import rotated
 from visual_servo_epipolar.core.rigs.rig import HeadView, Joints, Rig
-from visual_servo_epipolar.core.tracking.alignment.sampling import overlap
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.sampling import overlap
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import are_alike, differences
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.tracking.photographs.averaging import at_rest, averaged
+from visual_servo_epipolar.core.tracking.photographs import at_rest, averaged
 from visual_servo_epipolar.nodes.tracking import photograph
 from visual_servo_epipolar.nodes.tracking.photograph import Photograph
 

@@ -14,9 +14,8 @@ import pytest
 
 from visual_servo_epipolar.core.arrays import Image, IntArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.core.tracking.matchers import nearest
-from visual_servo_epipolar.core.tracking.matchers.base import Matcher
-from visual_servo_epipolar.core.tracking.matchers.nearest import mutual_nearest, RATIO
+from visual_servo_epipolar.core.tracking.matchers import base
+from visual_servo_epipolar.core.tracking.matchers.base import Matcher, mutual_nearest, RATIO
 from visual_servo_epipolar.core.tracking.matchers.onnx import supported
 from visual_servo_epipolar.core.tracking.matchers.registry import Loadable, matcher_of, MATCHERS
 from visual_servo_epipolar.core.tracking.matching import desired_view, match
@@ -152,7 +151,7 @@ def test_blocks_give_the_pairs_of_all_distances(counts, block, most, seed) -> No
     )
     current[: min(counts) // 2] = desired[: min(counts) // 2]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(nearest, 'BLOCK', block)
+        patch.setattr(base, 'BLOCK', block)
         pairs = mutual_nearest(desired, current)
     np.testing.assert_array_equal(pairs, by_all_distances(desired, current))
 

@@ -12,8 +12,13 @@ from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.goal import goal_id
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.tracking.photographs.averaging import at_rest, averaged, unrest
-from visual_servo_epipolar.core.tracking.photographs.photographs import Rematching, superfluous
+from visual_servo_epipolar.core.tracking.photographs import (
+    at_rest,
+    averaged,
+    Rematching,
+    superfluous,
+    unrest,
+)
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView

@@ -15,9 +15,8 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image, IntArray
-from visual_servo_epipolar.core.tracking.alignment.sampling import FloatImage, inside_border
-from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
-from visual_servo_epipolar.core.tracking.matchers.nearest import mutual_nearest
+from visual_servo_epipolar.core.tracking.matchers.base import Keypoints, mutual_nearest
+from visual_servo_epipolar.core.tracking.sampling import FloatImage, inside_border
 
 CELL = 8  # side of a cell [px]
 LOGITS = CELL * CELL + 1  # of a cell: of its pixels, and of none

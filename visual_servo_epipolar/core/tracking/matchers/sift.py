@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import Image, IntArray
-from visual_servo_epipolar.core.tracking.alignment.sampling import (
+from visual_servo_epipolar.core.tracking.matchers.base import Keypoints, mutual_nearest
+from visual_servo_epipolar.core.tracking.sampling import (
     inside_border,
     LEAST_NOISE,
     noise,
 )
-from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
-from visual_servo_epipolar.core.tracking.matchers.nearest import mutual_nearest
 
 FEW, ENOUGH = 8, 500  # keypoints of a photograph that is worth being enlarged: from, below
 ENLARGEMENT, LARGEST_ENLARGED = 2, 640 * 480  # of such a photograph, and its largest size [px]

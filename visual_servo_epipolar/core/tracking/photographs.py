@@ -3,6 +3,10 @@ Photographs of one pose: the first defines the goal, others show it in other lig
 
 Features are tracked in the photograph that fits the light, but lead to where the first one was
 taken: their pixels are mapped to it, by what both photographs show.
+
+A photograph may be the mean of several images taken at rest, with less noise than each: a
+difference of two that gradients explain is motion, the rest is noise, and what noise does not
+explain is a person who walks by.
 """
 
 from collections.abc import Sequence
@@ -14,14 +18,13 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.geometry.least_squares import deviation_of, linear_fit
 from visual_servo_epipolar.core.geometry.rays import homogeneous
 from visual_servo_epipolar.core.goal import goal_id
-from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, inside_border
-from visual_servo_epipolar.core.tracking.alignment.template_alignment import (
+from visual_servo_epipolar.core.tracking.alignment import (
     Anchor,
     FIRST_ITERATIONS,
 )
-from visual_servo_epipolar.core.tracking.alignment.warps import squared_lengths, Warps
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.matchers.base import Matcher
@@ -35,12 +38,14 @@ from visual_servo_epipolar.core.tracking.matching import (
     Matches,
     warps_of,
 )
+from visual_servo_epipolar.core.tracking.sampling import float_image, inside_border
 from visual_servo_epipolar.core.tracking.tracks import (
     fit_motion,
     ImageMotion,
     OUTLIER_MEDIANS,
     Tracks,
 )
+from visual_servo_epipolar.core.tracking.warps import squared_lengths, Warps
 
 IDS = 1 << 14  # of a photograph, more than it has keypoints
 SLOTS = 1023  # of that many ids each, for further photographs
@@ -56,6 +61,12 @@ ONE_PLACE = 0.00015  # parallax within a millimetre or two: features move smooth
 OUTLIER_PX = 2.0
 NEAR_PX = 8.0  # distance from a feature within which others move as it does
 REMEDY = 'take it where the first one was taken, best when the robot has arrived there'
+STILL_PX = 0.1  # motion at the border of the image that blurs less than tracking errs
+STILL_DEVIATIONS = 3.0  # beyond STILL_PX at which a motion is none of noise
+SAMPLES = 20_000  # pixels of a difference that are looked at
+CHANGED_DEVIATIONS, CHANGED_FLOOR = 6.0, 10.0  # of a pixel that has changed, plus grey levels
+CHANGED_SHARE = 0.03  # of such pixels at which something moves in view
+MOTIONS = 4  # of the columns below: shift along x and y, zoom, roll
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -342,3 +353,75 @@ def _agreed(common: Warps) -> tuple[Warps, ImageMotion]:
             f'goal, at least {MIN_COMMON} are needed; {REMEDY}, or in light between both'
         )
     return common, motion
+
+
+def averaged(images: Sequence[Image]) -> Image:
+    """Return the mean of ``images``, uint8 of shape (H, W) each, rounded."""
+    if len(images) == 1:
+        return images[0]
+    total = np.zeros(images[0].shape, np.uint32)
+    for image in images:
+        total += image
+    return ((total + len(images) // 2) // len(images)).astype(np.uint8)
+
+
+def at_rest(images: Sequence[Image]) -> tuple[int, str]:
+    """
+    Return how many of ``images``, the first and those after it, show one view.
+
+    And what the next one shows of motion, '' if there is none.
+    """
+    for count, image in enumerate(images[1:], 1):
+        reason = unrest(images[0], image)
+        if reason:
+            return count, reason
+    return len(images), ''
+
+
+def unrest(first: Image, second: Image) -> str:
+    """Return what moves from one image to another, in words; '' if that is noise and light."""
+    if first.shape != second.shape:
+        return 'their sizes differ'
+    if min(first.shape) < 3:
+        return ''  # no slopes: no photograph either
+    difference, columns = _difference(first, second)
+    scale = np.maximum(np.abs(columns).max(axis=0), 1e-9)
+    rows = columns / scale
+    fit = linear_fit(rows, difference, ridge=1e-6 * len(rows))
+    residual = np.abs(fit.residual)
+    noise = deviation_of(float(np.median(residual)))
+    errors = noise * np.sqrt(np.diag(fit.covariance())) / scale
+    motion = _at_border((fit.solution / scale)[:MOTIONS])
+    if motion > STILL_PX + STILL_DEVIATIONS * _at_border(errors[:MOTIONS]):
+        return f'the view moves by {motion:.2g} px'
+    share = float((residual > CHANGED_DEVIATIONS * noise + CHANGED_FLOOR).mean())
+    return f'{share:.1%} of the view changes' if share > CHANGED_SHARE else ''
+
+
+def _at_border(motion: FloatArray) -> float:
+    """Return how far shift, zoom and roll, (4,), move a pixel at the border of the image [px]."""
+    return float(np.hypot(*motion[:2]) + np.hypot(*motion[2:]))
+
+
+def _difference(first: Image, second: Image) -> tuple[FloatArray, FloatArray]:
+    """Return differences, (N,), of sampled pixels, and what explains them, (N, 6), see MOTIONS."""
+    height, width = first.shape
+    stride = max(int(np.sqrt(height * width / SAMPLES)), 1)
+    rows, cols = np.arange(1, height - 1, stride), np.arange(1, width - 1, stride)
+    mean = 0.5 * (first.astype(np.float32) + second)
+    here = np.ix_(rows, cols)
+    slope_x = 0.5 * (mean[np.ix_(rows, cols + 1)] - mean[np.ix_(rows, cols - 1)])
+    slope_y = 0.5 * (mean[np.ix_(rows + 1, cols)] - mean[np.ix_(rows - 1, cols)])
+    half = 0.5 * max(height, width)
+    x = ((cols - 0.5 * (width - 1)) / half)[None, :]
+    y = ((rows - 0.5 * (height - 1)) / half)[:, None]
+    columns = [
+        slope_x,
+        slope_y,
+        x * slope_x + y * slope_y,
+        x * slope_y - y * slope_x,
+        mean[here],
+        np.ones_like(slope_x),
+    ]
+    difference = first[here].astype(np.float64) - second[here]
+    return difference.ravel(), np.stack([item.ravel() for item in columns], axis=1)

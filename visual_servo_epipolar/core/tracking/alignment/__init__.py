@@ -1,1 +1,0 @@
-"""Alignment of features with their templates in the desired image alone."""
