@@ -9,11 +9,11 @@ import pytest
 from strategies import floats, matches, panorama, poses_behind_the_goal, random_rays
 
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
+from visual_servo_epipolar.core.geometry.epipolar import MIN_MATCHES, rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 from visual_servo_epipolar.core.geometry.rays import normalised, unit_rays
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, rotated, rotation_vector
-from visual_servo_epipolar.core.geometry.wall import aside, LEAST_FEATURES
+from visual_servo_epipolar.core.geometry.wall import aside
 
 
 def turned(alpha: float) -> Pose:
@@ -157,7 +157,7 @@ def test_wrong_matches_do_not_hide_it() -> None:
 
 def test_too_few_or_all_in_one_place_tell_nothing() -> None:
     current, desired = views_of_wall(0.01, 3)
-    few = LEAST_FEATURES - 1
+    few = MIN_MATCHES - 1
     assert aside(current[:few], desired[:few]) == 0.0
     alike = np.repeat(desired[:1], 20, axis=0)
     assert aside(alike, alike) == 0.0

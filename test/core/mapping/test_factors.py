@@ -13,7 +13,6 @@ from visual_servo_epipolar.core.mapping.refinement import (
     Evaluation,
     Geometry,
     LEAST_INFORMATION,
-    LEAST_OFFSET,
     OUTLIER,
     refine,
     robust_cost,
@@ -146,7 +145,7 @@ def whole(at):
     for n in range(count):
         for axis in range(2):
             j = size + 3 * n + axis
-            matrix[j, j] += at.offset_weight[n] + LEAST_OFFSET
+            matrix[j, j] += at.offset_weight[n] + LEAST_INFORMATION
             vector[j] += at.offset_weight[n] * at.unknowns.offsets[axis, n]
         matrix[size + 3 * n + 2, size + 3 * n + 2] += LEAST_INFORMATION
     return matrix, vector, size

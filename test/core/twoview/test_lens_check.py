@@ -24,7 +24,7 @@ def said(current: np.ndarray, desired: np.ndarray, scale: float) -> str:
         through_lens(blurred(rays, NOISE_PX / FOCAL, rng), 1.0 / scale)
         for rays in (current, desired)
     )
-    return contradicted_by_pair(Observation(0, *seen, scale * FOCAL), ServoSettings())
+    return contradicted_by_pair(Observation(0, *seen, scale * FOCAL), ServoSettings())[0]
 
 
 @pytest.mark.parametrize('start', STARTS)
@@ -57,10 +57,12 @@ def test_one_wall_tells_nothing(start: tuple[float, float, float], scale: float)
 def test_what_is_not_calibrated_or_no_pinhole_is_not_checked(wide: bool) -> None:
     current, desired = matches(Pose.from_start(*STARTS[0]), count=COUNT)
     settings = ServoSettings(focal_deviation=0.0 if wide else 0.3)
-    assert contradicted_by_pair(Observation(0, current, desired, FOCAL, wide=wide), settings) == ''
+    view = Observation(0, current, desired, FOCAL, wide=wide)
+    assert contradicted_by_pair(view, settings) == ('', None)
 
 
 @pytest.mark.parametrize('count', [0, 1, 5, 11])
 def test_too_few_features_tell_nothing_and_raise_nothing(count: int) -> None:
     current, desired = (rays[:count] for rays in matches(Pose.from_start(*STARTS[0]), count=COUNT))
-    assert contradicted_by_pair(Observation(0, current, desired, FOCAL), ServoSettings()) == ''
+    view = Observation(0, current, desired, FOCAL)
+    assert contradicted_by_pair(view, ServoSettings()) == ('', None)

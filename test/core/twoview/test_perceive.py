@@ -16,6 +16,7 @@ from sequences import (
 )
 from strategies import blurred, CAMERA, floats, matches, panorama, poses_behind_the_goal
 
+from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.lens import Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
@@ -28,7 +29,6 @@ from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.measures import (
     difference_deviation,
     feature_difference,
-    IN_FRONT,
     turned,
     view_margins,
 )
@@ -277,7 +277,7 @@ def test_rays_behind_have_no_place_in_d() -> None:
 def test_the_deviation_of_d_is_that_of_the_features_it_is_taken_over() -> None:
     rng = np.random.default_rng(5)
     _, desired = panorama(BEHIND, count=60)
-    front = desired[:, 2] > IN_FRONT
+    front = desired[:, 2] > LEAST_FORWARD
     assert 10 < front.sum() < 50
     values = []
     for _ in range(400):

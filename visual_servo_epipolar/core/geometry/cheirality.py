@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, epipoles
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 
-VOTE_SATURATION = 3.0
+VOTE_SATURATION = 3.0  # deviations beyond which a match counts no more for a sign
 AHEAD_SHARE = 0.6  # of the matches that vote, without which a geometry is in doubt
 
 Plane: TypeAlias = tuple[FloatArray, FloatArray]  # x and z of rays, shape (..., N) each

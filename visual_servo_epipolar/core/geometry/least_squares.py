@@ -17,6 +17,7 @@ USUAL_SQUARES = 1.3863  # median of sums of two squares of normal noise of devia
 TUKEY = 4.685  # deviations from which residuals count no more: 95 % efficient for normal noise
 REWEIGHTINGS = 6  # rounds in which robust weights settle
 SMALLEST = 1e-18  # squared residual by which weights are scaled at least
+RIDGE = 1e-6  # that keeps equations regular where matches coincide, or lie in a row
 
 
 class Equations(NamedTuple):

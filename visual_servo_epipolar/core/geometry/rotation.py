@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.geometry.least_squares import (
     Equations,
     least_squares,
     REWEIGHTINGS,
+    RIDGE,
 )
 from visual_servo_epipolar.core.geometry.rays import normalised
 
@@ -97,7 +98,6 @@ def _kabsch(product: FloatArray) -> FloatArray:
 
 
 ROUNDS = 5
-RIDGE = 1e-6  # keeps the equations regular where all matches coincide
 # Directions of the motion to start from: ahead, aside, and between.
 STARTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 1.0]])
 STARTS /= np.linalg.norm(STARTS, axis=1)[:, None]

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, median
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, MIN_MATCHES
 from visual_servo_epipolar.core.geometry.least_squares import (
     cauchy,
     REWEIGHTINGS,
@@ -24,7 +24,6 @@ from visual_servo_epipolar.core.geometry.least_squares import (
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 
 LEAST_FORWARD = 0.5  # of a ray: 60 deg off the axis
-LEAST_FEATURES = 8
 
 
 def exchanged_bearings(view: FloatArray, across: FloatArray) -> Bearings | None:
@@ -60,7 +59,7 @@ def aside(current: FloatArray, desired: FloatArray) -> float:
     """
     carried = current @ fit_rotation(current, desired).rotation.T
     ahead = (carried[:, 2] > LEAST_FORWARD) & (desired[:, 2] > LEAST_FORWARD)
-    if int(ahead.sum()) < LEAST_FEATURES:
+    if int(ahead.sum()) < MIN_MATCHES:
         return 0.0
     seen, points = _points(carried[ahead]), _points(desired[ahead])
     moved = (points - seen).T.ravel()  # of the scene to the photograph: as the camera is aside

@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.mapping.window import (
 from visual_servo_epipolar.core.twoview.estimator import Attitude, LEAST_JITTER
 
 UNKNOWN_SCALE = 1.0  # deviation of the logarithm of an unknown scale
-LEAST_WAY = 1e-9  # [m]
+LEAST_WAY = 1e-9  # that has a direction [m]
 LENS_DEVIATION = 0.03  # of the logarithm of a focal length that somebody measured
 LEAST_PLACE = 1e-6  # information of a view that features tell nothing of [1/m^2]
 

@@ -19,6 +19,7 @@ from visual_servo_epipolar.core.geometry.least_squares import (
     least_squares,
     USUAL_SQUARES,
 )
+from visual_servo_epipolar.core.mapping.factors import LEAST_PLACE
 from visual_servo_epipolar.core.mapping.projection import (
     BY_FEATURE,
     BY_VIEW,
@@ -48,7 +49,6 @@ STEPS = 8
 LEAST_STEP = 0.1  # squared, in deviations, below which the last step does the rest
 FAR = 1e3  # squared, likewise, from which slopes are taken anew
 NEAR = 1e2  # squared, likewise, up to which slopes are those of the last step as well
-RIDGE = 1e-6  # information of what no feature shows [1/m^2]
 EVERY = VIEW + 1  # element of a matrix, (5, 5), is one of its diagonal
 
 
@@ -81,7 +81,7 @@ class Anchors:
     def known(self) -> tuple[FloatArray, FloatArray]:
         """Information of tilt and roll, (2,), and of all unknowns of a view, (5,)."""
         information = self.deviation**-2
-        return information, np.concatenate([np.zeros(TILT), information]) + RIDGE
+        return information, np.concatenate([np.zeros(TILT), information]) + LEAST_PLACE
 
 
 class PoseFit(NamedTuple):
@@ -357,11 +357,6 @@ class Shrinkage:
 NOTHING = Shrinkage()
 
 
-def shrinkage_of(share: float, variance: float) -> Shrinkage:
-    """Return the shrinkage with an estimated ``share``, brought into its range of 0 to 1."""
-    return Shrinkage(min(max(share, 0.0), 1.0), max(variance, LEAST_VARIANCE))
-
-
 class Resection(NamedTuple):
     """
     Pose of a view, (5,), its covariance, (5, 5), and ``inliers``, (n,).
@@ -410,7 +405,7 @@ def resect(
     joint.ravel()[:: len(joint) + 1] += 1.0  # errors of the window, one deviation each
     left = rows - shared @ np.linalg.solve(joint, shared.T @ rows)
     matrix = rows[:, :-1].T @ left[:, :-1]
-    matrix.ravel()[: VIEW * (VIEW + 2) : VIEW + 2] += RIDGE  # of the view
+    matrix.ravel()[: VIEW * (VIEW + 2) : VIEW + 2] += LEAST_PLACE  # of the view
     covariance = np.linalg.inv(matrix)
     gain = covariance @ left[:, :-1].T
     covariance = 0.5 * (covariance + covariance.T)
@@ -426,7 +421,8 @@ def _stepped(
     pose: FloatArray, step: FloatArray, covariance: FloatArray
 ) -> tuple[Shrinkage, FloatArray, FloatArray]:
     """Return the shrinkage after a ``step``, (6,), the pose, and what withdrawing moves it by."""
-    after = shrinkage_of(-float(step[VIEW]), float(covariance[VIEW, VIEW]))
+    variance = max(float(covariance[VIEW, VIEW]), LEAST_VARIANCE)
+    after = Shrinkage(min(max(-float(step[VIEW]), 0.0), 1.0), variance)
     by_share = covariance[:VIEW, VIEW] / covariance[VIEW, VIEW]
     shift = after.withdrawn * by_share
     return after, pose - step[:VIEW] + step[VIEW] * by_share + shift, shift

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.geometry.cheirality import VOTE_SATURATION
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.least_squares import USUAL_SQUARES
 from visual_servo_epipolar.core.geometry.rotation import MIN_POINTS
@@ -44,12 +45,11 @@ from visual_servo_epipolar.core.twoview.estimator import Attitude, LEAST_JITTER
 STEPS, MORE_STEPS, LAST_STEPS, ROUNDS = 2, 6, 30, 6
 ALMOST = 1.5  # times the usual squares: converged but for rounding
 COLD_DAMPING = 1e-3
-VOTE = 3.0  # most deviations of an inverse depth that count for its sign
 MOST_NOISE = 2.0  # of residuals over the noise that is expected: else it is the wrong geometry
 DECISIVE, LIKELY = 16.0, 4.0  # of cost, by which one geometry must fit better than another
 ALIKE = 0.05  # direction of the last view, up to which they are the same [rad]
 FIRST_TRUSTED = 0.6  # of the features to begin with: a wrong plane fits half of them
-LEAST_AGREEING = 0.5  # of the trusted features in a view
+LEAST_AGREEING = 0.5  # of the trusted features in a view, or of the map's
 MOST_DOUBT = 0.1  # deviation of a place over its distance, to begin with
 LEAST_TRUSTED = 0.35  # of the features
 FIRST_UNCERTAINTY = 0.3  # of depths from two views
@@ -162,7 +162,7 @@ def orient_ahead(at: Evaluation) -> Evaluation:
     """Return the geometry of which features lie ahead, of two that look the same."""
     roots = system_of(at).roots[:, 2]
     deviations = at.unknowns.inverse_depth / np.sqrt((roots * roots).sum(1))
-    vote = float(np.clip(deviations, -VOTE, VOTE) @ at.trusted)
+    vote = float(np.clip(deviations, -VOTE_SATURATION, VOTE_SATURATION) @ at.trusted)
     return at if vote >= 0.0 else replace(at, unknowns=at.unknowns.scaled(-1.0))
 
 

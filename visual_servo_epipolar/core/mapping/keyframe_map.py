@@ -22,7 +22,12 @@ from visual_servo_epipolar.core.mapping.fitting import (
     resect,
     Shrinkage,
 )
-from visual_servo_epipolar.core.mapping.initialization import initial_geometry, is_sound, Start
+from visual_servo_epipolar.core.mapping.initialization import (
+    initial_geometry,
+    is_sound,
+    LEAST_AGREEING,
+    Start,
+)
 from visual_servo_epipolar.core.mapping.localization import localization_of, MapLocalization
 from visual_servo_epipolar.core.mapping.refinement import Geometry, refine, rescale
 from visual_servo_epipolar.core.mapping.selection import (
@@ -43,7 +48,6 @@ from visual_servo_epipolar.core.mapping.window import (
 from visual_servo_epipolar.core.twoview.estimator import Attitude
 
 MIN_AGREEING = 5  # of features of the map that agree
-MIN_SHARE = 0.5  # of the map's features in view that agree
 MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
 
 
@@ -202,7 +206,7 @@ class KeyframeMap:
         )
         fit = fit_pose_near(geometry.unknowns.views, it.anchors, seen, self.pose)
         agree = int(fit.inliers.sum())
-        if agree < max(MIN_AGREEING, MIN_SHARE * count):
+        if agree < max(MIN_AGREEING, LEAST_AGREEING * count):
             reason = f'{agree} of {count} remembered features agree with one place'
             return self, MapLocalization(reason, ids=self.window.ids)
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)

@@ -8,12 +8,11 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
+from visual_servo_epipolar.core.geometry.rays import LEAST_FORWARD
+from visual_servo_epipolar.core.mapping.factors import LEAST_WAY
 from visual_servo_epipolar.core.mapping.fitting import Correspondences, Resection
 from visual_servo_epipolar.core.mapping.projection import points_of, Structure, turns_of
 from visual_servo_epipolar.core.mapping.window import HEADING, VIEW, X, Y
-
-LEAST_DISTANCE = 1e-9  # [m] of a baseline that has a direction
-LEAST_AHEAD = 0.1  # cosine off the axis, below which a feature has no image point
 
 
 def _nothing() -> FloatArray:
@@ -62,7 +61,7 @@ class MapLocalization:
     @property
     def bearings(self) -> Bearings | None:
         """The oriented bearings of the cameras; None without a pose or at the goal."""
-        if self.reason or not self.distance > LEAST_DISTANCE:
+        if self.reason or not self.distance > LEAST_WAY:
             return None
         psi = math.atan2(self.pose[Y], self.pose[X])
         phi = psi - float(self.pose[HEADING]) - 0.5 * math.pi
@@ -72,7 +71,7 @@ class MapLocalization:
     def bearings_covariance(self) -> FloatArray:
         """Covariance of (psi, phi), (2, 2) [rad^2]: without bound towards the goal."""
         x, y = self.pose[:HEADING].tolist()
-        square = max(x * x + y * y, LEAST_DISTANCE**2)
+        square = max(x * x + y * y, LEAST_WAY**2)
         right, ahead = -y / square, x / square
         slope = np.array([[right, ahead, 0.0], [right, ahead, -1.0]])
         return np.asarray(slope @ self.covariance[:3, :3] @ slope.T)
@@ -190,7 +189,7 @@ def difference_slope(
     square = 1.0 - z * z
     if wide:  # D counts 2 (1 - z)
         return float(np.mean(2.0 * square * inverse_depth)) if len(z) else math.nan
-    ahead = z > LEAST_AHEAD
+    ahead = z > LEAST_FORWARD
     if not ahead.any():
         return math.nan
     # |p|^2 = (X^2 + Y^2) / (Z - y)^2 grows by 2 |p|^2 / Z, and Z = z / nearness.

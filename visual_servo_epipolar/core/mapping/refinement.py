@@ -43,8 +43,7 @@ WRONG_OFFSET = 16.0  # square of what the photograph's ray is off by, in deviati
 NEAREST, FEW_VIEWS = 50.0, 2
 RETURN = 0.6  # of both bounds: what was wrong must be well below to count again
 OUTLIER = 9.0  # square from which residuals count less, as one in a hundred true ones does
-LEAST_INFORMATION = 1e-4  # of an inverse depth that nothing shows [m^2]
-LEAST_OFFSET = 1e-4  # information of a ray of the photograph that is far off
+LEAST_INFORMATION = 1e-4  # of an inverse depth that nothing shows [m^2], of a ray that is far off
 
 
 def robust_weight(squares: FloatArray) -> FloatArray:
@@ -155,7 +154,7 @@ def _eliminated(at: Evaluation, products: FloatArray, size: int) -> tuple[FloatA
     """Return roots of inverted blocks of features, and their coupling times those."""
     views, _, _, count = products.shape
     blocks = products[:, :, BY_FEATURE].sum(0)
-    blocks[[0, 1], [0, 1]] += at.offset_weight + LEAST_OFFSET
+    blocks[[0, 1], [0, 1]] += at.offset_weight + LEAST_INFORMATION
     blocks[2, 2] += LEAST_INFORMATION
     roots = inverse_roots(blocks)
     coupling = np.zeros((count, 3, size))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, MIN_MATCHES
 from visual_servo_epipolar.core.mapping.factors import factors_of
 from visual_servo_epipolar.core.mapping.fitting import Correspondences, Resection
 from visual_servo_epipolar.core.mapping.initialization import Start, triangulate
@@ -26,7 +26,6 @@ from visual_servo_epipolar.core.mapping.window import (
 NEW_SHARE = 0.1  # of the observations of a view that are of features not in the map
 FEWEST_NEW = 3
 CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of the scene
-MIN_FEATURES = 8  # of a view to begin with
 MOST_VIEWS = 4  # to begin with: more cost more time, and are passed soon
 MOST_STARTS = 2  # that are tried at one view
 
@@ -53,7 +52,7 @@ def is_keyframe(
     New ones must find room. Near the photograph they have no depth: a wrong match may be anywhere
     there, and a hand's breadth before the camera it would outweigh all others.
     """
-    if observations < MIN_FEATURES:
+    if observations < MIN_MATCHES:
         return False
     offset = geometry.unknowns.views[:, :2] - pose[:2]
     least = settings.keyframe_spacing * geometry.depth
@@ -163,6 +162,6 @@ class Bootstrap:
 
 def obstacle(observations: FeatureObservations, bearings: Sequence[Bearings]) -> str:
     """Return in words why nothing can begin with a view; empty if it can."""
-    if len(observations) < MIN_FEATURES:
-        return f'{len(observations)} features, {MIN_FEATURES} needed to begin'
+    if len(observations) < MIN_MATCHES:
+        return f'{len(observations)} features, {MIN_MATCHES} needed to begin'
     return '' if bearings else 'two views show no baseline to begin with'

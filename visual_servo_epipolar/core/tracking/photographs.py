@@ -18,7 +18,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.geometry.least_squares import deviation_of, linear_fit
+from visual_servo_epipolar.core.geometry.least_squares import deviation_of, linear_fit, RIDGE
 from visual_servo_epipolar.core.geometry.rays import homogeneous
 from visual_servo_epipolar.core.goal import goal_id
 from visual_servo_epipolar.core.tracking.alignment import (
@@ -387,7 +387,7 @@ def unrest(first: Image, second: Image) -> str:
     difference, columns = _difference(first, second)
     scale = np.maximum(np.abs(columns).max(axis=0), 1e-9)
     rows = columns / scale
-    fit = linear_fit(rows, difference, ridge=1e-6 * len(rows))
+    fit = linear_fit(rows, difference, ridge=RIDGE * len(rows))
     residual = np.abs(fit.residual)
     noise = deviation_of(float(np.median(residual)))
     errors = noise * np.sqrt(np.diag(fit.covariance())) / scale

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
-from visual_servo_epipolar.core.geometry.least_squares import cauchy, robust_fit
+from visual_servo_epipolar.core.geometry.least_squares import cauchy, RIDGE, robust_fit
 from visual_servo_epipolar.core.geometry.rays import homogeneous
 from visual_servo_epipolar.core.tracking.canvas import Canvas
 from visual_servo_epipolar.core.tracking.warps import (
@@ -20,7 +20,6 @@ MIN_FEATURES = 15  # below which a test of outliers says nothing
 RESIDUAL_FACTOR, RESIDUAL_FLOOR = 3.0, 2.0  # limit: times the median, plus grey levels
 MIN_SUPPORT = 6  # tracked features below which no motion is fitted
 ROUNDS = 2  # of reweighting, so that one outlier does not drag the others along
-RIDGE = 1e-6  # features in a row leave one direction open
 NEAR_PX = 60.0  # distance within which residuals of other features count
 OUTLIER_MEDIANS = 5.0  # residual of an outlier, in medians of all, beyond its limit
 

@@ -123,27 +123,26 @@ def inspect(
         rays = camera.rays(pixels)
         usable &= camera.round_trips(pixels, rays)
         sides.append((pixels, rays, camera.resolution(rays)))
-    (current_px, current_rays, current_angles), (desired_px, desired_rays, desired_angles) = (
-        tuple(part[usable] for part in side) for side in sides
+    pixels_of, both, angles = (
+        [part[usable] for part in parts] for parts in zip(*sides, strict=True)
     )
     observation = Observation(
         0,
-        current_rays,
-        desired_rays,
+        both[0],
+        both[1],
         current_camera.focal,
-        pixel_angles=np.stack([current_angles, desired_angles], axis=1),
+        pixel_angles=np.stack(angles, axis=1),
         wide=current_camera.wide,
         shared=overlap(matches.current, painted.shape),
     )
     found, essential = judged(observation, settings)
-    doubt = doubtful_tilt(current_camera, found.tilt)
-    if found.trusted and doubt:
+    found = replace(found, current=pixels_of[0], desired=pixels_of[1])
+    if found.trusted and (doubt := doubtful_tilt(current_camera, found.tilt)):
         found = replace(found, trusted=False, reason=doubt)
-    pinholes = current_camera.planar is not None and desired_camera.planar is not None
-    if essential is not None and pinholes:
-        matrix = in_pixels(essential, current_camera.matrix, desired_camera.matrix)
-        found = replace(found, fundamental=matrix)
-    return replace(found, current=current_px, desired=desired_px)
+    if essential is None or current_camera.planar is None or desired_camera.planar is None:
+        return found
+    matrix = in_pixels(essential, current_camera.matrix, desired_camera.matrix)
+    return replace(found, fundamental=matrix)
 
 
 def _aligned(view: DesiredView, matches: Matches, image: Image) -> Warps:

@@ -22,6 +22,7 @@ from visual_servo_epipolar.core.arrays import (
     medians,
     packed,
 )
+from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.geometry.lens import spurious_parallax
 from visual_servo_epipolar.core.geometry.rays import dot
@@ -34,7 +35,6 @@ from visual_servo_epipolar.core.twoview.validation import ValidatedEstimate
 
 APART, NEGLIGIBLE = 6.0, 5e-4  # times the median distance of features, plus rad
 FULL_CIRCLE = 2.0 * np.pi - 1e-6  # between the edges of an image [rad]
-IN_FRONT = 0.2  # least z of a ray that has an image-plane point: 78 deg off the axis
 
 
 def measured(
@@ -249,10 +249,10 @@ def _counted(current: FloatArray, desired: FloatArray, wide: bool) -> BoolArray:
     """Return which features count for D, shape (..., N): those in front, of a wide lens all."""
     if wide:
         return np.ones(current.shape[:-1], bool)
-    return np.asarray(np.minimum(current[..., 2], desired[..., 2]) > IN_FRONT)
+    return np.asarray(np.minimum(current[..., 2], desired[..., 2]) > LEAST_FORWARD)
 
 
 def _squares(rays: FloatArray) -> FloatArray:
     """Return |p|^2 of the image-plane points of ``rays`` in front, shape (..., N)."""
-    forward = np.maximum(rays[..., 2], IN_FRONT)
+    forward = np.maximum(rays[..., 2], LEAST_FORWARD)
     return np.asarray(1.0 / (forward * forward) - 1.0)

@@ -26,8 +26,10 @@ from visual_servo_epipolar.core.twoview.refinement import (
     refined,
 )
 
+MIN_MATCHES = 5  # as many as a motion has parameters
 GOOD_COST = 1.8  # of a match, in squared deviations: noise, and outliers fewer than one in six
 UNDETERMINED = 1.0  # deviation of a bearing above which the matches say nothing of it [rad]
+JITTER_SHARE = 0.7  # of the jitter that shows as noise where jumps are not estimated
 REFITS = 3  # without matches that lie behind a camera
 DEPTH_DEVIATIONS = 3.0  # of parallax, and of the way to the epipole: a depth has its sign then
 
@@ -46,19 +48,22 @@ class PlanarModel:
     What is an estimator's own: E by its parameters, and what is known of them before.
 
     ``conclude`` makes an estimate of rays, of the matches that agree, (N,), of the posterior and
-    the prior; noise moves rays along ``axes``, and residuals are larger by ``widening`` at first.
+    the prior; noise moves rays along ``axes``.
     """
 
-    min_matches: int
     matrices: Model
     prior_of: Callable[[Prior], GaussianPrior]
     conclude: Callable[[Rays, BoolArray, Posterior, Prior], Estimate]
     axes: Callable[..., Axes] = tangents
-    widening: Callable[[Rays, Prior], float] = lambda rays, prior: 1.0
 
     def problem(self, rays: Rays, prior: Prior, matches: BoolArray | None = None) -> Problem:
         """Return what is minimised to fit the model to ``matches``, (N,), or to all."""
         return problem_of(self.matrices, self.prior_of(prior), rays, matches, self.axes)
+
+
+def widening(rays: Rays, prior: Prior) -> float:
+    """Return how much larger than the noise residuals are before jumps are estimated."""
+    return float(np.maximum(1.0, JITTER_SHARE * prior.attitude.jitter / rays.mean_noise))
 
 
 def with_bearings(mean: FloatArray, prior: Prior) -> FloatArray:
@@ -73,11 +78,11 @@ def from_last_bearings(
 ) -> Estimate | None:
     """Return the estimate by the last bearings where they explain the plausible ``matches``."""
     count = int(matches.sum())
-    if prior.bearings is None or count < model.min_matches:
+    if prior.bearings is None or count < MIN_MATCHES:
         return None
     problem = model.problem(rays, prior, matches)
     start = with_bearings(problem.prior.mean, prior)
-    fit = refined(start, problem, model.widening(rays, prior))
+    fit = refined(start, problem, widening(rays, prior))
     change = np.abs(fit.parameters[:2] - prior.angles).max()
     if not (fit.costs <= GOOD_COST * count and change < prior.deviation):
         return None

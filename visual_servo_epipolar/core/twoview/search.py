@@ -40,8 +40,11 @@ from visual_servo_epipolar.core.twoview.hypotheses import (
 )
 from visual_servo_epipolar.core.twoview.planar import (
     concluded,
+    JITTER_SHARE,
+    MIN_MATCHES,
     PlanarModel,
     undetermined,
+    widening,
     with_bearings,
 )
 from visual_servo_epipolar.core.twoview.refinement import (
@@ -53,7 +56,6 @@ from visual_servo_epipolar.core.twoview.refinement import (
 from visual_servo_epipolar.core.twoview.tilted_planar import (
     exchanged_on_plane,
     in_front_of,
-    JITTER_SHARE,
     levelled,
     matrices,
     PHI,
@@ -146,7 +148,7 @@ def _found(
     model: PlanarModel, rays: Rays, matches: BoolArray, prior: Prior, refine: Refine
 ) -> _Found:
     matches = matches & plausible_matches(rays, prior)
-    remaining = remaining_rays(rays, matches, model.min_matches)
+    remaining = remaining_rays(rays, matches, MIN_MATCHES)
     fits = refine(model, remaining, prior)
     mode, alternative = choose_mode(fits.parameters[:, : PHI + 1], fits.costs, prior)
     if alternative is None and not prior.decided and prior.lens.calibrated:
@@ -160,7 +162,7 @@ def _twin(model: PlanarModel, rays: Rays, fit: Fit, prior: Prior) -> Bearings | 
     start = exchanged_on_plane(rays, fit)
     if start is None:
         return None
-    twin = refined(start, model.problem(rays, prior), model.widening(rays, prior))
+    twin = refined(start, model.problem(rays, prior), widening(rays, prior))
     # Of one plane both have the same residuals, across two directions: sums of N squares.
     by_chance = 3.0 * math.sqrt(4.0 * rays.matches)
     if not twin.costs < fit.costs + max(ALTERNATIVE_COST, by_chance):
@@ -200,7 +202,7 @@ def _refined_hypotheses(
     if prior.bearings is not None:
         starts = np.vstack([starts, with_bearings(problem.prior.mean, prior)])
     least = roughness if calibrated else ROUGH_LENS
-    fits = refined(starts, problem, max(least, model.widening(rays, prior)))
+    fits = refined(starts, problem, max(least, widening(rays, prior)))
     if not calibrated:
         return fits
     # A match that agrees from behind a camera costs as much as one that does not.

@@ -11,21 +11,16 @@ from visual_servo_epipolar.core.twoview.planar import from_last_bearings, Planar
 from visual_servo_epipolar.core.twoview.search import search
 from visual_servo_epipolar.core.twoview.tilted_planar import plausible_matches
 
-MIN_MATCHES = 5
 CALIBRATED = PlanarModel(
-    MIN_MATCHES,
     tilted_planar.matrices,
     tilted_planar.attitude_prior,
     tilted_planar.conclude,
-    widening=tilted_planar.widening,
 )
 UNCALIBRATED = PlanarModel(
-    MIN_MATCHES,
     wrong_lens.matrices,
     wrong_lens.lens_prior,
     wrong_lens.conclude,
     image_axes,
-    tilted_planar.widening,
 )
 
 

@@ -24,13 +24,12 @@ from visual_servo_epipolar.core.twoview.hypotheses import (
     plausible,
     Rays,
 )
-from visual_servo_epipolar.core.twoview.planar import balances_in_front, Posterior
+from visual_servo_epipolar.core.twoview.planar import balances_in_front, JITTER_SHARE, Posterior
 from visual_servo_epipolar.core.twoview.refinement import Fit, GaussianPrior
 
 PSI, PHI, TILT, TILT_JUMP, ROLL, ROLL_JUMP = range(6)  # jump: current less desired view
 BOTH = slice(TILT, ROLL + 1, ROLL - TILT)  # tilt and roll
 JITTER_DEVIATIONS = 3.0  # a prior tighter than the true jitter does harm
-JITTER_SHARE = 0.7  # of the jitter that shows as noise where jumps are not estimated
 REACH = 2.0  # how far hypotheses of the focal length reach, in deviations of the prior
 
 # psi, phi, tilt and roll of the desired camera, tilt and roll of the current one
@@ -127,11 +126,6 @@ def plausible_matches(rays: Rays, prior: Prior) -> BoolArray:
     # Angles may truly be larger, and so is then what a tilt does.
     stretch = float(np.exp(REACH * prior.lens.ratio_deviation))
     return plausible(levelled(rays, attitude.tilt, attitude.roll), stretch * slack)
-
-
-def widening(rays: Rays, prior: Prior) -> float:
-    """Return how much larger than the noise residuals are before jumps are estimated."""
-    return float(np.maximum(1.0, JITTER_SHARE * prior.attitude.jitter / rays.mean_noise))
 
 
 def levelled(rays: Rays, tilt: Any, roll: Any, tilt_jump: Any = 0.0, roll_jump: Any = 0.0) -> Rays:

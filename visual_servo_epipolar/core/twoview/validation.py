@@ -79,7 +79,10 @@ def fit_quality(
     inliers = int(np.count_nonzero(agree))
     shown = likeliest_noise(np.abs(distances), noise)
     shared *= together(distances[None, agree], np.eye(1), desired[agree]) if inliers else 1.0
-    growth = max(shown / noise, 1.0) * tails_of_few(inliers) * math.sqrt(shared)
+    # A few matches do not show how large their noise is: errors have Student's tails, of as many
+    # degrees of freedom as there are inliers beyond a motion's parameters.
+    spare = max(inliers - MOTION_PARAMETERS, LEAST_SPARE)
+    growth = max(shown / noise, 1.0) * math.sqrt(spare / (spare - 2.0)) * math.sqrt(shared)
     variance = max(estimate.covariance[0, 0], estimate.covariance[1, 1], 0.0)
     extent = angular_extent(desired, estimate.inliers)
     deviation = math.hypot(growth * math.sqrt(variance), _apart(estimate))
@@ -95,24 +98,9 @@ def _apart(estimate: Estimate) -> float:
     """Return how far off an alternative is that differs by no more than noise may [rad]."""
     if estimate.alternative is None:
         return 0.0
-    apart = _modulo_sign(estimate.bearings, estimate.alternative)
+    bearings, other = estimate.bearings, estimate.alternative
+    apart = min(innovation(bearings, other), innovation(bearings, other.reversed()))  # sign open
     return apart if apart <= NEARLY_ONE else 0.0
-
-
-def _modulo_sign(bearings: Bearings, other: Bearings) -> float:
-    """Return how far apart bearings are whose sign is open, the larger of the two [rad]."""
-    return min(innovation(bearings, other), innovation(bearings, other.reversed()))
-
-
-def tails_of_few(inliers: int) -> float:
-    """
-    Return by how much the deviation of Student's distribution is larger than that of a normal one.
-
-    A few matches do not show how large their noise is: errors have its tails, of as many degrees
-    of freedom as there are inliers beyond a motion's parameters.
-    """
-    spare = max(inliers - MOTION_PARAMETERS, LEAST_SPARE)
-    return math.sqrt(spare / (spare - 2.0))
 
 
 def likeliest_noise(distances: FloatArray, noise: float) -> float:
@@ -156,16 +144,9 @@ def angular_extent(rays: FloatArray, inliers: BoolArray) -> float:
     chosen = rays[inliers]
     count = max(len(chosen), 2)
     mean = chosen.sum(axis=0) / count
-    x, y, z = mean.tolist()
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = (
-        chosen.T @ chosen - count * np.outer(mean, mean)
-    ).tolist()
-    # Across the mean direction: its quadratic form with the adjugate of the scatter.
-    form = x * x * (yy * zz - yz * yz) + y * y * (xx * zz - xz * xz) + z * z * (xx * yy - xy * xy)
-    form += 2.0 * x * (y * (xz * yz - xy * zz) + z * (xy * yz - xz * yy))
-    form += 2.0 * y * z * (xy * xz - xx * yz)
-    determinant = form / max(x * x + y * y + z * z, TINY)
-    return float((max(determinant, 0.0) / (count - 1.0) ** 2) ** 0.25)
+    across = chosen - np.outer(chosen @ mean, mean) / max(float(mean @ mean), TINY)
+    _, first, other = np.linalg.eigvalsh(across.T @ across).tolist()
+    return float((max(first * other, 0.0) / (count - 1.0) ** 2) ** 0.25)
 
 
 def innovation(bearings: Bearings, before: Bearings) -> float:
@@ -293,9 +274,12 @@ def validated_estimate(
     A floor is even until a view tilts more than such a floor does: from then on it is rough.
     """
     parallax_px = rotation.parallax * observation.focal
-    reason = no_baseline(parallax_px, memory.noise, settings)
-    if reason:
-        return without_baseline(observation, rotation.rotation, memory, settings, reason)
+    # Below eight deviations of the noise a search finds a baseline in noise alone.
+    if parallax_px < settings.min_parallax * memory.noise / settings.pixel_noise:
+        if settings.calibrated:  # through an unknown lens a turn alone leaves more than noise
+            still = Still(observation, rotation.rotation, settings.pixel_noise)
+            memory = replace(memory, unlearnt=still)
+        return ValidatedEstimate(memory, Reason.SMALL_PARALLAX.of(parallax_px))
     if memory.two_view_skip:
         return ValidatedEstimate(memory, Reason.SKIPPED.of())
     prior = prior_of(memory, settings, observation)
@@ -322,37 +306,6 @@ def validated_estimate(
     noise = _noise(quality.noise, memory.noise, settings.pixel_noise)
     memory = updated_memory(memory, geometry, reason, noise=noise, parallax=parallax_px)
     return ValidatedEstimate(memory, reason, geometry, quality)
-
-
-def no_baseline(parallax_px: float, noise: float, settings: PerceptionSettings) -> str:
-    """
-    Return why a parallax [px] shows no epipoles, in words; empty if it does.
-
-    Below eight deviations of the ``noise`` [px], as the defaults have it, covariances mean
-    nothing: a search finds a baseline in noise alone. Above, they decide.
-    """
-    if parallax_px < settings.min_parallax * noise / settings.pixel_noise:
-        return Reason.SMALL_PARALLAX.of(parallax_px)
-    return ''
-
-
-def without_baseline(
-    observation: Observation,
-    rotation: FloatArray,
-    memory: PerceptionMemory,
-    settings: PerceptionSettings,
-    reason: str,
-) -> ValidatedEstimate:
-    """
-    Return no estimate, for a ``reason``, and a memory that has the noise yet to learn.
-
-    What counts as arrived is measured in noise: a guess of it, or one that a wrong lens made
-    larger far away, would let the robot stop too early.
-    """
-    if settings.calibrated:  # through an unknown lens a turn alone leaves more than noise
-        still = Still(observation, rotation, settings.pixel_noise)
-        memory = replace(memory, unlearnt=still)
-    return ValidatedEstimate(memory, reason)
 
 
 def noise_learnt(memory: PerceptionMemory) -> PerceptionMemory:
