@@ -14,8 +14,8 @@ from visual_servo_epipolar.evaluation.faults.fault import Fault, StruckRun
 from visual_servo_epipolar.evaluation.faults.table import becomes, FAULTS
 from visual_servo_epipolar.evaluation.faults.world import (
     Envelope,
+    open_world,
     small_camera,
-    World,
     WorldSettings,
 )
 from visual_servo_epipolar.messages import write
@@ -152,7 +152,7 @@ def test_a_servo_that_arrives_elsewhere_is_condemned() -> None:
 def test_messages_reach_nodes_through_cdr_and_hooks_do_not_stay() -> None:
     before, heard = Publisher.publish, []
     settings = WorldSettings(start=(0.0, -1.0, 0.0), seed=0, camera=small_camera(0))
-    with World(settings) as world:
+    with open_world(settings) as world:
         world.wire.publish_listeners['/phase'].append(heard.append)
         world.start('servo_node')
         assert Publisher.publish is not before

@@ -35,7 +35,13 @@ from visual_servo_epipolar.evaluation.faults.judge import (
     SafetyBounds,
 )
 from visual_servo_epipolar.evaluation.faults.table import FAULTS
-from visual_servo_epipolar.evaluation.faults.world import NODES, small_camera, World, WorldSettings
+from visual_servo_epipolar.evaluation.faults.world import (
+    NODES,
+    open_world,
+    small_camera,
+    World,
+    WorldSettings,
+)
 from visual_servo_epipolar.evaluation.tables import markdown
 from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings
 from visual_servo_epipolar.sweeping.provenance import commit
@@ -133,7 +139,7 @@ def drive_one(name: str, fault: Fault, seed: int, law: str = ServoSettings.law) 
     delay_s = rng.uniform(0.0, WHOLE_WAY_S if stage is RunStage.DRIVING else AFTERWARDS_S)
     if not fault.base_alone and bool(rng.random() < 0.5):
         settings = replace(settings, base=replace(settings.base, command_timeout=0.0))
-    with World(settings) as world:
+    with open_world(settings) as world:
         drive = FaultDrive(StruckRun(world, Witness(world), rng), fault, stage, float(delay_s))
         drive.drive()
         judgement = judge_run(drive.scene.witness.finish(), _bounds(world))

@@ -16,7 +16,6 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.judge import (
-    Limits,
     Record,
     SeenTracks,
     ServoCommand,
@@ -43,7 +42,6 @@ class Witness:
         self.record, self._world, self._wire = Record(), world, world.wire
         self.struck_ns = 0  # earlier reports explain nothing
         self._image: ImageOrigin | None = None  # the last one that reached the tracker
-        self._learnt_dead_band = STANDSTILL
         listeners = self._wire.publish_listeners
         listeners['/ground_truth'].append(self._on_truth)
         listeners['/image_raw'].append(self._on_image)
@@ -52,7 +50,6 @@ class Witness:
         for topic, hear in (
             ('/cmd_vel', self._on_command),
             ('/diagnostics', self._on_diagnostics),
-            ('/epipoles', self._on_epipoles),
         ):
             listeners[topic].append(partial(self._of_servo, hear))
         self._wire.delivery_listeners['/image_raw'].append(self._on_arrival)
@@ -141,37 +138,8 @@ class Witness:
         except ValueError as error:
             self.record.senseless = str(error)
             return
-        limits = _limits(servo, self._learnt_dead_band)
-        self.record.orders.append(ServoCommand(self.now_s, twist, limits))
-
-    def _on_epipoles(self, message: Any) -> None:
-        """Note whether a dead band was learnt."""
-        report = read.telemetry(message)
-        self._learnt_dead_band = Twist(
-            report['dead_band_linear_m_s'], report['dead_band_angular_rad_s']
-        )
-
-
-def _limits(servo: Node, learnt: Twist) -> Limits:
-    """
-    Return the limits that a servo obeys.
-
-    Slow commands may jump to a dead band that is configured, or reported as ``learnt``.
-    """
-
-    def given(name: str) -> float:
-        return float(servo.get_parameter(name).value)
-
-    return Limits(
-        given('max_linear'),
-        given('max_angular'),
-        given('max_acceleration'),
-        given('max_angular_acceleration'),
-        Twist(
-            max(given('dead_band_linear'), learnt.linear),
-            max(given('dead_band_angular'), learnt.angular),
-        ),
-    )
+        most = (servo.get_parameter(name).value for name in ('max_linear', 'max_angular'))
+        self.record.orders.append(ServoCommand(self.now_s, twist, Twist(*most)))
 
 
 def _shown(tracks: Any) -> int:

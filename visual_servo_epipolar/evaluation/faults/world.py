@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, ExitStack
+from contextlib import contextmanager, ExitStack
 from dataclasses import asdict, dataclass, field
 from functools import partial
 import heapq
@@ -11,6 +11,7 @@ import traceback
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -272,25 +273,16 @@ class WorldSettings:
     )
 
 
-class World(AbstractContextManager['World']):
+class World:
     """
     Real nodes and a wire; no other process sees them.
 
     ``nodes`` are those that live, by name. What happens to one is what happens to its process.
     """
 
-    def __init__(self, settings: WorldSettings) -> None:
-        self.settings, self.wire = settings, Wire()
+    def __init__(self, settings: WorldSettings, wire: Wire, context: Context) -> None:
+        self.settings, self.wire, self._context = settings, wire, context
         self.nodes: dict[str, Node] = {}
-        self._stack = ExitStack()
-        with ExitStack() as stack:
-            self._context = stack.enter_context(isolated_context())
-            stack.enter_context(hook_rclpy(self.wire))
-            stack.callback(self._destroy)
-            self._stack = stack.pop_all()
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
 
     def start(self, name: str) -> None:
         """Start a node, or replace the one that is there."""
@@ -361,9 +353,18 @@ class World(AbstractContextManager['World']):
         own = {'servo_node': it.servo, 'camera_node': it.camera, 'tracker_node': TrackerSettings()}
         return asdict(own[name])
 
-    def _destroy(self) -> None:
-        for name in list(self.nodes):
-            self.kill(name)
+
+@contextmanager
+def open_world(settings: WorldSettings) -> Iterator[World]:
+    """Yield a world without nodes; those that are started end with the block."""
+    wire = Wire()
+    with isolated_context() as context, hook_rclpy(wire):
+        world = World(settings, wire, context)
+        try:
+            yield world
+        finally:
+            for name in NODES:
+                world.kill(name)
 
 
 def small_camera(seed: int) -> CameraSettings:
