@@ -13,7 +13,7 @@ from visual_servo_epipolar import api
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 START = (0.5, -3.0, 5.0)
 SIZE = {'width': 320, 'height': 256, 'focal_length': 192.3}

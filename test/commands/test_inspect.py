@@ -17,7 +17,7 @@ from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 START = (0.8, -3.0, 10.0)
 SAME_PLACE = r'taken from the same place: a parallax of 0\.\d\d px is too small for epipoles'

@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.cameras.registry import scaled
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.messages.camera_file import to_document
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 START = (1.0, -3.5, 8.0)
 SIZE = {'width': 640, 'height': 480}

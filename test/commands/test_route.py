@@ -15,10 +15,9 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.route_folder import read_route, write_route
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.choices import WAYS, WORLDS
+from visual_servo_epipolar.simulation.choices import WAYS
 from visual_servo_epipolar.simulation.routes import route_scenario
 from visual_servo_epipolar.simulation.routes import WAYS as CORNERS
-from visual_servo_epipolar.simulation.routes import WORLDS as CHANGED_WORLDS
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 STEP, PERIOD_NS = 0.045, 90_000_000
@@ -26,10 +25,6 @@ STEP, PERIOD_NS = 0.045, 90_000_000
 
 def test_ways_have_one_set_of_names() -> None:
     assert tuple(CORNERS) == WAYS
-
-
-def test_worlds_have_one_set_of_names() -> None:
-    assert WORLDS == ('same', *CHANGED_WORLDS)
 
 
 @pytest.mark.parametrize(('option', 'limits'), [('laps', '1 to 1000'), ('renewals', '0 to 10')])

@@ -22,7 +22,7 @@ from visual_servo_epipolar.messages.joints import (
     read_joints,
 )
 from visual_servo_epipolar.nodes.startup.settings import frame_name
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.rigs import CameraMount
 
 NAMES = 'pan_joint', 'tilt_joint'
 COMMAND = HeadCommand(0.3, -0.1, 0.5, 0.2)

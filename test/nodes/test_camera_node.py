@@ -17,9 +17,9 @@ from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
+from visual_servo_epipolar.simulation.bases import LEVEL, Nod
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.closed_loop import published
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.view import LEVEL, Nod
 
 PERIOD_NS = period_ns(11.0)
 POSE = Pose.from_start(0.3, -2.2, 5.0)

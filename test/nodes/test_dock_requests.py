@@ -28,8 +28,8 @@ from visual_servo_epipolar.core.tracking.features import Features  # noqa: E402
 from visual_servo_epipolar.messages import read, write  # noqa: E402
 from visual_servo_epipolar.nodes import qos  # noqa: E402
 from visual_servo_epipolar.nodes.servo_node import ServoNode  # noqa: E402
-from visual_servo_epipolar.simulation.mounts.mounting import FixedRig  # noqa: E402
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld  # noqa: E402
+from visual_servo_epipolar.simulation.rigs import FixedRig  # noqa: E402
 
 ABORTED, CANCELED = GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED
 DOCKED = (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])

@@ -25,8 +25,8 @@ from visual_servo_epipolar.nodes import lockstep
 from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError
 from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode
 from visual_servo_epipolar.simulation import closed_loop
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
 from visual_servo_epipolar.simulation.views import view_of
 

@@ -31,10 +31,10 @@ from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
 from visual_servo_epipolar.nodes.startup.settings import RecorderNodeSettings, RouteNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSettings
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode, UnicycleSettings
-from visual_servo_epipolar.simulation.bases.ackermann import AckermannSettings
+from visual_servo_epipolar.simulation.bases import AckermannSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 from visual_servo_epipolar.simulation.light import LightSettings
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 CONFIG = Path(__file__).parents[2] / 'config'
 NODES = {

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.messages import settings_text, transforms, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.rigs import CameraMount
 
 BASE = Pose(0.0, 0.0, 0.0)
 MOUNT = CameraMount(0.6, 0.2, 0.3, -0.1, 0.05, 0.1)

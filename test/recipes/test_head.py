@@ -23,10 +23,12 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.twoview.observation import Observation
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
-from visual_servo_epipolar.simulation.mounts.registry import SIMULATED_RIGS, SimulatedRigModel
-from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
+from visual_servo_epipolar.simulation.cameras import (
+    CameraSettings,
+    SIMULATED_RIGS,
+    SimulatedRigModel,
+)
+from visual_servo_epipolar.simulation.rigs import CameraPose, FixedRig
 from visual_servo_epipolar.simulation.scenario import from_document
 from visual_servo_epipolar.simulation.views import drive
 

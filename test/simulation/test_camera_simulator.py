@@ -8,6 +8,7 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 from visual_servo_epipolar.simulation.light import (
     Box,
@@ -16,13 +17,12 @@ from visual_servo_epipolar.simulation.light import (
     Exposure,
     HYSTERESIS,
     Lamp,
+    Light,
     LIGHTS,
     LightSettings,
-    LitView,
     STOP,
     Window,
 )
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 SMALL = CameraSettings(
     width=160, height=128, focal_length=96.2, principal_u=79.2, principal_v=63.8
@@ -139,24 +139,24 @@ SCENE = np.tile(np.linspace(20, 180, 64).astype(np.uint8), (64, 1))  # mean grey
 AUTO = LightSettings(exposure='auto')
 
 
-def view(level: float, **changes: float) -> LitView:
-    return LitView(SCENE, replace(LIGHTS['ceiling'], level=level), **changes)
+def view(level: float, **changes: float) -> tuple[np.ndarray, Light, float]:
+    return SCENE, replace(LIGHTS['ceiling'], level=level), changes.get('factor', 1.0)
 
 
 def test_a_fixed_exposure_leaves_the_usual_light_alone() -> None:
-    taken, gain = Exposure(LightSettings()).take(view(1.0))
+    taken, gain = Exposure(LightSettings()).take(*view(1.0))
     assert taken is SCENE
     assert gain == 1.0
 
 
 def test_half_of_the_light_is_the_same_image_half_as_bright() -> None:
-    half, _ = Exposure(LightSettings()).take(view(0.5))
+    half, _ = Exposure(LightSettings()).take(*view(0.5))
     np.testing.assert_allclose(2.0 * half, SCENE, atol=1.0)
 
 
 @pytest.mark.parametrize('light', [0.3, 0.6, 1.0, 2.0])
 def test_it_has_settled_on_the_first_image(light: float) -> None:
-    taken, gain = Exposure(AUTO).take(view(light))
+    taken, gain = Exposure(AUTO).take(*view(light))
     assert 100.0 * 2.0 ** (-HYSTERESIS / STOP) <= taken.mean() + 0.5
     assert taken.mean() - 0.5 <= 100.0 * 2.0 ** (HYSTERESIS / STOP)
     assert (gain > 1.0) == (light < 1.0)
@@ -164,8 +164,8 @@ def test_it_has_settled_on_the_first_image(light: float) -> None:
 
 def test_it_follows_a_change_by_its_step_at_most_and_one_image_late() -> None:
     exposure = Exposure(AUTO)
-    exposure.take(view(1.0))
-    means = [exposure.take(view(0.25))[0].mean() for _ in range(12)]
+    exposure.take(*view(1.0))
+    means = [exposure.take(*view(0.25))[0].mean() for _ in range(12)]
     ratios = np.array(means[1:]) / means[:-1]
     assert means[0] == pytest.approx(25.0, abs=1.0)
     assert ratios.max() < 2.0 ** (0.25 + 1.0 / STOP)
@@ -174,7 +174,7 @@ def test_it_follows_a_change_by_its_step_at_most_and_one_image_late() -> None:
 
 
 def test_its_gain_ends_at_the_limit() -> None:
-    taken, gain = Exposure(AUTO).take(view(0.05))
+    taken, gain = Exposure(AUTO).take(*view(0.05))
     assert gain == 4.0
     assert taken.mean() == pytest.approx(20.0, abs=1.0)
 
@@ -198,9 +198,9 @@ def test_equal_inputs_give_equal_images() -> None:
 
 def test_a_leap_of_the_exposure_is_made_good_by_an_automatic_one() -> None:
     fixed, auto = Exposure(LightSettings()), Exposure(AUTO)
-    auto.take(view(1.0))
+    auto.take(*view(1.0))
     fixed_means, means = (
-        [it.take(view(1.0, factor=0.5))[0].mean() for _ in range(8)] for it in (fixed, auto)
+        [it.take(*view(1.0, factor=0.5))[0].mean() for _ in range(8)] for it in (fixed, auto)
     )
     assert max(fixed_means) < 51.0
     assert means[0] < 55.0

@@ -19,17 +19,19 @@ from visual_servo_epipolar.core.servo.run_log import (
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.closed_loop import Loop, published, run
-from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
-from visual_servo_epipolar.simulation.mounts.sensor import Receipt
-from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.run_monitor import (
+from visual_servo_epipolar.simulation.closed_loop import (
+    Loop,
     LoopSettings,
     period_ns,
+    published,
+    run,
     RunMonitor,
     SETTLE_FRAMES,
+    View,
 )
-from visual_servo_epipolar.simulation.view import View
+from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.rigs import FixedRig
+from visual_servo_epipolar.simulation.sensor import Receipt
 
 in_long = partial(pytest.param, marks=pytest.mark.long)
 STARTS = [(1.0, -3.0, 0.0), (0.8, -3.5, 8.0), (-1.2, -4.0, -10.0), (0.3, -2.2, 0.0)]

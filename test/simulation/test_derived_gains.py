@@ -9,10 +9,9 @@ from strategies import CAMERA, pose_with
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.simulation.closed_loop import run
-from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings
+from visual_servo_epipolar.simulation.rigs import FixedRig
 
 # alpha_0, chi_0 [rad], distance [m]: concordant, from the edge of the singularity outwards.
 CONCORDANT = [(0.1, 0.3, 3.0), (0.4, 0.37, 2.0), (-0.58, -0.23, 2.7)]

@@ -13,9 +13,8 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.rigs.rig import Command, HALT
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.closed_loop import Loop
+from visual_servo_epipolar.simulation.closed_loop import Loop, View
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.view import View
 from visual_servo_epipolar.simulation.views import points_of
 
 START = (0.11, -2.2, 5.4)

@@ -16,10 +16,9 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.twoview.observation import Observation, observe
-from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.closed_loop import run, View
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.view import View
 from visual_servo_epipolar.simulation.views import points_of
 
 SEED = 5

@@ -15,11 +15,9 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.twoview.observation import Observation
-from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run, View
 from visual_servo_epipolar.simulation.regions import start_in
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import load, Scenario
-from visual_servo_epipolar.simulation.view import View
 from visual_servo_epipolar.simulation.views import points_of
 
 SEED, SEEDS = 21, (1, 2)

@@ -11,10 +11,9 @@ from strategies import CAMERA
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.simulation.closed_loop import run
-from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings
+from visual_servo_epipolar.simulation.rigs import FixedRig
 from visual_servo_epipolar.simulation.scenario import load, Scenario
 from visual_servo_epipolar.simulation.views import drive
 

@@ -18,16 +18,15 @@ from visual_servo_epipolar.core.geometry.motion import (
     Twist,
 )
 from visual_servo_epipolar.core.geometry.rays import normalised
+from visual_servo_epipolar.simulation.bases import Nod
+from visual_servo_epipolar.simulation.cameras import new_rig
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
-from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
-from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.mounts.sensor import Shutter
-from visual_servo_epipolar.simulation.mounts.simulated_rig import pitched
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene, Surface, Texture
+from visual_servo_epipolar.simulation.rigs import FixedRig, pitched
 from visual_servo_epipolar.simulation.scenario import from_document
-from visual_servo_epipolar.simulation.view import Nod
+from visual_servo_epipolar.simulation.sensor import Shutter
 from visual_servo_epipolar.simulation.views import points_of
 
 EXACT = PointSettings(noise=0.0)

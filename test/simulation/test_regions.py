@@ -15,7 +15,6 @@ from strategies import CAMERA
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.regions import (
     CLEARANCE,
     Ground,
@@ -25,6 +24,7 @@ from visual_servo_epipolar.simulation.regions import (
     Start,
     start_in,
 )
+from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
 from visual_servo_epipolar.simulation.views import points_of

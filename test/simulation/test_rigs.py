@@ -19,15 +19,12 @@ from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.closed_loop import Loop, run
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
-from visual_servo_epipolar.simulation.mounts.registry import new_rig
+from visual_servo_epipolar.simulation.cameras import CameraSettings, new_rig
+from visual_servo_epipolar.simulation.closed_loop import Loop, run, verdict, View
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.regions import start_in
-from visual_servo_epipolar.simulation.run_monitor import verdict
+from visual_servo_epipolar.simulation.rigs import FixedRig
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
-from visual_servo_epipolar.simulation.view import View
 from visual_servo_epipolar.simulation.views import points_of, view_of
 from visual_servo_epipolar.sweeping.plan import result_of
 

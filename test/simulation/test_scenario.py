@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.nodes.startup.table import accepted_names
-from visual_servo_epipolar.simulation.bases.pioneer import Pioneer
+from visual_servo_epipolar.simulation.bases import Pioneer
 from visual_servo_epipolar.simulation.scenario import (
     CONNECTION,
     from_document,

@@ -10,9 +10,8 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.run_monitor import verdict, wrong_geometry_s
+from visual_servo_epipolar.simulation.cameras import CameraSettings, new_rig
+from visual_servo_epipolar.simulation.closed_loop import verdict, wrong_geometry_s
 
 POSE = Pose.from_start(0.5, -2.0, 5.0)
 TRUE = Bearings.from_pose(POSE)

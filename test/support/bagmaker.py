@@ -24,7 +24,7 @@ from std_msgs.msg import String
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.lockstep import Lockstep
 from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonitor
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)

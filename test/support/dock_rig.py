@@ -9,8 +9,8 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.dock_node import DockNode
-from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.rigs import FixedRig
 
 FRAMES = 10
 TWIST = Twist(0.4, 0.05)

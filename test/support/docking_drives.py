@@ -18,8 +18,8 @@ from visual_servo_epipolar.core.geometry.motion import (
 )
 from visual_servo_epipolar.core.odometry.path import Path
 from visual_servo_epipolar.core.twoview.observation import observe
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
 
 CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)
 PERIOD_S, PERIOD_NS = 0.2, 200_000_000

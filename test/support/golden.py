@@ -48,8 +48,7 @@ ROUTE = ((3.0, -3.9), (3.0, -1.2), (4.4, -1.2))
 def loop(source: str, law: str, scenario: str, rig: str, start: Any) -> list[Step]:
     """Return the steps of a closed loop in memory."""
     from visual_servo_epipolar.core.servo.run_log import Sample
-    from visual_servo_epipolar.simulation.closed_loop import Loop
-    from visual_servo_epipolar.simulation.run_monitor import RunMonitor
+    from visual_servo_epipolar.simulation.closed_loop import Loop, RunMonitor
     from visual_servo_epipolar.simulation.scenario import load
     from visual_servo_epipolar.simulation.views import view_of
 

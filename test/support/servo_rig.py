@@ -19,8 +19,8 @@ from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.servoing.live_run import LiveRun
-from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.rigs import FixedRig
 
 CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)
 WORLD = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0)

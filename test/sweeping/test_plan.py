@@ -12,9 +12,8 @@ from sweeps import BRIEF, plan_of
 from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.main import parser
 from visual_servo_epipolar.core.servo.run_log import Sample
-from visual_servo_epipolar.simulation.closed_loop import Loop
-from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.run_monitor import verdict
+from visual_servo_epipolar.simulation.cameras import new_rig
+from visual_servo_epipolar.simulation.closed_loop import Loop, verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import drive
 from visual_servo_epipolar.sweeping.plan import Chunk, result_of, work

@@ -22,8 +22,8 @@ from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.files import made_folder
 from visual_servo_epipolar.nodes.startup.missing import require
-from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonitor, verdict
+from visual_servo_epipolar.simulation.cameras import new_rig
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, RunMonitor, verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 if TYPE_CHECKING:

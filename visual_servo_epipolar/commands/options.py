@@ -235,9 +235,8 @@ def _add_route_demo(demo: ArgumentParser) -> None:
         '--world',
         choices=WORLDS,
         default=WORLDS[0],
-        help="what has changed at the repetition, drawn by each run's seed: lamps, windows "
-        'and tones (light), a third of the pictures, furniture, people who walk by, all '
-        'of these; dim: 8 %% of the light is left (default same)',
+        help="what has changed at the repetition, drawn by each run's seed: lamps, windows, "
+        'tones, a third of the pictures and of the furniture, people who walk by (default same)',
     )
     renew = 'photographs of other light that a key view keeps, from arrivals (default 0)'
     add_words(demo, {'--renewals N': renew}, type=_number_of('renewals'), default=0)

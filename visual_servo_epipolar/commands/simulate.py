@@ -16,8 +16,8 @@ from visual_servo_epipolar.files import made_folder
 from visual_servo_epipolar.messages.settings_text import installed_versions
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.report.run_file import RunFile, save_run
-from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.run_monitor import verdict
+from visual_servo_epipolar.simulation.cameras import new_rig
+from visual_servo_epipolar.simulation.closed_loop import verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import drive
 

@@ -22,14 +22,18 @@ from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.startup.guards import GuardedNode
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import CameraFrames, CameraRig
+from visual_servo_epipolar.simulation.bases import Nod
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.cameras import (
+    CameraSettings,
+    head_settings,
+    HeadSettings,
+    rig_settings,
+    SimulatedHead,
+)
 from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 from visual_servo_epipolar.simulation.light import LightSettings
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.pan_tilt import HeadSettings, SimulatedHead
-from visual_servo_epipolar.simulation.mounts.registry import head_settings, rig_settings
-from visual_servo_epipolar.simulation.mounts.sensor import BodyState, PoseHistory
-from visual_servo_epipolar.simulation.view import Nod
+from visual_servo_epipolar.simulation.sensor import BodyState, PoseHistory
 
 WARN_PERIOD_S = 2.0
 

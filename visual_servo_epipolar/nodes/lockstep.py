@@ -19,9 +19,9 @@ from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup.executor import hand_out, isolated_context, new_node
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
-from visual_servo_epipolar.simulation.bases.registry import base_name
-from visual_servo_epipolar.simulation.mounts.registry import rig_name
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings
+from visual_servo_epipolar.simulation.bases import base_name
+from visual_servo_epipolar.simulation.cameras import rig_name
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 if TYPE_CHECKING:

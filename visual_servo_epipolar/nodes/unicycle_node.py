@@ -18,16 +18,14 @@ from visual_servo_epipolar.nodes.lifecycle.gates import serve
 from visual_servo_epipolar.nodes.startup.guards import GuardedNode
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import UnicycleSettings
-from visual_servo_epipolar.simulation.bases.ackermann import AckermannSettings
-from visual_servo_epipolar.simulation.bases.dead_reckoning import (
+from visual_servo_epipolar.simulation.bases import (
+    AckermannSettings,
     DeadReckoning,
-    world_to_odometry,
-)
-from visual_servo_epipolar.simulation.bases.registry import (
     model_settings,
     new_base,
     nod_of,
     SimulatedBase,
+    world_to_odometry,
 )
 
 WARN_PERIOD_S = 2.0

@@ -5,28 +5,27 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose, STAND
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.simulation.bases import LEVEL, Nod
+from visual_servo_epipolar.simulation.cameras import CameraSettings, new_rig
+from visual_servo_epipolar.simulation.closed_loop import View
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.light import (
     Exposure,
     Light,
     LIGHTS,
     LightSettings,
-    LitView,
     toned,
-)
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.mounts.sensor import (
-    as_jpeg,
-    DESIRED_FRAME,
-    MAX_NOISE,
-    Sensor,
-    SensorSettings,
+    UNCHANGED,
 )
 from visual_servo_epipolar.simulation.rendering.renderer import Exposures, Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms.scene import painted_room
-from visual_servo_epipolar.simulation.view import LEVEL, Nod, View
+from visual_servo_epipolar.simulation.sensor import (
+    as_jpeg,
+    DESIRED_FRAME,
+    MAX_NOISE,
+    Sensor,
+)
 
 
 class CameraSimulator:
@@ -107,8 +106,7 @@ class CameraSimulator:
         if frame <= 0:
             self._exposure.begin()
         factor = self.light.passing_exposure if passes else 1.0
-        view = LitView(image, light, factor)
-        image, gain = self._exposure.take(view)
+        image, gain = self._exposure.take(image, light, factor)
         image = toned(image, 1.0 if is_photograph else self.light.gamma)
         image = self._sensor(gain).capture(image, frame)
         return as_jpeg(image, self.settings.jpeg) if self.settings.jpeg else image
@@ -119,7 +117,7 @@ class CameraSimulator:
         return self.light.light_of(self.settings.seed)
 
     def _scene(self, light: Light, *, has_changed: bool) -> Scene:
-        return self._room.by(light.name, self.light.change(has_changed=has_changed))
+        return self._room.by(light.name, self.light.changed_seed if has_changed else UNCHANGED)
 
     def _sensor(self, gain: float) -> Sensor:
         """Return the sensor at that gain, which its noise grows with."""
@@ -128,10 +126,8 @@ class CameraSimulator:
         if noise not in self._sensors:
             if len(self._sensors) == 4:  # kept, each for one noise
                 del self._sensors[next(iter(self._sensors))]
-            sensor = SensorSettings(
-                noise=noise, gain_drift=settings.gain_drift, blur=settings.blur
-            )
-            self._sensors[noise] = Sensor(size, sensor, settings.seed)
+            degrees = {'gain_drift': settings.gain_drift, 'blur': settings.blur}
+            self._sensors[noise] = Sensor(size, settings.seed, noise=noise, **degrees)
         return self._sensors[noise]
 
     def _render(self, pose: Pose, frame: int) -> Image:

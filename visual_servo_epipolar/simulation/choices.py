@@ -32,7 +32,7 @@ REGIONS: Mapping[str, StartRegion] = MappingProxyType(
         ),
     }
 )
-WORLDS = ('same', 'light', 'pictures', 'furniture', 'people', 'all', 'dim')  # of repetitions
+WORLDS = ('same', 'all')  # of repetitions
 WAYS = ('short', 'loop', 'rooms', 'ring', 'long')  # through the storey, for routes
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -202,19 +202,8 @@ LIGHTS: Mapping[str, Light] = MappingProxyType({light.name: light for light in R
 
 
 DAY = ('noon', 'ceiling', 'dusk', 'lamp_right', 'lamp_side')
-SAME, EACH = 'same', 'each'  # each: one of DAY, by the seed
-LAMPS, PICTURES, FURNITURE, STOREY = 'lamps', 'pictures', 'furniture', 'storey'
-
-
-class RoomChange(NamedTuple):
-    """Change of a storey: the name of what changes, whether it has, and the seed of how."""
-
-    name: str = 'none'
-    has_changed: bool = False
-    seed: int = 0
-
-
-UNCHANGED = RoomChange()
+EACH = 'each'  # one of DAY, by the seed
+UNCHANGED = -1  # in place of the seed of what changed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,13 +221,13 @@ class LightSettings(Settings):
     passing_exposure: float = internal(
         1.0, 'Factor of the exposure that passes', low=0.1, high=10.0
     )
-    changed: str = fixed(
-        'none',
-        'What is another in the run in a storey: lamps and windows, a third of the pictures, '
-        'furniture; storey: all three',
-        choices=('none', LAMPS, PICTURES, FURNITURE, STOREY),
+    changed_seed: int = internal(
+        UNCHANGED,
+        'Seed of what is another in the run in a storey: lamps, windows, pictures, furniture; '
+        '-1 = nothing',
+        low=UNCHANGED,
+        high=2**31 - 1,
     )
-    changed_seed: int = internal(0, 'Seed of what changed in a storey', low=0, high=2**31 - 1)
     gamma: float = internal(
         1.0, 'Gamma of the run: grey is to the power of it, white stays white', low=0.4, high=2.5
     )
@@ -246,7 +235,8 @@ class LightSettings(Settings):
         'fixed', 'Exposure: fixed, or auto as it follows the light', choices=('fixed', 'auto')
     )
     GONE: ClassVar[Mapping[str, Any]] = {
-        'passing_light': SAME,
+        'changed': 'none',
+        'passing_light': 'same',
         'target_grey': 100.0,
         'max_gain': 4.0,
         'exposure_step': 0.25,
@@ -254,10 +244,6 @@ class LightSettings(Settings):
         'flicker': 0.0,
         'flicker_rate': 100.0,
     }
-
-    def change(self, *, has_changed: bool) -> RoomChange:
-        """Return what changes, and whether it has, in the photograph or in the run."""
-        return RoomChange(self.changed, has_changed and self.changed != 'none', self.changed_seed)
 
     def light_of(self, seed: int) -> Light:
         """Return the light of a run with that seed."""
@@ -271,14 +257,6 @@ HYSTERESIS = 2  # steps off the target at which the exposure begins to follow
 SPACING = 4  # of the pixels that are metered [px]
 WHITE = 255  # of a window: what is drawn so is GLARE times as bright, however short the exposure
 GLARE = 16.0
-
-
-class LitView(NamedTuple):
-    """What a sensor is to take: the image by its light."""
-
-    image: Image
-    light: Light
-    factor: float = 1.0  # of the exposure, by which it is set wrong
 
 
 class Exposure:
@@ -303,14 +281,18 @@ class Exposure:
         """Brightness over that of the fixed exposure."""
         return float(2.0 ** ((self._steps or 0) / STOP))
 
-    def take(self, view: LitView) -> tuple[Image, float]:
-        """Return the image, shape (H, W), as it is exposed, and the gain, which noise grows by."""
-        glare, light = view.light.casts_shadows, view.light.level * view.factor
+    def take(self, image: Image, by: Light, factor: float = 1.0) -> tuple[Image, float]:
+        """
+        Return the image, shape (H, W), as it is exposed, and the gain, which noise grows by.
+
+        The exposure is set wrong by ``factor``.
+        """
+        glare, light = by.casts_shadows, by.level * factor
         if self._steps is None:
-            self._settle(view.image, light, glare)
+            self._settle(image, light, glare)
         exposure = self.factor if self.settings.exposure == 'auto' else 1.0
-        taken = brightened(view.image, light * exposure, glare=glare)
-        self._follow(view.image, light, glare)
+        taken = brightened(image, light * exposure, glare=glare)
+        self._follow(image, light, glare)
         return taken, max(exposure, 1.0)
 
     def _settle(self, image: Image, light: float, glare: bool) -> None:

@@ -19,15 +19,16 @@ from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.simulation.bases import LEVEL, Nod
+from visual_servo_epipolar.simulation.closed_loop import View
 from visual_servo_epipolar.simulation.disturbances import Disturbances
-from visual_servo_epipolar.simulation.mounts.sensor import (
+from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
+from visual_servo_epipolar.simulation.sensor import (
     DESIRED_FRAME,
     INSTANT,
     interpolated,
     Shutter,
 )
-from visual_servo_epipolar.simulation.mounts.simulated_rig import pitched, SimulatedRig
-from visual_servo_epipolar.simulation.view import LEVEL, Nod, View
 
 MIN_DEPTH_M = 0.3
 BLOCK = 32  # frames drawn at once: starting a random generator costs more than drawing

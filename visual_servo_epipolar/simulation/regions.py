@@ -11,16 +11,15 @@ from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.matching import desired_view
+from visual_servo_epipolar.simulation.cameras import CameraSettings, new_rig
 from visual_servo_epipolar.simulation.choices import refuse_unknown, REGIONS, StartRegion
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
-from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
 from visual_servo_epipolar.simulation.point_world import PointWorld
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
+from visual_servo_epipolar.simulation.rigs import SimulatedRig
 from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME
 from visual_servo_epipolar.simulation.views import points_of
 
 CLEARANCE = 0.3  # from the middle of the axle to the farthest corner of a Pioneer 3-DX [m]

@@ -20,16 +20,10 @@ from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRu
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns
-from visual_servo_epipolar.simulation.bases.registry import new_base, SimulatedBase
+from visual_servo_epipolar.simulation.bases import new_base, SimulatedBase
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.light import (
-    FURNITURE,
-    LAMPS,
-    LightSettings,
-    PICTURES,
-    STOREY,
-)
-from visual_servo_epipolar.simulation.rooms.storey import PLAN
+from visual_servo_epipolar.simulation.light import LightSettings
+from visual_servo_epipolar.simulation.rooms.storey import CELLS
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 RADIUS = 1.15  # of corners [m]
@@ -157,49 +151,27 @@ class Driver:
         return float(self._way.length[-1] - self._way.length[self._near]) < 0.03
 
 
-@dataclass(frozen=True, slots=True)
-class ChangedWorld:
-    """
-    A world: what has ``changed`` of the storey, whether its ``tones`` are of another gamma.
-
-    ``people`` walk through the image; ``light`` is the share of the light that is left.
-    """
-
-    changed: str = 'none'
-    tones: bool = False
-    people: bool = False
-    light: float = 1.0
-
-    def of(self, scenario: Scenario, seed: int) -> Scenario:
-        """Return a ``scenario`` in this world, drawn by ``seed``."""
-        rng = np.random.default_rng((seed, 13))
-        gamma = math.exp(float(rng.uniform(*np.log((0.4, 2.5))))) if self.tones else 1.0
-        light = replace(scenario.light, changed=self.changed, changed_seed=seed, gamma=gamma)
-        height, since, still = float(rng.uniform(0.5, 1.0)), *rng.integers((20, 22), (70, 45))
-        disturbances = replace(
-            scenario.disturbances,
-            disturbed_from=0 if self.light != 1.0 else int(since),
-            disturbed_for=int(still),
-            disturbed_every=int(still) + 60,
-            person=height if self.people else 0.0,
-            light_step=self.light - 1.0,
-        )
-        return replace(scenario, light=light, disturbances=disturbances)
-
-
-WORLDS: Mapping[str, ChangedWorld] = {
-    'light': ChangedWorld(LAMPS, tones=True),
-    'pictures': ChangedWorld(PICTURES),
-    'furniture': ChangedWorld(FURNITURE),
-    'people': ChangedWorld(people=True),
-    'all': ChangedWorld(STOREY, tones=True, people=True),
-    'dim': ChangedWorld(light=0.08),
-}
-
-
 def world_of(scenario: Scenario, name: str, seed: int) -> Scenario:
-    """Return a ``scenario`` in the world of that name; as it is in that called same."""
-    return WORLDS[name].of(scenario, seed) if name in WORLDS else scenario
+    """
+    Return a ``scenario`` in the world of that name: same, as it is, or all.
+
+    In all the storey has changed, grey is of another gamma, and people walk through the image, as
+    ``seed`` draws it.
+    """
+    if name == 'same':
+        return scenario
+    rng = np.random.default_rng((seed, 13))
+    gamma = math.exp(float(rng.uniform(*np.log((0.4, 2.5)))))
+    height, since, still = float(rng.uniform(0.5, 1.0)), *rng.integers((20, 22), (70, 45))
+    disturbances = replace(
+        scenario.disturbances,
+        disturbed_from=int(since),
+        disturbed_for=int(still),
+        disturbed_every=int(still) + 60,
+        person=height,
+    )
+    light = replace(scenario.light, changed_seed=seed, gamma=gamma)
+    return replace(scenario, light=light, disturbances=disturbances)
 
 
 REST_FRAMES = 8  # after the last command, until the base stands
@@ -467,7 +439,7 @@ def _beside(taught: Taught, k: int, offset: float, turn: float) -> Pose:
 def _anywhere(count: int, seed: int) -> Iterator[Pose]:
     rng = np.random.default_rng((seed, 12))
     for _ in range(count):
-        cell = PLAN.cells[int(rng.integers(len(PLAN.cells)))]
+        cell = CELLS[int(rng.integers(len(CELLS)))]
         low, high = (cell.x0 + WALL, cell.y0 + WALL), (cell.x1 - WALL, cell.y1 - WALL)
         x, y = rng.uniform(low, high).tolist()
         yield Pose(x, y, float(rng.uniform(-math.pi, math.pi)))

@@ -12,24 +12,24 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint, names_of, setting, Settings, updated
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
-from visual_servo_epipolar.simulation.bases.registry import (
+from visual_servo_epipolar.simulation.bases import (
     base_name,
+    PioneerSettings,
     SIMULATED_BASES,
     SimulatedBaseModel,
 )
-from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
-from visual_servo_epipolar.simulation.light import LightSettings
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.registry import (
+from visual_servo_epipolar.simulation.cameras import (
+    CameraSettings,
     head_settings,
     rig_name,
     SIMULATED_RIGS,
     SimulatedRigModel,
     turns,
 )
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings
+from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
+from visual_servo_epipolar.simulation.light import LightSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 
 
 @dataclass(frozen=True, kw_only=True)

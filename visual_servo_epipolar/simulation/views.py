@@ -6,13 +6,12 @@ from dataclasses import replace
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
+from visual_servo_epipolar.simulation.cameras import new_rig
 from visual_servo_epipolar.simulation.choices import refuse_unknown, SOURCES
-from visual_servo_epipolar.simulation.closed_loop import Control, run
+from visual_servo_epipolar.simulation.closed_loop import Control, run, View
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
-from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.point_world import PointWorld
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.view import View
 
 
 def view_of(scenario: Scenario, source: str, seed: int) -> View:

@@ -16,13 +16,11 @@ import numpy as np
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.simulation.cameras import new_rig
 from visual_servo_epipolar.simulation.choices import refuse_unknown, REGIONS, SOURCES
-from visual_servo_epipolar.simulation.closed_loop import run
-from visual_servo_epipolar.simulation.mounts.registry import new_rig
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run, verdict, View
 from visual_servo_epipolar.simulation.regions import start_in
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings, verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.view import View
 from visual_servo_epipolar.simulation.views import view_of
 
 RUN_STREAM = 6  # keeps the seeds of the runs apart from other draws of one seed

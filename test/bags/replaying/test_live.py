@@ -24,8 +24,8 @@ from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.servoing import camera
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
-from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.rigs import FixedRig
 
 DRIVING = {'autostart': True, 'stale_timeout': 60.0, 'max_latency': 0.0}
 

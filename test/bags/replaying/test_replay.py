@@ -26,7 +26,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.telemetry import ODOMETRY, odometry_of
 from visual_servo_epipolar.messages import read, write
-from visual_servo_epipolar.simulation.run_monitor import SETTLE_FRAMES
+from visual_servo_epipolar.simulation.closed_loop import SETTLE_FRAMES
 
 TRACKER_SETTINGS = '/tracker_node/settings'
 FIRST = ('/desired/image_raw', '/tracker_node/desired/image_raw', '/tracker_node/settings')

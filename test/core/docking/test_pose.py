@@ -12,8 +12,8 @@ from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.odometry.path import PathPlace
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.twoview.observation import observe
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
 
 SETTINGS = DockPoseSettings(path_deviation=NOISE, floor_jitter=1e-4, pixel_noise=0.2, **EXACT)
 RUNS, FRAMES = 24, 14

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.rigs.joint_history import BEYOND, HeadHistory, J
 from visual_servo_epipolar.core.rigs.pan_tilt import PanTiltHead
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Gaze, HeadLimits, Joints
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.rigs import CameraMount
 
 BASE = Pose(0.0, 0.0, 0.3)
 HEAD = PanTiltHead(HeadLimits())

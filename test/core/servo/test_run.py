@@ -12,9 +12,9 @@ from visual_servo_epipolar.core.rigs.rig import AT_REST, Command
 from visual_servo_epipolar.core.servo.run import change_goal, interrupted, Interruption, Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.twoview.observation import observe
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.rigs import FixedRig
 
 MOVE = Command(Twist(0.2, 0.1))
 RUNNING = (*DRIVING, Phase.HOLDING)

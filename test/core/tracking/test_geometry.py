@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.tracking.robust_geometry import (
     EPIPOLAR_PX,
 )
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 # Current and desired pixels of ten matches for which OpenCV 5.0.0 asserts `!model.empty()`.
 TEN = """

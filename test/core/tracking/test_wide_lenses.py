@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.core.tracking.warps import Warps
 from visual_servo_epipolar.core.twoview.measures import view_margins
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 SIDE, KEPT = 600, 12  # [px]; features that a turn must leave in view
 CAMERA = CameraSettings(

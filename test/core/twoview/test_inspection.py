@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.twoview.inspection import inspect, judged
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 POSE = Pose.from_start(0.8, -3.0, 10.0)
 WORLD = CameraSimulator(

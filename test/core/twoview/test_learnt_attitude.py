@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.twoview.estimator import Attitude, MOST_CORRELAT
 from visual_servo_epipolar.core.twoview.leaning_head import levelled, UNTOLD, with_jitter
 from visual_servo_epipolar.core.twoview.memory import KNOWN_DEVIATION, learnt_attitude
 from visual_servo_epipolar.core.twoview.observation import Observation
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.rigs import CameraMount
 
 WIDE = Attitude(tilt_deviation=math.radians(15.0), roll_deviation=math.radians(5.0))
 ABOVE = 0.01  # of deviations: the floor never counts [rad]

@@ -26,10 +26,10 @@ from visual_servo_epipolar.core.twoview.observation import Observation, observe
 from visual_servo_epipolar.core.twoview.perceive import perceive
 from visual_servo_epipolar.core.twoview.rolling_shutter import base_axes, RollingShutter
 from visual_servo_epipolar.simulation.closed_loop import run
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
-from visual_servo_epipolar.simulation.mounts.sensor import Shutter
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
+from visual_servo_epipolar.simulation.sensor import Shutter
 from visual_servo_epipolar.simulation.views import points_of
 
 SIZE = {'width': 1280, 'height': 1024}

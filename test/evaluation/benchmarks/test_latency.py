@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.evaluation.benchmarks import latency
 from visual_servo_epipolar.evaluation.benchmarks.latency import Answers, Cost, driven, spent
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 CAMERA = CameraSettings(
     width=320,

@@ -12,7 +12,7 @@ from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 PAIRS = Path(__file__).resolve().parents[4] / 'shared' / 'real_pairs'
 POSE = Pose.from_start(0.8, -3.0, 10.0)

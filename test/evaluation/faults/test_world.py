@@ -21,7 +21,7 @@ from visual_servo_epipolar.evaluation.faults.world import (
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
+from visual_servo_epipolar.simulation.bases import Pioneer, PioneerSettings
 
 SEED = 3  # starts in front, without a retreat
 DRAWN_WORLD = campaign._world

@@ -23,7 +23,7 @@ from visual_servo_epipolar.nodes import parameters, qos, recorder_node
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode, UNFINISHED
 from visual_servo_epipolar.nodes.recording.raw_subscriptions import DEPTH, message_class
-from visual_servo_epipolar.simulation.run_monitor import RunMonitor
+from visual_servo_epipolar.simulation.closed_loop import RunMonitor
 
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 

@@ -26,8 +26,7 @@ from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.route_folder import read_route, write_route
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
-from visual_servo_epipolar.simulation.bases.registry import new_base
+from visual_servo_epipolar.simulation.bases import new_base, PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.routes import repeat, rounded, route_scenario, Taught, teach
 from visual_servo_epipolar.simulation.scenario import Scenario

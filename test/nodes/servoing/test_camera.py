@@ -30,8 +30,8 @@ from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.tracking import camera_subscriptions
-from visual_servo_epipolar.simulation.mounts.mounting import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.rigs import FixedRig
 
 OTHER = replace(CAMERA, fx=1000.0, fy=1000.0)
 CHANGED = 'camera_info has changed in mid-run: fx 769.2 -> 1000, fy 769.2 -> 1000, rays'

@@ -22,7 +22,7 @@ from visual_servo_epipolar.report.images import video as module
 from visual_servo_epipolar.report.images.map_view import HEADER, MapBounds, MapView, WIDTH
 from visual_servo_epipolar.report.images.video import Codec, CODECS, HEIGHT, VideoWriter, view_size
 from visual_servo_epipolar.report.style import rgb
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 CAMERA = CameraSettings(
     width=320, height=200, focal_length=200.0, principal_u=160.0, principal_v=100.0

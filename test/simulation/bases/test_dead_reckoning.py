@@ -15,8 +15,12 @@ from visual_servo_epipolar.core.geometry.motion import (
     wrap_angle,
 )
 from visual_servo_epipolar.core.rigs.rig import Command
-from visual_servo_epipolar.simulation.bases.dead_reckoning import DeadReckoning, world_to_odometry
-from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
+from visual_servo_epipolar.simulation.bases import (
+    DeadReckoning,
+    Pioneer,
+    PioneerSettings,
+    world_to_odometry,
+)
 
 SETTINGS = PioneerSettings(command_timeout=0.0, odometry_noise=0.02)
 FRAME_NS = 90_909_091

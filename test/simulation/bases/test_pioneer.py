@@ -11,9 +11,14 @@ from strategies import floats, twists
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.rigs.rig import Command
-from visual_servo_epipolar.simulation.bases.ackermann import Ackermann, AckermannSettings
-from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
-from visual_servo_epipolar.simulation.view import Nod, OVERSHOOT
+from visual_servo_epipolar.simulation.bases import (
+    Ackermann,
+    AckermannSettings,
+    Nod,
+    OVERSHOOT,
+    Pioneer,
+    PioneerSettings,
+)
 
 Base = TypeVar('Base', bound=Pioneer)
 START = Pose(0.0, 0.0, 0.0)

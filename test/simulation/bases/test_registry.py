@@ -17,12 +17,14 @@ from visual_servo_epipolar.core.geometry.motion import (
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.settings import setting, Settings
-from visual_servo_epipolar.simulation.bases.registry import SIMULATED_BASES, SimulatedBaseModel
+from visual_servo_epipolar.simulation.bases import SIMULATED_BASES, SimulatedBaseModel
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
-from visual_servo_epipolar.simulation.mounts.registry import SIMULATED_RIGS, SimulatedRigModel
-from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
+from visual_servo_epipolar.simulation.cameras import (
+    CameraSettings,
+    SIMULATED_RIGS,
+    SimulatedRigModel,
+)
+from visual_servo_epipolar.simulation.rigs import CameraMount, CameraPose
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 from visual_servo_epipolar.simulation.views import drive, points_of
 

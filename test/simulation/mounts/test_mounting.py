@@ -15,14 +15,19 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.rigs.rig import HeadCommand, Joints
 from visual_servo_epipolar.core.tracking.canvas import Canvas
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig, floor_jitter
-from visual_servo_epipolar.simulation.mounts.pan_tilt import (
+from visual_servo_epipolar.simulation.cameras import (
     pan_tilt_rig,
     PanTiltSettings,
     SimulatedHead,
 )
-from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
-from visual_servo_epipolar.simulation.mounts.simulated_rig import leaned, true_geometry
+from visual_servo_epipolar.simulation.rigs import (
+    CameraMount,
+    FixedRig,
+    floor_jitter,
+    leaned,
+    true_geometry,
+)
+from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME
 
 CAMERA = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME, Sensor, SensorSettings
+from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME, Sensor
 
 SIZE = (320, 240)
 GREY = np.full((240, 320), 128, dtype=np.uint8)
 
 
 def sensor(seed: int = 7, **settings: float) -> Sensor:
-    return Sensor(SIZE, SensorSettings(**{'noise': 0.0, **settings}), seed)
+    return Sensor(SIZE, seed, **settings)
 
 
 def test_a_perfect_sensor_changes_nothing() -> None:

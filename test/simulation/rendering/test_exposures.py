@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
+from visual_servo_epipolar.simulation.bases import LEVEL, Nod
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.view import LEVEL, Nod
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 SMALL = CameraSettings(
     width=160, height=128, focal_length=96.2, principal_u=79.2, principal_v=63.8, noise=0.0

@@ -8,7 +8,6 @@ import pytest
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.rendering.drawing import _averaged, draw
 from visual_servo_epipolar.simulation.rendering.raster import (
     _blurred_area,
@@ -20,6 +19,7 @@ from visual_servo_epipolar.simulation.rendering.raster import (
     Strip,
 )
 from visual_servo_epipolar.simulation.rendering.surfaces import _blur, LENS_SIGMA, SHARPEST
+from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.rooms.scene import room
 
 ANGLE = 0.7  # of a long pixel on the texture [rad]

@@ -25,10 +25,9 @@ from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import period_ns
-from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
-from visual_servo_epipolar.simulation.bases.registry import new_base
+from visual_servo_epipolar.simulation.bases import new_base, PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.routes import (
     DrivenWay,
     kidnap,

@@ -30,11 +30,9 @@ from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.core.twoview.perceive import perceive
 from visual_servo_epipolar.evaluation.benchmarks.sweeps import within
 from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
-from visual_servo_epipolar.simulation.closed_loop import Control, Loop
+from visual_servo_epipolar.simulation.closed_loop import Control, Loop, LoopSettings, View
 from visual_servo_epipolar.simulation.regions import start_in
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.view import View
 from visual_servo_epipolar.simulation.views import points_of
 from visual_servo_epipolar.sweeping.summary import quantile
 

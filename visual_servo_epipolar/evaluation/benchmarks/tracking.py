@@ -20,12 +20,12 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, FixedRig
-from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME, Sensor, SensorSettings
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
+from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.rooms.scene import room
+from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME, Sensor
 
 STANDING = 5  # last frames, at the goal
 BRAKING = 20  # frames before those
@@ -67,8 +67,8 @@ class RenderedWorld:
         rig = FixedRig(settings.camera, mount)
         self.renderer = Renderer(room(settings.scene_seed), rig)
         self.size = settings.width, settings.height
-        sensor = SensorSettings(noise=settings.noise, gain_drift=settings.gain_drift)
-        self._sensor = Sensor(self.size, sensor, settings.seed)
+        degrees = {'noise': settings.noise, 'gain_drift': settings.gain_drift}
+        self._sensor = Sensor(self.size, settings.seed, **degrees)
         self.truth = TrueFeatures(self.renderer)
 
     def photograph(self) -> Image:

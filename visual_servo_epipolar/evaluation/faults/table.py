@@ -38,7 +38,7 @@ from visual_servo_epipolar.evaluation.faults.world import Envelope, HOP_NS, NODE
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 IMAGES, TRACKS, INFO, DESIRED = '/image_raw', '/tracks', '/camera_info', '/desired/image_raw'
 COMMANDS, BUTTON = '/cmd_vel', '/stop_button'

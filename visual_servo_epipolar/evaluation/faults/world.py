@@ -31,8 +31,8 @@ from visual_servo_epipolar.nodes.startup import complaints
 from visual_servo_epipolar.nodes.startup.executor import isolated_context, new_node
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
-from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.bases import PioneerSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 
 @dataclass(frozen=True, slots=True)

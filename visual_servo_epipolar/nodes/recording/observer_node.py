@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.servo.telemetry import sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.simulation.run_monitor import RunMonitor
+from visual_servo_epipolar.simulation.closed_loop import RunMonitor
 
 DEPTH = 20
 UNFINISHED = 100  # stamps whose other messages may still come; older ones are forgotten

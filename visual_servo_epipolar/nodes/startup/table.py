@@ -77,7 +77,7 @@ NODES: Mapping[str, NodeRow] = {
         services='~/reset',
         settings=(
             'nodes.startup.settings:UnicycleSettings',
-            'simulation.bases.ackermann:AckermannSettings',
+            'simulation.bases:AckermannSettings',
         ),
     ),
     'camera_node': NodeRow(
@@ -86,8 +86,8 @@ NODES: Mapping[str, NodeRow] = {
         publishes='image_raw, camera_info, desired/image_raw, joint_states, ~/frames',
         services='',
         settings=(
-            'simulation.mounts.camera_settings:CameraSettings',
-            'simulation.mounts.pan_tilt:HeadSettings',
+            'simulation.cameras:CameraSettings',
+            'simulation.cameras:HeadSettings',
             'nodes.startup.settings:CameraRig',
             'simulation.disturbances:DisturbanceSettings',
             'simulation.light:LightSettings',

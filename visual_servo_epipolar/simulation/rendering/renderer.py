@@ -9,16 +9,16 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, Image
-from visual_servo_epipolar.core.cameras.model import CameraModel, PlanarCamera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.geometry.rays import normalised
-from visual_servo_epipolar.simulation.mounts.sensor import Shutter
-from visual_servo_epipolar.simulation.mounts.simulated_rig import pitched, SimulatedRig
+from visual_servo_epipolar.simulation.bases import LEVEL, Nod
 from visual_servo_epipolar.simulation.rendering.drawing import draw
 from visual_servo_epipolar.simulation.rendering.raster import NEAR, PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
-from visual_servo_epipolar.simulation.view import LEVEL, Nod
+from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
+from visual_servo_epipolar.simulation.sensor import Shutter
 
 MAX_RAY = 4.0  # what a distorting lens shows farther from the axis stays black (76 deg)
 SAME_PLACE = 0.01  # deviation of a traced point still on its surface, relative to depth
@@ -56,8 +56,7 @@ class Renderer:
     def __init__(self, scene: Scene, rig: SimulatedRig) -> None:
         self.scene, self.camera, self.rig = scene, rig.camera, rig
         self.pitch = 0.0  # of the body in what is rendered, nose down [rad]
-        planar = rig.camera.planar
-        self._faces = list(_faces(rig.camera)) if planar is None else [_whole(planar)]
+        self._faces = list(_faces(rig.camera))
 
     def render(self, pose: Pose, frame: int | None = None) -> Image:
         """Return the image taken from ``pose``, shape (H, W); black where nothing is seen."""
@@ -135,35 +134,38 @@ class Renderer:
         return np.asarray(np.linalg.norm(nearest - points, axis=1) <= SAME_PLACE * distance)
 
 
-def _whole(camera: PlanarCamera) -> Face:
-    """Return the one face of a pinhole, and how its image is distorted."""
-    size, box = (camera.width, camera.height), (0, 0, camera.width, camera.height)
-    if not (camera.distorts or camera.skew):
-        return Face(size, camera.matrix, np.eye(3), None, box, None)
+def rays_of(camera: CameraModel, zoom: float = 1.0) -> FloatArray:
+    """
+    Return a ray for each pixel, shape (H, W, 3), (x/z, y/z, 1) of a pinhole.
+
+    ``zoom`` magnifies the image about the principal point.
+    """
     u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
-    rays = camera.image_points(np.stack([u.ravel(), v.ravel()], axis=1))
-    # Black as well: where the distortion cannot be undone
-    rays = np.nan_to_num(rays, nan=MAX_RAY, posinf=MAX_RAY, neginf=-MAX_RAY)
-    ideal = np.clip(rays, -MAX_RAY, MAX_RAY) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
-    shift = 4.0 - np.floor(ideal.min(axis=0))  # the sampling reaches four pixels out
-    width, height = (np.ceil(ideal.max(axis=0)) + shift + 5.0).astype(int).tolist()
-    intrinsics = camera.matrix
-    intrinsics[0, 1] = 0.0
-    intrinsics[:2, 2] += shift
-    maps = (ideal + shift).astype(np.float32).reshape(camera.height, camera.width, 2)
-    both = maps[..., 0].copy(), maps[..., 1].copy()
-    return Face((width, height), intrinsics, np.eye(3), both, box, None)
+    centre = np.array([camera.cx, camera.cy])
+    pixels = (np.stack([u.ravel(), v.ravel()], axis=1) - centre) / zoom + centre
+    if camera.planar is None:
+        rays = camera.rays(pixels)
+    else:
+        points = np.nan_to_num(camera.planar.image_points(pixels), nan=MAX_RAY)
+        points = np.clip(points, -MAX_RAY, MAX_RAY)
+        rays = np.column_stack([points, np.ones(len(points))])
+    return rays.reshape(camera.height, camera.width, 3)
 
 
 def _faces(camera: CameraModel) -> Iterator[Face]:
-    """Yield the faces of a cube around the lens that it sees, of a camera that is no pinhole."""
-    u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
-    rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
-    rays = rays.reshape(camera.height, camera.width, 3)
-    nearest = np.full((camera.height, camera.width), -1)
-    seen = np.isfinite(rays).all(axis=2)
+    """Yield the pinhole image that a lens distorts, or the faces of a cube around a wider one."""
+    planar, size = camera.planar, (camera.width, camera.height)
+    if planar is not None and not (planar.distorts or planar.skew):
+        yield Face(size, planar.matrix, np.eye(3), None, (0, 0, *size), None)
+        return
+    rays = rays_of(camera)
+    nearest = np.zeros((camera.height, camera.width), int)
     axes = [np.array(columns).T for columns in AXES.values()]
-    nearest[seen] = np.argmax(rays[seen] @ np.array([each[:, 2] for each in axes]).T, axis=1)
+    if planar is None:
+        seen = np.isfinite(rays).all(axis=2)
+        ahead = np.array([each[:, 2] for each in axes])
+        nearest[seen] = np.argmax(rays[seen] @ ahead.T, axis=1)
+        nearest[~seen] = -1
     for k, each in enumerate(axes):
         part = nearest == k
         if part.any():
@@ -242,19 +244,9 @@ class Exposures:
         return np.asarray(cv2.convertScaleAbs(total, alpha=1.0 / samples), np.uint8)
 
     def _rays_at(self, zoom: float) -> FloatArray:
-        """Return a ray for each pixel, shape (H, W, 3), (x/z, y/z, 1) of a pinhole."""
+        """Return a ray for each pixel, shape (H, W, 3); those of the last zoom are kept."""
         if self._rays is None or self._rays[0] != zoom:
-            camera = self._renderer.camera
-            u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
-            centre = np.array([camera.cx, camera.cy])
-            pixels = (np.stack([u.ravel(), v.ravel()], axis=1) - centre) / zoom + centre
-            if camera.planar is None:
-                rays = camera.rays(pixels)
-            else:
-                points = np.nan_to_num(camera.planar.image_points(pixels), nan=MAX_RAY)
-                points = np.clip(points, -MAX_RAY, MAX_RAY)
-                rays = np.column_stack([points, np.ones(len(points))])
-            self._rays = zoom, rays.reshape(camera.height, camera.width, 3)
+            self._rays = zoom, rays_of(self._renderer.camera, zoom)
         return self._rays[1]
 
     def _source(self) -> Renderer:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.simulation.light import CEILING, LIGHTS, RoomChange, UNCHANGED
+from visual_servo_epipolar.simulation.light import CEILING, Light, LIGHTS, UNCHANGED
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms.building import (
@@ -19,12 +19,13 @@ from visual_servo_epipolar.simulation.rooms.building import (
     REAR,
     RIGHT,
 )
-from visual_servo_epipolar.simulation.rooms.storey import Storey
+from visual_servo_epipolar.simulation.rooms.storey import storey_builder, storey_look
 
 STOREY = 'storey'  # of a building, in the coordinates of its plan
 KEPT = 3  # lights by which a room is kept
 LAMPS = [(x, y) for y in (-11.0, -7.4, -3.8, -0.2, 3.4, 6.4) for x in (-2.9, 2.9)]
 
+Look = Callable[[Builder, Light, int], Scene]
 Material = Callable[[Painting, float], None]
 Piece = tuple[str, float, float, tuple[float, float, float], Material, Material, float]
 
@@ -82,36 +83,40 @@ def room(seed: int, kind: str = 'room', light: str = CEILING) -> Scene:
 
 
 class PaintedRoom:
-    """A room, and how it looks by each light that was asked for."""
+    """A room as its ``look`` by each light, and after each change, that was asked for."""
 
-    def __init__(self, builder: Builder) -> None:
-        self._builder, self._scenes = builder, dict[str, Scene]()
+    def __init__(self, builder: Builder, look: Look, kept: int) -> None:
+        self._builder, self._look, self._kept = builder, look, kept
+        self._scenes: dict[tuple[str, int], Scene] = {}
 
-    def by(self, light: str, change: RoomChange = UNCHANGED) -> Scene:
-        """Return the room by the light of that name; the last few are kept. It does not change."""
-        scene = self._scenes.pop(light, None) or self._build(light)
-        self._scenes[light] = scene
-        if len(self._scenes) > KEPT:
+    def by(self, light: str, changed_seed: int = UNCHANGED) -> Scene:
+        """Return the room by the light of that name, changed by a seed; the last are kept."""
+        key = light, changed_seed
+        scene = self._scenes.pop(key, None)
+        if scene is None and len(self._scenes) == self._kept:
             del self._scenes[next(iter(self._scenes))]
-        return scene
-
-    def _build(self, name: str) -> Scene:
-        light = LIGHTS[name].in_room(self._builder.end)
-        return Scene((*self._builder.surfaces(light), *self._builder.panes(light)))
+        self._scenes[key] = scene or self._look(self._builder, LIGHTS[light], changed_seed)
+        return self._scenes[key]
 
 
-@lru_cache(maxsize=1)  # a room and its filtered pictures take some 200 MB, a storey 600
-def painted_room(seed: int, kind: str = 'room') -> PaintedRoom | Storey:
+def _room_look(builder: Builder, light: Light, changed_seed: int) -> Scene:
+    """Return a room by a ``light``: it never changes."""
+    light = light.in_room(builder.end)
+    return Scene((*builder.surfaces(light), *builder.panes(light)))
+
+
+@lru_cache(maxsize=1)  # a room and its filtered pictures take some 300 MB, a storey as much
+def painted_room(seed: int, kind: str = 'room') -> PaintedRoom:
     """Build a room, in one to two seconds; raises ValueError as ``room`` does."""
     if kind == STOREY:
-        return Storey(seed)
+        return PaintedRoom(storey_builder(seed), storey_look, 1)  # small machines hold no two
     if kind not in KINDS:
         raise ValueError(f'kind of room must be one of {", ".join(KINDS)}, got {kind!r}')
     end, build = KINDS[kind]
     rng = np.random.default_rng((seed, [*KINDS].index(kind)))
     builder = Builder(rng, [(x, y) for x, y in LAMPS if y < end], end)
     build(builder)
-    return PaintedRoom(builder)
+    return PaintedRoom(builder, _room_look, KEPT)
 
 
 def _furnish(builder: Builder) -> None:

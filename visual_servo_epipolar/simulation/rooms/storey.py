@@ -1,26 +1,13 @@
 """Storey: a ring of corridors around two rooms, two more beside it; what may change in it."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.simulation.light import (
-    FURNITURE,
-    Lamp,
-    LAMPS,
-    Light,
-    LIGHTS,
-    PICTURES,
-    RoomChange,
-    STOREY,
-    UNCHANGED,
-    Window,
-)
+from visual_servo_epipolar.simulation.light import Lamp, Light, UNCHANGED, Window
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene, Surface
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms.building import (
@@ -30,12 +17,9 @@ from visual_servo_epipolar.simulation.rooms.building import (
     Painting,
     Panel,
 )
-from visual_servo_epipolar.simulation.rooms.materials import poster
 
 THICKNESS = 0.12  # of walls [m]
 DOOR = 1.1  # width [m]
-SLACK = 0.3  # in an opening one is in both of its cells [m]
-DEEPEST = 8  # cells that one looks through
 
 Point = tuple[float, float]
 
@@ -48,11 +32,6 @@ class FloorCell(NamedTuple):
     y0: float
     x1: float
     y1: float
-
-    def holds(self, x: float, y: float, slack: float = 0.0) -> bool:
-        """Whether a point lies in it, or within ``slack`` [m] of it."""
-        within = self.x0 - slack <= x <= self.x1 + slack
-        return within and self.y0 - slack <= y <= self.y1 + slack
 
 
 class WallLine(NamedTuple):
@@ -80,128 +59,43 @@ class WallLine(NamedTuple):
         return (along, self.at) if self.along_x else (self.at, along)
 
 
-class Opening(NamedTuple):
-    """An opening between two cells, from one end to the other."""
-
-    cells: tuple[str, str]
-    ends: tuple[Point, Point]
-
-
-@dataclass(frozen=True)
-class FloorPlan:
-    """Cells and the walls between them; what lies beyond the cells is never seen."""
-
-    cells: tuple[FloorCell, ...]
-    walls: tuple[WallLine, ...]
-
-    @cached_property
-    def openings(self) -> tuple[Opening, ...]:
-        """All openings, with the cells on either side."""
-        found = []
-        for wall in self.walls:
-            for middle, width in wall.openings:
-                ends = wall.place(middle - 0.5 * width), wall.place(middle + 0.5 * width)
-                x, y = wall.place(middle)
-                beside = self.cells_at(x, y, 0.5 * THICKNESS)
-                if len(beside) == 2:
-                    found.append(Opening((beside[0], beside[1]), ends))
-        return tuple(found)
-
-    def cells_at(self, x: float, y: float, slack: float = SLACK) -> list[str]:
-        """Return the names of the cells that hold a point, both where it is in an opening."""
-        return [cell.name for cell in self.cells if cell.holds(x, y, slack)]
-
-    def is_near_opening(self, x: float, y: float, clear: float) -> bool:
-        """Return whether a point is in the way of an opening: ``clear`` [m] beside it."""
-        for opening in self.openings:
-            (x0, y0), (x1, y1) = opening.ends
-            reach = clear + 0.5 * math.hypot(x1 - x0, y1 - y0)
-            if math.hypot(0.5 * (x0 + x1) - x, 0.5 * (y0 + y1) - y) < reach:
-                return True
-        return False
-
-    def seen_from(self, x: float, y: float) -> frozenset[str]:
-        """Return the names of the cells of which something may be seen from a point."""
-        seen: set[str] = set()
-        for name in self.cells_at(x, y):
-            self._look(name, (x, y), None, (name,), seen)
-        return frozenset(seen)
-
-    def _look(
-        self,
-        name: str,
-        eye: Point,
-        wedge: tuple[Point, Point] | None,
-        way: tuple[str, ...],
-        seen: set[str],
-    ) -> None:
-        """Add the cell and those seen through its openings, within a ``wedge`` (right, left)."""
-        seen.add(name)
-        for opening in self.openings if len(way) < DEEPEST else ():
-            if name not in opening.cells:
-                continue
-            other = opening.cells[opening.cells[0] == name]
-            if other in way:
-                continue
-            narrowed = _narrowed(eye, wedge, opening.ends)
-            if narrowed is not None:
-                self._look(other, eye, narrowed, (*way, other), seen)
-
-
-def _narrowed(
-    eye: Point, wedge: tuple[Point, Point] | None, ends: tuple[Point, Point]
-) -> tuple[Point, Point] | None:
-    """Return what of a ``wedge`` of view goes through an opening, None if nothing does."""
-    right, left = ((x - eye[0], y - eye[1]) for x, y in ends)
-    if _cross(right, left) < 0.0:
-        right, left = left, right
-    if wedge is not None:
-        right = wedge[0] if _cross(right, wedge[0]) > 0.0 else right
-        left = wedge[1] if _cross(wedge[1], left) > 0.0 else left
-    return (right, left) if _cross(right, left) > 0.0 else None
-
-
-def _cross(first: Point, second: Point) -> float:
-    """Return the sine of the turn to the left from one direction to another, times lengths."""
-    return first[0] * second[1] - first[1] * second[0]
-
-
-PLAN = FloorPlan(
-    (
-        FloorCell('south', -2.4, -2.4, 16.4, 0.0),
-        FloorCell('north', -2.4, 9.0, 16.4, 11.4),
-        FloorCell('west', -2.4, 0.0, 0.0, 9.0),
-        FloorCell('east', 14.0, 0.0, 16.4, 9.0),
-        FloorCell('library', 0.0, 0.0, 7.0, 9.0),
-        FloorCell('workshop', 7.0, 0.0, 14.0, 9.0),
-        FloorCell('office', 0.0, -8.4, 7.0, -2.4),
-        FloorCell('store', 7.0, -8.4, 14.0, -2.4),
-    ),
-    (
-        WallLine(True, -8.4, 0.0, 14.0),
-        WallLine(True, -2.4, -2.4, 16.4, ((3.0, DOOR), (11.0, DOOR))),
-        WallLine(True, 0.0, -2.4, 16.4, ((-1.2, 2.4), (4.5, DOOR), (9.5, DOOR), (15.2, 2.4))),
-        WallLine(True, 9.0, -2.4, 16.4, ((-1.2, 2.4), (2.5, DOOR), (11.5, DOOR), (15.2, 2.4))),
-        WallLine(True, 11.4, -2.4, 16.4),
-        WallLine(False, -2.4, -2.4, 11.4),
-        WallLine(False, 0.0, -8.4, -2.4),
-        WallLine(False, 0.0, 0.0, 9.0),
-        WallLine(False, 7.0, -8.4, -2.4, ((-5.5, DOOR),)),
-        WallLine(False, 7.0, 0.0, 9.0, ((6.0, DOOR),)),
-        WallLine(False, 14.0, -8.4, -2.4),
-        WallLine(False, 14.0, 0.0, 9.0),
-        WallLine(False, 16.4, -2.4, 11.4),
-    ),
+# Cells and the walls between them; what lies beyond the cells is never seen.
+CELLS = (
+    FloorCell('south', -2.4, -2.4, 16.4, 0.0),
+    FloorCell('north', -2.4, 9.0, 16.4, 11.4),
+    FloorCell('west', -2.4, 0.0, 0.0, 9.0),
+    FloorCell('east', 14.0, 0.0, 16.4, 9.0),
+    FloorCell('library', 0.0, 0.0, 7.0, 9.0),
+    FloorCell('workshop', 7.0, 0.0, 14.0, 9.0),
+    FloorCell('office', 0.0, -8.4, 7.0, -2.4),
+    FloorCell('store', 7.0, -8.4, 14.0, -2.4),
+)
+WALLS = (
+    WallLine(True, -8.4, 0.0, 14.0),
+    WallLine(True, -2.4, -2.4, 16.4, ((3.0, DOOR), (11.0, DOOR))),
+    WallLine(True, 0.0, -2.4, 16.4, ((-1.2, 2.4), (4.5, DOOR), (9.5, DOOR), (15.2, 2.4))),
+    WallLine(True, 9.0, -2.4, 16.4, ((-1.2, 2.4), (2.5, DOOR), (11.5, DOOR), (15.2, 2.4))),
+    WallLine(True, 11.4, -2.4, 16.4),
+    WallLine(False, -2.4, -2.4, 11.4),
+    WallLine(False, 0.0, -8.4, -2.4),
+    WallLine(False, 0.0, 0.0, 9.0),
+    WallLine(False, 7.0, -8.4, -2.4, ((-5.5, DOOR),)),
+    WallLine(False, 7.0, 0.0, 9.0, ((6.0, DOOR),)),
+    WallLine(False, 14.0, -8.4, -2.4),
+    WallLine(False, 14.0, 0.0, 9.0),
+    WallLine(False, 16.4, -2.4, 11.4),
 )
 
 
-Cells = frozenset[str]
-PARTS: Mapping[str, tuple[str, ...]] = {
-    LAMPS: (LAMPS,),
-    PICTURES: (PICTURES,),
-    FURNITURE: (FURNITURE,),
-    STOREY: (LAMPS, PICTURES, FURNITURE),
-}
+def is_near_opening(x: float, y: float, clear: float) -> bool:
+    """Return whether a point is in the way of an opening: ``clear`` [m] beside it."""
+    return any(
+        math.dist(wall.place(middle), (x, y)) < clear + 0.5 * width
+        for wall in WALLS
+        for middle, width in wall.openings
+    )
+
+
 SHARE = 1.0 / 3.0  # of the lamps that are off, of the pictures that are others, of what is moved
 SHIFT = (0.1, 0.35)  # of a piece of furniture along its wall [m]
 CHAIR, CHAIRS = (0.45, 0.42, 0.85), 2  # its size [m], and how many a cell has
@@ -217,50 +111,48 @@ WINDOWS: Mapping[str, tuple[tuple[float, float], tuple[float, float]]] = {
 
 
 @dataclass(eq=False)
-class ChangedStorey:
+class StoreyLook:
     """
-    A storey with a ``change``: its ``builder``, its ``light``, and what lights each cell besides.
+    A storey as it looks: its ``builder``, its ``light``, and ``sources`` that light a cell alone.
 
-    ``cells`` of a panel of the shell or of a body, by name, are those in which it can be seen.
+    ``change`` makes another of it, by a seed.
     """
 
     builder: Builder
     light: Light
-    cells: dict[str, Cells]
-    sources: dict[str, tuple[Lamp | Window, ...]]
+    sources: dict[FloorCell, tuple[Lamp | Window, ...]] = field(default_factory=dict)
 
-    def surfaces(self) -> list[tuple[Surface, Cells]]:
-        """Return all surfaces, panes of windows the last, and the cells of each."""
-        builder, found = self.builder, []
-        lamps, boxes = builder.places_of_lamps, builder.boxes
-        for panel in builder.panels:
-            cells = self.cells[panel.name if panel.body == ROOM else panel.body]
-            found.append((panel.lit(self._light_in(cells), lamps, boxes), cells))
-        for cell in self.sources:
-            for pane in builder.panes(self._light_in(frozenset([cell]))):
-                name = f'{cell} {pane.name}'
-                found.append((replace(pane, name=name, body=name), frozenset([cell])))
+    def surfaces(self) -> list[Surface]:
+        """Return all surfaces, panes of windows the last."""
+        builder, lamps, boxes = self.builder, self.builder.places_of_lamps, self.builder.boxes
+        found = [panel.lit(self._light_on(panel), lamps, boxes) for panel in builder.panels]
+        for cell, sources in self.sources.items():
+            for pane in builder.panes(replace(self.light, sources=sources)):
+                name = f'{cell.name} {pane.name}'
+                found.append(replace(pane, name=name, body=name))
         return found
 
-    def _light_in(self, cells: Cells) -> Light:
-        sources = [each for cell in sorted(cells) for each in self.sources.get(cell, ())]
+    def _light_on(self, panel: Panel) -> Light:
+        """Return the light in the cells that a panel is in."""
+        origin, edge_u, edge_v = panel.frame
+        ends = origin[:2], origin[:2] + edge_u[:2] + edge_v[:2]
+        low, high = np.min(ends, axis=0), np.max(ends, axis=0)
+        sources = [
+            source
+            for cell, sources in self.sources.items()
+            if cell.x0 < high[0] and cell.x1 > low[0] and cell.y0 < high[1] and cell.y1 > low[1]
+            for source in sources
+        ]
         return replace(self.light, sources=(*self.light.sources, *sources))
 
-
-def changed_storey(
-    builder: Builder, cells: Mapping[str, Cells], light: Light, change: RoomChange
-) -> ChangedStorey:
-    """Return the storey that a ``builder`` built, by a ``light``, after the ``change``."""
-    parts = PARTS.get(change.name, ()) if change.has_changed else ()
-    storey = ChangedStorey(builder, light, dict(cells), {})
-    for number, (name, apply) in enumerate(APPLIED.items()):
-        if name in parts:
-            storey.builder = storey.builder.copied(np.random.default_rng((change.seed, number)))
-            apply(storey)
-    return storey
+    def change(self, seed: int) -> None:
+        """Change lamps and windows, a third of the pictures, a third of the furniture."""
+        for number, apply in enumerate((_switch_lamps, _exchange_pictures, _move_furniture)):
+            self.builder = self.builder.copied(np.random.default_rng((seed, number)))
+            apply(self)
 
 
-def _switch_lamps(storey: ChangedStorey) -> None:
+def _switch_lamps(storey: StoreyLook) -> None:
     """Switch a third of the lamps off, stand a lamp into most cells, let day in at windows."""
     builder, light = storey.builder, storey.light
     rng = builder.rng
@@ -270,14 +162,14 @@ def _switch_lamps(storey: ChangedStorey) -> None:
     builder.panels = [_with_lamps_off(panel, off, rng) for panel in builder.panels]
     ambient, ceiling = rng.uniform((0.4, 0.7), (1.1, 1.6)).tolist()
     storey.light = replace(light, ambient=ambient * light.ambient, ceiling=ceiling * light.ceiling)
-    for cell in PLAN.cells:
+    for cell in CELLS:
         low, high = (cell.x0 + 0.5, cell.y0 + 0.5, 1.4), (cell.x1 - 0.5, cell.y1 - 0.5, 2.2)
         x, y, z = rng.uniform(low, high).tolist()
         lamp, window = Lamp((x, y, z), float(rng.uniform(1.0, 3.0))), WINDOWS.get(cell.name)
         sources: tuple[Lamp | Window, ...] = (lamp,) if rng.uniform() < 0.7 else ()
         if window is not None:
             sources += (_window(*window, rng),)
-        storey.sources[cell.name] = sources
+        storey.sources[cell] = sources
 
 
 def _with_lamps_off(
@@ -304,7 +196,7 @@ def _window(
     return Window((x, y, 1.75), (2.2, 1.3), sky, sun, sun_from, (nx, ny, 0.0))
 
 
-def _exchange_pictures(storey: ChangedStorey) -> None:
+def _exchange_pictures(storey: StoreyLook) -> None:
     """Hang other pictures over a third of those on walls and boards, each where one hung."""
     builder = storey.builder
     for number, panel in enumerate(builder.panels):
@@ -312,24 +204,23 @@ def _exchange_pictures(storey: ChangedStorey) -> None:
         if out:
             sheet = panel.sheet.copied(builder.rng)
             for place in out:
-                poster(sheet, *place)
+                m.poster(sheet, *place)
             builder.panels[number] = replace(panel, sheet=sheet)
 
 
-def _move_furniture(storey: ChangedStorey) -> None:
+def _move_furniture(storey: StoreyLook) -> None:
     """Move a third of the furniture along its walls, and put chairs where none stood."""
     builder = storey.builder
     rng = builder.rng
-    names = {cell.name for cell in PLAN.cells}
+    names = {cell.name for cell in CELLS}
     for piece in [*builder.standing]:
         is_furniture = piece.name.split(' ')[0] in names and piece.bottom == 0.0
         if is_furniture and rng.uniform() < SHARE:
             side = 1.0 if rng.uniform() < 0.5 else -1.0
             builder.move(piece, side * float(rng.uniform(*SHIFT)) * piece.axes()[0][:2])
-    for cell in PLAN.cells:
+    for cell in CELLS:
         for number in range(CHAIRS):
             chair = _chair(cell, f'{cell.name} chair {number}', rng)
-            storey.cells[chair.name] = frozenset([cell.name])
             builder.stand(chair)
 
 
@@ -345,11 +236,8 @@ def _chair(cell: FloorCell, name: str, rng: np.random.Generator) -> Furniture:
             y = cell.y0 + off if side < 0.0 else cell.y1 - off
         else:
             x = cell.x0 + off if side < 0.0 else cell.x1 - off
-        if not PLAN.is_near_opening(x, y, 0.7):  # a chair is smaller than a shelf
+        if not is_near_opening(x, y, 0.7):  # a chair is smaller than a shelf
             return Furniture(name, x, y, CHAIR, m.crate, m.timber, turn=turn)
-
-
-APPLIED = {LAMPS: _switch_lamps, PICTURES: _exchange_pictures, FURNITURE: _move_furniture}
 
 
 CORRIDORS = ('south', 'north', 'west', 'east')
@@ -359,96 +247,59 @@ CLEAR, FROM_CORNER = 0.85, 1.05  # of furniture beside an opening, and in corner
 FRONTS = (m.bookcase, m.cupboard, m.crate, m.noticeboard)
 
 
-@dataclass(frozen=True, eq=False)
-class StoreyScene(Scene):
-    """All surfaces of a storey; ``cells`` of each are those in which it can be seen."""
-
-    cells: tuple[frozenset[str], ...] = ()
-
-    @cached_property
-    def _parts(self) -> dict[frozenset[str], Scene]:
-        return {}
-
-    def seen_from(self, centre: FloatArray) -> Scene:
-        """Return the surfaces of the cells that are seen from ``centre``, shape (3,)."""
-        seen = PLAN.seen_from(float(centre[0]), float(centre[1]))
-        if not seen:
-            return self
-        if seen not in self._parts:
-            surfaces = zip(self.surfaces, self.cells, strict=True)
-            self._parts[seen] = Scene(tuple(each for each, cells in surfaces if cells & seen))
-        return self._parts[seen]
+def storey_builder(seed: int) -> Builder:
+    """Return the builder of the storey of a seed, with all that stands in it."""
+    lamps = [lamp for cell in CELLS for lamp in _lamps(cell)]
+    builder = Builder(np.random.default_rng((seed, 99)), lamps, 0.0)
+    for cell in CELLS:
+        pieces = [*_along_walls(cell, builder.rng), *_signs(cell)]
+        _lay(builder, cell, pieces)
+        for piece in pieces:
+            builder.stand(piece)
+    for number, wall in enumerate(WALLS):
+        for start, end, bottom in wall.pieces():
+            if end - start > 0.02:  # of a wall [m]
+                _put_up(builder, f'wall {number} {start:g}', wall, (start, end, bottom))
+    return builder
 
 
-class Storey:
-    """The storey of a seed, and how it looks by the light that was asked for last."""
+def storey_look(builder: Builder, light: Light, changed_seed: int) -> Scene:
+    """Return the storey by a ``light``, changed by a seed."""
+    look = StoreyLook(builder, light)
+    if changed_seed != UNCHANGED:
+        look.change(changed_seed)
+    return Scene(tuple(look.surfaces()))
 
-    def __init__(self, seed: int) -> None:
-        lamps = [lamp for cell in PLAN.cells for lamp in _lamps(cell)]
-        self._builder = Builder(np.random.default_rng((seed, 99)), lamps, 0.0)
-        self._cells: dict[str, frozenset[str]] = {}  # by panel or body
-        self._scenes: dict[tuple[str, RoomChange], StoreyScene] = {}
-        self._build()
 
-    def by(self, light: str, change: RoomChange = UNCHANGED) -> StoreyScene:
-        """Return the storey by the light of that name, as a room, with a change; one is kept."""
-        key = light, change
-        if key not in self._scenes:
-            self._scenes = {}  # two do not fit into small machines
-            storey = changed_storey(self._builder, self._cells, LIGHTS[light], change)
-            surfaces, cells = zip(*storey.surfaces(), strict=True)
-            self._scenes = {key: StoreyScene(surfaces, cells=cells)}
-        return self._scenes[key]
+def _lay(builder: Builder, cell: FloorCell, pieces: list[Furniture]) -> None:
+    """Lay floor and ceiling of a cell."""
+    width, depth = cell.x1 - cell.x0, cell.y1 - cell.y0
+    right, far = np.array([width, 0.0, 0.0]), np.array([0.0, depth, 0.0])
+    floor = (np.array([cell.x0, cell.y1, 0.0]), right, -far)
+    ceiling = (np.array([cell.x0, cell.y0, HEIGHT]), right, far)
+    lamps = [(x - cell.x0, y - cell.y0) for x, y in _lamps(cell)]
+    standing = [piece for piece in pieces if piece.bottom < 0.3]
+    paint = m.concrete if cell.name in CORRIDORS else m.planks
+    names = f'{cell.name} floor', f'{cell.name} ceiling'
+    builder.panel(names[0], ROOM, floor, paint, density=150.0, standing=standing)
+    builder.panel(names[1], ROOM, ceiling, lambda sheet: m.ceiling(sheet, lamps), density=120.0)
 
-    def _build(self) -> None:
-        for cell in PLAN.cells:
-            pieces = [*_along_walls(cell, self._builder.rng), *_signs(cell)]
-            self._lay(cell, pieces)
-            for piece in pieces:
-                self._cells[piece.name] = frozenset([cell.name])
-                self._builder.stand(piece)
-        for number, wall in enumerate(PLAN.walls):
-            for start, end, bottom in wall.pieces():
-                if end - start > 0.02:  # of a wall [m]
-                    self._put_up(f'wall {number} {start:g}', wall, (start, end, bottom))
 
-    def _lay(self, cell: FloorCell, pieces: list[Furniture]) -> None:
-        """Lay floor and ceiling of a cell."""
-        width, depth = cell.x1 - cell.x0, cell.y1 - cell.y0
-        right, far = np.array([width, 0.0, 0.0]), np.array([0.0, depth, 0.0])
-        floor = (np.array([cell.x0, cell.y1, 0.0]), right, -far)
-        ceiling = (np.array([cell.x0, cell.y0, HEIGHT]), right, far)
-        lamps = [(x - cell.x0, y - cell.y0) for x, y in _lamps(cell)]
-        standing = [piece for piece in pieces if piece.bottom < 0.3]
-        paint = m.concrete if cell.name in CORRIDORS else m.planks
-        names = f'{cell.name} floor', f'{cell.name} ceiling'
-        self._builder.panel(names[0], ROOM, floor, paint, density=150.0, standing=standing)
-        self._builder.panel(
-            names[1], ROOM, ceiling, lambda sheet: m.ceiling(sheet, lamps), density=120.0
-        )
-        for name in names:
-            self._cells[name] = frozenset([cell.name])
-
-    def _put_up(self, name: str, wall: WallLine, piece: tuple[float, float, float]) -> None:
-        """Put up a solid piece of a wall: start, end and bottom."""
-        start, end, bottom = piece
-        if not wall.along_x:  # walls along x go through where two meet
-            start, end = start + 0.5 * THICKNESS, end - 0.5 * THICKNESS
-        x, y = wall.place(0.5 * (start + end))
-        half = 0.5 * THICKNESS
-        x, y, turn = (x, y - half, 0.0) if wall.along_x else (x + half, y, 0.5 * math.pi)
-        size = (end - start, THICKNESS, HEIGHT - bottom)
-        self._builder.stand(
-            Furniture(name, x, y, size, _face, _face, bottom=bottom, turn=turn),
-            density=180.0,  # texels a metre
-        )
-        ends = wall.place(start), wall.place(end)
-        low, high = np.min(ends, axis=0) - 0.1, np.max(ends, axis=0) + 0.1
-        self._cells[name] = frozenset(
-            cell.name
-            for cell in PLAN.cells
-            if cell.x0 < high[0] and cell.x1 > low[0] and cell.y0 < high[1] and cell.y1 > low[1]
-        )
+def _put_up(
+    builder: Builder, name: str, wall: WallLine, piece: tuple[float, float, float]
+) -> None:
+    """Put up a solid piece of a wall: start, end and bottom."""
+    start, end, bottom = piece
+    if not wall.along_x:  # walls along x go through where two meet
+        start, end = start + 0.5 * THICKNESS, end - 0.5 * THICKNESS
+    x, y = wall.place(0.5 * (start + end))
+    half = 0.5 * THICKNESS
+    x, y, turn = (x, y - half, 0.0) if wall.along_x else (x + half, y, 0.5 * math.pi)
+    size = (end - start, THICKNESS, HEIGHT - bottom)
+    builder.stand(
+        Furniture(name, x, y, size, _face, _face, bottom=bottom, turn=turn),
+        density=180.0,  # texels a metre
+    )
 
 
 def _lamps(cell: FloorCell) -> list[tuple[float, float]]:
@@ -500,7 +351,7 @@ def _along_walls(cell: FloorCell, rng: np.random.Generator) -> list[Furniture]:
             is_left_out = float(rng.uniform()) > (0.25 if is_corridor else 0.75)
             depth = 0.22 if is_corridor else depth
             at, turn = _beside(cell, side, along, depth + 0.5 * THICKNESS + 0.02)
-            if is_left_out or PLAN.is_near_opening(*at, CLEAR):
+            if is_left_out or is_near_opening(*at, CLEAR):
                 continue
             name, size = f'{cell.name} {side} {along:.2f}', (width, depth, height)
             pieces.append(Furniture(name, *at, size, front, m.timber, turn=turn))

@@ -22,7 +22,7 @@ from visual_servo_epipolar.core.tracking.matching import desired_view, match
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 ROOM = CameraSettings(
     width=320, height=256, focal_length=192.3, principal_u=158.4, principal_v=127.6

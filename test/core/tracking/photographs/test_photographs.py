@@ -22,10 +22,9 @@ from visual_servo_epipolar.core.tracking.photographs import (
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
-from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.cameras import CameraSettings
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run
 from visual_servo_epipolar.simulation.light import LightSettings
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 
 TEXTURE = np.random.default_rng(1).uniform(0.7, 1.0, (96, 128))
 ACROSS, DOWN = np.meshgrid(np.linspace(0.1, 1.0, 128), np.linspace(0.1, 1.0, 96))

@@ -15,13 +15,12 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.simulation.bases import LEVEL, Nod, PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
-from visual_servo_epipolar.simulation.closed_loop import run
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
+from visual_servo_epipolar.simulation.closed_loop import run, View
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings, Scenario
-from visual_servo_epipolar.simulation.view import LEVEL, Nod, View
 
 FEATURES = 26
 PERIOD_S = 0.09

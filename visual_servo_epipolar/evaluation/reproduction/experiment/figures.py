@@ -24,7 +24,7 @@ from visual_servo_epipolar.report.style import (
     FIGURE_SETTINGS,
     INK,
 )
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 SNAPSHOTS = 6
 KEY = 'red crosses: actual features, green circles: desired ones;\ndashed: the goal'

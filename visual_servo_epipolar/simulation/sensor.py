@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
@@ -11,9 +10,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import integrate, motion_between, Pose, Twist
-from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
-from visual_servo_epipolar.simulation.view import LEVEL, Nod
+from visual_servo_epipolar.simulation.bases import LEVEL, Nod
 
 DESIRED_FRAME = -1  # frame index of the desired photograph
 MAX_NOISE = 50.0  # standard deviation [grey levels]
@@ -22,33 +20,33 @@ SPARE = 64  # how far the noise field may be shifted [px]
 MIRRORINGS: Mapping[tuple[int, ...], int | None] = {(0, 0): None, (0, 1): 1, (1, 0): 0, (1, 1): -1}
 
 
-@dataclass(frozen=True, kw_only=True)
-class SensorSettings(Settings):
-    """How good the sensor is."""
-
-    noise: float = setting(2.0, 'Noise, standard deviation [grey levels]', low=0.0, high=MAX_NOISE)
-    gain_drift: float = setting(0.0, 'Amplitude of the drift of the gain', low=0.0, high=0.9)
-    blur: float = setting(0.0, 'Blur, sigma [px]', low=0.0, high=10.0)
-
-
 class Sensor:
     """
     Degrades images of one ``size``, width and height [px].
 
-    Its output follows from settings, seed and frame index alone.
+    ``noise`` is its deviation [grey levels], ``gain_drift`` the amplitude of a drift of the gain,
+    ``blur`` a sigma [px]. The output follows from these, the seed and the frame index alone.
     """
 
-    def __init__(self, size: tuple[int, int], settings: SensorSettings, seed: int) -> None:
-        self.settings, self._seed = settings, seed
+    def __init__(
+        self,
+        size: tuple[int, int],
+        seed: int,
+        *,
+        noise: float = 0.0,
+        gain_drift: float = 0.0,
+        blur: float = 0.0,
+    ) -> None:
+        self._seed, self._noise, self._gain_drift, self._blur = seed, noise, gain_drift, blur
         self._shape = size[1], size[0]
         rng = np.random.default_rng(seed)
         self._phase = float(rng.uniform(0.0, 2.0 * math.pi))
         shape = (size[1] + SPARE, size[0] + SPARE)
-        field = np.rint(settings.noise * rng.standard_normal(shape, dtype=np.float32))
+        field = np.rint(noise * rng.standard_normal(shape, dtype=np.float32))
         # Apart, as bytes: OpenCV adds and subtracts those ten times as fast as signed numbers.
         brighter: Image = np.clip(field, 0.0, 255.0).astype(np.uint8)
         darker: Image = np.clip(-field, 0.0, 255.0).astype(np.uint8)
-        self._noise = {
+        self._fields = {
             mirroring: (_mirrored(brighter, code), _mirrored(darker, code))
             for mirroring, code in MIRRORINGS.items()
         }
@@ -56,20 +54,20 @@ class Sensor:
     def capture(self, image: Image, frame_index: int) -> Image:
         """Return ``image``, shape (H, W), as frame ``frame_index`` of the sensor: -1, 0, 1, ..."""
         image = as_gray(image)
-        if self.settings.blur > 0.0:
-            image = np.asarray(cv2.GaussianBlur(image, (0, 0), self.settings.blur), np.uint8)
+        if self._blur > 0.0:
+            image = np.asarray(cv2.GaussianBlur(image, (0, 0), self._blur), np.uint8)
         # Seeds must not be negative: the photograph is 0, the frames start at 1.
         rng = np.random.default_rng((self._seed, frame_index - DESIRED_FRAME))
-        if self.settings.gain_drift > 0.0:
+        if self._gain_drift > 0.0:
             image = cv2.convertScaleAbs(image, alpha=self._gain(frame_index, rng))
-        if self.settings.noise > 0.0:
+        if self._noise > 0.0:
             image = self._noisy(image, rng)
-        return image if self.settings != SensorSettings(noise=0.0) else image.copy()
+        return image if self._noise or self._gain_drift or self._blur else image.copy()
 
     def _gain(self, frame_index: int, rng: np.random.Generator) -> float:
         """Return 1 + drift: a slow wave, three quarters of it, and a little flicker."""
         wave = math.sin(self._phase + 2.0 * math.pi * frame_index / 97.0)  # frames
-        return 1.0 + self.settings.gain_drift * (0.75 * wave + 0.25 * rng.uniform(-1.0, 1.0))
+        return 1.0 + self._gain_drift * (0.75 * wave + 0.25 * rng.uniform(-1.0, 1.0))
 
     def _noisy(self, image: Image, rng: np.random.Generator) -> Image:
         """Return ``image`` with a part of the field of noise, shifted and mirrored by chance."""
@@ -77,7 +75,7 @@ class Sensor:
         mirrored = rng.integers(0, 2, 2)
         down, right = np.where(mirrored, SPARE - start, start).tolist()
         part = np.s_[down : down + height, right : right + width]
-        brighter, darker = self._noise[tuple(mirrored.tolist())]
+        brighter, darker = self._fields[tuple(mirrored.tolist())]
         noisy: Image = np.asarray(cv2.add(image, brighter[part]), dtype=np.uint8)
         cv2.subtract(noisy, darker[part], dst=noisy)
         return noisy

@@ -1,26 +1,63 @@
-"""A simulated Pioneer 3-DX: limits of speed and acceleration, wheels, drifting odometry."""
+"""Simulated bases: a Pioneer, a car, dead reckoning of wheels, and a registry by name."""
 
 from array import array
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 import math
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import (
     arc,
     integrate,
+    motion_between,
     Pose,
     saturate,
     STANDSTILL,
     Twist,
+    wrap_angle,
 )
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.settings import internal, setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.simulation.view import LEVEL
+
+FREQUENCY = 2.0 * math.pi * 3.0  # [rad/s]
+DAMPING = 0.12
+STEP = 0.5  # of the acceleration [m/s^2], after which the pitch overshoots to its largest value
+OVERSHOOT = math.exp(-math.pi * DAMPING / math.sqrt(1.0 - DAMPING**2))
+
+
+class Nod(NamedTuple):
+    """Pitch of the body, nose down positive [rad], and how fast it grows [rad/s]."""
+
+    pitch: float = 0.0
+    rate: float = 0.0
+
+    def after(self, acceleration: float, dt: float, *, largest: float) -> 'Nod':
+        """
+        Return the nod after a short ``dt`` [s] of an ``acceleration`` ahead [m/s^2].
+
+        ``largest`` is the largest pitch that a step of the acceleration by STEP causes [rad].
+        """
+        rest = -largest * acceleration / (STEP * (1.0 + OVERSHOOT))
+        pull = FREQUENCY * (rest - self.pitch) - 2.0 * DAMPING * self.rate
+        rate = self.rate + FREQUENCY * pull * dt
+        return Nod(self.pitch + rate * dt, rate)
+
+    def towards(self, later: 'Nod', share: float, seconds: float) -> 'Nod':
+        """Return the nod at a ``share`` of the ``seconds`` to a ``later`` one: a cubic."""
+        change = (later.pitch - self.pitch) / seconds
+        bend = self.rate - 2.0 * change + later.rate
+        start, middle = self.rate, 3.0 * change - 2.0 * self.rate - later.rate
+        pitch = self.pitch + seconds * share * (start + share * (middle + share * bend))
+        return Nod(pitch, start + share * (2.0 * middle + 3.0 * share * bend))
+
+
+LEVEL = Nod()
+
 
 SUBSTEP_S = 0.01  # accelerations are held constant this long
 SWIVEL_M = 0.08  # way on which casters swivel after the direction of travel has reversed
@@ -230,3 +267,200 @@ def obeyed(speed: float, dead_zone: float, step: float) -> float:
     if abs(speed) < dead_zone:
         return 0.0
     return step * round(speed / step) if step else speed
+
+
+@dataclass(frozen=True, kw_only=True)
+class AckermannSettings(PioneerSettings):
+    """A car on the wheels of the Pioneer: what steers it; no wheel ratio, no turns of its own."""
+
+    wheelbase: float = setting(0.33, 'Car: distance between both axles [m]', low=0.02, high=10.0)
+    max_steering: float = setting(
+        0.503, 'Car: largest angle of the steered wheels [rad]', low=0.01, high=1.5
+    )
+    steering_rate: float = setting(
+        1.0, 'Car: how fast they are steered [rad/s]', low=0.01, high=50.0
+    )
+    GONE: ClassVar[Mapping[str, Any]] = {'steering_offset': 0.0}
+
+
+class Ackermann(Pioneer):
+    """
+    The base, as ``Pioneer``, but for its steering: the axle between the rear wheels is the robot.
+
+    A twist steers by atan(wheelbase w / v), as drivers of such bases do: w without v steers as far
+    as the wheels go and moves nothing, and a zero twist steers straight.
+    """
+
+    settings: AckermannSettings
+
+    def __init__(
+        self, settings: AckermannSettings, pose: Pose, *, seed: int, now_ns: int = 0
+    ) -> None:
+        super().__init__(settings, pose, seed=seed, now_ns=now_ns)
+        self.steering = 0.0  # [rad], to the left
+
+    def _limited(self, twist: Twist) -> tuple[float, float]:
+        """Return the speed [m/s] and the steering angle [rad] that ``twist`` asks for."""
+        limits = self.settings
+        speed = min(max(twist.linear, -limits.max_linear), limits.max_linear)
+        speed = obeyed(speed, limits.dead_zone_linear, limits.step_linear)
+        angle = 0.0
+        if twist.linear:
+            angle = math.atan(limits.wheelbase * twist.angular / twist.linear)
+        elif twist.angular:
+            angle = math.copysign(math.inf, twist.angular)
+        return speed, min(max(angle, -limits.max_steering), limits.max_steering)
+
+    def _accelerated(self, aim: float, turn: float, dt: float) -> tuple[float, float]:
+        change = self.settings.steering_rate * dt
+        self.steering += min(max(turn - self.steering, -change), change)
+        speed = self._faster(aim, self._wheels[0], dt)
+        wheels = speed, speed * math.tan(self.steering) / self.settings.wheelbase
+        return self._wheels if wheels == self._wheels else wheels
+
+    def _true(self, linear: float, angular: float) -> tuple[float, float]:
+        settings = self.settings
+        if linear == 0.0:
+            return 0.0, 0.0
+        grip = 1.0 - settings.slip
+        angle = math.atan(settings.wheelbase * angular / linear)
+        return grip * linear, grip * linear * math.tan(angle) / settings.wheelbase
+
+
+class SimulatedBase(Protocol):
+    """
+    A robot on the floor: commands in, ground truth and odometry out.
+
+    It lives in simulated time and moves in ``advance`` alone.
+    """
+
+    settings: Any
+    """What it is like; a host may put other values of one class in place while it drives."""
+
+    @property
+    def now_ns(self) -> int:
+        """Simulated time [ns]."""
+
+    @property
+    def pose(self) -> Pose:
+        """Ground truth in the world."""
+
+    @property
+    def twist(self) -> Twist:
+        """True velocity."""
+
+    @property
+    def odometry(self) -> Pose:
+        """Pose by the wheels, from (0, 0, 0) at the start; it drifts."""
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the last command is older than the base accepts."""
+
+    def command(self, command: Command) -> None:
+        """Take ``command`` now."""
+
+    def halt(self) -> None:
+        """Drop every command and brake."""
+
+    def advance(self, now_ns: int) -> None:
+        """Move until ``now_ns`` [ns]; a time that is not later moves nothing."""
+
+
+class SimulatedBaseModel(NamedTuple):
+    """
+    One row: the class of settings, which no other row has, and the class of the base.
+
+    ``factory`` is called as ``new_base``; ``seed`` fixes the noise of the odometry.
+    """
+
+    settings: type[Settings]
+    factory: Callable[..., SimulatedBase]
+
+
+SIMULATED_BASES: dict[str, SimulatedBaseModel] = {
+    'pioneer': SimulatedBaseModel(PioneerSettings, Pioneer),
+    'ackermann': SimulatedBaseModel(AckermannSettings, Ackermann),
+}
+
+
+def nod_of(base: SimulatedBase) -> Nod:
+    """Return the pitch of the body of a base that has one, as its ``nodding``."""
+    return getattr(base, 'nodding', LEVEL)
+
+
+def base_name(settings: Settings) -> str:
+    """Return the name of the base that ``settings`` belong to; KeyError if there is none."""
+    return {model.settings: name for name, model in SIMULATED_BASES.items()}[type(settings)]
+
+
+def model_settings(name: str, values: Settings) -> Settings:
+    """Return the settings of the base called ``name``, of those ``values`` which it has."""
+    kind = SIMULATED_BASES[name].settings
+    return kind(**{item.name: getattr(values, item.name) for item in fields(kind)})
+
+
+def new_base(settings: Settings, pose: Pose, *, seed: int, now_ns: int = 0) -> SimulatedBase:
+    """Return the base that ``settings`` describe, at ``pose`` and time ``now_ns`` [ns]."""
+    return SIMULATED_BASES[base_name(settings)].factory(settings, pose, seed=seed, now_ns=now_ns)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeadReckoning:
+    """
+    Wheel odometry at one time: pose, mean velocity since the time before, and their covariances.
+
+    ``pose_covariance``, (3, 3), is that of x, y [m] and theta [rad] in the frame of the odometry,
+    zero at the start; ``twist_covariance``, (2, 2), that of linear [m/s] and angular [rad/s].
+    """
+
+    pose: Pose
+    now_ns: int
+    twist: Twist = STANDSTILL
+    pose_covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+    twist_covariance: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
+
+    def advanced(self, pose: Pose, now_ns: int, *, noise: float) -> 'DeadReckoning':
+        """
+        Return the odometry at ``now_ns``, when the wheels say ``pose``; before that, ``self``.
+
+        ``noise`` is the deviation of the way after a metre, and of the heading after a metre and
+        after a radian: both are random walks. Unequal wheels and slip are not in it, for the
+        wheels do not know of them.
+        """
+        dt = (now_ns - self.now_ns) / NANOSECONDS
+        if dt <= 0.0:
+            return self
+        way, turn = motion_between(self.pose, pose)
+        variances = noise**2 * np.array([abs(way), abs(way) + abs(turn)])
+        return DeadReckoning(
+            pose,
+            now_ns,
+            Twist(way / dt, turn / dt),
+            _propagated(self.pose_covariance, self.pose, pose, variances),
+            np.diag(variances / dt**2),
+        )
+
+
+def world_to_odometry(truth: Pose, odometry: Pose) -> Pose:
+    """Return the pose of the odometry's frame in the world: where the wheels think they began."""
+    turn = truth.theta - odometry.theta
+    sin, cos = math.sin(turn), math.cos(turn)
+    return Pose(
+        truth.x - cos * odometry.x + sin * odometry.y,
+        truth.y - sin * odometry.x - cos * odometry.y,
+        wrap_angle(turn),
+    )
+
+
+def _propagated(
+    covariance: FloatArray, before: Pose, after: Pose, variances: FloatArray
+) -> FloatArray:
+    """Return the covariance of ``after``: that of ``before`` carried along, and the step's own."""
+    dx, dy = after.x - before.x, after.y - before.y
+    middle = before.theta + 0.5 * wrap_angle(after.theta - before.theta)
+    carried = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+    # The way errs along the step; the heading errs half-way, with the other half as its lever.
+    step = np.array([[math.cos(middle), -0.5 * dy], [math.sin(middle), 0.5 * dx], [0.0, 1.0]])
+    grown = carried @ covariance @ carried.T + step @ np.diag(variances) @ step.T
+    return np.asarray(0.5 * (grown + grown.T))

@@ -1,1 +1,0 @@
-"""Camera rigs: which camera a robot carries and where, behind one Protocol; its sensor."""
