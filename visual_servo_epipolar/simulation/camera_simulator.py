@@ -97,7 +97,6 @@ class CameraSimulator:
         Automatic exposure has settled on the photograph and on frame 0, and follows from there on.
         """
         is_photograph = frame == DESIRED_FRAME
-        passes = not is_photograph and self._disturbances.passes(frame)
         light = self._light_of(is_photograph)
         self.renderer.scene = self._scene(light, has_changed=not is_photograph)
         image = self._render(pose, frame)
@@ -105,8 +104,7 @@ class CameraSimulator:
             image = self._disturbances.apply(image, frame)
         if frame <= 0:
             self._exposure.begin()
-        factor = self.light.passing_exposure if passes else 1.0
-        image, gain = self._exposure.take(image, light, factor)
+        image, gain = self._exposure.take(image, light)
         image = toned(image, 1.0 if is_photograph else self.light.gamma)
         image = self._sensor(gain).capture(image, frame)
         return as_jpeg(image, self.settings.jpeg) if self.settings.jpeg else image

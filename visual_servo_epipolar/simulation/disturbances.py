@@ -252,10 +252,6 @@ class Disturbances:
         inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
         return np.asarray(hidden & inside)
 
-    def passes(self, frame: int) -> bool:
-        """Return whether ``frame`` is one in which something passes."""
-        return self._progress(frame) is not None
-
     def _progress(self, frame: int) -> float | None:
         """Return how much of the duration has passed, in [0, 1); None before and after."""
         settings, since = self.settings, frame - self.settings.disturbed_from

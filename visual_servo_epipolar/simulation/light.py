@@ -208,19 +208,12 @@ UNCHANGED = -1  # in place of the seed of what changed
 
 @dataclass(frozen=True, kw_only=True)
 class LightSettings(Settings):
-    """
-    Light of the photograph and of the run, what changed in the room, and how a camera follows.
-
-    What passes does so when the disturbances of the image do.
-    """
+    """Light of the photograph and of the run, what changed, and how a camera follows."""
 
     light: str = setting(
         CEILING, 'Light of the run; each: one of five, by the seed', choices=(*LIGHTS, EACH)
     )
     photograph_light: str = fixed(CEILING, 'Light of the photograph', choices=tuple(LIGHTS))
-    passing_exposure: float = internal(
-        1.0, 'Factor of the exposure that passes', low=0.1, high=10.0
-    )
     changed_seed: int = internal(
         UNCHANGED,
         'Seed of what is another in the run in a storey: lamps, windows, pictures, furniture; '
@@ -236,6 +229,7 @@ class LightSettings(Settings):
     )
     GONE: ClassVar[Mapping[str, Any]] = {
         'changed': 'none',
+        'passing_exposure': 1.0,
         'passing_light': 'same',
         'target_grey': 100.0,
         'max_gain': 4.0,
@@ -281,13 +275,9 @@ class Exposure:
         """Brightness over that of the fixed exposure."""
         return float(2.0 ** ((self._steps or 0) / STOP))
 
-    def take(self, image: Image, by: Light, factor: float = 1.0) -> tuple[Image, float]:
-        """
-        Return the image, shape (H, W), as it is exposed, and the gain, which noise grows by.
-
-        The exposure is set wrong by ``factor``.
-        """
-        glare, light = by.casts_shadows, by.level * factor
+    def take(self, image: Image, by: Light) -> tuple[Image, float]:
+        """Return the image, shape (H, W), as it is exposed, and the gain, which noise grows by."""
+        glare, light = by.casts_shadows, by.level
         if self._steps is None:
             self._settle(image, light, glare)
         exposure = self.factor if self.settings.exposure == 'auto' else 1.0
