@@ -52,7 +52,8 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     """
     given = node.given
     for name, off in kind.GONE.items():
-        if name in given and given[name].value == off:
+        value = given[name].value if name in given else None
+        if name in given and off == (tuple(value) if isinstance(off, tuple) else value):
             del given[name]
     old = [f'{name} -> {kind.RENAMED[name]}' for name in given if name in kind.RENAMED]
     gone = given.keys() & kind.GONE.keys() - kind.RENAMED.keys()

@@ -115,7 +115,7 @@ class CameraSimulator:
         return self.light.light_of(self.settings.seed)
 
     def _scene(self, light: Light, *, has_changed: bool) -> Scene:
-        return self._room.by(light.name, self.light.changed_seed if has_changed else UNCHANGED)
+        return self._room.by(light.name, self.light.changed_by if has_changed else UNCHANGED)
 
     def _sensor(self, gain: float) -> Sensor:
         """Return the sensor at that gain, which its noise grows with."""

@@ -214,7 +214,7 @@ class LightSettings(Settings):
         CEILING, 'Light of the run; each: one of five, by the seed', choices=(*LIGHTS, EACH)
     )
     photograph_light: str = fixed(CEILING, 'Light of the photograph', choices=tuple(LIGHTS))
-    changed_seed: int = internal(
+    changed_by: int = internal(
         UNCHANGED,
         'Seed of what is another in the run in a storey: lamps, windows, pictures, furniture; '
         '-1 = nothing',
@@ -229,6 +229,7 @@ class LightSettings(Settings):
     )
     GONE: ClassVar[Mapping[str, Any]] = {
         'changed': 'none',
+        'changed_seed': 0,
         'passing_exposure': 1.0,
         'passing_light': 'same',
         'target_grey': 100.0,

@@ -170,7 +170,7 @@ def world_of(scenario: Scenario, name: str, seed: int) -> Scenario:
         disturbed_every=int(still) + 60,
         person=height,
     )
-    light = replace(scenario.light, changed_seed=seed, gamma=gamma)
+    light = replace(scenario.light, changed_by=seed, gamma=gamma)
     return replace(scenario, light=light, disturbances=disturbances)
 
 
