@@ -52,7 +52,7 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     """
     given = node.given
     for name, off in kind.GONE.items():
-        value = given[name].value if name in given else None
+        value: Any = given[name].value if name in given else None
         if name in given and off == (tuple(value) if isinstance(off, tuple) else value):
             del given[name]
     old = [f'{name} -> {kind.RENAMED[name]}' for name in given if name in kind.RENAMED]
