@@ -25,7 +25,7 @@ NODES = {
 }
 OUTPUTS = {
     'unicycle_node': 'odom\ncmd_vel_applied',
-    'camera_node': '~/frames',
+    'camera_node': 'joint_states',
     'tracker_node': 'overlay/image_raw\n~/settings\n~/events',
     'servo_node': 'epipoles\nphase\n/diagnostics\n~/markers',
 }

@@ -60,7 +60,8 @@ UPGRADING = """\
 * **Start.** The servo waits for `~/start` unless `autostart` is set (false by default). Parameter
   files are keyed `/**:`.
 * **Bags.** `recorder_node` writes mcap alone; bags of sqlite3 are read, and `ros2 bag convert`
-  makes one of the other. `--repair` writes a new file beside the damaged one.
+  makes one of the other. `--repair` writes a new file beside the damaged one; `rosbags-convert`
+  makes a bag of ROS 2 of one of ROS 1.
 * **Camera files** of COLMAP and nerfstudio are not read: write their numbers as YAML.
 * **Commands.** `sweep` writes `table.md`, `map.png` and `runs.jsonl`; `bench` has only what
   [results](results.md) needs.

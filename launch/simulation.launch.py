@@ -20,7 +20,6 @@ SHOWN = [
     'odom',
     'ground_truth',
     'overlay/image_raw',
-    'camera_node/frames',
     'servo_node/markers',
     'tracker_node/desired/image_raw',
 ]

@@ -134,13 +134,12 @@ def replay(
     """
     from visual_servo_epipolar.bags.reading.bag import Bag
     from visual_servo_epipolar.bags.reading.run import read_run
-    from visual_servo_epipolar.bags.reading.topics import assign_roles, namespace_of
+    from visual_servo_epipolar.bags.reading.topics import assign_roles
     from visual_servo_epipolar.bags.replaying import plan as planning
     from visual_servo_epipolar.bags.replaying import replay as replaying
 
     with Bag(Path(bag)) as opened:
-        namespace = namespace_of(opened)
-        run = read_run(opened, assign_roles(opened, {}, namespace), namespace)
+        run = read_run(opened, assign_roles(opened, {}))
         overrides = planning.ReplayOverrides(
             from_tracks=from_tracks, changes={'servo': servo} if servo else {}
         )

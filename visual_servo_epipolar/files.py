@@ -14,6 +14,7 @@ from pathlib import Path
 import shutil
 import sys
 from tempfile import mkdtemp, TemporaryFile
+from typing import Any
 
 PACKAGE = 'visual_servo_epipolar'
 PARTIAL, COMPLETE = '.partial_', '.complete'
@@ -45,6 +46,22 @@ def write_whole(path: Path, content: bytes) -> None:
         return
     with whole(path) as partial:
         partial.write_bytes(content)
+
+
+def yaml_document(text: str, loader: Any = None) -> Any:
+    """Return the document in a ``text`` of YAML; ValueError, with the line, if it is none."""
+    import yaml  # late: the help of a command loads no library
+
+    try:
+        return yaml.load(text, loader or yaml.SafeLoader)
+    except yaml.YAMLError as error:
+        problem, mark = getattr(error, 'problem', None), getattr(error, 'problem_mark', None)
+        where = '' if mark is None else f' in line {mark.line + 1}'
+        raise ValueError(f'{problem or "it cannot be read"}{where}') from None
+    except (ValueError, AttributeError):  # of a date, or a number of too many digits
+        raise ValueError('it has a value that cannot be read') from None
+    except RecursionError:
+        raise ValueError('it is nested too deeply') from None
 
 
 def try_out(folder: Path) -> None:

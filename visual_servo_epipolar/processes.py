@@ -1,20 +1,22 @@
-"""
-Processes that this one starts: how many, and how they end.
-
-``python -m visual_servo_epipolar.processes PARENT MODULE [ARGUMENT ...]`` runs a module as by
-``python -m``, in a process that ends with the one of number PARENT, which started it.
-"""
+"""Processes and threads: how many there are, and which of them Ctrl-C ends."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 import ctypes
 from multiprocessing import resource_tracker
 import os
-import runpy
 import signal
-import sys
 
 PR_SET_PDEATHSIG = 1
+# Matrices here are small, and a library that shares their products waits for a core for each
+# of them where others have the cores; the threads themselves keep a core busy by waiting.
+ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1'}
+
+
+def one_thread() -> None:
+    """Let numpy, which is not loaded yet, take one thread, unless the environment says more."""
+    for name, value in ONE_THREAD.items():
+        os.environ.setdefault(name, value)
 
 
 def cores() -> int:
@@ -56,15 +58,3 @@ def ignore_interrupts() -> None:
     """Leave Ctrl-C to the parent, as what this process starts will do unless it says otherwise."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-
-
-def main() -> None:
-    """Run the module, unless the parent has ended meanwhile."""
-    _, parent, *command = sys.argv
-    if end_with(int(parent)):
-        sys.argv[:] = command
-        runpy.run_module(command[0], run_name='__main__', alter_sys=True)
-
-
-if __name__ == '__main__':
-    main()

@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read, write
-from visual_servo_epipolar.messages.encodings import ENCODINGS, GrayReader
+from visual_servo_epipolar.messages.encodings import ENCODINGS
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -31,8 +31,8 @@ PADDING = 6  # bytes after each row
 Packing = Callable[[Image], Any]
 
 
-def raw(image: Image, encoding: str, *, big: bool = False, bits: int = 12) -> ImageMessage:
-    """Return a grey ``image`` in an encoding, with padded rows; of 16 bits ``bits`` are used."""
+def raw(image: Image, encoding: str) -> ImageMessage:
+    """Return a grey ``image`` in an encoding, with padded rows."""
     kind = ENCODINGS[encoding]
     pixels: Any = image[..., None]
     if kind.luminance is not None:
@@ -40,14 +40,10 @@ def raw(image: Image, encoding: str, *, big: bool = False, bits: int = 12) -> Im
         pixels[..., kind.luminance] = image
     elif kind.channels > 1:
         pixels = np.repeat(pixels, kind.channels, axis=2)
-    if kind.depth == 2:
-        pixels = pixels.astype(np.uint16) << (bits - 8)
-        pixels = pixels.astype('>u2' if big else '<u2').view(np.uint8)
     rows = np.pad(np.ascontiguousarray(pixels).reshape(len(image), -1), ((0, 0), (0, PADDING)))
-    below = np.full((int(len(rows) * kind.chroma), rows.shape[1]), 128, np.uint8)
+    below = np.full((len(rows) // 2 * kind.planar, rows.shape[1]), 128, np.uint8)
     message = write.image(np.vstack([rows, below]), encoding, 0, 'camera')
     message.height, message.width = image.shape
-    message.is_bigendian = int(big)
     return message
 
 
@@ -64,7 +60,7 @@ class PackedView(ImageView):
 
     def __init__(self, simulator: CameraSimulator, tracker: Tracker, packing: Packing) -> None:
         super().__init__(simulator, tracker)
-        self._packing, self._reader = packing, GrayReader()
+        self._packing = packing
         tracker.set_desired(self._through(self.desired))
 
     def observe(self, pose: Pose, frame: int) -> Features:
@@ -74,7 +70,7 @@ class PackedView(ImageView):
         return self.features
 
     def _through(self, image: Image) -> Image:
-        return read.gray(self._packing(image), self._reader)
+        return read.gray(self._packing(image))
 
 
 def end(scenario: Scenario, start: Sequence[float], packing: Packing) -> Pose:
@@ -92,8 +88,6 @@ def packings() -> dict[str, Packing]:
     made: dict[str, Packing] = {}
     for name in ENCODINGS:
         made[name] = lambda image, name=name: raw(image, name)
-        if ENCODINGS[name].depth == 2:
-            made[f'{name}, big endian'] = lambda image, name=name: raw(image, name, big=True)
     for quality in QUALITIES:
         made[f'jpeg {quality}'] = lambda image, quality=quality: jpeg(image, quality)
     return made

@@ -10,9 +10,7 @@ from inspected import assert_right, CAMERA, inspect, kept, SMALL
 import numpy as np
 import pytest
 import small_cameras
-from tagged_pictures import KINDS, tagged
 
-from visual_servo_epipolar.commands.camera_files import read_photograph
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
@@ -180,14 +178,6 @@ def test_a_general_motion_is_in_the_ground_plane_by_the_mount(photographs: Path,
     assert told['bearing_desired_deg'] == pytest.approx(math.degrees(truth.desired), abs=0.5)
 
 
-def test_bearings_are_those_of_the_base_where_the_yaw_is_told(photographs: Path) -> None:
-    _, camera = inspect(photographs, 'current')
-    _, base = inspect(photographs, 'current', '--yaw', '10')
-    for key in ('bearing_current_deg', 'bearing_desired_deg'):
-        assert base[key] == pytest.approx(camera[key] - 10.0)
-    assert base['rotation_deg'] == camera['rotation_deg']
-
-
 def test_a_mount_that_is_no_angle_is_bad_input(photographs: Path, capsys) -> None:
     for text, reason in (('91', 'not an angle from -90 to 90 deg'), ('nan', 'not finite')):
         with pytest.raises(SystemExit):
@@ -197,7 +187,7 @@ def test_a_mount_that_is_no_angle_is_bad_input(photographs: Path, capsys) -> Non
 
 @pytest.mark.parametrize(
     ('current', 'words'),
-    [('text', 'not an image'), ('cropped', 'aspect ratio'), ('missing', 'cannot be read')],
+    [('text', 'must be a picture of 8 bits'), ('cropped', 'aspect ratio'), ('missing', 'cannot be read')],
 )
 def test_what_is_of_no_such_camera_is_bad_input(photographs, capsys, current, words) -> None:
     code, _ = inspect(photographs, current)
@@ -205,20 +195,6 @@ def test_what_is_of_no_such_camera_is_bad_input(photographs, capsys, current, wo
     assert code == 2
     assert words in errors
     assert errors.count('\n') == 1
-
-
-@pytest.mark.parametrize('kind', few_of(KINDS[:4], keep=(0,)))
-def test_photographs_that_say_upside_down_are_turned_with_k(photographs, tmp_path, kind) -> None:
-    """The principal point lies off the centre, and is that of the pixels as they are stored."""
-    for name in ('desired', 'current'):
-        stored = np.ascontiguousarray(read_photograph(photographs / f'{name}.png')[::-1, ::-1])
-        (tmp_path / f'{name}.png').write_bytes(tagged(stored, kind, 3))
-    (tmp_path / 'camera.yaml').write_text(CAMERA.replace('327', '312').replace('233', '246'))
-    code, result = inspect(tmp_path, 'current')
-    truth = Bearings.from_pose(Pose.from_start(*START))
-    assert code == 0 and result['rotation_deg'] == pytest.approx(START[2], abs=0.2)
-    for key, bearing in (('current', truth.current), ('desired', truth.desired)):
-        assert result[f'bearing_{key}_deg'] == pytest.approx(math.degrees(bearing), abs=0.2)
 
 
 def test_a_camera_file_of_the_upright_picture_is_answered(photographs, tmp_path, capsys) -> None:

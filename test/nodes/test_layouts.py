@@ -9,7 +9,6 @@ import re
 from typing import Any
 
 from nav_msgs.msg import Odometry
-import numpy as np
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import Image, JointState
@@ -17,9 +16,6 @@ from small_cameras import TINY
 from visualization_msgs.msg import MarkerArray
 import yaml
 
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
-from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.lockstep import Lockstep
 from visual_servo_epipolar.simulation.scenario import from_document
 
@@ -38,7 +34,6 @@ DISPLAYS = {
 
 # Topics of the nodes that are drawn in space, and so need the frame of their headers.
 IN_SPACE = {
-    'camera_node/frames': MarkerArray,
     'servo_node/markers': MarkerArray,
     'odom': Odometry,
     'ground_truth': Odometry,
@@ -172,35 +167,7 @@ def test_without_tf_the_fixed_frames_are_those_of_messages_on_show(listener) -> 
     frames = listener[1].frames
     fixed = RVIZ['Visualization Manager']['Global Options']['Fixed Frame']
     shown = {topic for topic, frame in frames.items() if frame == fixed}
-    assert shown == {'/odom', '/camera_node/frames'}
+    assert shown == {'/odom'}
     for name, panel in FOXGLOVE['configById'].items():
         if name.startswith('3D!'):
             assert panel['followTf'] in {frames[topic] for topic in panel['topics']}, name
-
-
-def test_the_frames_are_where_odometry_and_mount_put_them(bench) -> None:
-    messages = bench.listen(MarkerArray, 'camera_node/frames')
-    drive = bench.talk(Odometry, 'odom')
-    bench.start(CameraNode, **TINY, mount_height=0.5, mount_forward=0.2)
-    drive(write.odometry(Pose(1.0, 2.0, np.pi / 2), STANDSTILL, 7, 'odom', 'base_link'))
-    bench.until(lambda: messages, 'the frames')
-    markers = messages[0].markers
-    assert {marker.header.frame_id for marker in markers} == {'odom'}
-    axes, names = markers[::2], [marker.text for marker in markers[1::2]]
-    assert names == ['odom', 'base_link', 'camera_optical_frame']
-    origins = [(m.points[0].x, m.points[0].y, m.points[0].z) for m in axes]
-    np.testing.assert_allclose(origins, [(0, 0, 0), (1, 2, 0), (1, 2.2, 0.5)], atol=1e-12)
-    ahead, forward = axes[1].points[1], axes[2].points[5]  # x of the base is z of the camera
-    np.testing.assert_allclose((ahead.x, ahead.y), (1.0, 2.3), atol=1e-12)
-    np.testing.assert_allclose((forward.x, forward.y, forward.z), (1.0, 2.5, 0.5), atol=1e-12)
-
-
-def test_frames_cost_nothing_when_nobody_looks(bench, monkeypatch) -> None:
-    def unexpected(*_: object) -> None:
-        raise AssertionError('frames were made for nobody')
-
-    monkeypatch.setattr('visual_servo_epipolar.nodes.camera_node.frames', unexpected)
-    drive = bench.talk(Odometry, 'odom')
-    bench.start(CameraNode, **TINY)
-    drive(write.odometry(Pose(1.0, 2.0, 0.0), STANDSTILL, 7, 'odom', 'base_link'))
-    bench.settle()

@@ -176,7 +176,7 @@ def test_a_file_may_hold_the_parameters_of_all_nodes(bench, tmp_path, kind) -> N
         (ServoNode, 'zzz', 'it has .*max_linear'),
         (UnicycleNode, 'zzz', 'it has .*wheel_ratio'),
         (CameraNode, 'zzz', 'it has .*tilt'),
-        (RecorderNode, 'zzz', 'it has .*split_size'),
+        (RecorderNode, 'zzz', 'it has .*min_free'),
         (DockNode, 'zzz', 'it has .*publish_deviation'),
     ],
 )

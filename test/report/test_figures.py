@@ -111,7 +111,6 @@ def test_axes_have_units(draw: Draw, log: RunLog) -> None:
         ('D [px$^2$]', '_child0', 'feature_difference'),
         ('visible features', '_child0', 'features'),
         ('median feature error [px]', '_child0', 'feature_error'),
-        ('distance [m]', 'estimated $d$', 'distance_estimate'),
     ],
 )
 def test_panels_show_the_log(log: RunLog, label: str, line: str, field: str) -> None:

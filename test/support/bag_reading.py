@@ -11,8 +11,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
 
-from visual_servo_epipolar.bags.metadata import Topic
-from visual_servo_epipolar.bags.recording.recorder import Recorder
+from visual_servo_epipolar.bags.reading.bag import storage_files
+from visual_servo_epipolar.bags.recording.recorder import Recorder, Topic
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -26,9 +26,9 @@ def words(text: str) -> bytes:
 
 
 def recorded(folder: Path, **settings: object) -> Path:
-    """Record a bag of three files with a hundred messages of ``/words``."""
+    """Record a bag with a hundred messages of ``/words``."""
     bag = folder / 'bag'
-    recorder = Recorder(bag, RecordSettings(split_duration=40e-9, **settings))
+    recorder = Recorder(bag, RecordSettings(**settings))
     recorder.add(WORDS)
     for number in range(100):
         recorder.put(WORDS, number, words(f'{number:05000}'))
@@ -36,9 +36,9 @@ def recorded(folder: Path, **settings: object) -> Path:
     return bag
 
 
-def read_back(folder: Path) -> list[tuple[str, int, bytes]]:
-    """Return topic, stamp and bytes of all messages of a bag."""
-    with AnyReader([folder]) as reader:
+def read_back(path: Path) -> list[tuple[str, int, bytes]]:
+    """Return topic, stamp and bytes of all messages of a bag, or one that was repaired."""
+    with AnyReader(storage_files(path) if path.is_dir() else [path]) as reader:
         return [(item.topic, stamp_ns, data) for item, stamp_ns, data in reader.messages()]
 
 

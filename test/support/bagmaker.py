@@ -1,7 +1,6 @@
 """Bags for tests: a real run of the real nodes, every message as rclpy serialized it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -9,12 +8,10 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
-import mcap.writer
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rosbags import rosbag1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
@@ -28,7 +25,6 @@ from visual_servo_epipolar.simulation.closed_loop import LoopSettings, RunMonito
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
-TYPES_1 = get_typestore(Stores.ROS1_NOETIC)
 DEEP = QoSProfile(depth=20)
 TOPICS: dict[str, tuple[Any, QoSProfile]] = {
     '/image_raw': (Image, DEEP),
@@ -132,56 +128,3 @@ def write_bag(
     finally:
         writer.close()
     return path
-
-
-def write_ros1(path: Path, messages: Sequence[Message]) -> Path:
-    """Write the same as a ROS 1 bag, and return it."""
-    with rosbag1.Writer(path) as writer:
-        connections = {
-            topic: writer.add_connection(topic, kind_of(topic), typestore=TYPES_1)
-            for topic in dict.fromkeys(topic for topic, _, _ in messages)
-        }
-        for message in messages:
-            topic, log_ns, _ = message
-            raw = TYPES_1.serialize_ros1(as_ros1(decoded(message)), kind_of(topic))
-            writer.write(connections[topic], log_ns, bytes(raw))
-    return path
-
-
-def write_ros1_mcap(path: Path, messages: Sequence[Message]) -> Path:
-    """Write the same as ROS 1 in mcap, as bags are converted to it."""
-    with path.open('wb') as file:
-        writer = mcap.writer.Writer(file)
-        writer.start('ros1')
-        channels: dict[str, int] = {}
-        for message in messages:
-            topic, log_ns, _ = message
-            if topic not in channels:
-                text = TYPES_1.generate_msgdef(kind_of(topic), ros_version=1)[0]
-                name = kind_of(topic).replace('/msg/', '/')
-                schema = writer.register_schema(name, 'ros1msg', text.encode())
-                channels[topic] = writer.register_channel(topic, 'ros1', schema)
-            raw = TYPES_1.serialize_ros1(as_ros1(decoded(message)), kind_of(topic))
-            writer.add_message(channels[topic], log_ns, bytes(raw), log_ns)
-        writer.finish()
-    return path
-
-
-def as_ros1(value: Any) -> Any:
-    """Return a message as ROS 1 has it: with seq in headers, and K in capitals."""
-    if isinstance(value, list):
-        return [as_ros1(item) for item in value]
-    name = getattr(value, '__msgtype__', None)
-    if name is None:
-        return value
-    kind = TYPES_1.types[name]
-    values = {
-        item.name: 0 if item.name == 'seq' else as_ros1(_field(value, item.name))
-        for item in fields(kind)
-        if item.name != '__msgtype__'
-    }
-    return kind(**values)
-
-
-def _field(value: Any, name: str) -> Any:
-    return getattr(value, name) if hasattr(value, name) else getattr(value, name.lower())

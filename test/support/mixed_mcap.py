@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType, Writer
 from rosbags.typesys import get_typestore, Stores
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -56,20 +56,6 @@ def register_ros2(writer: Writer, topic: str, kind: str) -> int:
     schema = writer.register_schema(kind, 'ros2msg', text.encode())
     metadata = {'offered_qos_profiles': '', 'topic_type_hash': TYPES.hash_rihs01(kind)}
     return writer.register_channel(topic, 'cdr', schema, metadata)
-
-
-def without_index(path: Path, messages: Iterable[Ros] = SOME, **options: Any) -> Path:
-    """Write the same without footer's summary."""
-    return write_mixed(
-        path,
-        messages,
-        index_types=IndexType.NONE,
-        repeat_channels=False,
-        repeat_schemas=False,
-        use_statistics=False,
-        use_summary_offsets=False,
-        **options,
-    )
 
 
 def content(path: Path) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Message definitions and their hashes: they make a bag readable without the packages."""
 
 from collections.abc import Iterator, Mapping
+from functools import cache
 import os
 from pathlib import Path
 import sys
@@ -9,8 +10,13 @@ from typing import Any
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
 
-from visual_servo_epipolar.bags.storages import CDR, types_of
 from visual_servo_epipolar.core.errors import InputError
+
+
+@cache
+def types_of_ros() -> Any:
+    """Return the types of ROS 2; those read here have not changed since dashing."""
+    return get_typestore(Stores.ROS2_JAZZY)
 
 
 def definition(kind: str, type_hash: str = '') -> tuple[str, str]:
@@ -32,19 +38,9 @@ def definition(kind: str, type_hash: str = '') -> tuple[str, str]:
     )
 
 
-def hash_of(kind: str, text: str) -> str:
-    """Return the RIHS01 hash of a message type by its definition, '' where it cannot be parsed."""
-    store = get_typestore(Stores.EMPTY)
-    try:
-        store.register(get_types_from_msg(text, kind))
-        return str(store.hash_rihs01(kind))
-    except TypesysError:
-        return ''
-
-
 def _types_of_jazzy(kind: str) -> Any:
     """Return the types of a stock Jazzy if ``kind`` is one of them."""
-    return types_of(CDR) if kind in types_of(CDR).fielddefs else None
+    return types_of_ros() if kind in types_of_ros().fielddefs else None
 
 
 def _types_of_installed_files(kind: str) -> Any:

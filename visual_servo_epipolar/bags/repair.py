@@ -1,77 +1,46 @@
 """
 Repair: makes a damaged or unfinished bag readable, and overwrites none of its files.
 
-A file of mcap that is not whole stays as it is. What can be read of it before its damage is
-written beside it, as NAME.repaired.mcap, by the library of mcap.
+What can be read of a damaged file of mcap before its damage is written beside it, as
+NAME.repaired.mcap, by the library of mcap; a metadata.yaml that does not fit is set aside.
 """
 
-from collections import Counter
-from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+import io
 from pathlib import Path
-import re
 
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.reader import make_reader, NonSeekingReader
 from mcap.records import Header
-from mcap.writer import Writer
+from mcap.writer import MCAP0_MAGIC, Writer
 
-from visual_servo_epipolar.bags import containers, metadata
-from visual_servo_epipolar.bags.containers import ZSTD_MAGIC
-from visual_servo_epipolar.bags.definitions import hash_of
-from visual_servo_epipolar.bags.metadata import PartInfo, qos_profiles, Topic
 from visual_servo_epipolar.bags.reading.bag import (
-    advice,
+    ADVICE,
     DAMAGE,
+    EXPECTED,
+    METADATA,
     NO_DAMAGE,
-    OTHER_ADVICE,
+    open_file,
+    REPAIRED,
+    storage_files,
     words_of,
-)
-from visual_servo_epipolar.bags.storages import (
-    ExactFile,
-    journals,
-    kind_of,
-    open_storage,
-    StoredTopic,
 )
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.files import whole
 
 
 @dataclass(frozen=True, slots=True)
-class RepairedPart:
-    """Storage file that can be read: what it holds, and of which file it is the remains."""
-
-    info: PartInfo
-    storage: str
-    compression: str  # none, message or file, as in metadata.yaml
-    remains: str = ''  # a sentence, where the file was not whole
-
-
-@dataclass(frozen=True, slots=True)
 class RepairReport:
-    """Report on a repair: which bag to read, what is in it, and what was done."""
+    """Report on a repair: which bag to read, how many messages it has, and what was done."""
 
     path: Path
-    parts: tuple[RepairedPart, ...]
-    described: bool = False  # whether metadata.yaml was written
-    lost: tuple[str, ...] = ()  # names of files that are not there any more
-
-    @property
-    def messages(self) -> int:
-        """Number of messages that can be read."""
-        return sum(part.info.count for part in self.parts)
+    messages: int
+    notes: tuple[str, ...]
 
     def __str__(self) -> str:
-        remains = [part.remains for part in self.parts if part.remains]
         return '; '.join(
-            [
-                f'{self.path}: {self.messages} messages in {len(self.parts)} files',
-                *(remains or ['all whole']),
-                *(['metadata.yaml written'] if self.described else []),
-                *([f'lost: {", ".join(self.lost)}'] if self.lost else []),
-            ]
+            [f'{self.path}: {self.messages} messages', *(self.notes or ['all whole'])]
         )
 
 
@@ -79,116 +48,63 @@ def repair(path: Path) -> RepairReport:
     """
     Make a rosbag2 folder, or one of its files, readable again; ``report.path`` is what to read.
 
-    Every byte is read. What can be read of a damaged file of mcap is written to another one beside
-    it, up to the damage: what lies behind is lost. A metadata.yaml that is missing, broken or of
-    other files is written anew; the former one is kept as metadata.yaml.damaged.
+    Every byte is read. What lies behind damage is lost.
 
     Raises InputError if there is no bag, no space, or a damaged file that is no mcap.
     """
-    path = containers.bag_path(path)
+    files = storage_files(path) if path.is_dir() else [path] if path.is_file() else []
+    if not files:
+        raise InputError(f'{path}: not a bag to repair; {EXPECTED}')
+    notes: list[str] = []
     try:
-        files = _files_of(path)
+        read = [_readable(file, notes) for file in files]
+        messages = sum(count for _, count in read)
         if not path.is_dir():
-            part = _part(path, path.parent)
-            return RepairReport(path.with_name(part.info.file), (part,))
-        lost = _lost_files(path, files)
-        parts = tuple(_part(file, path) for file in files)
-        return RepairReport(path, parts, _describe(path, parts), lost)
+            return RepairReport(read[0][0], messages, tuple(notes))
+        _check_metadata(path, notes)
+        return RepairReport(path, messages, tuple(notes))
     except DAMAGE as error:
         raise InputError(f'{path}: bag cannot be repaired: {words_of(error)}') from None
 
 
-def _files_of(path: Path) -> list[Path]:
-    """Return the storage files of a bag in their order; one may be in a folder of its own."""
-    if path.is_dir():
-        files = [*containers.storage_files(path), *containers.left_open(path)]
-    else:
-        files = [path] if path.is_file() else []
-    kinds = {containers.container(file) for file in files}
-    if containers.ROS1 in kinds:
-        raise InputError(
-            f'{path}: a bag of ROS 1, which stays as it is; try "rosbag reindex" of ROS 1'
-        )
-    if len(kinds) != 1:
-        what = containers.something_else(path) if path.is_dir() else ''
-        raise InputError(
-            f'{path}: not a bag to repair{what}; give a rosbag2 folder with .mcap or .db3 files, '
-            'or one of these'
-        )
-    return sorted(files, key=containers.part_number)
-
-
-def _lost_files(folder: Path, files: list[Path]) -> tuple[str, ...]:
-    """Return the names of files that are lost: by metadata.yaml, or by a gap in the numbers."""
-    names = [file.name for file in files]
-    expected = metadata.listed_files(folder)
-    if expected is None:
-        last = re.fullmatch(r'(.*_)(\d{1,4})', files[-1].stem)  # all up to it were there
-        numbered = [f'{last[1]}{k}{files[-1].suffix}' for k in range(int(last[2]))] if last else []
-        return tuple(item for item in numbered if item not in names)
-    missing = [name for name in expected if name not in names]
-    renamed = [name for name in names if name not in expected]
-    return tuple(missing) if len(renamed) < len(missing) else ()
-
-
-def _part(file: Path, folder: Path) -> RepairedPart:
-    """Return a file that is whole, or the remains of it, brought to ``folder``."""
+def _readable(file: Path, notes: list[str]) -> tuple[Path, int]:
+    """Return a file that can be read, the remains of ``file`` if need be, and its messages."""
     try:
-        part = _read(file)
+        return file, _count(file)
     except DAMAGE as error:
         if isinstance(error, OSError) and error.errno in NO_DAMAGE:
             raise
-        return _remains(file, folder / containers.repaired_name(file), words_of(error))
-    if file.parent != folder:  # where an earlier recorder was killed
-        for item in (*journals(file), file):
-            item.rename(folder / item.name)
-    return part
+        if file.suffix != '.mcap':
+            raise InputError(
+                f'{file}: it stays as it is: {words_of(error)}; '
+                f'{ADVICE[file.suffix].format(name=file.name)}'
+            ) from None
+    target = file.with_name(f'{file.stem}{REPAIRED}')
+    end = ''
+    if not target.exists():
+        with whole(target) as partial:
+            end = _copy_messages(file, partial)
+    elif target.stat().st_mtime_ns < file.stat().st_mtime_ns:
+        raise InputError(f'{target} is older than {file.name}; give it another name')
+    count = _count(target)
+    notes.append(f'{target.name} holds {count} messages of {file.name}{end}')
+    return target, count
 
 
-def _read(file: Path) -> RepairedPart:
-    """Read a file to its end; raises one of DAMAGE where it is not whole."""
-    counts: Counter[str] = Counter()
-    with containers.unpack(file) as plain, open_storage(plain) as stored:
-        topics = {item.id: item for item in stored.topics}
-        compression = '' if plain == file else 'file'
-        for number, _, data in stored.messages(topics.keys()):
-            counts[topics[number].topic] += 1
-            if not compression and data.startswith(ZSTD_MAGIC):
-                compression = 'message'
-        if counts.total() != sum(item.count for item in stored.topics):
-            raise McapError('its index is wrong')
-        about = tuple(map(_topic, stored.topics))
-        info = PartInfo(file.name, about, counts, stored.start_ns, stored.end_ns)
-        return RepairedPart(info, containers.container(plain), compression)
-
-
-def _topic(item: StoredTopic) -> Topic:
-    is_defined = item.schema == 'ros2msg' and item.definition
-    digest = item.type_hash or (hash_of(kind_of(item), item.definition) if is_defined else '')
-    return Topic(item.topic, kind_of(item), digest, qos_profiles(item.qos), item.encoding)
-
-
-def _remains(file: Path, target: Path, reason: str) -> RepairedPart:
-    """Write what can be read of a damaged file of mcap to ``target``, and read that."""
-    if containers.container(file) in OTHER_ADVICE:
-        raise InputError(f'{file}: it stays as it is: {reason}; {advice(file)}')
-    if target.exists():  # of an earlier repair
-        if target.stat().st_mtime_ns < file.stat().st_mtime_ns:
-            raise InputError(f'{target} is older than {file.name}; give it another name')
-        return _read(target)
-    with whole(target) as partial:
-        end = _copy_messages(file, partial)
-    part = _read(target)
-    of = ''
-    with suppress(*DAMAGE), ExactFile(file) as stream:
-        summary = make_reader(stream).get_summary()
-        if summary is not None and summary.statistics is not None:
-            of = f' of {summary.statistics.message_count}'
-    damage = f'damaged {end}: what lies behind is lost' if end else 'whole but for its index'
-    remains = (
-        f'{target.name} holds {part.info.count}{of} messages of {file.name}, which is {damage}'
-    )
-    return replace(part, remains=remains)
+def _count(file: Path) -> int:
+    """Read a file to its end, and return its messages; raises one of DAMAGE if it is not whole."""
+    if file.suffix != '.mcap':
+        with open_file(file) as reader:
+            return sum(1 for _ in reader.messages())
+    with ExactFile(file) as stream:
+        summary = make_reader(stream).get_summary()  # raises if the end is missing
+        stream.seek(0)
+        messages = NonSeekingReader(stream, validate_crcs=True).iter_messages(log_time_order=False)
+        count = sum(1 for _ in messages)
+    statistics = None if summary is None else summary.statistics
+    if statistics is not None and statistics.message_count != count:
+        raise McapError('its index is wrong')
+    return count
 
 
 def _copy_messages(file: Path, target: Path) -> str:
@@ -201,52 +117,67 @@ def _copy_messages(file: Path, target: Path) -> str:
         writer = Writer(output)
         writer.start(header.profile, header.library)
         reader = NonSeekingReader(source, validate_crcs=True, record_size_limit=None)
-        messages = reader.iter_messages(log_time_order=False)
-        while True:
-            try:
-                schema, channel, message = next(messages)
-            except StopIteration:
-                break
-            except DAMAGE as error:
-                end = f'at byte {source.tell()} of {source.size} ({words_of(error)})'
-                break
-            if channel.id not in channels:
-                channels[channel.id] = writer.register_channel(
-                    channel.topic,
-                    channel.message_encoding,
-                    writer.register_schema(schema.name, schema.encoding, schema.data)
-                    if schema
-                    else 0,
-                    channel.metadata,
+        try:
+            for schema, channel, message in reader.iter_messages(log_time_order=False):
+                if channel.id not in channels:
+                    number = (
+                        writer.register_schema(schema.name, schema.encoding, schema.data)
+                        if schema
+                        else 0
+                    )
+                    channels[channel.id] = writer.register_channel(
+                        channel.topic, channel.message_encoding, number, channel.metadata
+                    )
+                writer.add_message(
+                    channels[channel.id],
+                    message.log_time,
+                    message.data,
+                    message.publish_time,
+                    message.sequence,
                 )
-            number = channels[channel.id]
-            writer.add_message(
-                number, message.log_time, message.data, message.publish_time, message.sequence
+        except DAMAGE as error:
+            if isinstance(error, OSError) and error.errno is not None:  # of the disk
+                raise
+            end = (
+                f', which is damaged at byte {source.tell()} of {source.size} '
+                f'({words_of(error)}): what lies behind is lost'
             )
         writer.finish()
-    if not channels and containers.by_magic(file) != 'mcap':
-        raise InputError(f'{file}: not a bag, and nothing of it can be read; it stays as it is')
+    with file.open('rb') as begin:
+        is_mcap = begin.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
+    if not (channels or is_mcap):
+        raise InputError(f'{file}: nothing of it can be read; it stays as it is')
     return end
 
 
-def _describe(folder: Path, parts: Sequence[RepairedPart]) -> bool:
-    """Write metadata.yaml where it is missing, broken or of other files; the old one is kept."""
-    names, storage = [part.info.file for part in parts], parts[0].storage
-    former = metadata.information(folder) or {}
-    if (
-        former.keys() >= metadata.NEEDED
-        and former['storage_identifier'] == storage
-        and sorted(metadata.listed_files(folder) or ()) == sorted(names)
-    ):
-        return False
-    mode = next((part.compression for part in parts if part.compression), '')
-    content = metadata.described([part.info for part in parts], storage, mode)
-    # What the files do not say.
-    content |= {name: former[name] for name in ('custom_data', 'ros_distro') if former.get(name)}
-    file = folder / metadata.FILE
-    if file.is_file() and file.stat().st_size:
-        endings = ['', *(f'.{number}' for number in range(1, 1000))]
-        kept = (file.with_name(f'{file.name}{it}{containers.OLD}') for it in endings)
-        next(item for item in kept if not item.exists()).write_bytes(file.read_bytes())
-    metadata.write(folder, content)
-    return True
+class ExactFile(io.BufferedReader):
+    """File that returns all the bytes asked for, or raises EndOfFile: never fewer."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(io.FileIO(path))
+        self.size = path.stat().st_size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Read ``size`` bytes."""
+        if size is not None and size > self.size - self.tell():
+            raise EndOfFile(f'it ends at byte {self.size}, in the middle of a record')
+        return super().read(size)
+
+
+def _check_metadata(folder: Path, notes: list[str]) -> None:
+    """Set a metadata.yaml aside that is broken, or of other files."""
+    metadata = folder / METADATA
+    if not metadata.is_file():
+        return
+    try:
+        with open_file(folder):
+            return
+    except DAMAGE as error:
+        kept = folder / f'{METADATA}.damaged'
+        if kept.exists():
+            raise InputError(f'{kept} is there already; give it another name') from None
+        metadata.rename(kept)
+        notes.append(
+            f'metadata.yaml is now {kept.name} ({words_of(error)}); for other tools write a new '
+            f'one with "ros2 bag reindex {folder}"'
+        )

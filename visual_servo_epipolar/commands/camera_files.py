@@ -4,10 +4,9 @@ from pathlib import Path
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.cameras.registry import scaled, turned_over
+from visual_servo_epipolar.core.cameras.registry import scaled
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages.camera_file import from_text, KINDS
-from visual_servo_epipolar.messages.pictures import is_upside_down
 from visual_servo_epipolar.nodes.tracking.photograph import read_picture
 
 ASPECT_TOLERANCE = 0.01
@@ -41,14 +40,10 @@ def read_camera(
         raise InputError(f'{path}: {error}') from None
 
 
-def read_photograph(path: Path, *, turn: bool = False) -> Image:
-    """
-    Read an image file as grey levels; raises InputError if it is none.
-
-    One that says that it is upside down is turned with ``turn``, for a camera by ``scaled_to``.
-    """
+def read_photograph(path: Path) -> Image:
+    """Read an image file as grey levels; raises InputError if it is none."""
     try:
-        return read_picture(path, str(path), turn=turn)
+        return read_picture(path, str(path))
     except OSError as error:
         raise InputError(f'{path}: photograph cannot be read: {error.strerror}') from None
     except ValueError as error:
@@ -59,7 +54,7 @@ def read_pair(
     desired: Path, current: Path, camera: str, *, rectified: bool = False, cropped: bool = False
 ) -> tuple[tuple[Image, Image], tuple[CameraModel, CameraModel]]:
     """Return both photographs of one ``camera`` file, and the camera of each; or InputError."""
-    goal, view = read_photograph(desired, turn=True), read_photograph(current, turn=True)
+    goal, view = read_photograph(desired), read_photograph(current)
     height, width = view.shape
     size = (width, height) if goal.shape == view.shape else None
     lens = read_camera(camera, size=size, rectified=rectified, cropped=cropped)
@@ -67,7 +62,7 @@ def read_pair(
 
 
 def scaled_to(camera: CameraModel, image: Image, path: Path) -> CameraModel:
-    """Return ``camera`` for an image that it took, then scaled as a whole, turned by its tag."""
+    """Return ``camera`` for an image that it took, then scaled as a whole."""
     height, width = image.shape
     scale_u, scale_v = width / camera.width, height / camera.height
     if abs(scale_u / scale_v - 1.0) > ASPECT_TOLERANCE:
@@ -81,10 +76,4 @@ def scaled_to(camera: CameraModel, image: Image, path: Path) -> CameraModel:
             f'{path}: image has {width}x{height} px, the camera {camera.width}x{camera.height}, '
             f'another aspect ratio; {remedy}'
         )
-    camera = scaled(camera, (width, height), scale_u, scale_v)
-    if not is_upside_down(path.read_bytes()):
-        return camera
-    try:
-        return turned_over(camera)
-    except ValueError as error:
-        raise InputError(f'{path}: {error}') from None
+    return scaled(camera, (width, height), scale_u, scale_v)

@@ -47,8 +47,8 @@ def demo(options: argparse.Namespace) -> int:
         stack.enter_context(made_folder(folder))
         progress = stack.enter_context(closing(Progress()))
         video = None
-        if not options.no_video:
-            video = stack.enter_context(_video(scenario, settings, folder))
+        if not options.no_video and (video := _video(scenario, settings, folder)) is not None:
+            stack.enter_context(video)
         progress.say('starting four nodes ...')
         from visual_servo_epipolar.nodes.lockstep import Lockstep
 
@@ -58,9 +58,7 @@ def demo(options: argparse.Namespace) -> int:
         result = verdict(log, new_rig(scenario.camera))
         progress.say('drawing figures ...')
         written = write_run(log, scenario, folder)
-    written += [VIDEO] * (not options.no_video) + [BAG] * (options.bag != 'none')
-    if video is not None and video.advice:
-        print(f'visual_servo demo: {video.advice}', file=sys.stderr)
+    written += [VIDEO] * (video is not None) + [BAG] * (options.bag != 'none')
     publish(result, f'{summary(result)}\n{written_to(folder, written)}', options.json)
     return 0 if log.outcome == 'arrived' else 1
 
@@ -90,10 +88,14 @@ def _drive(
     return monitor.log()
 
 
-def _video(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'VideoWriter':
+def _video(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'VideoWriter | None':
+    """Return the video to write; None without PyAV."""
     from visual_servo_epipolar.report.images.map_view import MapBounds
-    from visual_servo_epipolar.report.images.video import VideoWriter
+    from visual_servo_epipolar.report.images.video import pyav, VideoWriter, WHAT_TO_INSTALL
 
+    if pyav() is None:
+        print(f'visual_servo demo: no video without PyAV: {WHAT_TO_INSTALL}', file=sys.stderr)
+        return None
     return VideoWriter(
         folder / VIDEO,
         scenario.camera.frame_rate,

@@ -36,8 +36,7 @@ def inspect_and_report(options: argparse.Namespace) -> int:
     except ValueError as error:
         raise InputError(str(error)) from None
     inspection = inspect(desired, current, desired_camera, current_camera, settings, matcher)
-    yaw = math.radians(options.yaw or 0.0)
-    result = document(inspection, current_camera, desired_camera, yaw)
+    result = document(inspection, current_camera, desired_camera)
     if options.out:
         _draw(inspection, current, current_camera, Path(options.out))
     publish(result, in_words(result), options.json)
@@ -56,15 +55,13 @@ def _settings(options: argparse.Namespace) -> ServoSettings:
     return ServoSettings(**values)
 
 
-def document(
-    inspection: Inspection, current: CameraModel, desired: CameraModel, yaw: float
-) -> dict[str, Any]:
-    """Return the inspection as the JSON document, with bearings of a base with a ``yaw``."""
+def document(inspection: Inspection, current: CameraModel, desired: CameraModel) -> dict[str, Any]:
+    """Return the inspection as the JSON document."""
     return {
         'epipole_current_px': _abscissa(inspection.bearing_current, current),
         'epipole_desired_px': _abscissa(inspection.bearing_desired, desired),
-        'bearing_current_deg': _bearing_deg(inspection.bearing_current, yaw),
-        'bearing_desired_deg': _bearing_deg(inspection.bearing_desired, yaw),
+        'bearing_current_deg': math.degrees(inspection.bearing_current),
+        'bearing_desired_deg': math.degrees(inspection.bearing_desired),
         'bearing_deviation_deg': math.degrees(inspection.deviation),
         'rotation_deg': math.degrees(inspection.rotation),
         'rotation_deviation_deg': math.degrees(inspection.rotation_deviation),
@@ -79,11 +76,6 @@ def document(
         'matches': len(inspection.current),
         'inliers': inspection.inliers,
     }
-
-
-def _bearing_deg(bearing: float, yaw: float) -> float:
-    """Return the bearing [deg], right positive, of a base whose camera has a ``yaw`` [rad]."""
-    return math.degrees(math.remainder(bearing - yaw, math.tau) if yaw else bearing)
 
 
 def _abscissa(bearing: float, camera: CameraModel) -> float:

@@ -1,29 +1,24 @@
 """The command ``visual_servo``: picks the subcommand, turns errors into exit codes."""
 
 import argparse
-from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import import_module
+import os
 import re
+import signal
 import sys
 from typing import Any, NoReturn
 
 from visual_servo_epipolar import __version__
-from visual_servo_epipolar.commands.ending import (
-    INTERRUPTED,
-    terminable,
-    TERMINATED,
-    Terminated,
-    unread,
-)
 from visual_servo_epipolar.commands.options import COMMANDS
 from visual_servo_epipolar.commands.outputs import check_outputs
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
 PACKAGE = 'visual_servo_epipolar'
-SUCCESS, FAILURE, BAD_INPUT, UNREAD = 0, 1, 2, 141
+SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED, UNREAD, TERMINATED = 0, 1, 2, 130, 141, 143
 # Tools that no robot needs: each is a module with add_options(parser), imported when it is called.
 EVALUATION: Mapping[str, tuple[str, str]] = {
     'reproduce': ('reproduction.command', "reproduce the paper's figures and statements"),
@@ -84,15 +79,39 @@ def main(args: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if args is None else args
     try:
         try:
-            code = _run(parser(words).parse_args(words))
-        except SystemExit as end:  # --help, or bad usage
-            raise SystemExit(UNREAD if unread() else end.code) from None
-        return UNREAD if unread() else code
-    except BrokenPipeError:
-        unread()
-        return UNREAD
+            return _run(parser(words).parse_args(words))
+        finally:
+            print(end='', flush=True)
     except OSError as error:
+        # Print no more to it: the interpreter would complain about it at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            return UNREAD
         return _complain('visual_servo', f'output cannot be written: {error.strerror}', BAD_INPUT)
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM came: all ends as after Ctrl-C, with its own exit code."""
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """
+    Raise Terminated in the block at the first SIGTERM.
+
+    Those that follow change nothing: timeout(1) sends it twice, and the second one must not cut
+    off the tidying up.
+    """
+
+    def terminate(number: int, _: object) -> NoReturn:
+        signal.signal(number, signal.SIG_IGN)
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -102,7 +121,7 @@ def _run(options: argparse.Namespace) -> int:
             check_outputs(options)
             return int(options.run(options))
     except BrokenPipeError:
-        return UNREAD
+        raise
     except (VisualServoError, OSError) as error:
         code = BAD_INPUT if isinstance(error, (InputError, OSError)) else FAILURE
         return _complain(name, error, code)

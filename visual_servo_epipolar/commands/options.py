@@ -123,8 +123,6 @@ def add_inspect(parser: ArgumentParser) -> None:
         '--tilt DEG': 'tilt of the camera [deg], down positive; without it tilt and roll are '
         'estimated, and a motion that is not planar is given in camera axes',
         '--roll DEG': 'roll of the camera [deg], clockwise; 0 if only --tilt is given',
-        '--yaw DEG': 'yaw of the camera on the base [deg], left positive; bearings are then '
-        'those of the base',
     }
     add_words(parser, angles, type=angle)
     known = f'standard deviation of tilt and roll [deg] (default {MOUNT_DEVIATION:g})'

@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 import math
@@ -13,7 +13,6 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 import yaml
 
-from visual_servo_epipolar.bags.containers import ADVICE
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import (
     Happening,
@@ -22,12 +21,7 @@ from visual_servo_epipolar.bags.reading.run import (
     read_run,
     Recording,
 )
-from visual_servo_epipolar.bags.reading.topics import (
-    assign_roles,
-    camera_notes,
-    namespace_of,
-    parse,
-)
+from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_notes, parse
 from visual_servo_epipolar.bags.repair import repair
 from visual_servo_epipolar.bags.replaying.comparison import (
     as_document,
@@ -230,8 +224,8 @@ def replay_bag(
     topics, given = parse(options.topics), changes_of(options.set, options.params)
     report = repair(Path(options.bag)) if options.repair else None
     start_s = time.perf_counter()
-    with _advice_of(options), Bag(report.path if report else Path(options.bag)) as bag:
-        namespace = namespace_of(bag, topics.values(), options.namespace)
+    with Bag(report.path if report else Path(options.bag)) as bag:
+        namespace = options.namespace and f'/{options.namespace.strip("/")}'
         run = read_run(bag, assign_roles(bag, topics, namespace), namespace)
         overrides = ReplayOverrides(
             from_tracks=options.tracks,
@@ -266,18 +260,6 @@ def _camera(bag: Bag, run: Recording, options: argparse.Namespace) -> CameraMode
     size = image_size(bag, run.topics)
     kind = {'rectified': options.rectified, 'cropped': options.cropped}
     return read_camera(options.camera, size=size, **kind)
-
-
-@contextmanager
-def _advice_of(options: argparse.Namespace) -> Iterator[None]:
-    """Let an error not advise to repair what was repaired."""
-    try:
-        yield
-    except InputError as error:
-        text = str(error)
-        if options.repair and text.endswith(ADVICE):
-            text = f'{text.removesuffix(ADVICE)}it was repaired, and what is left is damaged'
-        raise InputError(text) from None
 
 
 def result_of(replayed: ReplayedBag, options: argparse.Namespace) -> dict[str, Any]:
@@ -323,8 +305,6 @@ def figure_of(replayed: ReplayedBag) -> 'Figure':
 
 def _notes_on_topics(bag: Bag, run: Recording, options: argparse.Namespace) -> Iterator[str]:
     """Yield which topics are taken; raises InputError for the camera_info of another camera."""
-    if run.namespace is not None and run.namespace.note:
-        yield run.namespace.note
     if options.camera is None:
         yield from camera_notes(bag, run.topics, parse(options.topics))
 

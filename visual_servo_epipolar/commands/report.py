@@ -1,7 +1,7 @@
-"""Report: an HTML page on a run, a bag or a route."""
+"""Report: an HTML page on a run or a bag."""
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, fields
 from html import escape
@@ -11,11 +11,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-import cv2
-from matplotlib.figure import Figure
-import numpy as np
-
-from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import Happening
 from visual_servo_epipolar.bags.replaying.comparison import as_document
 from visual_servo_epipolar.bags.replaying.replay import has_truth, ReplayedStep, TrackedImage
@@ -33,27 +28,22 @@ from visual_servo_epipolar.commands.simulate import versions
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.laws.registry import phase_words
-from visual_servo_epipolar.core.routes.chain import path_poses, seam
-from visual_servo_epipolar.core.routes.route import Bridge, Route
-from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, seconds, summarise
+from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.telemetry import sample
 from visual_servo_epipolar.core.settings import range_of, Settings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.files import made_folder
-from visual_servo_epipolar.messages.route_folder import folder_bytes, is_route, read_route
 from visual_servo_epipolar.report import figures
-from visual_servo_epipolar.report.canvas import GREY, new_figure
 from visual_servo_epipolar.report.images.video import picture
 from visual_servo_epipolar.report.page import (
     Cell,
+    embedded,
     figure_html,
     FILE,
     film,
-    folded_html,
     Headline,
     jpeg,
-    linked_film,
     paragraph,
     Section,
     strip,
@@ -62,7 +52,7 @@ from visual_servo_epipolar.report.page import (
 )
 from visual_servo_epipolar.report.run_file import FILE as RUN_FILE
 from visual_servo_epipolar.report.run_file import load_run
-from visual_servo_epipolar.report.style import INK, phase_label
+from visual_servo_epipolar.report.style import phase_label
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 
@@ -71,16 +61,14 @@ def report(options: argparse.Namespace) -> int:
     source = Path(options.bag)
     if source.name == RUN_FILE and source.is_file():
         source = source.parent
-    is_run, is_taught = (source / RUN_FILE).is_file(), is_route(source)
+    is_run = (source / RUN_FILE).is_file()
     folder = Path(options.out or _default_folder(source, is_run))
     OutputFolder(folder).check()
-    if is_run or is_taught:
+    if is_run:
         _refuse_bag_options(options)
     with made_folder(folder):
         if is_run:
             report_run(source, folder / FILE)
-        elif is_taught:
-            report_route(source, folder / FILE)
         else:
             report_bag(options, folder / FILE)
     print(f'written: {folder / FILE}')
@@ -106,19 +94,13 @@ def _refuse_bag_options(options: argparse.Namespace) -> None:
 
 
 MOST_PICTURES = 12
-VIDEOS = ('video.webm', 'video.mp4', 'video.avi')
-SIGNALS = (
-    'What was measured and commanded. A dashed line marks where the run ended. The estimate d_hat '
-    'is no measurement: it begins at initial_distance, an upper bound, is carried on by the '
-    'commands, and scales the speed of step 1, which works while it is not below the distance d.'
-)
+VIDEO = 'video.mp4'
+SIGNALS = 'What was measured and commanded. A dashed line marks where the run ended.'
 FOOTER = (
     'Plane of the paper: the goal lies in the origin and looks along +y; x to the right. Errors '
     'are against ground truth, which the servo never sees.'
 )
 EMBEDDED_BYTES = 8_000_000  # largest video that a page holds; a mail takes about 20 MB
-MIME = {'.mp4': 'video/mp4', '.webm': 'video/webm'}
-IN_BROWSERS = ('h264', 'avc1', 'VP80', 'VP90', 'vp09', 'AV01', 'av01')  # as OpenCV names them
 
 
 def report_run(folder: Path, path: Path) -> None:
@@ -129,7 +111,7 @@ def report_run(folder: Path, path: Path) -> None:
     sections = [
         Section('Result', result_table(result)),
         *path_sections(log),
-        *_pictures_section(folder, path, log),
+        *_video_section(folder / VIDEO, path),
         Section('Phases', phase_table(result)),
         parameter_section(run_file.settings),
         version_section(run_file.versions, versions()),
@@ -159,131 +141,44 @@ def path_sections(log: RunLog) -> list[Section]:
     ]
 
 
-def sample_indices(log: RunLog) -> list[int]:
-    """Return the indices of samples to picture: where phases begin, and evenly in between."""
-    times = seconds(log)
-    starts = [int(np.searchsorted(times, span.start_s)) for span in phase_spans(log)]
-    starts = sorted({*starts, len(times) - 1})[-MOST_PICTURES:]
-    even = np.linspace(0, len(times) - 1, MOST_PICTURES - len(starts) + 2)[1:-1]
-    return sorted({*starts, *even.round().astype(int).tolist()})
-
-
-def caption_of(log: RunLog, number: int) -> str:
-    """Return time and phase of a sample."""
-    return f'{seconds(log)[number]:.1f} s, {phase_label(log.samples[number].phase.value)}'
-
-
-def _pictures_section(folder: Path, page: Path, log: RunLog) -> list[Section]:
-    """Return the video of the run and pictures from it, where there is one."""
-    video = next((folder / name for name in VIDEOS if (folder / name).is_file()), None)
-    if video is None:
+def _video_section(video: Path, page: Path) -> list[Section]:
+    """Return the ``video`` of the run, where there is one: inside the ``page`` if it is small."""
+    if not video.is_file():
         return []
-    pictures = _pictures(video, log)
-    stills = strip(pictures, wide=True) if pictures else ''
-    return [Section('What was seen', shown_video(video, page) + stills)]
-
-
-def _pictures(video: Path, log: RunLog) -> list[tuple[bytes, str]]:
-    capture = cv2.VideoCapture(str(video))
-    count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-    wanted = {_frame_of(number, len(log.samples), count): number for number in sample_indices(log)}
-    pictures: list[tuple[bytes, str]] = []
-    for frame in range(count):
-        success, picture = capture.read()
-        if not success:
-            break
-        if frame in wanted:
-            pictures.append((jpeg(picture), caption_of(log, wanted[frame])))
-    capture.release()
-    return pictures
-
-
-def _frame_of(number: int, samples: int, frames: int) -> int:
-    """Return the frame of a video that shows a sample, whatever its stride was."""
-    return round(number * max(frames - 1, 0) / max(samples - 1, 1))
-
-
-def shown_video(video: Path, page: Path) -> str:
-    """Return ``video`` as HTML for ``page``, or a sentence where no browser plays it."""
-    codec, size = codec_of(video), video.stat().st_size
-    if codec not in IN_BROWSERS:
-        return paragraph(
-            f'{video.name} ({codec or "unknown codec"}) plays in no browser: open it in a video '
-            'player, or drive again where PyAV is installed.'
-        )
+    size = video.stat().st_size
     if size <= EMBEDDED_BYTES:
-        caption = f'The whole run, {size / 1e6:.1f} MB inside this page.'
-        return film(video.read_bytes(), MIME[video.suffix], caption)
-    link = Path(os.path.relpath(video, page.parent)).as_posix()
-    caption = f'The whole run, {size / 1e6:.1f} MB, not inside this page: it is loaded from {link}'
-    return linked_film(quote(link), caption)
-
-
-def codec_of(video: Path) -> str:
-    """Return the four letters of the codec of a video; empty if it cannot be read."""
-    capture = cv2.VideoCapture(str(video))
-    code = int(capture.get(cv2.CAP_PROP_FOURCC)) if capture.isOpened() else 0
-    capture.release()
-    letters = max(code, 0).to_bytes(4, 'little')
-    return letters.decode('ascii', 'replace').strip('\0')
-
-
-MOST_KEPT = 48
-
-
-class SampledPictures:
-    """Sampled pictures of a replay: thinned out whenever they are too many."""
-
-    def __init__(self) -> None:
-        self._kept: dict[int, bytes] = {}
-        self._stride, self._count, self._phase = 1, 0, ''
-
-    def add(self, step: ReplayedStep, tracked: TrackedImage) -> None:
-        """Add the picture of a step, if it is due or begins a phase."""
-        number, self._count = self._count, self._count + 1
-        begins, self._phase = step.phase.value != self._phase, step.phase.value
-        if tracked.image is None or isinstance(tracked.camera, str):
-            return
-        if not begins and number % self._stride:
-            return
-        shown_sample = sample(step.key[0], DESIRED_POSE, step.phase, step.telemetry)
-        self._kept[number] = jpeg(
-            picture(tracked.image, tracked.features, shown_sample, tracked.camera)
-        )
-        if len(self._kept) > MOST_KEPT:
-            self._stride *= 2
-            self._kept = {k: v for k, v in self._kept.items() if not k % self._stride}
-
-    def nearest(self, wanted: Sequence[int]) -> dict[int, bytes]:
-        """Return the pictures that come nearest to the steps ``wanted``."""
-        if not self._kept:
-            return {}
-        indices = {min(self._kept, key=lambda kept: abs(kept - index)) for index in wanted}
-        return {number: self._kept[number] for number in sorted(indices)}
+        source, where = embedded('video/mp4', video.read_bytes()), 'inside this page'
+    else:
+        link = Path(os.path.relpath(video, page.parent)).as_posix()
+        source, where = quote(link), f'not inside this page: it is loaded from {link}'
+    caption = f'The whole run, {size / 1e6:.1f} MB, {where}.'
+    return [Section('What was seen', film(source, caption))]
 
 
 def report_bag(options: argparse.Namespace, path: Path) -> None:
     """Write the page on a bag to ``path``; raises InputError if that fails."""
-    pictures = SampledPictures()
+    pictures: list[tuple[bytes, str]] = []
     with closing(Progress()) as progress:
-        show = progress_watch(progress)
+        show, shown = progress_watch(progress), ''
 
         def watch(step: ReplayedStep, tracked: TrackedImage) -> None:
+            nonlocal shown
             show(step, tracked)
-            pictures.add(step, tracked)
+            begins, camera = step.phase.value != shown, tracked.camera
+            if begins and tracked.image is not None and not isinstance(camera, str):
+                shown = step.phase.value
+                state = sample(step.key[0], DESIRED_POSE, step.phase, step.telemetry)
+                drawn = picture(tracked.image, tracked.features, state, camera)
+                pictures.append((jpeg(drawn), phase_label(shown)))
 
         replayed = replay_bag(options, watch=watch)
     result = result_of(replayed, options)
     log, has_ground_truth = replayed.log, has_truth(replayed.run, replayed.steps)
-    captioned = [
-        (data, caption_of(log, number))
-        for number, data in pictures.nearest(sample_indices(log)).items()
-    ]
     sections = [
         Section('Result', result_table(result)),
         *(path_sections(log) if has_ground_truth else []),
         _comparison(replayed),
-        *([Section('What was seen', strip(captioned))] if captioned else []),
+        *([Section('Phases begin', strip(pictures[:MOST_PICTURES]))] if pictures else []),
         Section('Phases', phase_table(result)),
         history_section(replayed.history),
         parameter_section(
@@ -292,7 +187,6 @@ def report_bag(options: argparse.Namespace, path: Path) -> None:
                 'tracker': asdict(replayed.plan.tracker[-1][1]),
             }
         ),
-        _topics(Path(options.bag)),
         version_section(replayed.versions['recorded'], versions()),
     ]
     bag = Path(options.bag)
@@ -323,14 +217,6 @@ def history_section(history: Sequence[Happening]) -> Section:
         for item in history
     ]
     return Section('Events', table(['after [s]', 'node', 'what happened'], rows))
-
-
-def _topics(path: Path) -> Section:
-    with Bag(path) as bag:
-        rows: list[Sequence[Cell]] = [
-            (item.name, item.kind, item.count) for item in bag.topics.values()
-        ]
-    return Section('Topics in the bag', table(['topic', 'type', 'messages'], rows))
 
 
 QUANTITIES = (  # key, words, unit, factor to that unit
@@ -383,23 +269,15 @@ def phase_table(result: Mapping[str, Any]) -> str:
 
 
 def parameter_section(settings: Mapping[str, Mapping[str, Any]]) -> Section:
-    """Return the settings part by part; those that are not the default stand out."""
-    parts = [_parameters(part, values) for part, values in settings.items()]
-    return Section('Parameters', '\n'.join(parts) or '<p>none were recorded</p>')
-
-
-def _parameters(part: str, values: Mapping[str, Any]) -> str:
-    known = {item.name: item for item in fields(KINDS[part])} if part in KINDS else {}
-    rows, changed = [], []
-    for name, value in values.items():
-        default, meaning = None, ''
-        if name in known:
-            default, meaning = known[name].default, range_of(known[name]).text
-        rows.append([name, _as_text(value), _as_text(default), meaning])
-        changed.append(default is not None and _as_text(value) != _as_text(default))
-    title = f'{part}: {sum(changed)} of {len(values)} other than the default'
+    """Return the settings that are not the default, part by part."""
+    rows: list[Sequence[Cell]] = []
+    for part, values in settings.items():
+        for item in fields(KINDS[part]) if part in KINDS else ():
+            value, default = _as_text(values.get(item.name, item.default)), _as_text(item.default)
+            if value != default:
+                rows.append([f'{part}.{item.name}', value, default, range_of(item).text])
     head = ['name', 'value', 'default', 'meaning [unit]']
-    return folded_html(title, table(head, rows, changed=changed))
+    return Section('Parameters other than the default', table(head, rows))
 
 
 def _as_text(value: Any) -> str:
@@ -417,98 +295,3 @@ def version_section(ran_with: Mapping[str, str], made_with: Mapping[str, str]) -
         for name in dict.fromkeys([*ran_with, *made_with])
     ]
     return Section('Versions', table(['of', 'when it ran', 'of this report'], rows))
-
-
-MAP = (
-    'The taught path in axes of the first photograph, x ahead of it and y to its left, as the '
-    'photographs were chained; dots are key views, squares stations. Metres are those of the '
-    'odometry.'
-)
-NEAREST = 0.1  # depth of a feature in the map, inverted [1/m]: those beyond 10 m are left out
-
-
-def report_route(folder: Path, path: Path) -> None:
-    """Write the page on the route in ``folder``; raises InputError if that fails."""
-    route = read_route(folder)
-    size_mb = 1e-6 * folder_bytes(folder)
-    seams = seam(route.views)
-    verdict = Headline(
-        f'{route.length:.2f} m, {len(route.views)} key views, {len(route.stations)} stations',
-        good=True,
-        more=f'{size_mb:.1f} MB, {1e3 * size_mb / max(route.length, 1e-3):.0f} kB a metre; '
-        f'neighbours disagree on the path by {1e3 * np.sqrt(np.nanmean(seams**2)):.2f} mm rms, '
-        f'{1e3 * np.nanmax(seams):.2f} mm at most',
-    )
-    sections = [
-        Section('Map', figure_html(route_map(route), MAP)),
-        Section('Photographs', strip(list(_photographs(route)))),
-        Section('Key views', folded_html('all of them', _key_views(route, seams.tolist()))),
-    ]
-    write_page(path, f'Route {folder.resolve().name}', verdict, sections)
-
-
-def route_map(route: Route) -> Figure:
-    """Return the taught path with its key views, and the features they know."""
-    figure = new_figure(7.0, 6.0)
-    axes = figure.subplots()
-    points = np.concatenate([_features(route, k) for k in range(len(route.views))])
-    axes.plot(*points.T, '.', color=GREY, markersize=1.0, alpha=0.5, label='features')
-    path = np.array(list(path_poses(route)))
-    axes.plot(path[:, 0], path[:, 1], color=INK, lw=1.6, label='taught path')
-    poses = np.array([view.pose for view in route.views])
-    axes.plot(poses[:, 0], poses[:, 1], 'o', color='#0072B2', markersize=4.0, label='key view')
-    ends = poses[route.stations]
-    axes.plot(ends[:, 0], ends[:, 1], 's', color='#D55E00', markersize=7.0, label='station')
-    axes.set(xlabel='x [m]', ylabel='y [m]')
-    axes.set_aspect('equal', adjustable='datalim')
-    axes.legend(loc='best')
-    return figure
-
-
-def _features(route: Route, number: int) -> np.ndarray:
-    """Return where the features of a key view are in the plane, (N, 2), but distant ones."""
-    view = route.views[number]
-    anchors = view.structure.anchors(route.camera).structure
-    near = anchors.inverse_depth > NEAREST
-    right, _, ahead = anchors.rays[:, near] / anchors.inverse_depth[near]
-    x, y, theta = view.pose
-    cosine, sine = np.cos(theta), np.sin(theta)
-    return np.stack([x + cosine * ahead + sine * right, y + sine * ahead - cosine * right], axis=1)
-
-
-def _photographs(route: Route) -> Iterator[tuple[bytes, str]]:
-    for number, view in enumerate(route.views):
-        station = ', a station' if view.is_station else ''
-        yield jpeg(view.image), f'{number}: after {view.way:.2f} m{station}'
-
-
-def _key_views(route: Route, seams: list[float]) -> str:
-    rows = [
-        (
-            number,
-            view.way,
-            len(view.structure),
-            float(1.0 / np.median(np.maximum(view.structure.inverse_depth, 1e-3))),
-            None if disagreement is None else 1e3 * disagreement,
-            'yes' if view.is_station else '',
-            'no' if view.bridge is None else _bridge_words(view.bridge),
-        )
-        for number, (view, disagreement) in enumerate(
-            zip(route.views, [*seams, None], strict=True)
-        )
-    ]
-    head = (
-        'number',
-        'way [m]',
-        'features',
-        'median depth [m]',
-        'seam to the next [mm]',
-        'station',
-        'bridged by odometry',
-    )
-    return table(head, rows)
-
-
-def _bridge_words(bridge: Bridge) -> str:
-    turn, deviation = math.degrees(bridge.turn), 1e3 * bridge.deviation
-    return f'{bridge.way:.2f} m, {turn:+.0f} deg, to {deviation:.0f} mm'

@@ -24,7 +24,7 @@ from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.messages.encodings import GrayReader
+from visual_servo_epipolar.messages import encodings
 
 NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 UNIT = 1e-2  # error of the length of a quaternion that somebody typed
@@ -37,34 +37,29 @@ def stamp_ns(header: Any) -> int:
     return int(header.stamp.sec) * NANOSECONDS + int(header.stamp.nanosec)
 
 
-def gray(message: Any, reader: GrayReader | None = None) -> Image:
-    """
-    Return the grey image of a sensor_msgs/Image or CompressedImage, uint8 of shape (H, W).
-
-    See ``encodings`` for what is understood; the images of one camera share a ``reader``.
-    """
-    reader = reader or GrayReader()
-    return reader.compressed(message) if hasattr(message, 'format') else reader.raw(message)
+def gray(message: Any) -> Image:
+    """Return the grey image of a sensor_msgs/Image or CompressedImage, uint8 of shape (H, W)."""
+    read = encodings.compressed if hasattr(message, 'format') else encodings.raw
+    return read(message)
 
 
 def camera(message: Any, *, rectified: bool = False, cropped: bool = False) -> CameraModel:
     """
-    Return the camera of a sensor_msgs/CameraInfo, of ROS 1 as well, where K is a capital.
+    Return the camera of a sensor_msgs/CameraInfo.
 
     K and P are those of the full image: the region of interest shifts them, then binning scales
     them (REP 104). With ``rectified`` images P holds, and the distortion does not apply. Images
     that are ``cropped`` without a region of interest have their principal point anywhere.
     """
-    matrix, distortion, projection = _calibration(message)
-    lens = tuple(float(value) for value in distortion), str(message.distortion_model)
-    k = [float(value) for value in matrix]
+    lens = tuple(float(value) for value in message.d), str(message.distortion_model)
+    k = [float(value) for value in message.k]
     if rectified:
-        if projection[0] == 0.0:
+        if message.p[0] == 0.0:
             raise ValueError(
                 'P of camera_info must be set if images are rectified, got P[0] = 0; '
                 'calibrate the camera, or set rectified: false for raw images'
             )
-        k, lens = checked_matrix(projection, 'P').ravel().tolist(), ((), 'plumb_bob')
+        k, lens = checked_matrix(message.p, 'P').ravel().tolist(), ((), 'plumb_bob')
     full = calibrated_camera((int(message.width), int(message.height)), k, *lens)
     try:
         refuse_implausible(full, cropped=cropped)
@@ -75,12 +70,6 @@ def camera(message: Any, *, rectified: bool = False, cropped: bool = False) -> C
             f'{error}; K must be that of the image before region and binning'
         ) from None
     return full if _is_whole(message) else _in_the_image(message, full)
-
-
-def _calibration(message: Any) -> tuple[Any, Any, Any]:
-    if hasattr(message, 'k'):
-        return message.k, message.d, message.p
-    return message.K, message.D, message.P
 
 
 def _is_whole(message: Any) -> bool:

@@ -37,8 +37,16 @@ from visual_servo_epipolar.core.routes.path import TaughtPath
 from visual_servo_epipolar.core.routes.route import Appearance, Bridge, Route, RouteView
 from visual_servo_epipolar.core.routes.structure import LocalStructure
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
-from visual_servo_epipolar.files import all_at_once, COMPLETE, FORMER, PARTIAL, place_of, try_out
-from visual_servo_epipolar.messages import camera_file, pictures
+from visual_servo_epipolar.files import (
+    all_at_once,
+    COMPLETE,
+    FORMER,
+    PARTIAL,
+    place_of,
+    try_out,
+    yaml_document,
+)
+from visual_servo_epipolar.messages import camera_file, encodings
 
 VERSION = 1
 FORMER_NOISE_PX = 0.1  # of a structure that does not name its own
@@ -337,11 +345,9 @@ def _refuse_missing(folder: Path, names: Sequence[str]) -> None:
 
 def _document(path: Path) -> Mapping[str, Any]:
     try:
-        document = yaml.load(path.read_text(encoding='utf-8'), Loader)
-    except (OSError, ValueError, AttributeError, RecursionError, yaml.YAMLError) as error:
-        raise InputError(
-            f'{path} cannot be read: {" ".join(str(error).split())}; {AGAIN}'
-        ) from None
+        document = yaml_document(path.read_text(encoding='utf-8'), Loader)
+    except (OSError, ValueError) as error:
+        raise InputError(f'{path} cannot be read: {error}; {AGAIN}') from None
     if not isinstance(document, Mapping):
         raise InputError(f'{path} is cut off or damaged: it holds no names; {AGAIN}')
     return document
@@ -426,7 +432,7 @@ class StoredPhotograph:
         """Return the image; InputError with what is wrong with it."""
         path, (height, width) = self.folder / self.name, self.shape
         try:
-            image = pictures.decode(self.read(), str(path))
+            image = encodings.decode(self.read(), str(path))
         except ValueError as error:
             raise InputError(f'{path}: the photograph cannot be read: {error}; {AGAIN}') from None
         if image.shape != self.shape or image.dtype != np.uint8:

@@ -17,6 +17,7 @@ import yaml
 
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.core.settings import Settings
+from visual_servo_epipolar.files import yaml_document
 
 VERSION = re.compile(r'^# ([A-Za-z]\w{0,39}): ([^\s-]\S{0,39})$', re.MULTILINE)
 AFTER = re.compile(r'^# after_stamp_ns: (-?\d{1,19})$', re.MULTILINE)
@@ -81,9 +82,9 @@ def sections(text: str) -> dict[str, dict[str, Any]]:
     Raises ValueError if ``text`` is not YAML, or not of this form.
     """
     try:
-        document = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, AttributeError, RecursionError) as error:
-        raise ValueError(f'parameters are not YAML: {" ".join(str(error).split())}') from None
+        document = yaml_document(text)
+    except ValueError as error:
+        raise ValueError(f'parameters are not YAML: {error}') from None
     if not isinstance(document, dict):
         raise ValueError(f'parameters must map nodes to parameters, got {document!r:.60}')
     return dict(_walk(document, ''))

@@ -10,7 +10,6 @@ from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.validation import checked_image
 
 
@@ -28,7 +27,6 @@ def track(
     tracker: Tracker,
     message: Any,
     camera: CameraModel | str,
-    reader: GrayReader | None = None,
     *,
     projection: str = '',
 ) -> TrackingResult:
@@ -39,7 +37,7 @@ def track(
     """
     image: Image | None = None
     try:
-        gray = read.gray(message, reader)
+        gray = read.gray(message)
         if camera == '':
             camera = camera_of_size(projection, (gray.shape[1], gray.shape[0]))
         known = checked_image(gray, camera)

@@ -9,14 +9,12 @@ from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, JointState
-from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.messages.joints import COMMAND_TYPES, joint_states, read_head_command
-from visual_servo_epipolar.messages.transforms import FrameAxes, frames, upright
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.startup.guards import GuardedNode
@@ -65,7 +63,6 @@ class CameraNode(GuardedNode):
         self._image_pub = self.create_publisher(Image, 'image_raw', qos.STREAM)
         self._info_pub = self.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
         self._desired_pub = self.create_publisher(Image, 'desired/image_raw', qos.LATCHED)
-        self._frames_pub = self.create_publisher(MarkerArray, '~/frames', qos.STREAM)
         self._head: SimulatedHead | None = None
         self._has_head = head_settings(self._simulator.settings) is not None
         if self._has_head:
@@ -74,7 +71,6 @@ class CameraNode(GuardedNode):
             kind = COMMAND_TYPES[self._rig.head_command]
             self.create_subscription(kind, 'head/command', self._on_head_command, qos.COMMAND)
         self.create_subscription(Odometry, 'ground_truth', self._on_truth, qos.STREAM)
-        self.create_subscription(Odometry, 'odom', self._on_odometry, qos.STREAM)
         self._tf = TransformBroadcaster(self, static=True)
         self._tf.send([self._mount_transform()])
         self._desired_pub.publish(self._message(self._simulator.photograph(), 0))
@@ -152,22 +148,6 @@ class CameraNode(GuardedNode):
         info = write.camera_info(self._info, stamp_ns, self._names.camera)
         self._info_pub.publish(info)
         self._image_pub.publish(self._message(image, stamp_ns))
-
-    def _on_odometry(self, message: Odometry) -> None:
-        if not self._frames_pub.get_subscription_count():
-            return
-        try:
-            stamp_ns, pose = read.stamp_ns(message.header), read.pose(message)
-        except ValueError as error:
-            self.get_logger().error(str(error), throttle_duration_sec=WARN_PERIOD_S)
-            return
-        mount, odom = self._settings.mount, message.header.frame_id
-        coordinate_frames = (
-            upright(odom, Pose(0.0, 0.0, 0.0)),
-            upright(message.child_frame_id, pose),
-            FrameAxes(self._names.camera, mount.R_world_camera(pose), mount.centre(pose)),
-        )
-        self._frames_pub.publish(frames(coordinate_frames, stamp_ns, odom))
 
     def _is_due(self, stamp_ns: int) -> bool:
         """Return whether a frame has passed; time running backwards starts anew."""

@@ -10,8 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.bags.metadata import Topic
-from visual_servo_epipolar.bags.recording.recorder import MB, Recorder, RecordingStatus
+from visual_servo_epipolar.bags.recording.recorder import MB, Recorder, RecordingStatus, Topic
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import write
@@ -189,7 +188,6 @@ class RecorderNode(ManagedNode):
             summary=summary,
             values={
                 'recording': self._recorder is not None,
-                'files': status.files,
                 'messages': sum(status.written.values()),
                 'waiting_mb': round(status.waiting_bytes / MB, 1),
                 'dropped': dropped,

@@ -21,7 +21,6 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings, StationSett
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.twoview.estimator import Attitude
 from visual_servo_epipolar.messages import read, validation
-from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.route_folder import (
     check_folder,
     is_route,
@@ -89,7 +88,6 @@ class RouteNode(ManagedNode):
         self._renewal = RouteRenewal(self.get_logger())
         self._taught: Route | None = None  # and not written yet
         self._pending: Image | CompressedImage | None = None
-        self._reader = GrayReader()
         self._camera = ServoCamera(self, settings, self._warn)
         self._driven = DrivenPath(self, self._warn_of_path, settings, self._on_odometry)
         self._reports = RouteReports(self)
@@ -201,7 +199,7 @@ class RouteNode(ManagedNode):
             self._warn(self._camera.missing)
             return
         try:
-            image = read.gray(message, self._reader)
+            image = read.gray(message)
             if self._camera.model is None:
                 size = image.shape[1], image.shape[0]
                 self._camera.model = camera_of_size(self._node_settings.projection, size)

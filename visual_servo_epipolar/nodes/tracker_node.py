@@ -18,7 +18,6 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import event_log, read, write
-from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.tracking import track, TrackingResult
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.lifecycle.gates import serve
@@ -70,7 +69,6 @@ class TrackerNode(ManagedNode):
         self._lateness, self._repetition = Lateness(self), Repetition()
         self._latest: Pixels | None = None
         self._pending_image: Image | CompressedImage | None = None
-        self._reader = GrayReader()
         self._tracks_pub = self.create_publisher(PointCloud2, 'tracks', qos.STREAM)
         self._reports = TrackerReports(self)
         self._photographer = Photographer(
@@ -207,7 +205,6 @@ class TrackerNode(ManagedNode):
             self._tracker,
             message,
             self._camera or self._unusable,
-            self._reader,
             projection=self._node_settings.projection,
         )
         self._tell_camera(message, tracking.camera)
@@ -264,7 +261,7 @@ class TrackerNode(ManagedNode):
 
     def _on_desired(self, message: Image | CompressedImage) -> None:
         try:
-            image = read.gray(message, self._reader)
+            image = read.gray(message)
             if self._tracker.is_desired(image):  # a latched one that comes again
                 return
             self._set_desired(image)

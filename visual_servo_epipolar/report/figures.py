@@ -165,14 +165,10 @@ def _draw_error(axes: Axes, log: RunLog) -> None:
 
 
 def _draw_distance(axes: Axes, log: RunLog) -> None:
-    true = np.array([sample.pose.distance for sample in log.samples])
-    ended = np.array([sample.phase.ended for sample in log.samples])  # nothing goes by it
-    estimate = np.where(ended, np.nan, column(log, 'distance_estimate'))
-    axes.plot(seconds(log), true, color=INK, label='true $d$')
-    axes.plot(seconds(log), estimate, '--', color=CURRENT_COLOUR, label='estimated $d$')
+    distances = np.array([sample.pose.distance for sample in log.samples])
+    axes.plot(seconds(log), distances, color=INK)
     axes.set_ylabel('distance [m]')
-    _scale_by_decades(axes, np.concatenate([true, estimate]))
-    _key_above(axes)
+    _scale_by_decades(axes, distances)
 
 
 def _scale_by_decades(axes: Axes, values: FloatArray) -> None:

@@ -11,7 +11,6 @@ from string import Template
 import cv2
 from matplotlib import rc_context
 from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
@@ -21,7 +20,7 @@ from visual_servo_epipolar.report.style import FIGURE_SETTINGS
 FILE = 'report.html'
 PICTURE_WIDTH = 800  # [px]
 QUALITY = 80  # of a JPEG
-RIGHT, CHANGED = ' class="number"', ' class="changed"'  # of cells, of rows
+RIGHT = ' class="number"'  # of cells
 Cell = str | float | int | None
 
 
@@ -66,34 +65,28 @@ def write_page(
 def figure_html(figure: Figure, caption: str) -> str:
     """Return a matplotlib figure as HTML: vectors, so that it stays sharp."""
     buffer = io.BytesIO()
-    with rc_context({**FIGURE_SETTINGS, 'svg.hashsalt': 'visual_servo'}):  # twice the same
-        figure.draw_without_rendering()
-        figure.set_layout_engine('none')
-        for axes in figure.axes:  # the solver of the layout rounds otherwise each time
-            bounds = (round(part, 6) for part in axes.get_position().bounds)
-            axes.set_position(Bbox.from_bounds(*bounds))
-        figure.savefig(buffer, format='svg', metadata={'Date': None})
+    with rc_context(FIGURE_SETTINGS):
+        figure.savefig(buffer, format='svg')
     return _figure('image/svg+xml', buffer.getvalue(), caption)
 
 
-def strip(pictures: Sequence[tuple[bytes, str]], *, wide: bool = False) -> str:
-    """Return JPEGs with their captions, three beside each other, or two that are ``wide``."""
+def strip(pictures: Sequence[tuple[bytes, str]]) -> str:
+    """Return JPEGs with their captions, three beside each other."""
     figures = [_figure('image/jpeg', data, caption) for data, caption in pictures]
-    return f'<div class="strip{" wide" if wide else ""}">' + '\n'.join(figures) + '</div>'
+    return '<div class="strip">' + '\n'.join(figures) + '</div>'
 
 
-def film(data: bytes, mime: str, caption: str) -> str:
-    """Return a video with controls, inside the page."""
-    source = f'data:{mime};base64,{base64.b64encode(data).decode("ascii")}'
-    return linked_film(source, caption)
-
-
-def linked_film(source: str, caption: str) -> str:
-    """Return a video with controls that the page loads from ``source``."""
+def film(source: str, caption: str) -> str:
+    """Return a video with controls; ``source`` is a link, or ``embedded`` in the page."""
     return (
         f'<figure><video controls muted src="{escape(source)}"></video>'
         f'<figcaption>{escape(caption)}</figcaption></figure>'
     )
+
+
+def embedded(kind: str, data: bytes) -> str:
+    """Return ``data`` of a MIME type as a link that holds it."""
+    return f'data:{kind};base64,{base64.b64encode(data).decode("ascii")}'
 
 
 def jpeg(picture: Image) -> bytes:
@@ -105,27 +98,19 @@ def jpeg(picture: Image) -> bytes:
     return bytes(encoded)
 
 
-def table(
-    head: Sequence[str], rows: Sequence[Sequence[Cell]], *, changed: Sequence[bool] = ()
-) -> str:
-    """Return a table; numbers stand to the right, ``changed`` rows in bold."""
-    marks = changed or [False] * len(rows)
+def table(head: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
+    """Return a table; numbers stand to the right."""
     numeric = [bool(rows) and isinstance(rows[0][k], (int, float)) for k in range(len(head))]
 
-    def line(tag: str, cells: Sequence[Cell], mark: bool = False) -> str:
+    def line(tag: str, cells: Sequence[Cell]) -> str:
         parts = [
             f'<{tag}{RIGHT if right else ""}>{escape(_text(cell))}</{tag}>'
             for cell, right in zip(cells, numeric, strict=True)
         ]
-        return f'<tr{CHANGED if mark else ""}>{"".join(parts)}</tr>'
+        return f'<tr>{"".join(parts)}</tr>'
 
-    lines = [line('td', row, mark) for row, mark in zip(rows, marks, strict=True)]
+    lines = [line('td', row) for row in rows]
     return '\n'.join(['<table>', line('th', head), *lines, '</table>'])
-
-
-def folded_html(title: str, body: str) -> str:
-    """Return ``body`` behind a line that unfolds it."""
-    return f'<details><summary>{escape(title)}</summary>\n{body}\n</details>'
 
 
 def paragraph(text: str) -> str:
@@ -140,6 +125,5 @@ def _text(value: Cell) -> str:
 
 
 def _figure(kind: str, data: bytes, caption: str) -> str:
-    source = f'data:{kind};base64,{base64.b64encode(data).decode("ascii")}'
-    text = escape(caption)
+    source, text = embedded(kind, data), escape(caption)
     return f'<figure><img src="{source}" alt="{text}"><figcaption>{text}</figcaption></figure>'

@@ -5,13 +5,12 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from visual_servo_epipolar.core.cameras.model import field_of_view
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint, names_of, setting, Settings, updated
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.files import yaml_document
 from visual_servo_epipolar.simulation.bases import (
     base_name,
     PioneerSettings,
@@ -251,9 +250,9 @@ def load(
 
 def _read(path: Path) -> Any:
     try:
-        return yaml.safe_load(path.read_text(encoding='utf-8'))
+        return yaml_document(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or 'not text'
         raise InputError(f'{path}: scenario cannot be read: {reason}') from None
-    except (yaml.YAMLError, ValueError, AttributeError, RecursionError) as error:
-        raise InputError(f'{path}: scenario is not YAML: {" ".join(str(error).split())}') from None
+    except ValueError as error:
+        raise InputError(f'{path}: scenario is not YAML: {error}') from None

@@ -1,10 +1,10 @@
-"""Bags of others: another robot's names and encodings, other distributions, ROS 1."""
+"""Bags of others: another robot's names and encodings, other distributions, two robots."""
 
 from collections.abc import Callable
 from pathlib import Path
 import sqlite3
 
-from bagmaker import decoded, kind_of, Message, write_bag, write_ros1
+from bagmaker import decoded, kind_of, Message, TOPICS, TYPES, write_bag
 import cv2
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare
 from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay, ReplayedStep
+from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
 
@@ -145,12 +146,6 @@ def test_of_two_transports_that_taken_is_replayed(
         assert assign_roles(bag, {'image': 'image_raw'})['image'].name == '/image_raw'
 
 
-def test_a_ros_1_bag_gives_the_same_commands(small_run, tmp_path) -> None:
-    steps = commands(write_ros1(tmp_path / 'run.bag', small_run))
-    assert twists(steps) == recorded(small_run)[: len(steps)]
-    assert len(steps) >= 50
-
-
 def write_humble(path: Path, messages: list[Message]) -> Path:
     """Write a bag as humble does: sqlite3, no definitions, QoS as text, no hashes."""
     path.mkdir()
@@ -270,3 +265,33 @@ def test_what_is_missing_is_named(driver, tmp_path, missing, reason) -> None:
     path = write_bag(tmp_path / 'driver', [item for item in driver if item[0] != missing])
     with pytest.raises(InputError, match=reason):
         commands(path, desired=Moment(0, since_first=True) if missing == '/camera_info' else None)
+
+
+def moved(messages: list[Message], namespace: str) -> list[Message]:
+    """Return a run without images of a robot in ``namespace``; diagnostics stay where all are."""
+    result = []
+    for topic, log_ns, raw in messages:
+        if topic == '/diagnostics':
+            document = decoded((topic, log_ns, raw))
+            for status in document.status:
+                status.name = namespace + status.name
+            result.append((topic, log_ns, bytes(TYPES.serialize_cdr(document, kind_of(topic)))))
+        elif 'image_raw' not in topic or 'tracker_node' in topic:
+            result.append((namespace + topic, log_ns, raw))
+    return result
+
+
+def test_of_two_robots_the_user_says_which(small_run, tmp_path, capsys) -> None:
+    slower = [item for item in small_run if item[0] != '/epipoles']
+    both = sorted([*moved(small_run, '/bot1'), *moved(slower, '/bot2')], key=lambda it: it[1])
+    kinds = {f'/{name}{topic}': kind_of(topic) for topic in TOPICS for name in ('bot1', 'bot2')}
+    path = str(write_bag(tmp_path / 'two', both, kinds=kinds))
+    assert main(['replay', path]) == 2
+    assert '/bot1/' in (error := capsys.readouterr().err) and 'or --namespace of the ro' in error
+    assert main(['replay', path, '--namespace', '/bot1']) == 0
+    assert 'the same to the last bit' in capsys.readouterr().out
+    # Its telemetry was not recorded: only commands can be compared.
+    assert main(['replay', path, '--namespace', 'bot2']) == 0
+    assert 'the same to the last bit' not in capsys.readouterr().out
+    assert main(['replay', path, '--namespace', '/bot3']) == 2
+    assert 'no topic in namespace /bot3; it has /bot1/camera_info, ' in capsys.readouterr().err

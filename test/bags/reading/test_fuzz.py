@@ -8,17 +8,14 @@ import shutil
 import struct
 import time
 
-from bagmaker import kind_of, Message, tiny_run, write_bag, write_ros1, write_ros1_mcap
-from mcap.writer import CompressionType
-from mixed_mcap import without_index, write_mixed
+from bagmaker import kind_of, Message, tiny_run, write_bag
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
-import zstandard
 
 from visual_servo_epipolar.commands.main import main
 
-MUTATIONS = int(os.environ.get('BAG_MUTATIONS', '4'))  # of each of sixteen kinds
+MUTATIONS = int(os.environ.get('BAG_MUTATIONS', '4'))  # of each of ten kinds
 USUAL_S = 10.0  # a replay of this bag takes 0.1 s
 MOST_MEMORY = 400_000  # that all of them may add to the peak of this process [kB]
 LENGTHS = (2**64 - 1, 2**63, 2**40, 2**33, 2**32 - 1, 2**31, 2**20, 0)
@@ -43,14 +40,6 @@ def whole(tiny, tmp_path_factory) -> Path:
         storage=StoragePlugin.SQLITE3,
         compression=CompressionMode.MESSAGE,
     )
-    write_ros1(folder / 'run.bag', tiny)
-    write_ros1_mcap(folder / 'ros1.mcap', tiny)
-    ros = [(topic, kind_of(topic), log_ns + 10, raw) for topic, log_ns, raw in tiny]
-    write_mixed(folder / 'mixed.mcap', ros)
-    write_mixed(folder / 'lz4.mcap', ros, compression=CompressionType.LZ4)
-    without_index(folder / 'bare.mcap', ros)
-    packed = zstandard.compress((folder / 'mixed.mcap').read_bytes())
-    (folder / 'packed.zstd').write_bytes(packed)
     return folder
 
 
@@ -98,10 +87,6 @@ def damaged(path: Path, rng: Rng) -> None:
 def of_file(name: str, pattern: str) -> Callable[..., Path]:
     def make(whole: Path, tiny: list[Message], path: Path, rng: Rng) -> Path:
         source = whole / name
-        if source.is_file():
-            shutil.copy(source, path.with_suffix(source.suffix))
-            damaged(path.with_suffix(source.suffix), rng)
-            return path.with_suffix(source.suffix)
         shutil.copytree(source, path)
         damaged(next(path.glob(pattern)), rng)
         return path if pattern == 'metadata.yaml' or rng.integers(2) else next(path.glob(pattern))
@@ -155,18 +140,12 @@ KINDS: dict[str, Callable[..., Path]] = {
     'compressed mcap': of_file('zstd', '*.mcap'),
     'sqlite3': of_file('sqlite3', '*.db3'),
     'metadata': of_file('mcap', 'metadata.yaml'),
-    'ros 1': of_file('run.bag', ''),
     'bytes of messages': of_messages(bytes_of_messages),
     'missing topics': of_messages(without_topics),
     'wrong types': of_messages(of_wrong_types),
     'jumping time': of_messages(in_jumping_time),
     'sqlite3 folder': of_file('sqlite3', 'metadata.yaml'),
     'compressed messages': of_file('message', '*.db3'),
-    'mixed mcap': of_file('mixed.mcap', ''),
-    'lz4 mcap': of_file('lz4.mcap', ''),
-    'mcap without index': of_file('bare.mcap', ''),
-    'ros 1 mcap': of_file('ros1.mcap', ''),
-    'packed mcap': of_file('packed.zstd', ''),
 }
 
 
@@ -210,7 +189,7 @@ def test_a_repair_keeps_the_bytes_of_a_broken_bag(kind, whole, tiny, tmp_path, c
         after = {item.read_bytes() for item in folder.rglob('*') if item.is_file()}
         assert before <= after, (kind, seed)
         assert not list(folder.rglob('.*.partial')), (kind, seed)
-        if 'cannot be repaired' not in shown.err and 'stays as it is' not in shown.err:
+        if code != 2:
             again = main(['replay', str(path), '--repair'])
             assert again == code, (kind, seed)
             assert {i.read_bytes() for i in folder.rglob('*') if i.is_file()} == after, seed
@@ -229,20 +208,6 @@ def test_time_that_jumps_is_refused_by_name(tiny, tmp_path, capsys) -> None:
     messages[number] = topic, log_ns, raw[:4] + struct.pack('<i', 99_999) + raw[8:]
     assert main(['replay', str(write_bag(tmp_path / 'jump', messages))]) == 2
     assert 'stamps of /tracks must not run backwards' in capsys.readouterr().err
-
-
-@pytest.mark.parametrize('name', ['empty.mcap', 'empty.db3', 'empty.bag'])
-def test_an_empty_file_is_refused(name, tmp_path, capsys) -> None:
-    (tmp_path / name).touch()
-    assert main(['replay', str(tmp_path / name)]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
-
-
-@pytest.mark.parametrize('name', ['', 'nothing', 'text.txt'])
-def test_what_is_no_bag_is_refused(name, tmp_path, capsys) -> None:
-    (tmp_path / 'text.txt').write_text('no bag')
-    assert main(['replay', str(tmp_path / name)]) == 2
-    assert 'bag' in capsys.readouterr().err
 
 
 def test_a_bag_without_messages_is_refused(tmp_path, capsys) -> None:

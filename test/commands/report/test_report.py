@@ -19,7 +19,7 @@ from visual_servo_epipolar.commands import report as on_page
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.commands.simulate import versions
 from visual_servo_epipolar.messages import event_log, write
-from visual_servo_epipolar.report.images.video import Codec, CODECS, pyav
+from visual_servo_epipolar.report.images.video import pyav
 from visual_servo_epipolar.report.page import Headline, Section, write_page
 
 PERIOD_NS = 90_909_091
@@ -86,7 +86,7 @@ def test_a_page_loads_nothing_from_anywhere(kind, request) -> None:
 
 
 @needs_browser
-@pytest.mark.parametrize(('kind', 'figures'), [('run_page', 2), ('bag_page', 6)])
+@pytest.mark.parametrize(('kind', 'figures'), [('run_page', 2), ('bag_page', 4)])
 def test_a_browser_shows_it_without_errors_or_network(kind, figures, request, tmp_path) -> None:
     page = request.getfixturevalue(kind)
     _, logged = open_in_browser(page, tmp_path)
@@ -109,10 +109,9 @@ def test_the_page_on_a_run_says_first_how_it_ended(run_page) -> None:
     text = run_page.read_text(encoding='utf-8')
     verdict = text.index('Arrived after')
     assert verdict < text.index('<h2>Result')
-    for heading in ('Path', 'Signals', 'Phases', 'Parameters', 'Versions'):
+    for heading in ('Path', 'Signals', 'Phases', 'Parameters other than the default', 'Versions'):
         assert f'<h2>{heading}</h2>' in text
-    assert 'gain k1 of eq. (12)' in text
-    assert 'class="changed"' in text  # the seed
+    assert '<td>servo.seed</td><td>1</td><td>0</td>' in text
     assert 'visual_servo_epipolar' in text
 
 
@@ -120,8 +119,7 @@ def test_the_page_on_a_bag_compares_and_shows_what_was_seen(bag_page) -> None:
     text = bag_page.read_text(encoding='utf-8')
     assert 'the same to the last bit' in text
     assert 'Bag run &lt;b&gt;&amp;, ' in text  # a name is no markup
-    assert text.count('data:image/jpeg') >= 6
-    assert 'sensor_msgs/msg/PointCloud2' in text
+    assert text.count('data:image/jpeg') >= 3  # one a phase
     assert 'Not arrived' not in text
 
 
@@ -131,14 +129,8 @@ def test_a_bag_can_be_reported_with_other_parameters(bag, tmp_path) -> None:
         == 0
     )
     text = (tmp_path / 'report.html').read_text(encoding='utf-8')
-    assert 'servo: 2 of ' in text  # and autostart, as the simulation sets it
+    assert '<td>servo.k1</td><td>0.2</td>' in text
     assert 'data:image/jpeg' not in text
-
-
-def test_two_reports_on_a_run_are_the_same(run_page, tmp_path) -> None:
-    source = run_page.parents[1] / 'run'
-    assert main(['report', str(source), '--out', str(tmp_path)]) == 0
-    assert (tmp_path / 'report.html').read_text() == run_page.read_text()
 
 
 def refused(capsys, *arguments: str) -> str:
@@ -170,7 +162,6 @@ def test_a_page_goes_beside_the_run_unless_told_otherwise(run_page, capsys) -> N
     assert main(['report', str(folder / 'run.json')]) == 0
     page = folder / 'report.html'
     assert capsys.readouterr().out == f'written: {page}\n'
-    assert page.read_text(encoding='utf-8') == run_page.read_text(encoding='utf-8')
     page.unlink()
 
 
@@ -206,7 +197,7 @@ def test_a_page_lists_orders_and_settings_with_their_times(small_run, tmp_path) 
     path = write_bag(tmp_path / 'told', [*small_run, *more])
     assert main(['report', str(path), '--tracks', '--out', str(tmp_path)]) == 0
     text = (tmp_path / 'report.html').read_text(encoding='utf-8')
-    section = text[text.index('<h2>Events') : text.index('<h2>Parameters')]
+    section = text[text.index('<h2>Events') : text.index('<h2>Parameters other')]
     rows = [
         '<td>0.18</td><td>tracker</td><td>all features matched anew, by ~/redetect',
         '<td>0.36</td><td>servo</td><td>stopped, by ~/stop',
@@ -291,38 +282,40 @@ video.onloadeddata = video.onerror = tell;
 
 
 @pytest.fixture(scope='module')
-def run_folder(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp('run')
+def filmed(tmp_path_factory) -> Path:
+    """Return the folder of a run with a video."""
+    import av
+
+    folder = tmp_path_factory.mktemp('filmed') / 'my run'
     start = ('--start', '0', '-3', '180')  # ends soon
-    assert main(['simulate', *start, '--out', str(folder / 'run')]) == 1
-    return folder / 'run'
+    assert main(['simulate', *start, '--out', str(folder)]) == 1
+    with av.open(str(folder / 'video.mp4'), 'w') as film:
+        stream = film.add_stream('libx264', rate=11)
+        stream.pix_fmt, stream.width, stream.height = 'yuv420p', *SIZE
+        for k in range(FRAMES):
+            frame = np.full((240, 320, 3), 5 * k, dtype=np.uint8)
+            film.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format='bgr24')))
+        film.mux(stream.encode())
+    return folder
 
 
-def page_with(codec: Codec, run_folder: Path, folder: Path) -> Path:
-    """Return the page on a run with a video of this codec."""
-    shutil.copytree(run_folder, folder / 'my run')
-    encoder = codec.open(folder / 'my run' / 'video.mp4', 11.0, SIZE)
-    assert encoder is not None
-    for k in range(FRAMES):
-        encoder.write(np.full((240, 320, 3), 5 * k, dtype=np.uint8))
-    encoder.release()
-    assert main(['report', str(folder / 'my run'), '--out', str(folder / 'page')]) == 0
-    return folder / 'page' / 'report.html'
+def page_on(folder: Path, out: Path) -> Path:
+    assert main(['report', str(folder), '--out', str(out)]) == 0
+    return out / 'report.html'
 
 
 @needs_pyav
-def test_a_small_video_is_inside_the_page(run_folder, tmp_path) -> None:
-    text = page_with(CODECS[0], run_folder, tmp_path).read_text(encoding='utf-8')
-    content = (tmp_path / 'my run' / 'video.mp4').read_bytes()
-    assert f'src="data:video/mp4;base64,{base64.b64encode(content).decode()}"' in text
-    assert 'MB inside this page.' in text
-    assert text.count('data:image/jpeg') >= 6  # and its pictures, as before
+def test_a_small_video_is_inside_the_page(filmed, tmp_path) -> None:
+    text = page_on(filmed, tmp_path).read_text(encoding='utf-8')
+    content = base64.b64encode((filmed / 'video.mp4').read_bytes()).decode()
+    assert f'src="data:video/mp4;base64,{content}"' in text
+    assert 'MB, inside this page.' in text
 
 
 @needs_pyav
 @needs_browser
-def test_a_browser_plays_it_from_the_page(run_folder, tmp_path) -> None:
-    page = page_with(CODECS[0], run_folder, tmp_path)
+def test_a_browser_plays_it_from_the_page(filmed, tmp_path) -> None:
+    page = page_on(filmed, tmp_path)
     _, logged = open_in_browser(page, tmp_path)
     assert 'CONSOLE' not in logged  # the policy of the page lets it be
     text = POLICY.sub('', page.read_text(encoding='utf-8')).replace('</body>', PROBE_VIDEO_ON_PAGE)
@@ -332,44 +325,10 @@ def test_a_browser_plays_it_from_the_page(run_folder, tmp_path) -> None:
 
 
 @needs_pyav
-def test_a_large_video_is_linked_from_where_it_lies(run_folder, tmp_path, monkeypatch) -> None:
+def test_a_large_video_is_linked_from_where_it_lies(filmed, monkeypatch) -> None:
     monkeypatch.setattr(on_page, 'EMBEDDED_BYTES', 100)
-    page = page_with(CODECS[0], run_folder, tmp_path)
-    text = page.read_text(encoding='utf-8')
+    text = page_on(filmed, filmed.parent / 'page').read_text(encoding='utf-8')
     assert 'src="../my%20run/video.mp4"' in text
     assert 'not inside this page: it is loaded from ../my run/video.mp4' in text
     assert 'data:video' not in text
-    assert re.search(r'media-src data: [^;\"]*', text)
-
-
-@needs_pyav
-@needs_browser
-def test_the_policy_of_the_page_allows_a_linked_one(run_folder, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(on_page, 'EMBEDDED_BYTES', 100)
-    page = page_with(CODECS[0], run_folder, tmp_path)
-    _, logged = open_in_browser(page, tmp_path)
-    assert 'CONSOLE' not in logged
-
-
-def test_a_video_for_players_alone_is_named_in_words(run_folder, tmp_path) -> None:
-    text = page_with(CODECS[-1], run_folder, tmp_path).read_text(encoding='utf-8')
-    assert '<video' not in text.partition('</style>')[2]
-    named = r'video\.mp4 \((FMP4|mp4v)\) plays in no browser: open it in a video player'
-    assert re.search(named, text)  # FFmpeg has two names for the codec
-    assert not CODECS[-1].options
-    assert text.count('data:image/jpeg') >= 6
-
-
-def test_a_file_that_is_no_video_is_no_reason_to_stop(run_folder, tmp_path) -> None:
-    shutil.copytree(run_folder, tmp_path / 'run')
-    (tmp_path / 'run' / 'video.mp4').write_bytes(b'no video')
-    assert main(['report', str(tmp_path / 'run'), '--out', str(tmp_path)]) == 0
-    assert on_page.codec_of(tmp_path / 'run' / 'video.mp4') == ''
-    assert 'unknown codec' in (tmp_path / 'report.html').read_text(encoding='utf-8')
-
-
-def test_codecs_are_read_as_opencv_names_them(tmp_path) -> None:
-    writer = cv2.VideoWriter(str(tmp_path / 'a.avi'), cv2.VideoWriter.fourcc(*'MJPG'), 11.0, SIZE)
-    writer.write(np.zeros((240, 320, 3), np.uint8))
-    writer.release()
-    assert on_page.codec_of(tmp_path / 'a.avi') == 'MJPG'
+    assert re.search(r"media-src data: 'self'", text)

@@ -10,7 +10,6 @@ import pytest
 from strategies import floats
 
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
-from visual_servo_epipolar.core.cameras.equirectangular import Equirectangular
 from visual_servo_epipolar.core.cameras.intrinsics import checked_matrix
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.cameras.plausibility import (
@@ -20,9 +19,7 @@ from visual_servo_epipolar.core.cameras.plausibility import (
 )
 from visual_servo_epipolar.core.cameras.registry import (
     calibrated_camera,
-    camera_of_size,
     scaled,
-    turned_over,
 )
 
 SIZE = (640, 480)
@@ -124,38 +121,6 @@ def test_a_scaled_image_shows_the_same_directions(name: str, scale: tuple[float,
     moved = (pixels + 0.5) * scale - 0.5
     np.testing.assert_allclose(other.rays(moved), camera.rays(pixels), atol=1e-9)
     assert other != replace(other, skew=0.0)
-
-
-LENS = (0.1, -0.05, 2e-3, -1e-3, 0.01, 0.02, -0.01, 0.003, 1e-3, 2e-4, -1e-3, 3e-4, 0.02, -0.01)
-
-
-@pytest.mark.parametrize(
-    ('name', 'distortion'),
-    [
-        ('', ()),
-        *(('plumb_bob', LENS[:count]) for count in (4, 5)),
-        *(('rational_polynomial', LENS[:count]) for count in (8, 12, 14)),
-        ('equidistant', FOUR),
-    ],
-)
-def test_an_image_that_is_turned_by_half_has_the_camera_that_is(name, distortion) -> None:
-    camera = calibrated_camera(SIZE, K.ravel(), distortion, name)
-    pixels = np.array([[0.0, 0.0], [600.0, 20.0], [333.0, 250.0], [10.0, 470.0]])
-    rays = turned_over(camera).rays([639.0, 479.0] - pixels)
-    np.testing.assert_allclose(rays, camera.rays(pixels) * [-1.0, -1.0, 1.0], atol=1e-9)
-
-
-def test_a_lens_whose_image_cannot_be_turned_is_named() -> None:
-    panorama = camera_of_size('equirectangular', (640, 320))
-    assert turned_over(panorama) == panorama
-
-    class OnItsSide(Equirectangular):
-        def rays(self, pixels):
-            return super().rays(pixels)[:, [1, 0, 2]]
-
-    size = panorama.width, panorama.height, panorama.fx, panorama.fy, panorama.cx, panorama.cy
-    with pytest.raises(ValueError, match='image of a equirectangular lens must be stored uprig'):
-        turned_over(OnItsSide(*size))
 
 
 USUAL = {'width': 640, 'height': 480, 'fx': 400.0, 'fy': 400.0, 'cx': 320.0, 'cy': 240.0}

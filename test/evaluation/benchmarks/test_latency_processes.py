@@ -23,7 +23,7 @@ from contextlib import ExitStack
 from pathlib import Path
 import sys
 
-from visual_servo_epipolar.commands.ending import terminable
+from visual_servo_epipolar.commands.main import terminable
 from visual_servo_epipolar.evaluation.benchmarks.latency import start_nodes
 
 with terminable(), ExitStack() as stack:

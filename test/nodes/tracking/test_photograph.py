@@ -193,8 +193,8 @@ def changed(key, value):
             (without('photograph'), "'photograph'"),
             (without('stamp_ns'), "'stamp_ns'"),
             (without('goal'), "'goal'"),
-            (changed('photograph', None), 'photograph must be a name, got nothing'),
-            (changed('photograph', [1]), 'photograph must be a name, got a list of 1'),
+            (changed('photograph', None), 'photograph must be a name, got None'),
+            (changed('photograph', [1]), 'photograph must be a name, got [1]'),
             *(
                 (changed('stamp_ns', value), 'stamp_ns must be a whole number from 0 to ')
                 for value in (None, 'now', True, [], {}, -1, 10**30, float('inf'), float('nan'))
@@ -202,7 +202,7 @@ def changed(key, value):
             (changed('goal', None), 'is another one'),
             (
                 changed('camera_matrix', None),
-                'camera_matrix must be a list of 9 numbers, got nothing',
+                'camera_matrix must be a list of 9 numbers, finite and below 1e+09, got None',
             ),
             (changed('image_width', None), 'image_width must be a whole number'),
         ],

@@ -1,51 +1,36 @@
 """
-Bags open for reading: rosbag2 (mcap, sqlite3) of any distribution and ROS 1, whole or damaged.
+Bags open for reading: rosbag2 (mcap, sqlite3) of any distribution, by rosbags.
 
-Any defect of a bag becomes one InputError: the libraries that decode it raise errors of every
-kind on damage.
+Any defect of a bag becomes one InputError: the library raises errors of every kind on damage.
 """
 
 from collections.abc import Collection, Iterator
-from contextlib import AbstractContextManager, contextmanager, ExitStack, suppress
+from contextlib import AbstractContextManager, contextmanager, ExitStack
 from dataclasses import dataclass
 import errno
 import heapq
-from operator import attrgetter, itemgetter
+from operator import attrgetter
 from pathlib import Path
-import sqlite3
 import struct
 from typing import Any
 
 from mcap.exceptions import McapError
-from rosbags import rosbag1
+from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.serde import SerdeError
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, TypesysError
-import zstandard
+from zstandard import ZstdError
 
-from visual_servo_epipolar.bags import containers
-from visual_servo_epipolar.bags.containers import ADVICE, bag_parts, ZSTD_MAGIC
-from visual_servo_epipolar.bags.storages import (
-    IDL_LANGUAGES,
-    kind_of,
-    left_out,
-    MESSAGE_LANGUAGES,
-    open_storage,
-    refusal,
-    ROS1,
-    StorageFile,
-    StoredTopic,
-    types_of,
-)
+from visual_servo_epipolar.bags.definitions import types_of_ros
 from visual_servo_epipolar.core.errors import InputError
 
 DAMAGE = (
     McapError,
-    rosbag1.ReaderError,
+    ReaderError,
     SerdeError,
     TypesysError,
-    sqlite3.Error,
     struct.error,
-    zstandard.ZstdError,
+    ZstdError,
     ArithmeticError,
     AssertionError,
     AttributeError,
@@ -57,16 +42,18 @@ DAMAGE = (
     TypeError,
     ValueError,
 )
-PLAIN_WORDS: dict[type[Exception], str] = {
-    MemoryError: 'it states sizes beyond all memory',
-    RecursionError: 'it is nested too deeply',
-}
 NO_DAMAGE = (errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EMFILE)
-OTHER_ADVICE = {
-    'ros1': 'the bag is damaged or was left open; try "rosbag reindex" of ROS 1',
-    'sqlite3': 'it is damaged; try "sqlite3 {name} .recover | sqlite3 NEW.db3"',
-    'zstd': 'it is damaged; unpack what is there with "zstd -dc {name} > {plain}" and repair it',
+METADATA = 'metadata.yaml'
+SUFFIXES = ('.mcap', '.db3')
+EXPECTED = 'give a rosbag2 folder, a .mcap or a .db3 file'
+REPAIRED = '.repaired.mcap'  # end of the name of a file with the remains of a damaged one
+ADVICE = {
+    '.db3': 'if it is damaged, try "sqlite3 {name} .recover | sqlite3 NEW.db3"',
+    '.zstd': 'unpack it with "zstd -d {name}", or give its folder',
+    '.bag': 'convert a bag of ROS 1 with "rosbags-convert --src {name} --dst NEW"',
 }
+OTHER_ADVICE = 'if it is damaged, or was left open by a crash, try --repair'
+UNREADABLE = 'left out, for their messages or the definitions of their types are not of ROS: '
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,31 +76,27 @@ class RecordedMessage:
 
 class Bag(AbstractContextManager['Bag']):
     """
-    Bag open for reading: a rosbag2 folder, one of its files, a ROS 1 .bag; of them ROS's topics.
+    Bag open for reading: a rosbag2 folder, or one of its files; of them the topics of ROS.
 
-    ``notes`` say which topics and files are left out.
+    ``notes`` say which topics are left out.
 
     Raises InputError here and from every method, if the bag is missing, damaged, or of an unknown
     kind.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = containers.bag_path(path)
+        self.path = path.parent if path.name == METADATA and path.is_file() else path
         with intact(self.path), ExitStack() as stack:
-            parts, notes = bag_parts(self.path)
-            unpacked = (stack.enter_context(containers.unpack(item)) for item in parts)
-            self._files = [stack.enter_context(open_storage(item)) for item in unpacked]
+            files = _to_open(self.path)
+            self._readers = [stack.enter_context(open_file(item)) for item in files]
             self._stack = stack.pop_all()
-        stored = [item for file in self._files for item in file.topics]
-        self._stored = [item for item in stored if not refusal(item)]
-        self.notes = [*notes, *left_out(stored)]
-        if stored and not self._stored:
-            self._stack.close()
-            raise InputError(
-                f'{self.path}: none of its topics can be read: {"; ".join(self.notes)}; record '
-                'topics of ROS with "ros2 bag record", or convert these to its messages'
-            )
+        stored = [item for reader in self._readers for item in reader.connections]
+        left_out = sorted({item.topic for item in stored if not _is_readable(item)})
+        self.notes = [UNREADABLE + ', '.join(left_out)] if left_out else []
         self.topics = self._topics()
+        if stored and not self.topics:
+            self._stack.close()
+            raise InputError(f'{self.path}: none of its topics can be read: {self.notes[0]}')
 
     def __exit__(self, *_: object) -> None:
         with intact(self.path):
@@ -121,47 +104,37 @@ class Bag(AbstractContextManager['Bag']):
 
     def messages(self, names: Collection[str]) -> Iterator[RecordedMessage]:
         """Yield the messages of the topics called ``names`` in the order of recording."""
-        for item in self._stored:
-            if item.topic in names:
+        streams = []
+        for reader in self._readers:
+            chosen = [it for it in reader.connections if it.topic in names and _is_readable(it)]
+            for item in chosen:
                 with intact(self.path):
                     self._check_definition(item)
-        # A file is opened when its time has come: there may be hundreds.
-        streams = [self._stream(file, names) for file in self._files]
-        for _, recorded in heapq.merge(*streams, key=itemgetter(0)):
-            if recorded is not None:
-                yield recorded
+            if chosen:
+                streams.append(self._stream(reader, chosen))
+        yield from heapq.merge(*streams, key=attrgetter('log_ns'))
 
-    def _stream(
-        self, file: StorageFile, names: Collection[str]
-    ) -> Iterator[tuple[int, RecordedMessage | None]]:
-        chosen = {
-            item.id: item for item in file.topics if item.topic in names and not refusal(item)
-        }
-        if not chosen:
-            return
-        yield file.start_ns, None
-        stored = file.messages(chosen.keys())
+    def _stream(self, reader: Reader, chosen: list[Connection]) -> Iterator[RecordedMessage]:
+        stored = reader.messages(chosen)
         while True:
             with intact(self.path):
                 try:
-                    number, log_ns, raw = next(stored)
+                    topic, log_ns, raw = next(stored)
                 except StopIteration:
                     return
-                topic = chosen[number]
-                message = _decode(topic, raw)
-            yield log_ns, RecordedMessage(topic.topic, log_ns, message)
+                message = types_of_ros().deserialize_cdr(raw, topic.msgtype)
+            yield RecordedMessage(topic.topic, log_ns, message)
 
-    def _check_definition(self, item: StoredTopic) -> None:
+    def _check_definition(self, item: Connection) -> None:
         """Refuse a type whose definition in the bag differs from that of ROS."""
-        if item.definition and item.schema in MESSAGE_LANGUAGES:
-            definitions = get_types_from_msg(item.definition, kind_of(item))
-        elif item.definition and item.schema in IDL_LANGUAGES:
-            definitions = get_types_from_idl(item.definition)
-        else:
+        if item.msgdef.format == MessageDefinitionFormat.NONE:
             return
-        types = types_of(item.encoding)
+        if item.msgdef.format == MessageDefinitionFormat.MSG:
+            definitions = get_types_from_msg(item.msgdef.data, item.msgtype)
+        else:
+            definitions = get_types_from_idl(item.msgdef.data)
         for name, (_, fields) in definitions.items():
-            expected = types.fielddefs.get(name)
+            expected = types_of_ros().fielddefs.get(name)
             if expected is None or expected[1] != fields:
                 raise InputError(
                     f'{self.path}: {item.topic}: {name} is defined otherwise than in ROS; '
@@ -170,16 +143,67 @@ class Bag(AbstractContextManager['Bag']):
 
     def _topics(self) -> dict[str, BagTopic]:
         topics: dict[str, BagTopic] = {}
-        for item in sorted(self._stored, key=attrgetter('topic')):
-            earlier, kind = topics.get(item.topic), kind_of(item)
-            if earlier is not None and earlier.kind != kind:
+        stored = (item for reader in self._readers for item in reader.connections)
+        for item in sorted(filter(_is_readable, stored), key=attrgetter('topic')):
+            earlier = topics.get(item.topic)
+            if earlier is not None and earlier.kind != item.msgtype:
                 raise InputError(
-                    f'{self.path}: {item.topic} has messages of {earlier.kind} and {kind}; a '
-                    'topic must have one type'
+                    f'{self.path}: {item.topic} has messages of {earlier.kind} and '
+                    f'{item.msgtype}; a topic must have one type'
                 )
-            count = item.count + (0 if earlier is None else earlier.count)
-            topics[item.topic] = BagTopic(item.topic, kind, count)
+            count = item.msgcount + (0 if earlier is None else earlier.count)
+            topics[item.topic] = BagTopic(item.topic, item.msgtype, count)
         return topics
+
+
+def _is_readable(item: Connection) -> bool:
+    is_defined = item.msgdef.format != MessageDefinitionFormat.NONE
+    return getattr(item.ext, 'serialization_format', '') == 'cdr' and (
+        is_defined or item.msgtype in types_of_ros().fielddefs
+    )
+
+
+def storage_files(folder: Path) -> list[Path]:
+    """Return the storage files in ``folder`` in their order, repaired ones for damaged ones."""
+    files = [it for it in folder.iterdir() if it.suffix in SUFFIXES and it.is_file()]
+    names = {item.name for item in files}
+    kept = (item for item in files if f'{item.stem}{REPAIRED}' not in names)
+    return sorted(kept, key=lambda item: (len(item.name.partition('.')[0]), item.name))
+
+
+def _to_open(path: Path) -> list[Path]:
+    """Return the folder of a bag where its metadata hold, else its storage files."""
+    if not path.exists():
+        raise InputError(f'{path}: no such bag; {EXPECTED}')
+    if not path.is_dir():
+        return [path]
+    files = storage_files(path)
+    has_repaired = any(item.name.endswith(REPAIRED) for item in files)
+    if (path / METADATA).is_file() and not has_repaired:
+        return [path]
+    if not files:
+        bags = sorted(item.parent for item in path.glob(f'*/{METADATA}'))
+        what = f', but a folder with one; give {bags[0]}' if bags else f'; {EXPECTED}'
+        raise InputError(f'{path}: not a bag{what}')
+    return files
+
+
+def open_file(path: Path) -> Reader:
+    """Return a reader of a storage file or a folder, to be opened; InputError for others."""
+    if path.is_file():
+        if path.suffix not in SUFFIXES:
+            advice = ADVICE.get(path.suffix, EXPECTED).format(name=path.name)
+            raise InputError(f'{path}: not a bag that can be read; {advice}')
+        if path.stat().st_size == 0:
+            raise InputError(f'{path}: it is empty, nothing was recorded; give another bag')
+    for file in path.glob('*.db3') if path.is_dir() else [path]:
+        log = file.with_name(f'{file.name}-wal')
+        if log.is_file() and log.stat().st_size:
+            raise InputError(
+                f'{path}: a killed recorder left messages in {log.name}; write them to the bag '
+                f'with "sqlite3 {file.name} \'PRAGMA wal_checkpoint(TRUNCATE)\'"'
+            )
+    return Reader(path)
 
 
 @contextmanager
@@ -187,40 +211,18 @@ def intact(path: Path) -> Iterator[None]:
     """Turn whatever damage raises into one InputError that names the bag, and what to do."""
     try:
         yield
-    except OSError as error:
-        if error.errno not in NO_DAMAGE:
-            raise _unreadable(path, error) from error
-        raise InputError(f'{path}: bag cannot be read: {error.strerror}') from error
     except InputError:
         raise
     except DAMAGE as error:
-        raise _unreadable(path, error) from error
-
-
-def _unreadable(path: Path, error: Exception) -> InputError:
-    return InputError(f'{path}: bag cannot be read: {words_of(error)}; {advice(path)}')
+        if isinstance(error, OSError) and error.errno in NO_DAMAGE:
+            raise InputError(f'{path}: bag cannot be read: {error.strerror}') from error
+        advice = ADVICE.get(path.suffix, OTHER_ADVICE).format(name=path.name)
+        raise InputError(f'{path}: bag cannot be read: {words_of(error)}; {advice}') from error
 
 
 def words_of(error: Exception) -> str:
     """Return what a library says of damage, in one line."""
+    if isinstance(error, KeyError):  # of an encoding of messages or definitions
+        return f'unknown {error}; what is not of ROS 2 can be left out by "mcap filter"'
     text = getattr(error, 'strerror', None) or str(error)
-    words = ' '.join(text.split()).replace("('", '').replace("',)", '')  # of rosbags
-    return f'{PLAIN_WORDS.get(type(error)) or words or type(error).__name__:.300}'
-
-
-def advice(path: Path) -> str:
-    """Return what to do about a damaged bag, by what it is."""
-    text = ADVICE
-    if path.is_file():
-        with suppress(InputError, *DAMAGE):  # its beginning is damaged as well
-            text = OTHER_ADVICE.get(containers.container(path), ADVICE)
-    return text.format(name=path.name, plain=path.name.removesuffix('.zstd'))
-
-
-def _decode(topic: StoredTopic, raw: bytes) -> Any:
-    types, kind = types_of(topic.encoding), kind_of(topic)
-    if topic.encoding == ROS1:
-        return types.deserialize_ros1(raw, kind)
-    if raw.startswith(ZSTD_MAGIC):  # message by message, which only metadata.yaml would say
-        raw = zstandard.ZstdDecompressor().decompressobj().decompress(raw)
-    return types.deserialize_cdr(raw, kind)
+    return f'{" ".join(text.split()).rstrip(".") or type(error).__name__:.300}'

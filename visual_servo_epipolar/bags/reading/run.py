@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from visual_servo_epipolar.bags.reading.bag import Bag, BagTopic, RecordedMessage
-from visual_servo_epipolar.bags.reading.topics import Namespace
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
@@ -46,7 +45,7 @@ class Recording:
     """
 
     topics: Mapping[str, BagTopic]
-    namespace: Namespace | None = None
+    namespace: str | None = None
     cameras: dict[tuple[bool, bool], list[tuple[int | None, CameraModel | str]]] = field(
         default_factory=lambda: {kind: [] for kind in product((False, True), (False, True))}
     )
@@ -141,9 +140,7 @@ def image_size(bag: Bag, topics: Mapping[str, BagTopic]) -> tuple[int, int] | No
     return width, height
 
 
-def read_run(
-    bag: Bag, topics: Mapping[str, BagTopic], namespace: Namespace | None = None
-) -> Recording:
+def read_run(bag: Bag, topics: Mapping[str, BagTopic], namespace: str | None = None) -> Recording:
     """Read all but images, of nodes in ``namespace``; raises InputError for unusable ones."""
     run = Recording(topics=topics, namespace=namespace)
     readers = {topics[role].name: reader for role, reader in READERS.items() if role in topics}
@@ -195,7 +192,7 @@ def _read_tracks(run: Recording, item: RecordedMessage, key: Key) -> None:
 def _read_diagnosis(run: Recording, item: RecordedMessage, key: Key) -> None:
     if not item.message.status:
         return
-    if run.namespace is not None and not run.namespace.has_node(item.message.status[0].name):
+    if run.namespace not in (None, item.message.status[0].name.rpartition('/')[0]):
         return
     diagnosis = read.diagnosis(item.message)
     if read.is_of_step(diagnosis):

@@ -1,4 +1,4 @@
-"""Topics of a bag: those of which robot, and which roles they have in its run."""
+"""Topics of a bag: which roles they have in its run."""
 
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -43,116 +43,36 @@ ROLES: Mapping[str, Role] = {
     'servo_events': Role(('servo_node/events',), ('std_msgs/msg/String',)),
 }
 DERIVED_IMAGES = ('desired/', 'overlay/')  # images that are not straight from a camera
-# What only tracker and servo publish; others have images, commands and tracks as well.
-OWN = {
-    'epipoles': 'sensor_msgs/msg/JointState',
-    'tracker_node/settings': 'std_msgs/msg/String',
-    'servo_node/settings': 'std_msgs/msg/String',
-}
-TRACKS = {'tracks': 'sensor_msgs/msg/PointCloud2'}
-
-
-@dataclass(frozen=True, slots=True)
-class Namespace:
-    """Namespace of a robot, '' for the root, beside those of the ``others`` in the bag."""
-
-    name: str
-    others: tuple[str, ...] = ()
-    note: str = ''
-
-    def holds(self, topic: str) -> bool:
-        """Return whether a topic lies in it, and not in one of the others below it."""
-        deeper = [other for other in self.others if other.startswith(f'{self.name}/')]
-        return _is_in(topic, self.name) and not any(_is_in(topic, other) for other in deeper)
-
-    def may_share(self, topic: str) -> bool:
-        """Return whether a topic outside of it may serve it: it is none of another robot."""
-        return topic == '/diagnostics' or not any(_is_in(topic, other) for other in self.others)
-
-    def has_node(self, name: str) -> bool:
-        """Return whether the node of this full name is in it."""
-        return name.rpartition('/')[0] == self.name
-
-
-def namespace_of(
-    bag: Bag, requested: Iterable[str] = (), wanted: str | None = None
-) -> Namespace | None:
-    """
-    Return the namespace to read, None where the bag gives no reason to choose one.
-
-    It is the one ``wanted`` (``/`` is the root), or that of all topics ``requested``. Raises
-    InputError if nothing is in it, or if there are several robots and no word on which.
-    """
-    topics = bag.topics.values()
-    robots = _publishing(topics, OWN) or _publishing(topics, TRACKS)
-    if wanted is not None:
-        return _namespace_called(bag, robots, '/'.join(['', *filter(None, wanted.split('/'))]))
-    if len(robots) < 2:
-        if robots in ([], ['']):
-            return None
-        return Namespace(robots[0], note=f'topics are those in namespace {robots[0]}')
-    names = [f'/{name.lstrip("/")}' for name in requested]
-    choices = [_among(name, robots) for name in robots]
-    holding = [item for item in choices if any(item.holds(name) for name in names)]
-    if len(holding) == 1:
-        return holding[0]
-    if holding:
-        return None  # of several robots, by name: what is not named must be clear by itself
-    shown = ' and '.join(name or '/' for name in robots)
-    raise InputError(
-        f'{bag.path}: topics of {len(robots)} robots, in {shown}; say which: '
-        f'--namespace {robots[-1]}'
-    )
-
-
-def _publishing(topics: Iterable[BagTopic], endings: Mapping[str, str]) -> list[str]:
-    """Return the namespaces of topics of these types and endings, '' for the root."""
-    return sorted(
-        {
-            item.name.removesuffix(f'/{ending}')
-            for item in topics
-            for ending, kind in endings.items()
-            if item.kind == kind and item.name.endswith(f'/{ending}')
-        }
-    )
-
-
-def _namespace_called(bag: Bag, robots: list[str], name: str) -> Namespace:
-    namespace = _among('' if name == '/' else name, robots)
-    if not any(namespace.holds(topic) for topic in bag.topics):
-        spaces = ', '.join(item or '/' for item in robots) or 'none of a tracker or servo'
-        raise InputError(f'{bag.path}: no topic in namespace {name}; it has {spaces}')
-    return namespace
-
-
-def _among(name: str, robots: Iterable[str]) -> Namespace:
-    return Namespace(name, tuple(other for other in robots if other != name))
-
-
-def _is_in(topic: str, namespace: str) -> bool:
-    return topic.startswith(f'{namespace}/')
 
 
 def assign_roles(
     bag: Bag,
     requested: Mapping[str, str],
-    namespace: Namespace | None = None,
+    namespace: str | None = None,
     roles: Iterable[str] = ROLES,
 ) -> dict[str, BagTopic]:
     """
     Return the topic of each of ``roles`` that the bag has one for.
 
-    Those that are ``requested``, names by role, are taken; others are inferred, first in the
-    ``namespace``, then from what belongs to no other robot. Raises InputError if a topic is
-    missing, has a type that its role cannot use, or if there is a choice.
+    Those that are ``requested``, names by role, are taken; others are inferred, of the topics in
+    ``namespace`` alone if it is given, as /robot1, and /diagnostics. Raises InputError if a topic
+    is missing, has a type that its role cannot use, or if there is a choice.
     """
+    choice = list(bag.topics.values())
+    if namespace is not None:
+        choice = [item for item in choice if item.name.startswith(f'{namespace}/')]
+        if not choice:
+            raise InputError(
+                f'{bag.path}: no topic in namespace {namespace}; it has {", ".join(bag.topics)}'
+            )
+        choice += filter(None, [bag.topics.get('/diagnostics')])
     topics: dict[str, BagTopic] = {}
     for role in roles:
         name = requested.get(role)
         if name is not None:
             topic: BagTopic | None = _find_requested(bag, role, name)
         else:
-            topic = _infer_in(bag, role, topics, namespace)
+            topic = _infer(bag, role, topics, choice)
         if topic is not None:
             topics[role] = topic
     if 'image' in topics and 'image' not in requested:
@@ -230,18 +150,6 @@ def _find_requested(bag: Bag, role: str, name: str) -> BagTopic:
     return topic
 
 
-def _infer_in(
-    bag: Bag, role: str, topics: Mapping[str, BagTopic], namespace: Namespace | None
-) -> BagTopic | None:
-    """Return the topic of a role in a namespace, or else one that it may share."""
-    everything = list(bag.topics.values())
-    if namespace is None:
-        return _infer(bag, role, topics, everything)
-    own = [item for item in everything if namespace.holds(item.name)]
-    shared = [item for item in everything if namespace.may_share(item.name)]
-    return _infer(bag, role, topics, own) or _infer(bag, role, topics, shared)
-
-
 def _infer(
     bag: Bag, role: str, topics: Mapping[str, BagTopic], choice: Iterable[BagTopic]
 ) -> BagTopic | None:
@@ -259,7 +167,8 @@ def _infer(
         if len(matches) > 1:
             names = ', '.join(item.name for item in matches)
             raise InputError(
-                f'{bag.path}: {role} may be {names}; say which: --topics {role}={matches[0].name}'
+                f'{bag.path}: {role} may be {names}; say which: --topics '
+                f'{role}={matches[0].name}, or --namespace of the robot'
             )
         if matches:
             return matches[0]

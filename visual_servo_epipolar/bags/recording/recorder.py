@@ -1,33 +1,46 @@
-"""Recorder: serialized messages into a rosbag2 folder of mcap files, on a thread of its own."""
+"""Recorder: serialized messages into a rosbag2 folder of mcap, on a thread of its own."""
 
 from collections import Counter, deque
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+import os
 from pathlib import Path
 import shutil
 import threading
 import time
+from typing import Any
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import DataEnd, Footer
 from mcap.writer import CompressionType, MCAP0_MAGIC, Writer
 import yaml
 
-from visual_servo_epipolar.bags import metadata
 from visual_servo_epipolar.bags.definitions import definition
-from visual_servo_epipolar.bags.metadata import PartInfo, Topic
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
-from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.files import whole
 
 MB = 1e6
+METADATA, INFORMATION = 'metadata.yaml', 'rosbag2_bagfile_information'
+VERSION, DISTRO = 9, 'jazzy'  # of rosbag2, and of ROS where none is sourced
 CHUNK_SIZE = 1 << 18  # bytes: an image makes a chunk of its own
 COMPRESSIONS = {'none': CompressionType.NONE, 'zstd': CompressionType.ZSTD}
 
 
 class DiskFullError(VisualServoError):
     """So little space remains that the bag must be completed while that is possible."""
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """Topic of a bag: name, message type, its RIHS01 hash, QoS as in metadata.yaml."""
+
+    name: str
+    kind: str  # such as sensor_msgs/msg/Image
+    type_hash: str = ''
+    qos: tuple[Mapping[str, Any], ...] = ()
+    encoding: str = 'cdr'
 
 
 class BagWriter:
@@ -38,9 +51,13 @@ class BagWriter:
     """
 
     def __init__(self, folder: Path, settings: RecordSettings) -> None:
-        self._folder, self._settings = folder, settings
+        self._folder, self._min_free = folder, settings.min_free
+        self._path = folder / f'{folder.name}_0.mcap'
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
         self._topics: dict[str, Topic] = {}
-        self.completed: list[PartInfo] = []
+        self._counts: Counter[str] = Counter()
+        self._start_ns, self._end_ns, self._pending = 2**63, 0, 0  # bytes in memory
         try:
             folder.mkdir(parents=True)
         except FileExistsError:
@@ -49,151 +66,66 @@ class BagWriter:
             raise InputError(f'{folder}: bag cannot be written: {error.strerror}') from None
         try:
             self._check_disk()
-            self._part: _Part | None = self._begin()
+            self._file = self._path.open('xb')
+            compression = COMPRESSIONS[settings.compression]
+            self._writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=compression)
+            self._writer.start('ros2')
+            self.flush()
         except (OSError, DiskFullError):
             shutil.rmtree(folder, ignore_errors=True)
             raise
 
     def add(self, topic: Topic) -> None:
-        """Add a topic to this file and to those that follow; its definition must be known."""
-        _, digest = definition(topic.kind, topic.type_hash)
-        self._topics[topic.name] = replace(topic, type_hash=digest)
-        self._open_part().add(self._topics[topic.name])
-
-    def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
-        """Write a serialized message of an added topic; a new file begins where it is due."""
-        part = self._open_part()
-        if self._is_due(part, stamp_ns):
-            self._complete(part)
-            part = self._open_part()
-        part.write(topic, stamp_ns, data)
-
-    def flush(self) -> None:
-        """Let what was written survive a kill -9."""
-        self._open_part().flush()
-        self._check_disk()
-
-    def close(self) -> None:
-        """Complete the bag."""
-        self._complete(self._open_part())
-        self._describe()
-
-    def rescue(self, error: Exception) -> bool:
-        """End the bag after ``error`` with all that was flushed; return whether it is whole."""
-        part = self._part
-        try:
-            if part is not None:
-                self.completed.append(_ended(part, error))
-            self._describe()
-        except OSError:
-            return False
-        return True
-
-    def _begin(self) -> '_Part':
-        path = self._folder / f'{self._folder.name}_{len(self.completed)}.mcap'
-        part = _Part(path, COMPRESSIONS[self._settings.compression])
-        for topic in self._topics.values():
-            part.add(topic)
-        return part
-
-    def _open_part(self) -> '_Part':
-        if self._part is None:
-            self._part = self._begin()
-        return self._part
-
-    def _complete(self, part: '_Part') -> None:
-        self.completed.append(part.close())
-        self._part = None
-
-    def _is_due(self, part: '_Part', stamp_ns: int) -> bool:
-        settings = self._settings
-        if part.first_ns is None:
-            return False
-        full = 0.0 < settings.split_size * MB <= part.size
-        age_s = seconds_between(part.first_ns, stamp_ns)
-        return full or 0.0 < settings.split_duration <= age_s
-
-    def _check_disk(self) -> None:
-        free, least = shutil.disk_usage(self._folder).free, self._settings.min_free
-        if free < least * MB:
-            raise DiskFullError(
-                f'{free / MB:.0f} MB are free where {self._folder} is, {least:g} MB must stay '
-                'free; make space, or lower min_free'
-            )
-
-    def _describe(self) -> None:
-        metadata.write(self._folder, metadata.described(self.completed))
-
-
-class _Part:
-    """File of mcap that is being written; every method may raise OSError."""
-
-    def __init__(self, path: Path, compression: CompressionType) -> None:
-        self._path = path
-        self._file = path.open('xb')
-        self._writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=compression)
-        self._writer.start('ros2')
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
-        self._topics: list[Topic] = []
-        self._counts: Counter[str] = Counter()
-        self._start_ns, self._end_ns = 2**63, 0
-        self.first_ns: int | None = None  # stamp of the first message
-        self._pending = 0  # bytes
-        self.flush()
-
-    @property
-    def info(self) -> PartInfo:
-        """What was written so far, flushed or not."""
-        topics, counts = tuple(self._topics), dict(self._counts)
-        return PartInfo(self._path.name, topics, counts, self._start_ns, self._end_ns)
-
-    @property
-    def size(self) -> int:
-        """Bytes on the disk, and in memory on their way there."""
-        return self._whole + self._pending
-
-    def add(self, topic: Topic) -> None:
-        """Add a topic."""
+        """Add a topic; its definition must be known."""
+        text, digest = definition(topic.kind, topic.type_hash)
         if topic.kind not in self._schemas:
-            text, _ = definition(topic.kind, topic.type_hash)
             self._schemas[topic.kind] = self._writer.register_schema(
                 topic.kind, 'ros2msg', text.encode()
             )
         profiles = yaml.safe_dump([dict(item) for item in topic.qos], sort_keys=False)
-        about = {'offered_qos_profiles': profiles, 'topic_type_hash': topic.type_hash}
+        about = {'offered_qos_profiles': profiles, 'topic_type_hash': digest}
         self._channels[topic.name] = self._writer.register_channel(
             topic.name, topic.encoding, self._schemas[topic.kind], about
         )
-        self._topics.append(topic)
+        self._topics[topic.name] = replace(topic, type_hash=digest)
 
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
-        """Write a serialized message of a topic that was added."""
+        """Write a serialized message of an added topic."""
         self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
-        if self.first_ns is None:
-            self.first_ns = stamp_ns
         self._counts[topic] += 1
         self._start_ns, self._end_ns = min(self._start_ns, stamp_ns), max(self._end_ns, stamp_ns)
         self._pending += len(data)
         if self._pending >= CHUNK_SIZE:
-            self.flush()
+            self._hand_over()
 
     def flush(self) -> None:
-        """Hand what is in memory to the kernel: it survives the end of this process."""
-        self._writer.flush()
-        self._flushed, self._whole, self._pending = self.info, self._file.tell(), 0
+        """Let what was written survive a kill -9."""
+        self._hand_over()
+        self._check_disk()
 
-    def close(self) -> PartInfo:
-        """Complete the file."""
-        self.flush()
-        text = yaml.safe_dump(metadata.described([self.info]), sort_keys=False)
+    def close(self) -> None:
+        """Complete the bag."""
+        self._hand_over()
+        text = yaml.safe_dump(self._description(), sort_keys=False)
         self._writer.add_metadata('rosbag2', {'serialized_metadata': text})
         self._writer.finish()
         self._file.close()
-        return self.info
+        self._describe()
 
-    def abandon(self) -> PartInfo:
-        """End the file after a fault, with all that was flushed, but no index."""
+    def rescue(self, error: Exception) -> Mapping[str, int] | None:
+        """End the bag after ``error``; return how much is in it, None where it is not whole."""
+        try:
+            if isinstance(error, DiskFullError):
+                with suppress(OSError):  # there is space for this
+                    self.close()
+                    return self._counts
+            self._abandon()
+        except OSError:
+            return None
+        return self._counts
+
+    def _abandon(self) -> None:
+        """End the file with all that was flushed, but no index."""
         with suppress(OSError, ValueError):
             self._file.close()  # what it holds in memory goes nowhere
         end = RecordBuilder()
@@ -203,15 +135,60 @@ class _Part:
             file.truncate(self._whole)
             file.seek(self._whole)
             file.write(bytes(end.end()) + MCAP0_MAGIC)
-        return self._flushed
+        self._counts, self._start_ns, self._end_ns = self._flushed
+        self._describe()
 
+    def _hand_over(self) -> None:
+        """Hand what is in memory to the kernel: it survives the end of this process."""
+        self._writer.flush()
+        self._flushed = self._counts.copy(), self._start_ns, self._end_ns
+        self._whole, self._pending = self._file.tell(), 0
 
-def _ended(part: _Part, error: Exception) -> PartInfo:
-    """End a file after ``error``; raises OSError if that cannot be done."""
-    if isinstance(error, DiskFullError):
-        with suppress(OSError):
-            return part.close()  # there is space for this
-    return part.abandon()
+    def _check_disk(self) -> None:
+        free = shutil.disk_usage(self._folder).free
+        if free < self._min_free * MB:
+            raise DiskFullError(
+                f'{free / MB:.0f} MB are free where {self._folder} is, {self._min_free:g} MB must '
+                'stay free; make space, or lower min_free'
+            )
+
+    def _describe(self) -> None:
+        with whole(self._folder / METADATA) as partial:
+            text = yaml.safe_dump({INFORMATION: self._description()}, sort_keys=False)
+            partial.write_text(text, encoding='utf-8')
+
+    def _description(self) -> dict[str, Any]:
+        """Return what metadata.yaml says."""
+        start_ns, count = min(self._start_ns, self._end_ns), self._counts.total()
+        extent = {
+            'duration': {'nanoseconds': self._end_ns - start_ns},
+            'starting_time': {'nanoseconds_since_epoch': start_ns},
+            'message_count': count,
+        }
+        return {
+            'version': VERSION,
+            'storage_identifier': 'mcap',
+            'relative_file_paths': [self._path.name],
+            **extent,
+            'topics_with_message_count': [
+                {
+                    'topic_metadata': {
+                        'name': topic.name,
+                        'type': topic.kind,
+                        'serialization_format': topic.encoding,
+                        'offered_qos_profiles': [dict(item) for item in topic.qos],
+                        'type_description_hash': topic.type_hash,
+                    },
+                    'message_count': self._counts[topic.name],
+                }
+                for topic in self._topics.values()
+            ],
+            'compression_format': '',
+            'compression_mode': '',
+            'files': [{'path': self._path.name, **extent}],
+            'custom_data': None,
+            'ros_distro': os.environ.get('ROS_DISTRO') or DISTRO,
+        }
 
 
 PAUSE_S = 0.05  # that messages may wait for others to be written with them
@@ -227,7 +204,6 @@ class RecordingStatus:
     written: Mapping[str, int] = field(default_factory=dict)
     dropped: Mapping[str, int] = field(default_factory=dict)  # the disk was too slow, or full
     waiting_bytes: int = 0
-    files: int = 1
     error: str = ''
 
 
@@ -245,7 +221,7 @@ class Recorder:
     def __init__(self, folder: Path, settings: RecordSettings | None = None) -> None:
         self.folder, self._settings = folder, settings or RecordSettings()
         self._queue = deque[Item]()
-        self._waiting_bytes, self._files = 0, 1
+        self._waiting_bytes = 0
         self._taken: Counter[str] = Counter()
         self._written: Counter[str] = Counter()
         self._dropped: Counter[str] = Counter()
@@ -293,7 +269,6 @@ class Recorder:
                 dict(self._written),
                 dict(self._dropped),
                 self._waiting_bytes,
-                self._files,
                 self._error,
             )
 
@@ -352,20 +327,19 @@ class Recorder:
             return
         writer.write(topic.name, stamp_ns, data)
         with self._changed:
-            self._files = 1 + len(writer.completed)
             self._written[topic.name] += 1
             self._waiting_bytes -= len(data)
             self._changed.notify_all()
 
     def _fail(self, error: Exception, writer: BagWriter | None) -> None:
         """End the bag, and count the messages that are not in it."""
-        whole = writer is not None and writer.rescue(error)
-        state = 'is whole' if whole else 'must be repaired once there is space'
+        kept = None if writer is None else writer.rescue(error)
+        state = 'must be repaired once there is space' if kept is None else 'is whole'
         with self._changed:
             self._error = str(error)
             if writer is not None:
                 self._error = f'recording ended: {reason(error)}; {self.folder} so far {state}'
-                self._written = sum((Counter(it.counts) for it in writer.completed), Counter())
+                self._written = Counter(kept or {})
             self._dropped.update(self._taken - self._written)
             self._open, self._waiting_bytes = False, 0
             self._queue.clear()

@@ -2,35 +2,28 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-import math
 from typing import Any, TypeVar
 
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage
-from visual_servo_epipolar.bags.reading.run import Key, Recording, StampSequence, usable
-from visual_servo_epipolar.bags.replaying.replay import Plan, value_at, with_recorded
+from visual_servo_epipolar.bags.reading.run import Recording, usable
+from visual_servo_epipolar.bags.replaying.replay import Plan, value_at
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.estimate.settings import DEFAULT_LAW
 from visual_servo_epipolar.core.laws.registry import law_named, machine_of
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import step
-from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.core.settings import Settings, updated
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.core.twoview.observation import observe
-from visual_servo_epipolar.messages import read, validation
+from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.messages.settings_text import installed_versions, NodeSettings, PACKAGE
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
 NEAR_NS = NANOSECONDS // 2  # how far from the stamp asked for the photograph may be
 OF_IMAGES = 'matcher', 'matcher_model'  # settings that mean nothing to recorded tracks
 OWN_PHOTOGRAPH = 'tracker_node/desired/image_raw'
-CLOSE = 1e-6  # what other arithmetic may make of one step
 TRACKER = (
     'the recording began after the tracker: what it had seen before is unknown, so that replayed '
     'images may give other tracks; --tracks replays those that were recorded'
@@ -92,7 +85,7 @@ def plan(bag: Bag, run: Recording, overrides: ReplayOverrides) -> tuple[Plan, li
     )
     recorded = settings_in_time(ServoSettings(), run.servo, {}, []) if run.telemetry else []
     first = value_at(recorded, min(run.telemetry)[0]) if run.servo and run.telemetry else None
-    notes += late_start_notes(bag, run, first, from_tracks=from_tracks)
+    notes += late_start_notes(run, first, from_tracks=from_tracks)
     return result, notes
 
 
@@ -240,54 +233,13 @@ def _image_at(bag: Bag, run: Recording, moment: Moment) -> Image:
 
 
 def late_start_notes(
-    bag: Bag, run: Recording, settings: ServoSettings | None, *, from_tracks: bool
+    run: Recording, settings: ServoSettings | None, *, from_tracks: bool
 ) -> list[str]:
     """Return notes on what was at work before; ``settings`` are of the first step, if any."""
-    notes = []
-    if run.first_age and not from_tracks:
-        notes.append(TRACKER)
-    if run.telemetry and _is_servo_at_work(bag, run, settings, min(run.telemetry)):
+    notes = [TRACKER] if run.first_age and not from_tracks else []
+    machine = machine_of(law_named(DEFAULT_LAW)) if settings is None else settings.machine
+    first = min(run.telemetry)[0] if run.telemetry else 0
+    phase = run.diagnoses.get(first, {}).get('phase')
+    if phase is not None and phase not in {item.value for item in machine.first_phases}:
         notes.append(SERVO)
     return notes
-
-
-def _is_servo_at_work(
-    bag: Bag, run: Recording, settings: ServoSettings | None, first: Key
-) -> bool:
-    """Return whether a servo that begins would not have done the first step that is recorded."""
-    phase = run.diagnoses.get(first[0], {}).get('phase')
-    machine = machine_of(law_named(DEFAULT_LAW)) if settings is None else settings.machine
-    if phase is not None and phase not in {item.value for item in machine.first_phases}:
-        return True
-    same_version = all(item.version in ('', __version__) for _, item in run.servo)
-    cameras = run.cameras_of()
-    camera = value_at(cameras, first[0]) if cameras else ''
-    if settings is None or isinstance(camera, str) or not same_version:
-        return False
-    features = _first_features(bag, run, first, camera)
-    if features is None:
-        return False
-    observation = observe(features, camera, first[0])
-    observation = with_recorded(observation, run.telemetry[first], settings)
-    state = step(ServoState(), observation, settings)
-    return not _is_close(telemetry(state), run.telemetry[first])
-
-
-def _first_features(bag: Bag, run: Recording, first: Key, camera: CameraModel) -> Features | None:
-    """Return the recorded tracks of the first step, as the servo takes them."""
-    if 'tracks' not in run.topics:
-        return None
-    topic = run.topics['tracks']
-    sequence = StampSequence(bag.path, topic)
-    for item in bag.messages([topic.name]):
-        if sequence.key(item) == first:
-            return validation.checked_tracks(item.message, camera)[0]
-    return None
-
-
-def _is_close(a: dict[str, float], b: dict[str, float]) -> bool:
-    return all(
-        math.isclose(a[name], b[name], rel_tol=CLOSE, abs_tol=CLOSE)
-        or (math.isnan(a[name]) and math.isnan(b[name]))
-        for name in a.keys() & b.keys()
-    )

@@ -39,7 +39,6 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.core.twoview.observation import Observation, observe
 from visual_servo_epipolar.messages import read, validation
-from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.event_log import Entry, REDETECTED
 from visual_servo_epipolar.messages.tracking import track
 
@@ -167,7 +166,6 @@ class ReplayTracker:
     def __init__(self, plan: Plan, events: EventQueue) -> None:
         self._plan, self._tracker, self._events = plan, Tracker(plan.tracker[0][1]), events
         self._photograph: Image | None = None
-        self._reader = GrayReader()
 
     def track(self, item: RecordedMessage, key: Key, camera: CameraModel | str) -> TrackedImage:
         """Track features in the next image."""
@@ -178,7 +176,7 @@ class ReplayTracker:
         for entry in self._events.due(key[0]):
             if entry.event == REDETECTED:
                 self._tracker.redetect()
-        result = track(self._tracker, item.message, camera, self._reader)
+        result = track(self._tracker, item.message, camera)
         features, warning = result.features, result.warning
         if not isinstance(camera, str):
             features, untrusted = validation.checked_features(features, camera)

@@ -19,7 +19,6 @@ from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import expanded
 from visual_servo_epipolar.messages import event_log, read
-from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.event_log import Entry, FAILED, HELD, STARTED, STOPPED, UNSENT
 from visual_servo_epipolar.messages.route_folder import read_route, route_hash
 from visual_servo_epipolar.messages.route_messages import telemetry
@@ -121,7 +120,7 @@ def replayed_steps(
 
     Raises InputError if the bag begins within a repetition.
     """
-    events, reader, left = EventQueue(recorded.events), GrayReader(), {*recorded.steps}
+    events, left = EventQueue(recorded.events), {*recorded.steps}
     run: RouteRun | None = None
     changed, follow, servo = recorded.settings, changes.get('follow', {}), changes.get('servo', {})
     follows = settings_in_time(FollowSettings(), changed, follow, [])
@@ -129,7 +128,7 @@ def replayed_steps(
     in_force = value_at(follows, 0), value_at(servos, 0)
     for item in bag.messages([recorded.image]):
         with usable(bag.path, item):
-            stamp_ns, image = read.stamp_ns(item.message.header), read.gray(item.message, reader)
+            stamp_ns, image = read.stamp_ns(item.message.header), read.gray(item.message)
         if stamp_ns not in left:
             continue  # no command depended on it
         left.remove(stamp_ns)

@@ -4,8 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from visual_servo_epipolar.core.cameras import equidistant, equirectangular, pinhole
 from visual_servo_epipolar.core.cameras.intrinsics import checked_matrix
 from visual_servo_epipolar.core.cameras.model import CameraModel
@@ -44,7 +42,6 @@ CAMERAS: Registry[CameraRow] = Registry(
     CameraRow,
 )
 UNKNOWN = CameraRow(pinhole.Camera)  # refuses the name
-ROUNDING = 1e-6  # of a ray whose distortion is undone
 CAMERA_INFO = 'camera_info'  # the projection that is calibrated, not given
 # Names of the same lenses: of drivers, of Kalibr and of Apex.AI's and Intel's models.
 SYNONYMS = {
@@ -123,26 +120,6 @@ def scaled(
         cx=(camera.cx + 0.5) * scale_u - 0.5,
         cy=(camera.cy + 0.5) * scale_v - 0.5,
     )
-
-
-def turned_over(camera: CameraModel) -> CameraModel:
-    """Return the camera of its image turned by half; ValueError for a lens that has none."""
-    # Tangential coefficients, thin prisms and the tilt of the sensor change their signs.
-    signs = (1.0, 1.0, -1.0, -1.0, 1.0, 1.0, 1.0, 1.0, *[-1.0] * 6)
-    lens = camera.distortion
-    if camera.planar is not None:
-        lens = tuple(sign * value for sign, value in zip(signs, lens, strict=False))
-    right, bottom = camera.width - 1.0, camera.height - 1.0
-    place = {'cx': right - camera.cx, 'cy': bottom - camera.cy}
-    turned = with_intrinsics(camera, **place, distortion=lens)
-    corner = np.array([[0.3 * right, 0.2 * bottom]])
-    (x, y, z), *_ = camera.rays(corner)
-    if not np.allclose(turned.rays([right, bottom] - corner), [[-x, -y, z]], atol=ROUNDING):
-        raise ValueError(
-            f'the image of a {camera.lens} lens must be stored upright, got one to be turned by '
-            'half; turn it, and remove its orientation tag'
-        )
-    return turned
 
 
 def with_intrinsics(camera: CameraModel, **changes: Any) -> CameraModel:

@@ -38,11 +38,11 @@ from visual_servo_epipolar.evaluation.tables import aligned
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup.executor import isolated_context, new_executor, spin_once
+from visual_servo_epipolar.processes import ONE_THREAD
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings
 from visual_servo_epipolar.simulation.closed_loop import run as drive
-from visual_servo_epipolar.threads import ONE_THREAD
 
 # Its own among benchmarks that run at a time, and above those that people use.
 DOMAIN = 216 + os.getpid() % 16

@@ -186,7 +186,7 @@ def _read(pair: Any, path: Path) -> TruePair:
             f'{str(pair)[:60]}; see docs/commands/bench.md'
         ) from None
     first, second, camera_file = (path.parent / str(file) for file in files)
-    desired, current = (read_photograph(path, turn=True) for path in (first, second))
+    desired, current = (read_photograph(path) for path in (first, second))
     camera = read_camera(str(camera_file))
     cameras = scaled_to(camera, desired, first), scaled_to(camera, current, second)
     group = camera_file.stem

@@ -10,7 +10,7 @@ import sys
 from time import monotonic
 from typing import Any
 
-from visual_servo_epipolar.commands.ending import INTERRUPTED, TERMINATED
+from visual_servo_epipolar.commands.main import INTERRUPTED, TERMINATED
 from visual_servo_epipolar.commands.outputs import OutputFolder
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.files import write_whole

@@ -20,7 +20,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from visual_servo_epipolar.bags.metadata import Topic
+from visual_servo_epipolar.bags.recording.recorder import Topic
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state

@@ -10,7 +10,7 @@ from visual_servo_epipolar.nodes.startup.command_line import answer, USAGE_ERROR
 from visual_servo_epipolar.nodes.startup.missing import remedy
 from visual_servo_epipolar.nodes.startup.process import on_ending
 from visual_servo_epipolar.nodes.startup.table import PACKAGE
-from visual_servo_epipolar.threads import one_thread
+from visual_servo_epipolar.processes import one_thread
 
 INTERRUPTED = 130
 

@@ -82,8 +82,8 @@ NODES: Mapping[str, NodeRow] = {
     ),
     'camera_node': NodeRow(
         does='Simulates the camera of the robot in a textured room.',
-        subscribes='head/command, ground_truth, odom',
-        publishes='image_raw, camera_info, desired/image_raw, joint_states, ~/frames',
+        subscribes='head/command, ground_truth',
+        publishes='image_raw, camera_info, desired/image_raw, joint_states',
         services='',
         settings=(
             'simulation.cameras:CameraSettings',

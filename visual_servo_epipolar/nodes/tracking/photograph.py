@@ -15,13 +15,12 @@ from typing import Any
 import cv2
 import yaml
 
-from visual_servo_epipolar.core.arrays import as_gray, Image
+from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.goal import goal_id
-from visual_servo_epipolar.files import whole
-from visual_servo_epipolar.messages import camera_file
-from visual_servo_epipolar.messages.calibration import entry, text, whole_number
-from visual_servo_epipolar.messages.encodings import GrayReader
+from visual_servo_epipolar.files import whole, yaml_document
+from visual_servo_epipolar.messages import camera_file, encodings
+from visual_servo_epipolar.messages.camera_file import entry, text, whole_number
 
 LAST_NS = 2**63 - 1  # of a stamp
 MOST_IMAGES = 2**31 - 1  # of which a photograph is the mean
@@ -44,9 +43,9 @@ class Photograph:
     more: tuple[Image, ...] = ()
 
 
-def read_picture(path: Path, name: str, *, turn: bool = False) -> Image:
+def read_picture(path: Path, name: str) -> Image:
     """Return the grey levels of a picture; raises OSError, or ValueError if it is none."""
-    return as_gray(GrayReader().picture(path.read_bytes(), name, turn=turn))
+    return encodings.picture(path.read_bytes(), name)
 
 
 def read_photographs(given: str, most: int) -> dict[str, Image]:
@@ -107,7 +106,7 @@ def load(path: Path) -> Photograph | None:
     if not path.exists():
         return None
     try:
-        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+        document = yaml_document(path.read_text(encoding='utf-8'))
         camera = camera_file.from_document(document)
         picture = path.with_name(Path(text(entry(document, 'photograph'), 'photograph')).name)
         image = None
@@ -118,7 +117,7 @@ def load(path: Path) -> Photograph | None:
         first = _check_picture(image, camera, document)
         more = tuple(read_picture(path.with_name(name), name) for name in _more(document))
         photograph = Photograph(first, camera, stamp_ns, images, more)
-    except (OSError, RecursionError, ValueError, yaml.YAMLError) as error:
+    except (OSError, ValueError) as error:
         reason = ' '.join(str(error).split())
         raise ValueError(
             f'photograph {path} cannot be used: {reason:.200}; move it away, and capture anew'
