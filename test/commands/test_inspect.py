@@ -187,7 +187,11 @@ def test_a_mount_that_is_no_angle_is_bad_input(photographs: Path, capsys) -> Non
 
 @pytest.mark.parametrize(
     ('current', 'words'),
-    [('text', 'must be a picture of 8 bits'), ('cropped', 'aspect ratio'), ('missing', 'cannot be read')],
+    [
+        ('text', 'must be a picture of 8 bits'),
+        ('cropped', 'aspect ratio'),
+        ('missing', 'cannot be read'),
+    ],
 )
 def test_what_is_of_no_such_camera_is_bad_input(photographs, capsys, current, words) -> None:
     code, _ = inspect(photographs, current)
