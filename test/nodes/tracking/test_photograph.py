@@ -186,7 +186,7 @@ def changed(key, value):
             (cut_short, 'is missing or broken'),
             (exchanged, 'is another one'),
             (of_another_size, 'its picture has 9x9 px, its camera 320x240'),
-            (lambda path: path.write_text(''), 'a camera file must map names to values'),
+            (lambda path: path.write_text(''), "lacks 'camera_matrix'"),
             (lambda path: path.write_bytes(b'\xff\xfe\x00'), 'cannot be used'),
             (lambda path: path.write_text('a: [1'), 'cannot be used'),
             (without('camera_matrix'), "lacks 'camera_matrix'"),
