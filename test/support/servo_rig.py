@@ -13,6 +13,7 @@ from std_msgs.msg import String
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import NO_GOAL
+from visual_servo_epipolar.core.laws.phase import unarmed
 from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, write
@@ -139,7 +140,7 @@ class Rig:
     def phase(self) -> str:
         """The phase, as the servo says it now."""
         self.bench.settle()
-        return read.phase(self.words[-1].data)
+        return unarmed(self.words[-1].data)
 
     @property
     def drives(self) -> bool:

@@ -21,7 +21,6 @@ from visual_servo_epipolar.core.cameras.registry import (
 )
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
 from visual_servo_epipolar.core.goal import NO_GOAL
-from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import encodings
@@ -207,11 +206,6 @@ def goal(message: Any) -> int | None:
 def has_photograph(message: Any) -> bool:
     """Return whether the tracker has a photograph, whether it is in view or not."""
     return int(message.height) > 0
-
-
-def phase(word: str) -> str:
-    """Return the phase that a word on ``phase`` or in diagnostics is of: an armed servo waits."""
-    return Phase.WAITING.value if word == ARMED else word
 
 
 def repeats(message: Any) -> int:

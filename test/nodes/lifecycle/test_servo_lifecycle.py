@@ -9,8 +9,9 @@ from servo_rig import PERIOD_NS, Rig, tracks
 from std_msgs.msg import Bool, String
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.laws.phase import unarmed
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.messages import event_log, read, write
+from visual_servo_epipolar.messages import event_log, write
 from visual_servo_epipolar.nodes import qos
 
 STEPS = 80
@@ -103,7 +104,7 @@ def test_with_autostart_a_new_run_begins(rig, way) -> None:
     rig.drive()
     go(rig.bench, rig.node, 'deactivate', *way, 'activate')
     rig.bench.until(lambda: not rig.moving, 'the zero twist')
-    assert read.phase(rig.words[-1].data) == 'waiting'
+    assert unarmed(rig.words[-1].data) == 'waiting'
     rig.drive()
 
 

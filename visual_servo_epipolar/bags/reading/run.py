@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.laws.phase import unarmed
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.messages import event_log, read
 from visual_servo_epipolar.messages.event_log import Entry
@@ -196,7 +197,7 @@ def _read_diagnosis(run: Recording, item: RecordedMessage, key: Key) -> None:
         return
     diagnosis = read.diagnosis(item.message)
     if read.is_of_step(diagnosis):
-        diagnosis['phase'] = read.phase(diagnosis['phase'])  # as in a replay
+        diagnosis['phase'] = unarmed(diagnosis['phase'])  # as in a replay
         run.diagnoses[read.stamp_ns(item.message.header)] = diagnosis
 
 

@@ -68,6 +68,11 @@ class Phase:
         return _same, astuple(self)
 
 
+def unarmed(word: str) -> str:
+    """Return the phase that a word on ``phase`` or in diagnostics is of: an armed servo waits."""
+    return Phase.WAITING.value if word == ARMED else word
+
+
 def _same(value: str, *facts: bool) -> Phase:
     """Return the phase of this word in a process that may not have its law in use."""
     return Phase.known.get(value) or Phase(value, *facts)

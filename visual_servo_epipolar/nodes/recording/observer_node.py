@@ -10,6 +10,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image, JointState, PointCloud2
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.laws.phase import unarmed
 from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.servo.telemetry import sample
@@ -65,7 +66,7 @@ class ObserverNode(Node):
         diagnosis = read.diagnosis(parts['/diagnostics'])
         telemetry = read.telemetry(parts['epipoles'])
         pose = read.pose(parts['ground_truth'])
-        step = sample(stamp_ns, pose, phase_named(read.phase(diagnosis['phase'])), telemetry)
+        step = sample(stamp_ns, pose, phase_named(unarmed(diagnosis['phase'])), telemetry)
         self._monitor.add(step, reason=diagnosis['reason'], attempts=int(telemetry['attempt']))
         image = read.gray(parts['image_raw']) if 'image_raw' in parts else None
         features = read.features(parts['tracks']) if 'tracks' in parts else None
