@@ -1,7 +1,6 @@
 """The simulated camera as a node, and the tree of frames: world, odom, base_link, camera."""
 
 import math
-from types import SimpleNamespace
 
 from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry
@@ -18,7 +17,6 @@ from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.bases import LEVEL, Nod
-from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.closed_loop import published
 
 PERIOD_NS = period_ns(11.0)
@@ -98,12 +96,6 @@ def test_every_lens_is_told_as_it_is_simulated(bench, model, distortion) -> None
     assert read.camera(info) == camera.simulator.camera
 
 
-def test_no_distortion_may_be_written_as_an_empty_list(bench) -> None:
-    camera = Camera(bench, distortion=())
-    camera.see(0)
-    assert read.camera(camera.infos[0]) == CameraSettings(**MINUTE, distortion=()).camera
-
-
 def test_who_comes_late_still_gets_the_photograph(camera) -> None:
     camera.see(0)
     photographs = camera.bench.listen(Image, 'desired/image_raw', qos.LATCHED)
@@ -165,15 +157,6 @@ def test_a_pose_that_is_not_finite_is_refused_and_the_next_one_seen(camera) -> N
     assert camera.images == []
     camera.see(PERIOD_NS)
     assert camera.stamps() == [PERIOD_NS]
-
-
-def test_no_image_costs_settings_to_be_made_anew(bench, monkeypatch) -> None:
-    camera = Camera(bench, rig='pan_tilt')
-    monkeypatch.setattr(CameraSettings, '__post_init__', lambda _: pytest.fail('made anew'))
-    camera.see(0)
-    camera.see(PERIOD_NS)
-    assert camera.stamps() == [0, PERIOD_NS]
-    assert read.camera(camera.infos[-1]).width == MINUTE['width']
 
 
 FRAMES = {'odom_frame': 'o', 'base_frame': 'b', 'frame_prefix': 'robot1/'}
@@ -269,25 +252,6 @@ def test_the_transform_of_a_yawed_camera_looks_to_the_left(bench, sent) -> None:
 def test_a_frame_that_tf2_refuses_is_refused_at_the_start(bench, kind, values) -> None:
     with pytest.raises(ValueError, match='a frame must have a name that does not begin with /'):
         bench.start(kind, **values)
-
-
-@pytest.mark.parametrize(
-    ('static', 'topic', 'profile'),
-    [(False, '/tf', qos.TRANSFORMS), (True, '/tf_static', qos.LATCHED)],
-)
-def test_with_tf2_msgs_transforms_are_one_message(monkeypatch, static, topic, profile) -> None:
-    monkeypatch.setattr(transforms, 'tf_message_class', lambda: SimpleNamespace)
-    made, published = [], []
-
-    def create_publisher(*arguments):
-        made.append(arguments)
-        return SimpleNamespace(publish=published.append)
-
-    node = SimpleNamespace(create_publisher=create_publisher)
-    broadcaster = TransformBroadcaster(node, static=static)
-    broadcaster.send(['first', 'second'])
-    assert made == [(SimpleNamespace, topic, profile)]
-    assert [message.transforms for message in published] == [['first', 'second']]
 
 
 def test_without_tf2_msgs_it_says_so_once(bench, monkeypatch) -> None:

@@ -120,20 +120,6 @@ def test_pictures_and_markers_of_foxglove_are_published(run) -> None:
     assert topics[info] == 'sensor_msgs/msg/CameraInfo'
 
 
-def test_foxglove_shows_each_panel_once() -> None:
-    def leaves(node: Any) -> Iterator[str]:
-        if isinstance(node, str):
-            yield node
-        else:
-            assert node['direction'] in ('row', 'column')
-            assert 0 < node['splitPercentage'] < 100
-            yield from leaves(node['first'])
-            yield from leaves(node['second'])
-
-    assert sorted(leaves(FOXGLOVE['layout'])) == sorted(FOXGLOVE['configById'])
-    assert {'globalVariables', 'userNodes', 'playbackConfig'} <= FOXGLOVE.keys()
-
-
 def test_what_rviz_displays_is_published(run) -> None:
     topics, _ = run
     shown = [item for item in RVIZ['Visualization Manager']['Displays'] if 'Topic' in item]

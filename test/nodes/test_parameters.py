@@ -6,7 +6,7 @@ import re
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, SetParametersAtomically
-from rclpy.exceptions import InvalidParameterValueException
+from rclpy.exceptions import ParameterException
 from rclpy.parameter import Parameter
 import yaml
 
@@ -152,10 +152,9 @@ def change(bench, node, **values):
 BAD = [
     ('servo_node', 'latency', 99.0, 'latency out of range'),
     ('servo_node', 'latency', float('nan'), 'latency'),
-    ('servo_node', 'latency', 1, 'latency must be a double, write 1.0, got the integer 1$'),
-    ('servo_node', 'latency', 'fast', 'be a double, got the string fast'),
-    ('tracker_node', 'max_features', 2.0, 'an integer, got the double'),
-    ('unicycle_node', 'start', [1, 2, 3], r'write \[1.0, 2.0, 3.0\], got the list of integers'),
+    ('servo_node', 'latency', 1, 'DOUBLE.* got .*INTEGER'),
+    ('tracker_node', 'max_features', 2.0, 'INTEGER.* got .*DOUBLE'),
+    ('unicycle_node', 'start', [1, 2, 3], 'DOUBLE_ARRAY.* got .*INTEGER_ARRAY'),
     ('tracker_node', 'max_features', 0, 'max_features out of range'),
     ('servo_node', 'law', 'other', 'one of paper, corrected, full'),
     ('servo_node', 'estimator', 'lmeds_8pt', 'read-only'),
@@ -251,15 +250,10 @@ def test_a_parameter_from_elsewhere_is_refused_with_all_that_there_are(bench) ->
 
 
 @pytest.mark.parametrize(
-    ('value', 'error', 'reason'),
-    [
-        (1, ValueError, 'latency must be a double, write 1.0, got the integer 1$'),
-        (True, ValueError, 'latency must be a double, got the boolean True$'),
-        (99.0, InvalidParameterValueException, 'out of range'),
-    ],
+    ('value', 'reason'), [(1, "'INTEGER', expecting type 'DOUBLE'"), (99.0, 'out of range')]
 )
-def test_a_bad_value_is_refused_at_the_start(bench, value, error, reason) -> None:
-    with pytest.raises(error, match=reason):
+def test_a_bad_value_is_refused_at_the_start(bench, value, reason) -> None:
+    with pytest.raises(ParameterException, match=reason):
         bench.start(ServoNode, latency=value)
 
 

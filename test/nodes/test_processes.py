@@ -127,7 +127,7 @@ def run_badly(name: str, *more: str) -> subprocess.CompletedProcess[str]:
     few_of(
         [
             ('{max_linear: 99.0}', 'max_linear out of range'),
-            ('{max_linear: 2}', 'max_linear must be a double, write 2.0, got the integer 2$'),
+            ('{max_linear: 2}', "'INTEGER', expecting type 'DOUBLE'"),
             ('{max_linear: .nan}', 'max_linear'),
             ('{max_linea: 0.1}', 'no parameter max_linea; did you mean max_linear'),
             ('{law: other}', 'law must be one of paper, corrected, full'),

@@ -8,9 +8,6 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
-from rclpy.qos import qos_profile_sensor_data
-from rosgraph_msgs.msg import Clock
-from std_msgs.msg import Header
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.stamps import period_ns
@@ -147,48 +144,6 @@ def test_in_lockstep_nothing_moves_without_a_command(bench) -> None:
     assert truth == []
 
 
-def test_in_lockstep_the_clock_comes_before_the_truth(bench) -> None:
-    command, received = bench.talk(TwistMessage, 'cmd_vel'), []
-    order = bench.probe
-    order.create_subscription(
-        Clock,
-        '/clock',
-        lambda message: received.append(('clock', read.stamp_ns(as_header(message)))),
-        qos_profile_sensor_data,
-    )
-    order.create_subscription(
-        Odometry,
-        'ground_truth',
-        lambda message: received.append(('truth', read.stamp_ns(message.header))),
-        10,
-    )
-    node = bench.start(UnicycleNode, lockstep=True)
-    published = []
-    for name in ('_clock_pub', '_truth_pub', '_odom_pub', '_applied_pub'):
-        spy(node, name, published)
-    command(write.twist(Twist(0.3, 0.0)))
-    bench.until(lambda: len(received) == 2, 'clock and truth')
-    assert {stamp for _, stamp in received} == {PERIOD_NS}
-    assert published[0] == '_clock_pub'
-
-
-def as_header(clock):
-    """Give a /clock message the shape of a header."""
-    return Header(stamp=clock.clock)
-
-
-def spy(node, name, published):
-    """Note when the publisher ``name`` publishes."""
-    publisher = getattr(node, name)
-
-    class Spy:
-        def publish(self, message):
-            published.append(name)
-            publisher.publish(message)
-
-    setattr(node, name, Spy())
-
-
 def test_reset_brings_it_back_to_the_start(bench) -> None:
     node, command, truth = start(bench)
     until_it_moves(bench, lambda: command(write.twist(Twist(0.3, 0.3))), truth, 0.05)
@@ -229,15 +184,6 @@ def test_odometry_starts_at_zero_and_drifts_away_from_the_truth(bench) -> None:
 def position(message):
     pose = read.pose(message)
     return pose.x, pose.y
-
-
-def test_frames_are_named_as_told(bench) -> None:
-    odometry = bench.listen(Odometry, 'odom')
-    node, _, truth = start(bench, lockstep=True, odom_frame='o', base_frame='b', world_frame='w')
-    node.begin()
-    bench.until(lambda: bool(truth and odometry), 'truth and odometry')
-    assert (truth[0].header.frame_id, truth[0].child_frame_id) == ('w', 'b')
-    assert (odometry[0].header.frame_id, odometry[0].child_frame_id) == ('o', 'b')
 
 
 def test_odometry_knows_how_uncertain_it_is_and_the_truth_is_exact(bench) -> None:

@@ -7,7 +7,7 @@ import re
 import pytest
 import yaml
 
-from visual_servo_epipolar.nodes.servoing.rivals import TOPIC
+from visual_servo_epipolar.nodes.commands import TOPIC
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / 'config'

@@ -20,7 +20,7 @@ from std_msgs.msg import String
 
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.lockstep import Lockstep
-from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode
+from visual_servo_epipolar.nodes.observer import ObserverNode
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 

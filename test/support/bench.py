@@ -23,7 +23,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.nodes import parameters
-from visual_servo_epipolar.nodes.startup.executor import new_executor, spin_once
+from visual_servo_epipolar.nodes.startup.run import new_executor, spin_once
 
 DOMAINS_A_PROCESS, MAX_DOMAIN = 10, 100  # ports of domains above lie among those of the kernel
 USUAL_SEC = 30.0  # many times what anything here takes, also beside other work

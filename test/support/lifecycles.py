@@ -57,8 +57,7 @@ def go(bench: Bench, node: Any, *names: str) -> str:
 def entities(node: Any) -> dict[str, int]:
     """Return how many entities of each kind a node has."""
     kinds = ('publishers', 'subscriptions', 'timers', 'services', 'clients', 'waitables')
-    counts = {kind: len(list(getattr(node, kind))) for kind in kinds}
-    return {**counts, 'managed': len(node._managed_entities)}
+    return {kind: len(list(getattr(node, kind))) for kind in kinds}
 
 
 def assert_cycles_leave_nothing(bench: Bench, node: Any) -> None:

@@ -18,8 +18,8 @@ from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.live_run import LiveRun
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing.live_run import LiveRun
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rigs import FixedRig
 

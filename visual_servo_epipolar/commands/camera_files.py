@@ -7,7 +7,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import scaled
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages.camera_file import from_text, KINDS
-from visual_servo_epipolar.nodes.tracking.photograph import read_picture
+from visual_servo_epipolar.nodes.photograph import read_picture
 
 ASPECT_TOLERANCE = 0.01
 

@@ -70,7 +70,7 @@ def _drive(
     video: 'VideoWriter | None',
     progress: Progress,
 ) -> RunLog:
-    from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode
+    from visual_servo_epipolar.nodes.observer import ObserverNode
 
     monitor = RunMonitor(settings)
 

@@ -17,7 +17,7 @@ from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.messages.joints import COMMAND_TYPES, joint_states, read_head_command
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
-from visual_servo_epipolar.nodes.startup.guards import GuardedNode
+from visual_servo_epipolar.nodes.managed import GuardedNode
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import CameraFrames, CameraRig
 from visual_servo_epipolar.simulation.bases import Nod

@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.rigs.fixed_mount import Mount, mount_of
 from visual_servo_epipolar.messages import read, transforms
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.managed import in_every_state
 
 Transform = tuple[FloatArray, FloatArray]
 MountedT = TypeVar('MountedT', bound='MountSettings')
@@ -71,6 +72,7 @@ class StaticMount:
         elif kind is not None:
             node.create_subscription(kind, '/tf_static', self.receive, qos.STATIC_TRANSFORMS)
 
+    @in_every_state
     def receive(self, message: Any) -> None:
         """Take in a tf2_msgs/TFMessage; a transform that cannot be used is left out and logged."""
         for item in message.transforms:

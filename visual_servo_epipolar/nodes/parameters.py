@@ -18,8 +18,8 @@ from rclpy.parameter import Parameter
 import yaml
 
 from visual_servo_epipolar.core.settings import alike, parameters_of, range_of, Settings
-from visual_servo_epipolar.nodes.startup import command_line, table
-from visual_servo_epipolar.nodes.startup.guards import GuardedNode, wrong_type
+from visual_servo_epipolar.nodes.managed import GuardedNode
+from visual_servo_epipolar.nodes.startup import executables, table
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
 PARAMETERS = 'ros__parameters'
@@ -47,13 +47,12 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     earlier versions have it; a setting that is gone may be given the value that holds. In a file
     that nodes share it may be a parameter of another node.
 
-    Raises ValueError for a value that cannot be used, of another type, a name of an earlier
-    version, or an internal setting of another value; rclpy raises for a wrong range.
+    Raises ValueError for a value that cannot be used, a name of an earlier version, or an internal
+    setting of another value; rclpy raises for a wrong type or range.
     """
     given = node.given
     for name, off in kind.GONE.items():
-        value: Any = given[name].value if name in given else None
-        if name in given and off == (tuple(value) if isinstance(off, tuple) else value):
+        if name in given and _value(given[name]) == off:
             del given[name]
     old = [f'{name} -> {kind.RENAMED[name]}' for name in given if name in kind.RENAMED]
     gone = given.keys() & kind.GONE.keys() - kind.RENAMED.keys()
@@ -68,10 +67,6 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
         if item.name in skipped or (item.name not in known and item.name not in given):
             continue
         default = _plain(item.default)
-        expected = Parameter(item.name, value=default).type_
-        reason = wrong_type(given[item.name], expected) if item.name in given else ''
-        if reason:
-            raise ValueError(reason)
         value = node.declare_parameter(item.name, default, _descriptor(item)).value
         if isinstance(item.default, tuple):
             value = tuple(value or ())  # an empty list in YAML leaves the parameter unset
@@ -159,8 +154,8 @@ def finish(node: GuardedNode, options: Mapping[str, Any]) -> None:
     node was made with. Warns of a file that sets nothing of the node.
     """
     name, words = node.get_name(), _ros_arguments(options)
-    files = {path: read_sections(path) for path in command_line.values(words, '--params-file')}
-    direct = command_line.parameter_names(words, name)
+    files = {path: read_sections(path) for path in executables.values(words, '--params-file')}
+    direct = executables.parameter_names(words, name)
     direct |= node.by_program
     shared = {item for sections in files.values() for item in _names_for(node, sections)} - direct
     for item in sorted(node.given):
@@ -179,7 +174,7 @@ def _ros_arguments(options: Mapping[str, Any]) -> list[str]:
     heard = list(options.get('cli_args') or ())
     if options.get('use_global_arguments', True):
         heard = [*sys.argv[1:], '--', *heard]
-    return command_line.split(heard)[0]
+    return executables.split(heard)[0]
 
 
 def _hint(node: Node, parameter: str, owner: str) -> str:

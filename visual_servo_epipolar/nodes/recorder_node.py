@@ -15,9 +15,8 @@ from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.lifecycle.gates import serve
-from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.recording.raw_subscriptions import (
+from visual_servo_epipolar.nodes.managed import ManagedNode, serve
+from visual_servo_epipolar.nodes.raw_subscriptions import (
     RawSubscriptions,
     TopicSelection,
 )

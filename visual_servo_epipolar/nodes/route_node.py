@@ -29,20 +29,21 @@ from visual_servo_epipolar.messages.route_folder import (
     write_route,
 )
 from visual_servo_epipolar.nodes import parameters
-from visual_servo_epipolar.nodes.lifecycle.gates import carry_out, in_every_state, serve
-from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.routing.recording import RouteRecording, RouteRenewal
-from visual_servo_epipolar.nodes.routing.repetition import RouteRepetition, RouteReports
-from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
-from visual_servo_epipolar.nodes.servoing.commands import Commands
-from visual_servo_epipolar.nodes.servoing.driven_path import DrivenPath
-from visual_servo_epipolar.nodes.servoing.live_run import QUIET_S
-from visual_servo_epipolar.nodes.servoing.rivals import CommandConflicts
-from visual_servo_epipolar.nodes.servoing.switches import Enable, StopButton
-from visual_servo_epipolar.nodes.startup.complaints import Complaints
+from visual_servo_epipolar.nodes.camera_subscriptions import CameraSubscriptions
+from visual_servo_epipolar.nodes.commands import CommandConflicts, Commands
+from visual_servo_epipolar.nodes.driving_inputs import DrivenPath, ServoCamera
+from visual_servo_epipolar.nodes.live_run import QUIET_S
+from visual_servo_epipolar.nodes.managed import carry_out, in_every_state, ManagedNode, serve
+from visual_servo_epipolar.nodes.reports import Complaints
+from visual_servo_epipolar.nodes.route_runs import (
+    RouteRecording,
+    RouteRenewal,
+    RouteRepetition,
+    RouteReports,
+)
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import RouteNodeSettings
-from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
+from visual_servo_epipolar.nodes.watching import Enable, StopButton
 
 
 class RouteNode(ManagedNode):
@@ -158,6 +159,7 @@ class RouteNode(ManagedNode):
         if self._recording is not None:
             self._recording.look_at_waiting()
 
+    @in_every_state  # camera_info may be latched
     def _on_info(self, message: CameraInfo) -> None:
         self._inputs.info_frame = message.header.frame_id
         self._camera.hear(message, Run(), self._servo)

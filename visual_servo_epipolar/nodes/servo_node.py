@@ -15,20 +15,15 @@ from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.messages import event_log, read, validation
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state, serve
-from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
-from visual_servo_epipolar.nodes.servoing.commands import Commands
-from visual_servo_epipolar.nodes.servoing.driven_path import DrivenPath
-from visual_servo_epipolar.nodes.servoing.freshness import IDLE_PERIOD_S, WATCH_PERIOD_S
-from visual_servo_epipolar.nodes.servoing.head import Head
-from visual_servo_epipolar.nodes.servoing.live_run import LiveRun, WAITS_FOR_END
-from visual_servo_epipolar.nodes.servoing.reports import Reports
-from visual_servo_epipolar.nodes.servoing.switches import Enable, StopButton
-from visual_servo_epipolar.nodes.startup.complaints import Complaints
+from visual_servo_epipolar.nodes.camera_subscriptions import CameraSubscriptions
+from visual_servo_epipolar.nodes.commands import Commands, Head
+from visual_servo_epipolar.nodes.driving_inputs import DrivenPath, ServoCamera
+from visual_servo_epipolar.nodes.live_run import LiveRun, Reports, WAITS_FOR_END
+from visual_servo_epipolar.nodes.managed import in_every_state, ManagedNode, serve
+from visual_servo_epipolar.nodes.reports import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
-from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
+from visual_servo_epipolar.nodes.watching import Enable, IDLE_PERIOD_S, StopButton, WATCH_PERIOD_S
 
 AHEAD_S = 0.1  # by which an image may be newer than odometry: the base goes on as it did
 MEANWHILE = 'the servo goes by its commands meanwhile'
@@ -152,6 +147,7 @@ class ServoNode(ManagedNode):
         if self.is_configured:
             self._reports.settings((self._node_settings, self._settings), self._live.stamp_ns)
 
+    @in_every_state  # camera_info may be latched
     def _on_info(self, message: CameraInfo) -> None:
         live = self._live
         live.run, trouble = self._camera.hear(message, live.run, self._settings)

@@ -20,17 +20,16 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import event_log, read, write
 from visual_servo_epipolar.messages.tracking import track, TrackingResult
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.lifecycle.gates import serve
-from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.startup.complaints import Complaints, PATIENCE_S
+from visual_servo_epipolar.nodes.camera_subscriptions import CameraSubscriptions
+from visual_servo_epipolar.nodes.managed import in_every_state, ManagedNode, serve
+from visual_servo_epipolar.nodes.photograph import read_photographs
+from visual_servo_epipolar.nodes.photographer import Photographer, Renewal
+from visual_servo_epipolar.nodes.reports import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
-from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
-from visual_servo_epipolar.nodes.tracking.lateness import Lateness
-from visual_servo_epipolar.nodes.tracking.photograph import read_photographs
-from visual_servo_epipolar.nodes.tracking.photographer import Photographer, Renewal
-from visual_servo_epipolar.nodes.tracking.reports import TrackerReports
+from visual_servo_epipolar.nodes.tracker_reports import Lateness, TrackerReports
 
+PATIENCE_S = 5.0  # with which another publisher of camera_info is waited for
 NO_CAMERA = 'no usable camera_info yet; an image waits for it, the robot stands'
 
 
@@ -82,6 +81,7 @@ class TrackerNode(ManagedNode):
         """Match the next image anew: the robot may have been driven elsewhere meanwhile."""
         if self._tracker.has_desired:
             self._tracker.redetect()
+            self._reports.desired(self._tracker.photographs.images[0], self._stamp_ns)
         self._reports.expect_images()
         self._announce()
 
@@ -162,6 +162,7 @@ class TrackerNode(ManagedNode):
         except (ValueError, TrackingError) as error:
             raise ValueError(f'{name} cannot be added: {error}') from None
 
+    @in_every_state  # camera_info may be latched
     def _on_info(self, message: CameraInfo) -> None:
         self._inputs.info_frame = message.header.frame_id
         try:
@@ -259,6 +260,7 @@ class TrackerNode(ManagedNode):
             self._warn(complaint)
         self._reports.diagnose(tracking, behind, self._stamp_ns, age_s, self._tracker.which)
 
+    @in_every_state
     def _on_desired(self, message: Image | CompressedImage) -> None:
         try:
             image = read.gray(message)

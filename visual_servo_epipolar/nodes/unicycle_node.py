@@ -14,8 +14,7 @@ from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
-from visual_servo_epipolar.nodes.lifecycle.gates import serve
-from visual_servo_epipolar.nodes.startup.guards import GuardedNode
+from visual_servo_epipolar.nodes.managed import GuardedNode, serve
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import UnicycleSettings
 from visual_servo_epipolar.simulation.bases import (

@@ -20,9 +20,8 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes import driving_inputs, qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing import camera
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rigs import FixedRig
@@ -189,7 +188,7 @@ def compared(path: Path, **overrides):
 
 
 def test_a_camera_changed_in_mid_run_holds_in_the_replay(bench, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(camera, 'DISTRUST_S', 1.5e-9 * PERIOD_NS)  # the first image is refused
+    monkeypatch.setattr(driving_inputs, 'DISTRUST_S', 1.5e-9 * PERIOD_NS)  # the first is refused
     messages = recorded(bench, [info(TRUE, 0)] * 4 + [info(OTHER, 0)] * 4 + [info(TRUE, 0)] * 4)
     steps, comparison = compared(write_bag(tmp_path / 'bag', messages))
     assert comparison.equal

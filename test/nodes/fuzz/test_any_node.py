@@ -23,12 +23,12 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.messages.encodings import ENCODINGS
 from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.commands import Commands
 from visual_servo_epipolar.nodes.dock_node import DockNode
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
+from visual_servo_epipolar.nodes.reports import Complaints
 from visual_servo_epipolar.nodes.route_node import RouteNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing.commands import Commands
-from visual_servo_epipolar.nodes.startup import complaints
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 
@@ -218,7 +218,7 @@ def test_in_a_run_the_robot_keeps_to_its_limits(bench, monkeypatch) -> None:
     assert sum(moved[:count]) > count // 2 < sum(moved[count:])
 
 
-KINDS_RECORDER_FUZZ = {
+RECORDED = {
     'tracks': PointCloud2,
     'camera_info': CameraInfo,
     'odom': Odometry,
@@ -231,19 +231,19 @@ BATCH = 10  # messages between two looks at what has come
 
 def test_all_that_is_published_is_in_the_bag_byte_for_byte(bench: Bench, tmp_path) -> None:
     """Also what no subscriber could read: it is recorded as it came."""
-    talk = {name: bench.talk(kind, name) for name, kind in KINDS_RECORDER_FUZZ.items()}
+    talk = {name: bench.talk(kind, name) for name, kind in RECORDED.items()}
     node = bench.start(
-        RecorderNode, bag=str(tmp_path / 'bag'), topics=tuple(KINDS_RECORDER_FUZZ), report=False
+        RecorderNode, bag=str(tmp_path / 'bag'), topics=tuple(RECORDED), report=False
     )
     bench.until(lambda: node.ready, 'the topics to be recorded')
     bench.settle()
     sent = []
 
     def tell(rng, number: int) -> None:
-        for name, kind in KINDS_RECORDER_FUZZ.items():
+        for name, kind in RECORDED.items():
             data = serialize_message(fuzzing.anything(kind, rng))
             if rng.random() < 0.3:
-                data = damaged_of_recorder_fuzz(data, rng)
+                data = damaged(data, rng)
             talk[name](data)
             sent.append((f'/{name}', data))
         if number % BATCH == 0:
@@ -257,14 +257,6 @@ def test_all_that_is_published_is_in_the_bag_byte_for_byte(bench: Bench, tmp_pat
     assert not node.stop().error
     written = sorted((name, bytes(data)) for name, _, data in read_back(tmp_path / 'bag'))
     assert written == sorted(sent)
-
-
-def damaged_of_recorder_fuzz(data: bytes, rng) -> bytes:
-    """Return bytes of which some are others, after the four that say how they are encoded."""
-    changed = bytearray(data)
-    for _ in range(4):
-        changed[int(rng.integers(4, len(data)))] = int(rng.integers(0, 256))
-    return bytes(changed)
 
 
 LONGEST = 500  # letters of a line
@@ -314,24 +306,6 @@ def compressed(rng, view):
     return message
 
 
-def camera_info(rng, view):
-    message = stamped(CameraInfo(), rng)
-    message.width, message.height = (int(rng.choice(SIZES)) for _ in range(2))
-    message.distortion_model = str(rng.choice(LENSES))
-    message.d = rng.choice(NUMBERS, int(rng.choice([0, 4, 5, 8, 12, 14, 3, 99]))).tolist()
-    message.k, message.p = rng.choice(NUMBERS, 9), rng.choice(NUMBERS, 12)
-    message.binning_x, message.binning_y = (int(rng.choice(SIZES)) for _ in range(2))
-    roi = message.roi
-    roi.x_offset, roi.y_offset, roi.width, roi.height = (int(rng.choice(SIZES)) for _ in range(4))
-    if rng.random() < 0.5:  # nearly right
-        message.width, message.height, message.k = (
-            320,
-            240,
-            np.array([192.0, 0, 160, 0, 192, 120, 0, 0, 1]),
-        )
-    return message
-
-
 @pytest.mark.parametrize(
     ('topic', 'made', 'transport'),
     [
@@ -339,14 +313,14 @@ def camera_info(rng, view):
         ('/image_raw/compressed', compressed, 'compressed'),
         ('/desired/image_raw', image, 'raw'),
         ('/desired/image_raw/compressed', compressed, 'compressed'),
-        ('/camera_info', camera_info, 'raw'),
+        ('/camera_info', lambda rng, _: fuzzing.nearly_camera(rng), 'raw'),
     ],
 )
 def test_random_messages_are_survived(
     bench, simulator, photograph, view, monkeypatch, topic, made, transport
 ) -> None:
     said, clouds = [], []
-    monkeypatch.setattr(complaints.Complaints, '__call__', lambda self, text: said.append(text))
+    monkeypatch.setattr(Complaints, '__call__', lambda self, text: said.append(text))
     node = bench.start(TrackerNode, transport=transport, camera_reliability='best_effort')
     (publisher,) = (it for it in node.publishers if it.topic_name == '/tracks')
     monkeypatch.setattr(publisher, 'publish', clouds.append)

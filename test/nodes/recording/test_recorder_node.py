@@ -20,9 +20,9 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import diagnostics, read, write
 from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.nodes import parameters, qos, recorder_node
+from visual_servo_epipolar.nodes.observer import ObserverNode, UNFINISHED
+from visual_servo_epipolar.nodes.raw_subscriptions import DEPTH, message_class
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
-from visual_servo_epipolar.nodes.recording.observer_node import ObserverNode, UNFINISHED
-from visual_servo_epipolar.nodes.recording.raw_subscriptions import DEPTH, message_class
 from visual_servo_epipolar.simulation.closed_loop import RunMonitor
 
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -90,18 +90,6 @@ def test_hash_and_qos_are_those_of_the_publishers(bench, tmp_path) -> None:
     assert (state.reliability, state.durability) == (reliable, QosDurability.TRANSIENT_LOCAL)
     assert (numbers.reliability, numbers.durability) == (best_effort, QosDurability.VOLATILE)
     assert connections['/numbers'].digest == str(type_hash)
-
-
-def test_numbers_without_velocities_are_read_by_rosbags(bench, tmp_path) -> None:
-    say = bench.talk(JointState, 'epipoles')
-    recording = Recording(bench, tmp_path, topics=('epipoles',))
-    recording.until_recorded('/epipoles')
-    say(write.telemetry({'bearing': 0.5, 'sigma': -1.0}, 7, 'camera'))
-    recording.until_written('/epipoles')
-    recording.node.stop()
-    with AnyReader([recording.bag]) as reader:
-        (message,) = (reader.deserialize(raw, it.msgtype) for it, _, raw in reader.messages())
-    assert read.telemetry(message) == {'bearing': 0.5, 'sigma': -1.0}
 
 
 def test_only_what_is_wanted_is_recorded(bench, tmp_path) -> None:
@@ -323,10 +311,6 @@ def test_what_is_lost_on_the_way_is_told_by_topic(bench, tmp_path) -> None:
     assert lost() == f'{1 + 10 * DEPTH - kept} of /words'
 
 
-def test_a_message_is_found_by_its_name() -> None:
-    assert message_class('std_msgs/msg/String') is String
-
-
 @pytest.mark.parametrize(
     'kind',
     [
@@ -380,9 +364,3 @@ def test_diagnostics_of_others_do_not_pile_up(observer) -> None:
         for message in (foreign, between, DiagnosticArray()):
             diagnose(observer, message)
     assert observer._pending == {}
-
-
-def test_steps_that_are_never_whole_are_forgotten_in_the_end(observer) -> None:
-    for stamp_ns in range(1, 5 * UNFINISHED):
-        diagnose(observer, diagnostics.diagnosis(ServoState(), stamp_ns, name='another'))
-    assert len(observer._pending) <= UNFINISHED

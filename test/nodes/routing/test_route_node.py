@@ -22,7 +22,7 @@ from visual_servo_epipolar.core.routes.route import Appearance, in_memory, Route
 from visual_servo_epipolar.core.routes.run import FOLLOWING, RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.messages.route_folder import read_route, write_route
-from visual_servo_epipolar.nodes.routing.recording import RouteRenewal
+from visual_servo_epipolar.nodes.route_runs import RouteRenewal
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DRIVES = RouteStep(Twist(0.4, 0.1), FOLLOWING)

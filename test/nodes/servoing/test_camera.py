@@ -24,12 +24,11 @@ from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes import camera_subscriptions, qos
+from visual_servo_epipolar.nodes.driving_inputs import ServoCamera
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
-from visual_servo_epipolar.nodes.tracking import camera_subscriptions
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rigs import FixedRig
 
@@ -71,22 +70,12 @@ def attentive(monkeypatch) -> None:
     monkeypatch.setattr(camera_subscriptions, 'LOOK_PERIOD_S', 0.02)
 
 
-@pytest.mark.parametrize('word', ['auto', 'reliable'])
-def test_a_camera_info_that_was_latched_before_is_heard(bench, attentive, word) -> None:
-    bench.talk(CameraInfo, 'camera_info', qos.LATCHED)(write.camera_info(CAMERA, 0, 'camera'))
-    node = bench.start(ServoNode, camera_reliability=word)
-    bench.until(lambda: node._camera.model is not None, 'the camera_info of before')
-
-
-@pytest.mark.parametrize('watchdog', [True, False])
 @pytest.mark.parametrize(
     'profile',
     [QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT), qos.STREAM, qos.LATCHED],
 )
-def test_a_driver_that_comes_late_is_heard_as_it_offers(
-    bench, attentive, profile, watchdog
-) -> None:
-    node = bench.start(ServoNode, watchdog=watchdog)
+def test_a_driver_that_comes_late_is_heard_as_it_offers(bench, attentive, profile) -> None:
+    node = bench.start(ServoNode)
     send = bench.talk(CameraInfo, 'camera_info', profile)
 
     def heard() -> bool:
@@ -115,13 +104,6 @@ def test_a_run_waits_after_a_word_of_another_camera(bench) -> None:
     assert rig.phase == 'holding'
     assert 'camera_info has changed in mid-run' in rig.reason
     assert all(twist == STANDSTILL for twist in rig.twists()[count:])
-    rig.drive()
-
-
-def test_a_new_run_does_not_wait(bench) -> None:
-    rig = Rig(bench).drive()
-    flicker(rig)
-    rig.run.reset()
     rig.drive()
 
 
@@ -166,13 +148,6 @@ def test_an_image_of_another_time_stops_the_robot_for_a_while(bench) -> None:
     for _ in range(IMAGES):
         rig.see()
     assert all(twist == STANDSTILL for twist in rig.twists()[count:])
-    rig.drive()
-
-
-def test_a_robot_that_stands_may_see_what_came_before(bench) -> None:
-    rig = Rig(bench, autostart=False)
-    rig.show(IN_VIEW, back=7)
-    assert bench.call('servo_node/start').success
     rig.drive()
 
 

@@ -1,22 +1,18 @@
 """Commands rise by what the time between their going out allows, whatever the stamps say."""
 
-from dataclasses import replace
 from importlib.util import find_spec
 import math
 from types import SimpleNamespace
 
 import pytest
-from servo_rig import AWAY, GOAL, Rig, tracks
+from servo_rig import AWAY, GOAL, Rig
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.supervisor import LATE_S
 from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.nodes import commands
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing import commands
-from visual_servo_epipolar.nodes.servoing.commands import Commands
-from visual_servo_epipolar.nodes.servoing.reports import Reports
 
 ACCELERATION = ServoSettings().max_angular_acceleration
 
@@ -86,22 +82,6 @@ def test_the_parameter_that_asked_for_it_is_answered_by_the_base(bench) -> None:
     bench.start(ServoNode, ackermann=False)  # as files of earlier versions have it
 
 
-def test_the_twist_goes_out_before_reports_and_before_learning(bench, monkeypatch) -> None:
-    calls: list[str] = []
-    for owner, name in ((Commands, 'answer'), (Reports, 'step'), (Run, 'update_map')):
-        kept = getattr(owner, name)
-
-        def noted(*values: object, kept=kept, name: str = name) -> object:
-            calls.append(name)
-            return kept(*values)
-
-        monkeypatch.setattr(owner, name, noted)
-    rig = Rig(bench)
-    rig.send(tracks())
-    bench.until(lambda: 'update_map' in calls, 'the tracks to lead to a step')
-    assert calls[:3] == ['answer', 'step', 'update_map']
-
-
 IMAGES = 4
 SURE = {'memory': False}  # at the goal: who has no memory of views never doubts
 
@@ -119,15 +99,6 @@ def test_a_servo_that_waits_for_the_photograph_to_come_in_view_is_silent(bench) 
     for _ in range(IMAGES):
         rig.show()
     assert (rig.phase, rig.commands) == ('waiting', [])
-
-
-@pytest.mark.parametrize(('settling_s', 'count'), [(60.0, IMAGES), (0.0, 1)])
-def test_a_run_ends_with_zero_twists_for_a_while(bench, monkeypatch, settling_s, count) -> None:
-    monkeypatch.setattr(commands, 'SETTLING_S', settling_s)
-    rig = Rig(bench, **SURE)
-    for _ in range(IMAGES):
-        rig.see(GOAL)
-    assert (rig.phase, rig.twists()) == ('arrived', [STANDSTILL] * count)
 
 
 def test_that_while_is_a_second(bench) -> None:
@@ -161,12 +132,15 @@ def test_after_a_reset_it_is_silent_at_once(bench) -> None:
     assert (rig.phase, len(rig.commands)) == ('waiting', count)
 
 
-def test_an_order_to_stop_is_repeated_for_a_second(bench) -> None:
+@pytest.mark.parametrize('order', ['stop', 'reset'])
+def test_an_order_that_stops_is_repeated_for_a_second(bench, order) -> None:
     """A base that stops by nothing else may not have heard the first zero twist."""
-    rig = Rig(bench).drive()
-    clock = rig.clock_by_hand()
+    rig = Rig(bench, autostart=False)
+    rig.see()
+    assert bench.call('servo_node/start').success
+    clock = rig.drive().clock_by_hand()
     count = len(rig.commands)
-    rig.bench.call('servo_node/stop')
+    rig.bench.call(f'servo_node/{order}')
     bench.until(lambda: len(rig.commands) >= count + 4, 'zero twists without any image')
     assert rig.twists()[count:] == [STANDSTILL] * (len(rig.commands) - count)
     clock.now_ns += 1_000_000_001
@@ -174,18 +148,6 @@ def test_an_order_to_stop_is_repeated_for_a_second(bench) -> None:
     count = len(rig.commands)
     rig.see()
     assert len(rig.commands) == count
-
-
-def test_an_order_to_begin_anew_that_stops_the_robot_is_repeated_as_well(bench) -> None:
-    rig = Rig(bench).drive()
-    clock = rig.clock_by_hand()
-    rig.node._settings = replace(rig.node._settings, autostart=False)
-    count = len(rig.commands)
-    rig.bench.call('servo_node/reset')
-    bench.until(lambda: len(rig.commands) >= count + 4, 'zero twists without any image')
-    assert rig.twists()[count:] == [STANDSTILL] * (len(rig.commands) - count)
-    clock.now_ns += 1_000_000_001
-    assert_watch_is_silent(rig)
 
 
 def test_who_is_started_again_after_a_stop_is_not_stopped_by_it(bench) -> None:

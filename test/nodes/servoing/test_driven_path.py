@@ -6,16 +6,14 @@ from typing import Any
 
 from nav_msgs.msg import Odometry
 import pytest
-from rclpy.qos import QoSProfile
 from servo_rig import PERIOD_NS, Rig
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.servo.telemetry import odometry_of
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.driving_inputs import DrivenPath
 from visual_servo_epipolar.nodes.servo_node import AHEAD_S, MEANWHILE
-from visual_servo_epipolar.nodes.servoing.driven_path import DrivenPath
 
 S = 10**9
 BEGIN, TWIST = Pose(4.0, -2.0, 3.1), Twist(0.4, 0.5)
@@ -108,12 +106,6 @@ def test_another_frame_is_a_leap_as_well() -> None:
     assert bed.at(1.05) is not None
 
 
-def test_who_is_activated_anew_knows_nothing_of_before() -> None:
-    bed = Bed().drive(1.0)
-    bed.driven.begin_anew()
-    assert bed.at(0.9) is None
-
-
 def test_the_servo_hears_odometry_and_says_that_none_comes(bench) -> None:
     tell = bench.talk(Odometry, 'odom')
     rig = Rig(bench, odometry=True)
@@ -126,14 +118,6 @@ def test_the_servo_hears_odometry_and_says_that_none_comes(bench) -> None:
     bench.settle()
     rig.see()
     assert off(odometry_of(rig.telemetry), BEGIN) < 1e-9
-
-
-@pytest.mark.parametrize(('watchdog', 'profile'), [(True, qos.ODOMETRY), (False, qos.STREAM)])
-def test_a_driver_of_any_quality_is_heard(bench, watchdog: bool, profile: QoSProfile) -> None:
-    rig = Rig(bench, odometry=True, watchdog=watchdog)
-    heard = next(item for item in rig.node.subscriptions if item.topic_name == '/odom')
-    assert heard.qos_profile.depth == profile.depth
-    assert heard.qos_profile.reliability == profile.reliability
 
 
 def test_a_servo_that_is_not_asked_for_it_subscribes_to_no_odometry(bench) -> None:

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.servoing.camera import NO_CAMERA
+from visual_servo_epipolar.nodes.driving_inputs import NO_CAMERA
 
 PERIOD_S = 0.090909091
 
@@ -147,14 +147,3 @@ def test_a_hold_that_images_end_has_the_reason_of_the_last_of_them(bench, count)
         rig.show(some(count))
     text = f'tracks lost or untrusted for 1 s: {count} features, 12 needed, 0.0 s ago'
     assert (rig.phase, rig.reason) == ('failed', text)
-
-
-def test_where_clock_ends_with_the_tracks_that_is_said_as_well(bench) -> None:
-    rig = Rig(bench).drive()
-    run = rig.run
-    run.lose('an image of last year')
-    run.freshness._node_clock = run.freshness.clock = HandSetClock()
-    run.freshness.clock_stands_still()
-    hear_and_wait(run, 4.9)
-    run.time_out(5.0)
-    assert rig.reason.endswith(': no tracks for 4.9 s, and /clock stands still')

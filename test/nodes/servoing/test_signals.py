@@ -8,7 +8,6 @@ import subprocess
 import sys
 
 from bench import Bench, next_domain
-from durations import few_of
 from geometry_msgs.msg import Twist as TwistMessage
 from node_process import arguments, environment
 import pytest
@@ -111,30 +110,6 @@ def test_a_servo_started_by_nohup_outlives_its_terminal(stack: ExitStack) -> Non
     servo.process.send_signal(signal.SIGHUP)
     for _ in range(3):  # one that ends answers what it has heard already, and no more
         assert servo.bench.call('servo_node/reset').success
-
-
-# The import of the node, in which a signal comes; extension modules swallow exceptions there.
-CODE = """
-import os, signal, sys
-from visual_servo_epipolar.nodes.startup import executables
-def load(_):
-    try:
-        os.kill(os.getpid(), signal.{number})
-    except BaseException:
-        raise ImportError
-executables.import_module = load
-sys.argv = ['servo_node']
-executables.servo_node()
-"""
-
-
-@pytest.mark.parametrize('number', few_of(['SIGTERM', 'SIGINT', 'SIGHUP', 'SIGQUIT'], keep=(0, 1)))
-def test_a_node_that_is_ended_while_it_loads_ends_with_one_line(number: str) -> None:
-    code = [sys.executable, '-c', CODE.format(number=number)]
-    ended = subprocess.run(code, capture_output=True, text=True, timeout=END_SEC)
-    line = f'servo_node: ended by {number} before it had begun\n'
-    expected = (130, '') if number == 'SIGINT' else (0, line)
-    assert (ended.returncode, ended.stderr) == expected
 
 
 # A node that SIGTERM ends as soon as it is made, or a mistake of its own.

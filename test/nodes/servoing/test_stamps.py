@@ -8,13 +8,11 @@ from rosgraph_msgs.msg import Clock
 from servo_rig import AWAY, HandSetClock, Rig, STAMP_NS, tracks
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.servo.admission import Arrival, disorder, refusal
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.servoing.camera import NO_CAMERA
-from visual_servo_epipolar.nodes.servoing.freshness import Freshness
+from visual_servo_epipolar.nodes.driving_inputs import NO_CAMERA
 
 SECOND = 1_000_000_000
 NOW_NS = 1_790_000_000 * SECOND
@@ -96,23 +94,12 @@ def test_a_robot_that_drives_is_stopped_by_an_untimely_image(bench, age, text) -
     count = len(rig.commands)
     rig.see(age=age)
     assert (rig.phase, len(rig.commands)) == ('holding', count)
+    for _ in range(RESUMING_FRAMES - 1):
+        rig.see()
+    rig.see(age=age)  # which begins the row of trusted ones anew
     for _ in range(RESUMING_FRAMES):
-        assert rig.phase == 'holding'
-        rig.see()
-    assert rig.twists()[-1] != STANDSTILL
-
-
-@pytest.mark.parametrize('age', [age for age, _ in UNTIMELY])
-def test_an_untimely_image_begins_the_row_of_trusted_ones_anew(bench, age) -> None:
-    rig = Present(bench).drive()
-    rig.see(age=age)
-    for _ in range(RESUMING_FRAMES - 1):
-        rig.see()
-    rig.see(age=age)
-    for _ in range(RESUMING_FRAMES - 1):
-        rig.see()
         assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
-    rig.see()
+        rig.see()
     assert rig.twists()[-1] != STANDSTILL
 
 
@@ -207,51 +194,6 @@ def test_where_clock_freezes_and_images_go_on_that_is_the_reason(bench) -> None:
     assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
     assert '/clock has stood still at 7.09 s for 2.' in rig.reason
     assert 'the clock of their driver' not in rig.reason
-
-
-@pytest.fixture
-def freshness() -> Freshness:
-    """Return one that begins now, by a clock set by hand."""
-    made = Freshness(HandSetClock())
-    made.clock = HandSetClock()
-    made.clock.now_ns = made._begin_ns
-    return made
-
-
-def wait(freshness: Freshness, seconds: float) -> None:
-    freshness.clock.now_ns += round(seconds * 1e9)
-
-
-def test_tracks_and_steps_are_missed_from_the_beginning(freshness) -> None:
-    wait(freshness, 3.0)
-    assert (freshness.age, freshness.idle, freshness.held) == (3.0, 3.0, 0.0)
-
-
-def test_new_tracks_are_no_step_and_no_trust(freshness) -> None:
-    wait(freshness, 3.0)
-    freshness.renew()
-    wait(freshness, 0.5)
-    assert (freshness.age, freshness.idle, freshness.held) == (0.5, 3.5, 0.0)
-
-
-def test_a_step_is_no_new_tracks(freshness) -> None:
-    wait(freshness, 3.0)
-    freshness.step()
-    wait(freshness, 0.5)
-    assert (freshness.age, freshness.idle) == (3.5, 0.5)
-
-
-def test_it_is_held_since_the_first_step_that_held_and_anew_after_another(freshness) -> None:
-    for phase, held in (
-        (Phase.DISPLACING, 0.0),
-        (Phase.HOLDING, 1.0),
-        (Phase.HOLDING, 2.0),
-        (Phase.DISPLACING, 0.0),
-        (Phase.HOLDING, 1.0),
-    ):
-        freshness.follow(phase)
-        wait(freshness, 1.0)
-        assert freshness.held == held
 
 
 def calibrated(rig: Rig) -> Rig:

@@ -11,9 +11,8 @@ from servo_rig import HandSetClock, Rig
 from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes import commands, qos, watching
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing import rivals, switches
 
 TEXT = 'the stop button is pressed; release it, then call ~/start'
 LEFTOVER_NS = 25_000_000_000  # as the servo has it: the lease of Fast DDS, and some
@@ -166,16 +165,16 @@ def test_beside_it_no_run_begins(bench) -> None:
 
 
 def test_a_twin_that_has_gone_does_not_count_for_the_next(bench, monkeypatch) -> None:
-    looks = rivals.CommandConflicts(bench.probe)
+    looks = commands.CommandConflicts(bench.probe)
     clock = looks._steady = HandSetClock()
     for names in (['/probe'], [], ['/probe']):
-        monkeypatch.setattr(rivals, '_rivals', lambda node, names=names: names)
+        monkeypatch.setattr(commands, '_rivals', lambda node, names=names: names)
         assert looks.refusal() == ''
         clock.now_ns += LEFTOVER_NS
     assert looks.refusal().startswith('/probe commands /cmd_vel as well')
 
 
-def button_of(rig) -> switches.StopButton:
+def button_of(rig) -> watching.StopButton:
     """Return the button as the servo knows it, whatever its topics say yet."""
     return rig.node._stop_button
 
@@ -186,7 +185,7 @@ SECOND_S = 0.3  # of patience in these tests
 
 @pytest.fixture
 def hasty(monkeypatch) -> None:
-    monkeypatch.setattr(switches, 'RELEASE_S', SECOND_S)
+    monkeypatch.setattr(watching, 'RELEASE_S', SECOND_S)
 
 
 def asked(rig) -> None:

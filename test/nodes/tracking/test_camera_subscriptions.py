@@ -8,10 +8,8 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from tagged_pictures import huge
 
 from visual_servo_epipolar.messages import read, write
-from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.startup import complaints
+from visual_servo_epipolar.nodes import camera_subscriptions, parameters, qos
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
-from visual_servo_epipolar.nodes.tracking import camera_subscriptions
 
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 STAMP_NS = 5_000_000_007
@@ -20,7 +18,6 @@ STAMP_NS = 5_000_000_007
 @pytest.fixture(autouse=True)
 def attentive(monkeypatch):
     monkeypatch.setattr(camera_subscriptions, 'LOOK_PERIOD_S', 0.02)
-    monkeypatch.setattr(complaints, 'LOOK_PERIOD_S', 0.02)
 
 
 def reliability(node, topic='/image_raw') -> str:
@@ -56,18 +53,6 @@ def test_a_camera_info_that_was_latched_before_is_heard(bench, simulator, word) 
     send(write.camera_info(simulator.camera, STAMP_NS, 'camera'))
     node = bench.start(TrackerNode, camera_reliability=word)
     bench.until(lambda: node._camera is not None, 'the camera_info of before')
-
-
-def test_one_that_was_latched_and_heard_is_not_missed(bench, simulator, monkeypatch) -> None:
-    monkeypatch.setattr(complaints, 'PATIENCE_S', 0.5)
-    send = bench.talk(CameraInfo, 'camera_info', qos.LATCHED)
-    send(write.camera_info(simulator.camera, STAMP_NS, 'camera'))
-    node = bench.start(TrackerNode)
-    bench.until(lambda: node._camera is not None, 'the camera_info of before')
-    complaints.watch(node)  # as if the look of before came too late
-    bench.until(lambda: bench.logged('waits for images'), 'a complaint of what does not come')
-    bench.settle()
-    assert not bench.logged('waits for the calib')
 
 
 def test_a_driver_that_is_started_anew_otherwise_is_followed(bench) -> None:
@@ -106,16 +91,6 @@ def test_what_is_told_is_not_found_out(bench, word) -> None:
         bench.settle()
     assert reliability(node) == word
     assert not bench.logged('and so subscribed')
-
-
-def test_images_of_a_subscription_made_anew_are_not_missed(bench, monkeypatch) -> None:
-    monkeypatch.setattr(complaints, 'PATIENCE_S', 0.5)
-    node = bench.start(TrackerNode)
-    complaints.watch(node)
-    send = bench.talk(Image, 'image_raw', BEST_EFFORT)
-    bench.until(lambda: reliability(node) == 'best_effort', 'best effort')
-    bench.until(lambda: bool(send(Image()) or bench.logged('waits for the calib')), 'a complaint')
-    assert not bench.logged('waits for images')
 
 
 def test_compressed_images_are_tracked_as_raw_ones(bench, simulator, photograph, view) -> None:
@@ -205,18 +180,3 @@ def test_info_of_another_camera_is_noted(
     bench.settle()
     said = bench.logged('may be of two cameras')
     assert [doubt in text for text in said] == [True] * bool(doubt)
-
-
-@pytest.mark.parametrize(
-    ('transport', 'kind', 'topic', 'other'),
-    [
-        ('raw', CompressedImage, 'image_raw/compressed', 'compressed'),
-        ('compressed', Image, 'image_raw', 'raw'),
-    ],
-)
-def test_the_other_transport_is_named(bench, monkeypatch, transport, kind, topic, other) -> None:
-    monkeypatch.setattr(complaints, 'PATIENCE_S', 0.2)
-    bench.talk(kind, topic)
-    complaints.watch(bench.start(TrackerNode, transport=transport))
-    text = f'; /{topic} has some: set transport: {other}'
-    bench.until(lambda: bench.logged(text), text)

@@ -21,14 +21,14 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.goal import goal_id
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.tracker_node import TrackerNode
-from visual_servo_epipolar.nodes.tracking.photograph import (
+from visual_servo_epipolar.nodes.photograph import (
     keep,
     load,
     Photograph,
     read_photographs,
 )
-from visual_servo_epipolar.nodes.tracking.photographer import Photographer, Renewal
+from visual_servo_epipolar.nodes.photographer import Photographer, Renewal
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.simulation.light import LightSettings
 
 HOME = Pose.from_start(0.0, 0.0, 0.0)

@@ -37,7 +37,7 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.evaluation.tables import aligned
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.startup.executor import isolated_context, new_executor, spin_once
+from visual_servo_epipolar.nodes.startup.run import isolated_context, new_executor, spin_once
 from visual_servo_epipolar.processes import ONE_THREAD
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.cameras import CameraSettings

@@ -27,8 +27,7 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.startup import complaints
-from visual_servo_epipolar.nodes.startup.executor import isolated_context, new_node
+from visual_servo_epipolar.nodes.startup.run import isolated_context, new_node
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.bases import PioneerSettings
@@ -288,7 +287,6 @@ class World:
         """Start a node, or replace the one that is there."""
         self.kill(name)
         node = new_node(NODES[name], self._context, self._values(name))
-        complaints.watch(node)  # as spin() does
         self.nodes[name] = node
         self.wire.add(node)
 

@@ -1,6 +1,11 @@
-"""Main loop of every node: init, spin, a clean exit with a zero twist."""
+"""Process of a node: its executor, transport, signals, and a clean exit with a zero twist."""
 
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+import ctypes
 import gc
+import os
+from pathlib import Path
 import signal
 import sys
 import time
@@ -9,15 +14,22 @@ from typing import Any
 import cv2
 import numpy.ma  # noqa: F401  np.unique and np.median load it: 60 ms in mid-drive
 import rclpy
-from rclpy.exceptions import ParameterException
+from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle, ParameterException
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.nodes.startup import command_line, complaints, process, table
-from visual_servo_epipolar.nodes.startup.executor import new_executor, spin_once
+from visual_servo_epipolar.nodes import parameters
+from visual_servo_epipolar.nodes.startup import executables, table
 
 FAREWELL_S = 0.5  # after `shutdown`, until the client that asked for it has the answer
+KEEP_BYTES = 2**23  # an image of 8 MB; a match of whole images takes 300 MB for a moment
+DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
+# Ctrl-C, kill, a terminal that is closed, Ctrl-backslash.
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 def spin(kind: type[Any]) -> int:
@@ -30,22 +42,22 @@ def spin(kind: type[Any]) -> int:
     its run has ended. ``stop`` and ``suspend`` are called of nodes that have them.
     """
     name = table.name_of(kind)
-    code = command_line.answer(name, sys.argv[1:])
+    code = executables.answer(name, sys.argv[1:])
     if code is not None:
         return code
-    process.tune_transport(sends_images=getattr(kind, 'sends_images', False))
+    tune_transport(sends_images=getattr(kind, 'sends_images', False))
     if getattr(kind, 'one_core', False):
         cv2.setNumThreads(1)
     # Lists: a second signal within the lock of an event would wait for it for ever.
     ending: list[signal.Signals] = []
     suspending: list[bool] = []
-    process.on_ending(ending.append)
-    process.on_suspending(lambda: suspending.append(True))
+    on_ending(ending.append)
+    if signal.getsignal(signal.SIGTSTP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGTSTP, lambda *_: suspending.append(True))
     node: Node | None = None
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        node = kind(cli_args=command_line.overrides(sys.argv[1:]))
-        complaints.watch(node)
+        node = kind(cli_args=executables.overrides(sys.argv[1:]))
         gc.collect()
         gc.freeze()  # what was imported: a full collection took 40 ms, over a frame
         _run(node, ending, suspending)
@@ -53,14 +65,15 @@ def spin(kind: type[Any]) -> int:
         if node is not None:
             raise
         print(f'{name}: {_reason(error, name)}', file=sys.stderr)
-        return command_line.USAGE_ERROR
+        return executables.USAGE_ERROR
     finally:
         if node is not None:
             getattr(node, 'stop', lambda: None)()
             node.destroy_node()
         rclpy.try_shutdown()
         gc.unfreeze()
-        process.ignore_ending()
+        for number in ENDING:  # a second Ctrl-C finds nothing left to end
+            signal.signal(number, signal.SIG_IGN)
     return 0
 
 
@@ -73,7 +86,7 @@ def _run(node: Node, ending: list[signal.Signals], suspending: list[bool]) -> No
         if suspending:
             suspending.clear()
             getattr(node, 'suspend', lambda: None)()
-            process.suspend()
+            os.kill(os.getpid(), signal.SIGSTOP)  # until SIGCONT
     if not ending:
         time.sleep(FAREWELL_S)
 
@@ -84,3 +97,98 @@ def _reason(error: Exception, name: str) -> str:
     if type(error).__name__ == 'UnknownROSArgsError':  # its text is the list of them alone
         return f'no ROS arguments: {text}; see {name} --help'
     return text
+
+
+def new_executor(context: Context | None = None, *, with_info: bool = False) -> Executor:
+    """
+    Return an executor, to be spun by ``spin_once`` with a timeout in a loop.
+
+    That of events spends a tenth of the time of the other on a message. Its ``spin`` never
+    returns, and a subscription that asks for the info of a message, ``with_info``, breaks it.
+    """
+    try:
+        from rclpy.experimental import EventsExecutor  # since rclpy 7.1.4
+    except ImportError:
+        with_info = True
+    return (
+        SingleThreadedExecutor(context=context) if with_info else EventsExecutor(context=context)
+    )
+
+
+def spin_once(executor: Executor, timeout_sec: float) -> None:
+    """Call back for what is ready within ``timeout_sec`` [s], but for events of what is gone."""
+    with suppress(InvalidHandle):  # a callback's own is logged by the executor
+        executor.spin_once(timeout_sec=timeout_sec)
+
+
+def hand_out(subscription: Subscription) -> bool:
+    """Call back for the next message that waits, a raw one with its info; False of none."""
+    try:
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    except InvalidHandle:  # another callback has just destroyed it
+        return False
+    if taken is None:
+        return False
+    subscription.callback(*taken if subscription.raw else taken[:1])
+    return True
+
+
+@contextmanager
+def isolated_context(reach: str = 'OFF', *, domain_id: int | None = None) -> Iterator[Context]:
+    """
+    Yield a context seen within ``reach`` only: its nodes must not drive a robot in the room.
+
+    New nodes see this process (OFF), this machine (LOCALHOST), or all (SUBNET).
+    """
+    tune_transport()
+    # The older variables would overrule the range.
+    before = {name: os.environ.pop(name, None) for name in DISCOVERY}
+    os.environ[DISCOVERY[0]] = reach
+    context = Context()
+    try:
+        rclpy.init(args=[], context=context, domain_id=domain_id)
+        yield context
+    finally:
+        context.try_shutdown()
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
+
+
+def new_node(kind: Any, context: Context, values: Mapping[str, Any], *, name: str = '') -> Any:
+    """Return a node of ``kind`` with these parameters, under another ``name`` if one is given."""
+    return kind(
+        context=context,
+        parameter_overrides=[parameters.override(*each) for each in values.items()],
+        use_global_arguments=False,
+        **({'cli_args': ['--ros-args', '-r', f'__node:={name}']} if name else {}),
+    )
+
+
+def tune_transport(*, sends_images: bool = True) -> None:
+    """
+    Tune the transport for images: shared memory for whole frames, and buffers that are kept.
+
+    The default segment is smaller than one image that is sent, and glibc returns megabyte buffers
+    to the kernel after each message; those larger than an image, of a matching, may go back. Both
+    are settings of this process alone; a profile of the user's own
+    (FASTRTPS_DEFAULT_PROFILES_FILE) is left as it is.
+    """
+    profile = Path(__file__).with_name('fastdds_profile.xml')
+    if sends_images and profile.is_file():
+        os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
+    if sys.platform == 'linux':
+        libc = ctypes.CDLL(None)
+        if hasattr(libc, 'mallopt'):
+            for option in (-3, -1):  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD
+                libc.mallopt(option, KEEP_BYTES)
+
+
+def on_ending(action: Callable[[signal.Signals], None]) -> None:
+    """Let ``action`` be called, with the signal, in place of what would kill the process."""
+    for number in ENDING:
+        # A node that is started by nohup is to outlive its terminal.
+        if number is not signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda received, _: action(signal.Signals(received)))

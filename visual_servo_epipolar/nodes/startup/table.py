@@ -1,4 +1,4 @@
-"""Table of the nodes: what each does and is connected to, and where its settings are."""
+"""Table of the nodes: what each does, and where its settings are."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,9 +15,6 @@ class NodeRow:
     """A node in words; ``settings`` are classes by module and name, imported when asked for."""
 
     does: str
-    subscribes: str
-    publishes: str
-    services: str
     settings: tuple[str, ...]
 
 
@@ -25,21 +22,10 @@ class NodeRow:
 NODES: Mapping[str, NodeRow] = {
     'servo_node': NodeRow(
         does='Drives the robot to the pose of the photograph: features in, velocities out.',
-        subscribes='tracks, camera_info, stop_button, odom, joint_states',
-        publishes=(
-            'cmd_vel, head/command, epipoles, goal_pose, phase, /diagnostics, ~/progress, '
-            '~/result, ~/markers, ~/settings, ~/events'
-        ),
-        services='~/start, ~/stop, ~/reset',
         settings=('nodes.startup.settings:ServoNodeSettings', 'core.servo.settings:ServoSettings'),
     ),
     'tracker_node': NodeRow(
         does='Finds the features of the photograph in each image.',
-        subscribes='image_raw, camera_info, desired/image_raw',
-        publishes=(
-            'tracks, overlay/image_raw, /diagnostics, ~/desired/image_raw, ~/settings, ~/events'
-        ),
-        services='~/capture_desired, ~/redetect',
         settings=(
             'nodes.startup.settings:TrackerNodeSettings',
             'core.tracking.settings:TrackerSettings',
@@ -47,9 +33,6 @@ NODES: Mapping[str, NodeRow] = {
     ),
     'dock_node': NodeRow(
         does='Says where the photograph was taken, in metres, and docks there on request.',
-        subscribes='tracks, camera_info, odom',
-        publishes='detected_dock_pose, detected_dock_pose_with_covariance, /diagnostics',
-        services='~/reset',
         settings=(
             'nodes.startup.settings:DockNodeSettings',
             'core.docking.task:DockTaskSettings',
@@ -58,11 +41,6 @@ NODES: Mapping[str, NodeRow] = {
     ),
     'route_node': NodeRow(
         does='Records a way by photographs, and repeats it: images in, velocities out.',
-        subscribes='image_raw, camera_info, odom, stop_button',
-        publishes=(
-            'cmd_vel, phase, /diagnostics, ~/progress, ~/path, ~/markers, ~/settings, ~/events'
-        ),
-        services='~/start_recording, ~/station, ~/stop_recording, ~/repeat, ~/cancel',
         settings=(
             'nodes.startup.settings:RouteNodeSettings',
             'core.servo.settings:StationSettings',
@@ -72,9 +50,6 @@ NODES: Mapping[str, NodeRow] = {
     ),
     'unicycle_node': NodeRow(
         does='Simulates the base: a Pioneer 3-DX, or a car.',
-        subscribes='cmd_vel',
-        publishes='odom, ground_truth, cmd_vel_applied',
-        services='~/reset',
         settings=(
             'nodes.startup.settings:UnicycleSettings',
             'simulation.bases:AckermannSettings',
@@ -82,9 +57,6 @@ NODES: Mapping[str, NodeRow] = {
     ),
     'camera_node': NodeRow(
         does='Simulates the camera of the robot in a textured room.',
-        subscribes='head/command, ground_truth',
-        publishes='image_raw, camera_info, desired/image_raw, joint_states',
-        services='',
         settings=(
             'simulation.cameras:CameraSettings',
             'simulation.cameras:HeadSettings',
@@ -96,9 +68,6 @@ NODES: Mapping[str, NodeRow] = {
     ),
     'recorder_node': NodeRow(
         does='Records topics into a rosbag2 folder.',
-        subscribes='every topic that is published',
-        publishes='/diagnostics',
-        services='~/start, ~/stop',
         settings=(
             'nodes.startup.settings:RecorderNodeSettings',
             'bags.recording.settings:RecordSettings',

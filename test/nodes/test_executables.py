@@ -1,28 +1,32 @@
-"""The command line of the nodes: help, leftover words, and an executable without ROS 2."""
+"""Executables of the nodes: help, leftover words, ROS that is missing; and the table of nodes."""
 
+from dataclasses import fields
+from importlib import import_module
+import inspect
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 
 from durations import few_of
 import pytest
 
-from visual_servo_epipolar.nodes.startup import command_line
-from visual_servo_epipolar.nodes.startup.table import NODES
+from visual_servo_epipolar.core.settings import range_of
+from visual_servo_epipolar.nodes.startup import executables
+from visual_servo_epipolar.nodes.startup.table import NODES, owner_of, settings_of
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 END_SEC = 30.0
 
 
-def run(code, *words, folder=ROOT, stdout=subprocess.PIPE, **environment):
+def run(code, *words, **environment):
     """Run Python code with words on its command line, as an executable is."""
     return subprocess.run(
         [sys.executable, '-c', f'import sys; sys.argv[0] = "node"\n{code}', *words],
         env={**os.environ, 'PYTHONPATH': str(ROOT), **environment},
-        cwd=folder,
-        stdout=stdout,
-        stderr=subprocess.PIPE,
+        cwd=ROOT,
+        capture_output=True,
         text=True,
         timeout=END_SEC,
     )
@@ -37,33 +41,13 @@ def module(node):
     return f"{code}run('visual_servo_epipolar.nodes.{node}', run_name='__main__')"
 
 
-@pytest.mark.parametrize('node', NODES)
-@pytest.mark.parametrize('option', ['-h', '--help'])
-def test_help_says_what_a_node_does_and_takes(node, option, capsys) -> None:
-    assert command_line.answer(node, [option]) == 0
-    text = capsys.readouterr().out
-    row = NODES[node]
-    assert text.startswith(f'usage: {node} [--ros-args -p NAME:=VALUE --params-file FILE')
-    names = ', '.join((row.subscribes, row.publishes, row.services)).split(', ')
-    assert all(word in text for word in (row.does, *names))
-    assert max(map(len, text.splitlines())) <= 99
-
-
 @pytest.mark.parametrize('start', [executable, module])
 @pytest.mark.parametrize('words', few_of([['--help'], ['--ros-args', '--help']]))
 def test_help_ends_well_and_starts_nothing(start, words) -> None:
     ended = run(start('servo_node'), *words)
     assert (ended.returncode, ended.stderr) == (0, '')
-    assert ended.stdout.startswith('usage: servo_node')
-
-
-@pytest.mark.parametrize('unbuffered', few_of(['', '1']))
-def test_help_that_nobody_reads_ends_quietly(unbuffered) -> None:
-    reader, writer = os.pipe()
-    os.close(reader)
-    ended = run(module('servo_node'), '--help', stdout=writer, PYTHONUNBUFFERED=unbuffered)
-    os.close(writer)
-    assert (ended.returncode, ended.stderr) == (141, '')
+    assert ended.stdout.startswith('usage: servo_node [--ros-args -p NAME:=VALUE')
+    assert max(map(len, ended.stdout.splitlines())) <= 99
 
 
 @pytest.mark.parametrize('start', few_of([executable, module]))
@@ -129,9 +113,74 @@ def test_another_missing_package_is_not_taken_for_ros() -> None:
 
 def test_ros_arguments_end_at_two_dashes() -> None:
     words = ['--ros-args', '-p', 'a:=1', '--', 'b', '--ros-args', '-r', 'c:=d']
-    assert command_line.split(words) == (['-p', 'a:=1', '-r', 'c:=d'], ['b'])
+    assert executables.split(words) == (['-p', 'a:=1', '-r', 'c:=d'], ['b'])
 
 
 def test_a_parameter_may_be_for_one_node() -> None:
     words = ['-p', 'a:=1', '--param', 'servo:b:=2', '-p', 'tracker:c:=3', '-p', '/ns/servo:d:=4']
-    assert command_line.parameter_names(words, 'servo') == {'a', 'b', 'd'}
+    assert executables.parameter_names(words, 'servo') == {'a', 'b', 'd'}
+
+
+def test_every_node_has_a_row() -> None:
+    files = (ROOT / 'visual_servo_epipolar/nodes').glob('*_node.py')
+    assert {file.stem for file in files} == set(NODES)
+
+
+def test_every_parameter_that_names_a_file_is_a_path() -> None:
+    paths = set()
+    for item in {item for name in NODES for kind in settings_of(name) for item in fields(kind)}:
+        limits = range_of(item)
+        if isinstance(item.default, str) and re.match(
+            r'(ONNX )?(file|folder)\b', limits.text, re.IGNORECASE
+        ):
+            assert limits.path, item.name
+            paths.add(item.name)
+    assert paths == {'bag', 'desired_image', 'matcher_model', 'photograph', 'route'}
+
+
+def test_every_row_is_an_executable() -> None:
+    setup = (ROOT / 'setup.py').read_text()
+    names = re.search(r'^NODES = \((.*?)\)$', setup, re.M | re.S)[1]
+    assert set(re.findall(r"'(\w+)'", names)) == set(NODES)
+    assert "f'{node} = {NAME}.nodes.startup.executables:{node}'" in setup
+    for name in NODES:
+        assert callable(getattr(executables, name))
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_a_row_has_the_settings_that_the_node_declares(name) -> None:
+    module = import_module(f'visual_servo_epipolar.nodes.{name}')
+    declared = re.findall(r'parameters\.declare\(self, (\w+)\)', inspect.getsource(module))
+    assert list(settings_of(name)) == [getattr(module, kind) for kind in declared]
+
+
+ASKED_FOR = {  # topics on demand
+    'servo_node': {'odometry': True, 'rig': 'pan_tilt'},
+    'camera_node': {'rig': 'pan_tilt'},
+    'recorder_node': {'topics': ['none']},
+}
+OF_EVERY_NODE = {'parameter_events', 'rosout', 'clock', 'tf', 'tf_static', 'ackermann_cmd'}
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_the_page_of_nodes_names_what_each_is_connected_to(
+    name, bench, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # the recorder begins a bag where it is started
+    module = import_module(f'visual_servo_epipolar.nodes.{name}')
+    kind = getattr(module, ''.join(map(str.capitalize, name.split('_'))))
+    node = bench.start(kind, **ASKED_FOR.get(name, {}))
+    page = (ROOT / 'docs/ros.md').read_text().splitlines()
+    row = next(line for line in page if line.startswith(f'| `{name}` |'))
+    services = {it.srv_name for it in node.services if 'std_srvs' in it.srv_type.__module__}
+    ends = [*node.publishers, *node.subscriptions]
+    used = {*services, *(it.topic_name for it in ends)}
+    used = {it.removeprefix('/').replace(f'{name}/', '~/') for it in used} - OF_EVERY_NODE
+    named = {it.removeprefix('/') for it in re.findall('`([^`]+)`', row)}
+    assert used <= named
+
+
+def test_a_parameter_is_known_by_its_node_and_by_its_former_name() -> None:
+    assert owner_of('max_features') == 'tracker_node'
+    assert owner_of('room') == 'servo_node'
+    assert owner_of('zzz') == ''

@@ -23,9 +23,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from visual_servo_epipolar.bags.recording.recorder import Topic
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
-from visual_servo_epipolar.nodes.startup.executor import hand_out
-from visual_servo_epipolar.nodes.startup.guards import CLOCK
+from visual_servo_epipolar.nodes.managed import CLOCK, in_every_state
+from visual_servo_epipolar.nodes.startup.run import hand_out
 
 # Messages that may wait in DDS while this process does something else: 3 s of images at 30 Hz,
 # 5 s of small ones at 200 Hz.

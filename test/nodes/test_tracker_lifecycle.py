@@ -7,7 +7,6 @@ from tracker_rig import Rig, STAMP_NS
 
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.startup import complaints
 
 PERIOD_NS = 90_909_091
 
@@ -129,15 +128,3 @@ def test_a_broken_photograph_leaves_it_unconfigured(bench, simulator, view, tmp_
     bench.until(lambda: bench.logged('configure failed: photograph'), 'the reason')
     path.unlink()
     assert go(bench, rig.node, 'configure', 'activate') == 'active'
-
-
-def test_it_says_what_it_waits_for_while_active_alone(bench, simulator, view, monkeypatch) -> None:
-    monkeypatch.setattr(complaints, 'LOOK_PERIOD_S', 0.02)
-    monkeypatch.setattr(complaints, 'PATIENCE_S', 0.1)
-    rig = Led(bench, simulator, view, autostart_node=False)
-    complaints.watch(rig.node)
-    go(bench, rig.node, 'configure')
-    bench.pass_time(3 * complaints.PATIENCE_S)
-    assert not bench.logged('waits for')
-    go(bench, rig.node, 'activate')
-    bench.until(lambda: bench.logged('waits for images on /image_raw'), 'what it waits for')

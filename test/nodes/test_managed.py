@@ -1,8 +1,10 @@
-"""What a managed node does in which state: inactive is silent, and loses nothing that counts."""
+"""Managed nodes: what they do in which state, and requests that would end any node of rclpy."""
 
+from collections.abc import Callable
 from functools import partial
 import os
 import random
+from typing import Any
 
 from lifecycles import (
     assert_cycles_leave_nothing,
@@ -18,14 +20,99 @@ from lifecycles import (
     wanted,
 )
 import pytest
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter as Change
 from rosgraph_msgs.msg import Clock
+from servo_rig import Rig
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.startup import complaints
+from visual_servo_epipolar.nodes.managed import BEFORE_TIME, in_every_state, ManagedNode
+from visual_servo_epipolar.nodes.reports import Complaints
+from visual_servo_epipolar.nodes.startup.settings import LifecycleSettings
+from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
+
+PERIOD_S = 0.01
+
+
+class Parrot(ManagedNode):
+    """Repeats what it hears, ticks, and says in which part of its life it is."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('parrot', **options)
+        self.fails: dict[str, Exception] = {}
+        self.calls: list[str] = []
+        self.heard: list[str] = []
+        self.ticks = 0
+        self.later: Any = None
+        self.create_service(Trigger, '~/talk', self._on_talk)
+        self.create_service(Trigger, '~/hush', self._on_hush)
+        self.autostart(parameters.declare(self, LifecycleSettings))
+
+    def configure(self) -> None:
+        self.words = self.create_publisher(String, 'words', 10)
+        self.mood = self.create_publisher(String, 'mood', qos.LATCHED)
+        self.create_subscription(String, 'said', self._hear, qos.STREAM)
+        self.create_subscription(String, 'name', self._hear_name, qos.LATCHED)
+        self.create_timer(PERIOD_S, self._on_tick)
+        self.create_client(Trigger, 'nobody')
+        self._live('configure')
+
+    def activate(self) -> None:
+        self._live('activate')
+        for _ in range(2):  # the first is what somebody replaces in mid-life
+            more = self.create_subscription(String, 'more', self._hear, qos.STREAM)
+            if self.later is not None:
+                self.destroy_subscription(self.later)
+            self.later = more
+
+    def deactivate(self) -> None:
+        self._live('deactivate')
+
+    def cleanup(self) -> None:
+        self.later = None
+        self._live('cleanup')
+
+    def _live(self, part: str) -> None:
+        self.calls.append(part)
+        self.mood.publish(write.text(part))
+        self.words.publish(write.text(part))
+        if part in self.fails:
+            raise self.fails[part]
+
+    def _hear(self, message: String) -> None:
+        self.heard.append(message.data)
+        self.words.publish(message)
+
+    @in_every_state
+    def _hear_name(self, message: String) -> None:
+        self._hear(message)
+
+    def _on_tick(self) -> None:
+        self.ticks += 1
+
+    def _on_talk(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = True, 'hello'
+        return response
+
+    @in_every_state
+    def _on_hush(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = True, 'silent'
+        return response
+
+
+@pytest.fixture
+def parrot(bench) -> Callable[..., Parrot]:
+    """Return how to start one; unconfigured unless told otherwise."""
+
+    def start(*, autostart_node: bool = False, **values: Any) -> Parrot:
+        node: Parrot = bench.start(Parrot, autostart_node=autostart_node, **values)
+        return node
+
+    return start
 
 
 def words(heard: list[String]) -> list[str]:
@@ -86,55 +173,19 @@ def test_the_last_words_of_an_active_node_are_heard(bench, parrot) -> None:
     node = parrot()
     go(bench, node, 'configure', 'activate', 'deactivate', 'cleanup')
     bench.settle()
-    assert words(heard) == ['deactivate']
+    assert words(heard) == ['activate', 'deactivate']
 
 
-def test_what_is_latched_is_said_on_activation(bench, parrot) -> None:
-    heard = bench.listen(String, 'mood', qos.LATCHED)
-    node = parrot()
-    go(bench, node, 'configure')
-    bench.settle()
-    assert words(heard) == []
-    go(bench, node, 'activate')
-    bench.until(lambda: words(heard) == ['activate'], 'what was said last')
-
-
-def test_what_is_latched_is_heard_on_activation(bench, parrot) -> None:
+def test_what_is_latched_is_heard_in_every_state_if_marked_and_anew_when_configured_anew(
+    bench, parrot
+) -> None:
     name = bench.talk(String, 'name', qos.LATCHED)
     node = parrot()
     go(bench, node, 'configure')
-    for word in ('Polly', 'Coco'):
-        name(write.text(word))
-        bench.settle()
-    assert node.heard == []
-    go(bench, node, 'activate')
-    bench.until(lambda: node.heard, 'its name')
-    assert node.heard == ['Coco']  # the newest, as its depth says
-    go(bench, node, 'deactivate', 'activate')
-    assert node.heard == ['Coco']  # once
-
-
-def test_a_node_that_is_configured_anew_hears_anew_what_is_latched(bench, parrot) -> None:
-    name = bench.talk(String, 'name', qos.LATCHED)
     name(write.text('Polly'))
-    node = parrot(autostart_node=True)
     bench.until(lambda: node.heard == ['Polly'], 'its name')
-    go(bench, node, 'deactivate', 'cleanup', 'configure', 'activate')
+    go(bench, node, 'activate', 'deactivate', 'cleanup', 'configure')
     bench.until(lambda: node.heard == ['Polly', 'Polly'], 'its name again')
-
-
-def test_what_was_latched_before_a_cleanup_is_forgotten(bench, parrot) -> None:
-    name = bench.talk(String, 'name', qos.LATCHED)
-    node = parrot()
-    go(bench, node, 'configure')
-    name(write.text('Polly'))
-    bench.settle()
-    go(bench, node, 'cleanup')
-    name(write.text('Coco'))
-    bench.settle()
-    go(bench, node, 'configure', 'activate')
-    bench.until(lambda: node.heard, 'its name')
-    assert node.heard == ['Coco']
 
 
 @pytest.mark.parametrize('early', [True, False])
@@ -153,7 +204,7 @@ def test_simulated_time_goes_on_while_a_node_is_inactive(bench, parrot, early) -
 
 def test_what_others_take_care_of_outlives_a_cleanup(bench, parrot) -> None:
     node = parrot(autostart_node=True)
-    complaints.watch(node)
+    node.keep(node.create_timer(1.0, lambda: None))
     bench.call('parrot/talk')
     go(bench, node, 'deactivate', 'cleanup')
     assert len(list(node.timers)) == 1
@@ -242,14 +293,6 @@ def test_what_keeps_a_node_from_starting_is_raised(bench, parrot, monkeypatch, e
     bench.settle()
     assert not bench.logged('failed')  # once is enough: run.py says it
     assert bench.probe.get_node_names().count('parrot') == 1  # the first one
-
-
-def test_what_fails_after_a_start_by_itself_is_logged(bench, parrot) -> None:
-    node = parrot(autostart_node=True)
-    go(bench, node, 'deactivate')
-    node.fails = {'activate': OSError('the disk is full')}
-    assert not change(bench, node, IDS['activate'])
-    bench.until(lambda: bench.logged('activate failed: the disk is full'), 'the reason in the log')
 
 
 def test_a_node_that_nobody_can_ask_starts(bench, parrot) -> None:
@@ -345,7 +388,7 @@ def test_requests_over_the_wire_to_a_node_that_fails_now_and_then(bench, parrot)
         heard.clear()
         change(bench, node, *drawn(chance))
         assert node.state in TRANSITIONS, 'stuck'
-        if 'active' not in (state, node.state):
+        if 'active' not in (state, node.state) and 'activate' not in node.fails:
             bench.executor.spin_once(timeout_sec=0.0)
             assert not heard, (state, node.state)
         node.fails = {}
@@ -363,3 +406,52 @@ def test_the_end_comes_from_every_state_and_once(bench, parrot, way) -> None:
     assert (node.state, entities(node)) == ('finalized', before)
     assert not change(bench, node, label='shutdown')
     assert not change(bench, node, 1)
+
+
+def of_type(number: int) -> Parameter:
+    return Parameter(name='max_linear', value=ParameterValue(type=number, double_value=0.1))
+
+
+@pytest.mark.parametrize('number', [10, 255])
+def test_a_parameter_of_no_type_is_refused(bench, number) -> None:
+    rig = Rig(bench, stale_timeout=5.0).drive()  # also where the machine stands still
+    many = [of_type(3), of_type(number)]
+    for kind, name in (
+        (SetParameters, 'set_parameters'),
+        (SetParametersAtomically, 'set_parameters_atomically'),
+    ):
+        answer = bench.call(f'servo_node/{name}', kind, kind.Request(parameters=many))
+        results = answer.results if kind is SetParameters else [answer.result]
+        assert not any(item.successful for item in results)
+        text = f"'max_linear' must have a type from 0 to 9, got {number}"
+        assert {item.reason for item in results} == {text}
+    rig.drive()
+
+
+@pytest.mark.parametrize('from_the_start', [True, False])
+def test_a_clock_below_zero_is_left_out(bench, from_the_start) -> None:
+    tick = bench.talk(Clock, '/clock', qos.CLOCK)
+    node = bench.start(UnicycleNode, use_sim_time=from_the_start)
+    node.set_parameters([Change('use_sim_time', value=True)])
+    bench.settle()
+    for seconds in (5, -1, 6, -(2**31)):
+        tick(write.clock(seconds * 1_000_000_000))
+        bench.settle()
+    assert node.get_clock().now().nanoseconds == 6_000_000_000
+    bench.until(lambda: bool(bench.logged(BEFORE_TIME)), 'what is wrong')
+
+
+def test_a_complaint_hides_its_repetitions_and_no_other(bench) -> None:
+    complain = Complaints(bench.probe, 60.0)
+    for text in ('3 of nan, 12 needed', 'too dark', '7.5 of 1e-3, 12 needed', 'too dark'):
+        complain(text)
+    bench.until(lambda: len(bench.logged('')) >= 2, 'the complaints')
+    bench.settle()
+    assert bench.logged('') == ['3 of nan, 12 needed', 'too dark']
+
+
+def test_a_complaint_that_lasts_is_said_again(bench) -> None:
+    complain = Complaints(bench.probe, 0.0)
+    complain('too dark')
+    complain('too dark')
+    bench.until(lambda: len(bench.logged('too dark')) == 2, 'both complaints')

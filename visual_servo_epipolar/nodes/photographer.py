@@ -12,8 +12,8 @@ from visual_servo_epipolar.core.cameras.plausibility import are_alike, differenc
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.photographs import at_rest, averaged
-from visual_servo_epipolar.nodes.tracking import photograph
-from visual_servo_epipolar.nodes.tracking.photograph import Photograph
+from visual_servo_epipolar.nodes import photograph
+from visual_servo_epipolar.nodes.photograph import Photograph
 
 MAX_CAPTURE_AGE_S = 1.0
 

@@ -1,20 +1,21 @@
-"""Reports of the tracker: photograph, overlay, diagnostics; settings and events for bags."""
+"""Reports of the tracker: photograph, overlay, diagnostics, lateness; settings, events."""
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
-from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.stamps import OTHER_CLOCK_S, seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.tracking import TrackingResult
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.lifecycle.reports import NodeReports
+from visual_servo_epipolar.nodes.managed import REPEAT_S
+from visual_servo_epipolar.nodes.reports import NodeReports
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 LOOK_PERIOD_S = 1.0
-# Time without an image until that is logged, and where time is simulated: it may wait for others.
+# Time without an image until that is published; logged, and where time is simulated: it may wait.
 SILENT_S, SIMULATED_SILENT_S = 1.0, 5.0
 
 
@@ -54,6 +55,11 @@ class TrackerReports(NodeReports):
         if age_s < (SIMULATED_SILENT_S if simulated else SILENT_S):
             return
         reason = f'{self._missing}, for {age_s:.1f} s; nothing is tracked'
+        if age_s >= SIMULATED_SILENT_S:
+            topic = self._node.resolve_topic_name('image_raw')
+            count = f'publishers on {topic}: {self._node.count_publishers(topic)}'
+            log = self._node.get_logger()
+            log.warning(f'{reason} ({count})', throttle_duration_sec=REPEAT_S)
         stamp_ns = int(self._clock.now().nanoseconds)
         self._publish_status(reason, {'features': 0}, stamp_ns, age_s)
         self._complained = True
@@ -110,3 +116,32 @@ class TrackerReports(NodeReports):
             stamp_ns=stamp_ns,
         )
         self._diagnose(status)
+
+
+BEHIND_S = 0.5  # age of an image at which its tracks come late
+BEHIND_IMAGES = 3  # so many one after the other are no single match of the whole image
+
+
+class Lateness:
+    """Lateness of the tracks of ``node``, by the age of each image."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._late = 0  # images in a row whose tracks came late
+
+    def age_s(self, stamp_ns: int) -> float | None:
+        """Return the age of an image [s]; None in simulated time or where another clock stamps."""
+        if self._node.get_parameter('use_sim_time').value:
+            return None
+        age_s = seconds_between(stamp_ns, self._node.get_clock().now().nanoseconds)
+        return age_s if abs(age_s) < OTHER_CLOCK_S else None
+
+    def complaint(self, age_s: float | None) -> str:
+        """Count an image of this age, and return that tracks come late, and what to do, or ''."""
+        self._late = self._late + 1 if age_s is not None and age_s >= BEHIND_S else 0
+        if age_s is None or self._late < BEHIND_IMAGES:
+            return ''
+        return (
+            f'the tracker falls behind: the newest image was {age_s:.1f} s old when its tracks '
+            'came; send smaller images or fewer, or lower max_features'
+        )

@@ -12,7 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import UInt32
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.nodes.startup.executor import new_executor
+from visual_servo_epipolar.nodes.startup.run import new_executor
 
 TOPIC = 'numbers'
 

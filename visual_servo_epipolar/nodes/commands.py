@@ -1,0 +1,297 @@
+"""Commands of a node that drives: to the base and to a head; others that command the same base."""
+
+from collections import Counter
+from collections.abc import Callable
+import math
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from visual_servo_epipolar.core.bases.base import turns_in_place
+from visual_servo_epipolar.core.rigs.joint_history import HeadHistory
+from visual_servo_epipolar.core.rigs.rig import Command, Rig
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.twoview.observation import Observation
+from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.messages.joints import COMMAND_TYPES, head_command, listed, read_joints
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings, ServoNodeSettings
+
+MOST_OTHERS = 50  # joints that are named where one is missing
+
+
+class Head:
+    """
+    The head that carries the camera of ``node``: it ``is_there`` if ``servo`` has such a rig.
+
+    ``warn`` logs what is wrong with its messages. Without angles of an image no robot
+    drives by it: a head that has turned looks as if the robot had.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        servo: ServoSettings,
+        settings: ServoNodeSettings,
+        warn: Callable[[str], None],
+    ) -> None:
+        self._warn, self._speed = warn, servo.carrier.turn_rate
+        self._limits = servo.pan_min, servo.pan_max
+        self.is_there = self._speed > 0.0
+        self._names = settings.pan_joint, settings.tilt_joint
+        self._kind = settings.head_command
+        self._topic = node.resolve_topic_name('joint_states')
+        self.begin_anew()
+        if self.is_there:
+            profile = qos.ODOMETRY if settings.watchdog else qos.STREAM
+            node.create_subscription(JointState, 'joint_states', self._take, profile)
+            self._command_pub = node.create_publisher(
+                COMMAND_TYPES[self._kind], 'head/command', qos.COMMAND
+            )
+
+    def begin_anew(self) -> None:
+        """Forget where the joints were."""
+        self._history = HeadHistory(self._names, self._speed, self._limits)
+        self._others: dict[str, None] = {}  # names of joints, as long as some are missing
+        self._refused = ''  # why a message could not be used
+
+    def trouble(self, stamp_ns: int | None = None) -> str:
+        """Return why the angles at an image, or any, are not known; or ''."""
+        if not self.is_there:
+            return ''
+        missing = self._history.missing
+        if missing and self._refused:
+            return self._refused
+        if missing:
+            others = f' (it has {listed([*self._others])})' if self._others else ''
+            more = ''.join(f', nor of {name}' for name in missing[1:])
+            return (
+                f'no angle of {missing[0]} on {self._topic}{more}{others}, a rig with a head '
+                'needs those of its joints; start its driver, remap joint_states, or set '
+                "pan_joint and tilt_joint to their names, tilt_joint: '' where there is no tilt"
+            )
+        return self._history.trouble(stamp_ns)
+
+    def with_joints(self, observation: Observation, rig: Rig) -> Observation:
+        """Return ``observation`` in axes of the base, by the angles at its image and the rig."""
+        joints = self._history.at(observation.stamp_ns) if self.is_there else None
+        return observation if joints is None else observation.on_rig(rig, joints)
+
+    def send(self, command: Command, stamp_ns: int) -> None:
+        """Publish what the head is to do; a ``command`` without leaves it as it is."""
+        if command.head is not None and self.is_there:
+            self._command_pub.publish(
+                head_command(command.head, self._names, stamp_ns, kind=self._kind)
+            )
+
+    def _take(self, message: Any) -> None:
+        try:
+            angles = read_joints(message, self._names)
+        except ValueError as error:
+            self._refused = str(error)
+            self._warn(self._refused)
+            return
+        odd = self._history.add(read.stamp_ns(message.header), angles)
+        if odd:
+            self._warn(odd)
+        if self._history.missing and len(self._others) < MOST_OTHERS:
+            self._others |= dict.fromkeys(message.name)
+
+
+SETTLING_S = 1.0  # zero twists after the end of a run; then others may drive
+
+
+class Commands:
+    """
+    Commands of a ``node`` that drives; outside of a run it is silent: others may drive.
+
+    ``head`` is that which carries the camera, where one may. A base that steers is sent
+    ackermann_msgs on ackermann_cmd, too, where these are installed.
+    """
+
+    def __init__(
+        self, node: Node, settings: DriverNodeSettings, servo: ServoSettings, head: Head | None
+    ) -> None:
+        self._head, self._wheelbase = head, servo.wheelbase
+        self._stamped, self._frame = settings.enable_stamped_cmd_vel, settings.base_frame
+        self._always, self._steady = not settings.watchdog, Clock(clock_type=ClockType.STEADY_TIME)
+        self._ended_ns: int | None = None  # when the run ended
+        self._stopped_ns: int | None = None  # when somebody ended it
+        self._sent_ns: int | None = None  # when the last command went out
+        kind = write.twist_type(stamped=self._stamped)
+        self._command_pub = node.create_publisher(kind, 'cmd_vel', qos.COMMAND)
+        self._drive = None if turns_in_place(servo.drive) else write.ackermann_type()
+        if self._drive is not None:
+            self._drive_pub = node.create_publisher(self._drive, 'ackermann_cmd', qos.COMMAND)
+
+    def answer(self, before: ServoState, state: ServoState, stamp_ns: int) -> None:
+        """Publish the command of ``state``, in a run and shortly after its end."""
+        now_ns = self._steady.now().nanoseconds
+        if not state.ended:
+            self._ended_ns = None
+        elif not before.ended:
+            self._ended_ns = now_ns
+        if self._always or _just_now(self._ended_ns, now_ns) or state.phase.runs:
+            self._stopped_ns = None
+            self.send(state.command, stamp_ns)
+
+    def stopped(self) -> None:
+        """Take note that somebody ended the run: no image will be answered by a zero twist."""
+        self._stopped_ns = self._steady.now().nanoseconds
+
+    def forget(self) -> None:
+        """Repeat no order: an inactive node is silent."""
+        self._stopped_ns = None
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the order to stand is to be repeated: a message may get lost."""
+        return _just_now(self._stopped_ns, self._steady.now().nanoseconds)
+
+    @property
+    def age(self) -> float:
+        """Time since the last command went out [s]; nan where none did, or time waits for it."""
+        if self._always or self._sent_ns is None:
+            return math.nan
+        return seconds_between(self._sent_ns, self._steady.now().nanoseconds)
+
+    def send(self, command: Command, stamp_ns: int) -> None:
+        """Publish ``command``: that to the head, then its twist on cmd_vel."""
+        if self._head is not None:
+            self._head.send(command, stamp_ns)
+        self._sent_ns = self._steady.now().nanoseconds
+        if self._drive is not None:
+            self._drive_pub.publish(
+                write.ackermann_drive(
+                    self._drive, command.twist, self._wheelbase, stamp_ns, self._frame
+                )
+            )
+        self._command_pub.publish(
+            write.command(command.twist, stamp_ns, self._frame, stamped=self._stamped)
+        )
+
+    def wait(self) -> None:
+        """Wait until the last command is acknowledged."""
+        self._command_pub.wait_for_all_acked(qos.ACKNOWLEDGEMENT)
+
+
+def _just_now(then_ns: int | None, now_ns: int) -> bool:
+    """Return whether what ended at ``then_ns``, if it did, ended just now."""
+    return then_ns is not None and seconds_between(then_ns, now_ns) <= SETTLING_S
+
+
+TOPIC, MARKERS = 'cmd_vel', 'visualization_msgs/msg/MarkerArray'
+STAMPED = {'geometry_msgs/Twist': 'false', 'geometry_msgs/TwistStamped': 'true'}
+# A process that was killed is in the graph for twenty seconds more, the lease of Fast DDS.
+LEFTOVER_S = 25.0
+UNKNOWN = '_NODE_NAME_UNKNOWN_'  # of a program that is no node, or of one that has just come
+
+
+class CommandConflicts:
+    """
+    Others that publish on the cmd_vel of ``node``: beside another servo none may drive.
+
+    Any other publisher is named, no more: a multiplexer may be silent meanwhile, and a joystick
+    may rest. So is a subscriber that takes another type of message.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node, self._steady = node, Clock(clock_type=ClockType.STEADY_TIME)
+        self._twin_ns: int | None = None  # since when a second node has the same name
+
+    def complaint(self) -> str:
+        """Return that others command the base as well, or it takes no commands; or ''."""
+        return self._complaint(self._look()) or type_mismatch(self._node)
+
+    def notice(self) -> str:
+        """Return what the owner of the base should know of its cmd_vel; or ''."""
+        return '; '.join(filter(None, [type_mismatch(self._node), self._others()]))
+
+    def _others(self) -> str:
+        """Return that others than servos publish on the topic as well; '' if there are none."""
+        servos = {*_rivals(self._node), self._node.get_fully_qualified_name()}
+        names = sorted(set(publishers(self._node)) - servos)
+        if not names:
+            return ''
+        topic = self._node.resolve_topic_name(TOPIC)
+        named = ', '.join('an unknown program' if UNKNOWN in name else name for name in names)
+        return (
+            f'{named} may publish on {topic} as well, and the base would obey both in turns; '
+            'stop it, or put a multiplexer between them and the base'
+        )
+
+    def refusal(self) -> str:
+        """Return the complaint where no run may begin; a dead node of this name may linger."""
+        names, own = self._look(), self._node.get_fully_qualified_name()
+        return self._complaint(names if self.has_twin else [it for it in names if it != own])
+
+    @property
+    def has_twin(self) -> bool:
+        """Whether a second node of the same name is there for so long that it must be alive."""
+        now_ns = self._steady.now().nanoseconds
+        return self._twin_ns is not None and seconds_between(self._twin_ns, now_ns) >= LEFTOVER_S
+
+    def _look(self) -> list[str]:
+        """Return the full names of rivals, and note since when one has the own name."""
+        names = _rivals(self._node)
+        if self._node.get_fully_qualified_name() not in names:
+            self._twin_ns = None
+        elif self._twin_ns is None:
+            self._twin_ns = self._steady.now().nanoseconds
+        return names
+
+    def _complaint(self, names: list[str]) -> str:
+        if not names:
+            return ''
+        return (
+            f'{", ".join(names)} commands {self._node.resolve_topic_name(TOPIC)} as well, two '
+            'servos would fight; end one, or give each a topic of its own and a multiplexer'
+        )
+
+
+def publishers(node: Node, topic: str = TOPIC) -> Counter[str]:
+    """Return the full names of publishers on a ``topic`` of ``node``, and how often."""
+    return Counter(map(_full_name, node.get_publishers_info_by_topic(topic)))
+
+
+def type_mismatch(node: Node, *, takes: bool = False) -> str:
+    """
+    Return that others take another type of cmd_vel than ``node`` publishes, and what to do; or ''.
+
+    Of a node that ``takes`` commands: that others publish another type.
+    """
+    ends = node.get_publishers_info_by_topic(TOPIC), node.get_subscriptions_info_by_topic(TOPIC)
+    verbs, own = ('publishes', 'takes'), node.get_fully_qualified_name()
+    types = {item.topic_type for item in ends[takes] if _full_name(item) == own}
+    other = [item for item in ends[not takes] if types and item.topic_type not in types]
+    if not other:
+        return ''
+    kinds = [kind.replace('/msg/', '/') for kind in (other[0].topic_type, min(types))]
+    words = (
+        f'{_full_name(other[0])} {verbs[not takes]} {kinds[0]} on '
+        f'{node.resolve_topic_name(TOPIC)}, {own} {verbs[takes]} {kinds[1]}'
+    )
+    if kinds[0] not in STAMPED:
+        return f'{words}: no command arrives; remap cmd_vel'
+    stamped = STAMPED[kinds[0]]
+    return f'{words}: no command arrives; restart {own} with enable_stamped_cmd_vel: {stamped}'
+
+
+def _full_name(item: Any) -> str:
+    """Return the full name of the node that has an end of a topic."""
+    return f'{item.node_namespace.rstrip("/")}/{item.node_name}'
+
+
+def _rivals(node: Node) -> list[str]:
+    names = publishers(node)
+    names[node.get_fully_qualified_name()] -= 1
+    topics = dict(node.get_topic_names_and_types())
+    return sorted(
+        name
+        for name, count in names.items()
+        if count > 0 and MARKERS in topics.get(f'{name}/markers', [])
+    )

@@ -1,1 +1,0 @@
-"""Lifecycle: shared by managed nodes; none acts or publishes unless it is active."""

@@ -1,1 +1,0 @@
-"""Parts of the servo node: its camera, its command, its reports, and what may stop the robot."""

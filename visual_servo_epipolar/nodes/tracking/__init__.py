@@ -1,1 +1,0 @@
-"""Parts of the tracker node: its photograph, its images, its lateness."""
