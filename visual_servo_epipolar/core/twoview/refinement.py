@@ -255,12 +255,6 @@ def squared_distances(matrices: FloatArray, table: FloatArray) -> FloatArray:
     return np.asarray(squares[:, 0] / (squares[:, 1:].sum(axis=1) + TINY))
 
 
-def truncated_costs(matrices: FloatArray, table: FloatArray) -> FloatArray:
-    """Return the mean truncated squared distances from E by rows, shape (K, 9): 0 to 1, (K,)."""
-    squared = squared_distances(matrices, table) / INLIER_DEVIATIONS**2
-    return np.asarray(np.minimum(squared, 1.0).mean(axis=1))
-
-
 def linearised(stack: FloatArray, table: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     Return residuals r and g times the derivatives of r / g, (..., 1 + P, N), and g^2, (..., N).

@@ -2,10 +2,10 @@
 Search of the geometry of a pair of views where no bearings are known, or none that fit.
 
 A camera that may be mounted any way is most likely level, or as estimated before: hypotheses
-by pairs of matches, which need the attitude nearly, come first. Those by five matches, which need
+by pairs of matches, which need the attitude nearly, come first. Those by OpenCV's USAC, which need
 nothing, are accepted where the matches support them by more than chance.
 
-Five matches give an essential matrix without any vertical. In a planar motion the vertical n of
+USAC gives an essential matrix without any vertical. In a planar motion the vertical n of
 the desired camera is across the baseline and is the axis of the rotation: n . t = 0, R n = n. What
 a pair leaves open, as a pure translation does, the prior of the attitude closes.
 """
@@ -22,11 +22,9 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, decomposed
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
+from visual_servo_epipolar.core.geometry.rotation import fit_rotation
+from visual_servo_epipolar.core.tracking.robust_geometry import essential_matrices
 from visual_servo_epipolar.core.twoview.estimator import Attitude, COLD_DEVIATION, Estimate, Prior
-from visual_servo_epipolar.core.twoview.five_point import (
-    essential_matrices,
-    samples_of_five,
-)
 from visual_servo_epipolar.core.twoview.hypotheses import (
     ALTERNATIVE_COST,
     best_modes,
@@ -50,14 +48,11 @@ from visual_servo_epipolar.core.twoview.planar import (
 from visual_servo_epipolar.core.twoview.refinement import (
     Fit,
     refined,
-    table_of,
-    truncated_costs,
 )
 from visual_servo_epipolar.core.twoview.tilted_planar import (
     exchanged_on_plane,
     in_front_of,
     levelled,
-    matrices,
     PHI,
     plausible_matches,
     PSI,
@@ -76,11 +71,8 @@ PAIRS = 60  # for each attitude that is tried
 LEVEL_MODES = 6
 NO_JUMP = np.zeros(1)
 JUMPS = np.array([-3.2, -1.6, 0.0, 1.6, 3.2])  # of tilt between the views, in jitters
-SAMPLES = 160  # where 40 % of the matches are wrong, a dozen samples have none
-BEST = 60  # essential matrices that are made planar
-MODES = 8
-PLANARITY = 0.004  # how far a good sample leaves n . t and R n - n from zero
-ROUGHNESS = 6.0  # of hypotheses from five noisy matches, in noises
+PLANARITY = 0.004  # how far a good one leaves n . t and R n - n from zero
+ROUGHNESS = 6.0  # of hypotheses by USAC, in noises
 
 Refine = Callable[[PlanarModel, Rays, Prior], Fit]
 
@@ -120,12 +112,12 @@ def _best_found(model: PlanarModel, rays: Rays, matches: BoolArray, prior: Prior
     except DegenerateGeometryError:
         if not is_general(mount):
             raise
-        return _found(model, rays, everyone, anyhow, _by_fives)
+        return _found(model, rays, everyone, anyhow, _by_essentials)
     is_poor = found.cost > POOR * WORST * rays.matches
     if not (is_general(mount) and (is_cold(prior.attitude) or is_poor)):
         return found
     try:
-        other = _found(model, rays, everyone, anyhow, _by_fives)
+        other = _found(model, rays, everyone, anyhow, _by_essentials)
     except DegenerateGeometryError:
         return found
     return other if other.cost < found.cost - ALTERNATIVE_COST else found
@@ -183,8 +175,8 @@ def _by_pairs(model: PlanarModel, rays: Rays, prior: Prior) -> Fit:
     return _refined_hypotheses(model, rays, prior, with_jumps) if cold and is_poor else fits
 
 
-def _by_fives(model: PlanarModel, rays: Rays, prior: Prior) -> Fit:
-    """Return the refined best modes of five-point hypotheses."""
+def _by_essentials(model: PlanarModel, rays: Rays, prior: Prior) -> Fit:
+    """Return the refined best modes of hypotheses by USAC."""
     hypotheses = partial(general_start_parameters, attitude=prior.attitude)
     return _refined_hypotheses(model, rays, prior, hypotheses, roughness=ROUGHNESS)
 
@@ -201,6 +193,8 @@ def _refined_hypotheses(
     starts = hypotheses(rays) if calibrated else starts_by_focal_lengths(rays, prior, hypotheses)
     if prior.bearings is not None:
         starts = np.vstack([starts, with_bearings(problem.prior.mean, prior)])
+    if not len(starts):
+        raise undetermined()
     least = roughness if calibrated else ROUGH_LENS
     fits = refined(starts, problem, max(least, widening(rays, prior)))
     if not calibrated:
@@ -244,25 +238,12 @@ def start_parameters(rays: Rays, attitude: Attitude, jumps: FloatArray) -> Float
 
 
 def general_start_parameters(rays: Rays, attitude: Attitude) -> FloatArray:
-    """
-    Return the best hypotheses of different modes as parameters, shape (K, 6).
-
-    Raises
-    ------
-    DegenerateGeometryError
-        If no five matches determine anything.
-
-    """
-    essential = essential_matrices(rays, samples_of_five(rays.matches, SAMPLES))
-    if not len(essential):
-        raise undetermined()
-    blur = ROUGHNESS * rays.mean_noise
-    table = table_of(rays.blurred(float(blur)))
-    order = truncated_costs(essential.reshape(-1, 9), table).argsort(kind='stable')[:BEST]
-    starts = planar_parameters(essential[order], attitude)
-    costs = truncated_costs(matrices(starts)[:, 0], table)
-    modes = np.exp(1j * starts[:, [PSI, PHI]].T)
-    return starts[best_modes(modes, costs, MODES, separation=SEPARATION)]
+    """Return hypotheses by USAC as parameters, shape (K, 6), none where it finds none."""
+    # What both cameras see is turned to lie ahead of both: OpenCV has no rays.
+    turn = fit_rotation(rays.current, rays.desired).rotation
+    pixel = 0.5 * ROUGHNESS * float(rays.mean_noise)
+    essential = essential_matrices(rays.current @ turn.T, rays.desired, pixel) @ turn
+    return planar_parameters(essential, attitude) if len(essential) else np.empty((0, 6))
 
 
 def planar_parameters(essential: FloatArray, attitude: Attitude) -> FloatArray:

@@ -1,0 +1,138 @@
+"""Starts of planar motions by essential matrices that know no vertical."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from strategies import angles, floats, panorama
+
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
+from visual_servo_epipolar.core.geometry.rays import (
+    rotation_level_camera,
+)
+from visual_servo_epipolar.core.twoview.estimator import Attitude
+from visual_servo_epipolar.core.twoview.hypotheses import rays_of
+from visual_servo_epipolar.core.twoview.search import general_start_parameters, planar_parameters
+from visual_servo_epipolar.core.twoview.tilted_planar import (
+    matrices,
+    PHI,
+    PSI,
+    ROLL,
+    ROLL_JUMP,
+    TILT,
+    TILT_JUMP,
+)
+
+WIDE = Attitude(tilt_deviation=math.radians(15.0), roll_deviation=math.radians(5.0))
+SIGNS = st.sampled_from([-1.0, 1.0])
+
+
+def planar(psi: float, phi: float, tilt: float, roll: float) -> np.ndarray:
+    """Return E, shape (1, 3, 3), of a planar motion without jumps."""
+    parameters = np.zeros((1, 6))
+    parameters[0, [PSI, PHI, TILT, ROLL]] = psi, phi, tilt, roll
+    return matrices(parameters)[:, 0].reshape(1, 3, 3)
+
+
+def headings() -> st.SearchStrategy[float]:
+    """Turns to either side from 12 degrees, of which the vertical is the axis, to 160."""
+    return st.builds(lambda size, sign: size * sign, floats(0.2, 2.8), SIGNS)
+
+
+def tilts() -> st.SearchStrategy[float]:
+    return floats(-math.radians(30.0), math.radians(30.0))
+
+
+def rolls() -> st.SearchStrategy[float]:
+    return floats(-math.radians(10.0), math.radians(10.0))
+
+
+def assert_axes(found: np.ndarray, psi: float, phi: float, tolerance: float) -> None:
+    """Compare bearings, of which both may be reversed: a sign of E."""
+    turned = np.exp(1j * (found[[PSI, PHI]] - [psi, phi]))
+    np.testing.assert_allclose(turned * np.sign(turned[0].real), 1.0, atol=tolerance)
+
+
+@given(angles(), headings(), tilts(), rolls(), SIGNS)
+def test_an_exact_planar_motion_is_recovered(psi, heading, tilt, roll, sign) -> None:
+    phi = psi - heading - HALF_PI
+    essential = planar(psi, phi, tilt, roll)
+    found = planar_parameters(sign * essential, WIDE)[0]
+    # The prior pulls by PLANARITY, in units of the turn: 0.01 at 12 degrees, 1e-4 at right angles.
+    tolerance = 0.02
+    assert found[TILT] == pytest.approx(tilt, abs=tolerance)
+    assert found[ROLL] == pytest.approx(roll, abs=tolerance)
+    assert_axes(found, psi, phi, tolerance)
+    assert found[TILT_JUMP] == found[ROLL_JUMP] == 0.0
+
+
+@given(angles(), headings(), tilts(), rolls(), SIGNS)
+def test_the_rotation_is_never_that_of_the_twin(psi, heading, tilt, roll, sign) -> None:
+    essential = planar(psi, psi - heading - HALF_PI, tilt, roll)
+    found = planar_parameters(sign * essential, WIDE)[0]
+    turn = math.remainder(found[PSI] - found[PHI] - HALF_PI - heading, math.tau)
+    # The twin turns by half around the baseline: as far from the truth as two turns can be.
+    assert abs(turn) < 0.02
+
+
+def vertical(tilt: float, roll: float) -> np.ndarray:
+    """Return which way is down in camera axes."""
+    return rotation_level_camera(tilt, roll)[1]
+
+
+def closest_vertical(psi: float, tilt: float, roll: float, prior: Attitude) -> np.ndarray:
+    """Return what is down by ``prior``, less what a baseline of a level floor excludes."""
+    baseline = rotation_level_camera(tilt, roll).T @ [math.cos(psi), 0.0, math.sin(psi)]
+    down = vertical(prior.tilt, prior.roll)
+    down = down - (down @ baseline) * baseline
+    return np.asarray(down / np.linalg.norm(down))
+
+
+@pytest.mark.parametrize(
+    ('way', 'tilt', 'roll'),
+    [((HALF_PI, 0.0, math.radians(20.0), 0.0), 20.0, 4.0)]
+    + [((0.0, -HALF_PI, 0.0, math.radians(8.0)), 5.0, 8.0)],
+    ids=['ahead', 'aside'],
+)
+@pytest.mark.parametrize('sign', [-1.0, 1.0])
+def test_a_translation_tells_one_angle_the_prior_the_other(way, tilt, roll, sign) -> None:
+    essential = sign * planar(*way)
+    prior = replace(WIDE, tilt=math.radians(5.0), roll=math.radians(4.0))
+    found = planar_parameters(essential, prior)[0]
+    assert math.degrees(found[TILT]) == pytest.approx(tilt, abs=0.3)
+    assert math.degrees(found[ROLL]) == pytest.approx(roll, abs=0.3)
+
+
+@given(angles(), tilts(), rolls(), SIGNS)
+def test_a_pure_translation_leaves_the_rest_to_an_equal_prior(psi, tilt, roll, sign) -> None:
+    prior = Attitude(0.1, 0.05, 0.1, 0.1)
+    found = planar_parameters(sign * planar(psi, psi - HALF_PI, tilt, roll), prior)[0]
+    expected = closest_vertical(psi, tilt, roll, prior)
+    np.testing.assert_allclose(vertical(found[TILT], found[ROLL]), expected, atol=0.01)
+
+
+@given(angles(), tilts(), rolls())
+def test_a_translation_of_the_right_attitude_is_recovered(psi, tilt, roll) -> None:
+    phi = psi - HALF_PI
+    found = planar_parameters(planar(psi, phi, tilt, roll), replace(WIDE, tilt=tilt, roll=roll))
+    np.testing.assert_allclose(found[0, [TILT, ROLL]], [tilt, roll], atol=1e-6)
+    assert_axes(found[0], psi, phi, 1e-6)
+
+
+@pytest.mark.parametrize('ray', np.eye(3).tolist())
+def test_matches_that_all_coincide_begin_nothing(ray: list[float]) -> None:
+    same = np.tile(ray, (8, 1))
+    assert general_start_parameters(rays_of(same, same, 1e-3), WIDE).shape == (0, 6)
+
+
+def test_what_lies_behind_both_cameras_does_no_harm() -> None:
+    """Of features all round those that OpenCV cannot take are left out, whatever the turn."""
+    pose = Pose.from_start(0.8, -2.0, 150.0)
+    found = general_start_parameters(rays_of(*panorama(pose), 1e-3), WIDE)
+    true = Bearings.from_pose(pose)
+    off = np.abs(np.sin(found[:, [PSI, PHI]] - [true.psi, true.phi])).max(axis=1)
+    assert off.min() < 0.05
