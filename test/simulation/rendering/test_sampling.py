@@ -10,42 +10,13 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.rendering.drawing import _averaged, draw
 from visual_servo_epipolar.simulation.rendering.raster import (
-    _blurred_area,
-    _footprint,
-    _subdivisions,
-    MAX_SKEW,
     PinholeView,
     rasterize,
     Strip,
 )
-from visual_servo_epipolar.simulation.rendering.surfaces import _blur, LENS_SIGMA, SHARPEST
+from visual_servo_epipolar.simulation.rendering.surfaces import _blur, LENS_SIGMA
 from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.rooms.scene import room
-
-ANGLE = 0.7  # of a long pixel on the texture [rad]
-
-
-def long_pixel(length: float, breadth: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return slopes, (1, 2, 2), of a pixel that is long, slanted on the texture, and its area."""
-    along = np.array([np.cos(ANGLE), np.sin(ANGLE)])
-    slopes = np.stack([breadth * np.array([-along[1], along[0]]), length * along], axis=1)
-    return slopes[None], np.array([length * breadth])
-
-
-@pytest.mark.parametrize('turned', (False, True))
-def test_a_slanted_sliver_is_cut_along_its_length_until_it_is_blurred_little(turned: bool) -> None:
-    slopes, area = long_pixel(16.0, 2.0)
-    slopes = slopes[:, :, ::-1] if turned else slopes
-    columns, rows = _subdivisions(slopes, area)
-    assert (columns[0], rows[0]) == ((3, 1) if turned else (1, 3))
-    blurred = _blurred_area(_footprint(slopes, columns, rows)) * columns * rows
-    assert blurred[0] < 1.1 * MAX_SKEW * area[0]
-
-
-@pytest.mark.parametrize('length', (0.5, 1.0, SHARPEST))
-def test_a_pixel_on_a_magnified_texture_stays_whole(length: float) -> None:
-    columns, rows = _subdivisions(*long_pixel(length, length / 8.0))
-    assert (columns[0], rows[0]) == (1, 1)
 
 
 @pytest.mark.parametrize(('columns', 'rows'), [(1, 2), (1, 4), (1, 8), (2, 1), (8, 1), (2, 4)])
