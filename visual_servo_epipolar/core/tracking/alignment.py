@@ -223,8 +223,10 @@ class Templates:
     def _rows_of(self, keys: Sequence[Key], points: FloatArray) -> list[int]:
         """Return the rows of templates, made where they are missing."""
         missing = [number for number, key in enumerate(keys) if key not in self._rows]
-        if missing:
-            self._make_room(len(missing), keys)
+        if len(self._rows) + len(missing) > MOST:  # features have come and gone: begin anew
+            self._rows.clear()
+            self._stacks.clear()
+            missing = list(range(len(keys)))
         for number in missing:
             row = len(self._rows)
             if row == len(self._stored):
@@ -232,16 +234,6 @@ class Templates:
             self._stored[row] = self._made(points[number], keys[number][1])
             self._rows[keys[number]] = row
         return [self._rows[key] for key in keys]
-
-    def _make_room(self, count: int, keys: Sequence[Key]) -> None:
-        """Drop what was not used lately, but none of ``keys``, where ``count`` are too many."""
-        if len(self._rows) + count <= MOST:
-            return
-        recent, wanted = {row for rows, _ in self._stacks.values() for row in rows}, set(keys)
-        kept = {key: row for key, row in self._rows.items() if row in recent or key in wanted}
-        self._stored[: len(kept)] = self._stored[list(kept.values())]
-        self._rows = {key: number for number, key in enumerate(kept)}
-        self._stacks.clear()
 
     def _made(self, point: FloatArray, level: int) -> FloatImage:
         stride = 1.0 / float(SCALES[level])

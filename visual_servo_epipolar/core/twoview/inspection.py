@@ -274,13 +274,13 @@ def _with_planar(general: Inspection, planar: Estimate, spread: Spread) -> Inspe
     psi, phi = covariance[0, 0], covariance[1, 1]
     variances = np.array([phi, psi, max(psi + phi - 2.0 * covariance[0, 1], 0.0)])
     variances += (1.0 - 1.0 / spread.tails) * spread.noise**2 + spread.camera**2
-    told: dict[str, Any] = {}
+    lean_of: dict[str, Any] = {}
     angles = np.array([bearings.current, bearings.desired])
     if attitude is not None:
         lean = attitude.tilt_deviation**2 + attitude.roll_deviation**2
         variances[:2] += (0.5 * lean * np.sin(2.0 * angles)) ** 2
-        told['tilt'] = attitude.tilt if attitude.tilt_deviation < REPORTED else math.nan
-        told['roll'] = attitude.roll if attitude.roll_deviation < REPORTED else math.nan
+        lean_of['tilt'] = attitude.tilt if attitude.tilt_deviation < REPORTED else math.nan
+        lean_of['roll'] = attitude.roll if attitude.roll_deviation < REPORTED else math.nan
     deviations = np.maximum(np.sqrt(variances), spread.whole)
     deviation = float(deviations[:2].max())
     if not general.ground:
@@ -298,7 +298,7 @@ def _with_planar(general: Inspection, planar: Estimate, spread: Spread) -> Inspe
         inliers=int(planar.inliers.sum()),
         planar=True,
         ground=True,
-        **told,
+        **lean_of,
     )
 
 
