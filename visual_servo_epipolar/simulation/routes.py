@@ -372,15 +372,10 @@ def repeat(
     log.outcome, log.reason = (step.phase, step.reason) if run.ended else ('failed', 'out of time')
     log.duration_s = base.now_ns / NANOSECONDS
     if log.outcome == ARRIVED:
-        log.station = _apart(base.pose, taught.stations[end])
+        it, true = base.pose, taught.stations[end]
+        log.station = math.hypot(it.x - true.x, it.y - true.y), wrap_angle(it.theta - true.theta)
         log.route = run.renewed() if settings.renewals else None
     return log
-
-
-def _apart(pose: Pose, truth: Pose) -> tuple[float, float]:
-    """Return how far a pose is from the true one [m], and its heading to the left [rad]."""
-    away = math.hypot(pose.x - truth.x, pose.y - truth.y)
-    return away, wrap_angle(pose.theta - truth.theta)
 
 
 ASIDE, TURNED = 0.5, math.radians(20.0)  # most of a start beside the route [m, rad]

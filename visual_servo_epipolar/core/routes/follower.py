@@ -157,7 +157,16 @@ class Follower:
             wanted, self.limiter.ramp_step(dt, USUAL_STEP_S), self._base
         )
         self.estimate.sent(stamp_ns, self.twist)
-        return self._progress(found, switched)
+        return RouteProgress(
+            self.view,
+            self.estimate.way,
+            self.remaining,
+            float(self.estimate.state[0]),
+            self.estimate.deviation,
+            float(self.estimate.state[1]),
+            0 if found is None else found.inliers,
+            switched,
+        )
 
     @property
     def _is_bridged(self) -> bool:
@@ -173,14 +182,11 @@ class Follower:
         if not self._is_last:
             self._tracker(self._next)
         passed = self.view - self._sign
-        if passed in self.confirmed and not self._looks_new(passed):
-            del self.confirmed[passed]
-
-    def _looks_new(self, view: int) -> bool:
-        """Return whether none of its photographs shows a key view as it was confirmed."""
-        known, (_, image, features) = self.route.views[view], self.confirmed[view]
-        pixels, rows, most = features.current, features.ids, self.settings.renewals
-        return known.superfluous(image, pixels, rows, most) != len(known.appearances)
+        if passed in self.confirmed:  # it is kept where no photograph shows it as it looks today
+            known, (_, image, features) = self.route.views[passed], self.confirmed[passed]
+            pixels, rows, most = features.current, features.ids, self.settings.renewals
+            if known.superfluous(image, pixels, rows, most) == len(known.appearances):
+                del self.confirmed[passed]
 
     def _confirm(self, image: Image, found: PathMeasurement) -> None:
         """Remember an image that was taken where the key view ahead was."""
@@ -200,18 +206,6 @@ class Follower:
     def station_pose(self) -> FloatArray:
         """Return the pose in axes of the target, (3,), at the last image."""
         return compose(self._transform(self.target), self._pose)
-
-    def _progress(self, found: PathMeasurement | None, switched: bool) -> RouteProgress:
-        return RouteProgress(
-            self.view,
-            self.estimate.way,
-            self.remaining,
-            float(self.estimate.state[0]),
-            self.estimate.deviation,
-            float(self.estimate.state[1]),
-            0 if found is None else found.inliers,
-            switched,
-        )
 
     def _tracker(self, view: int) -> KeyViewTracker:
         if view not in self._trackers:
@@ -281,7 +275,8 @@ class Follower:
         offset, turn, _ = self.estimate.state.tolist()
         most = TURNED_BACK if self._turns else TURNED
         if abs(turn) > most and turns_in_place(self._base):
-            return turned_back(turn, limits.max_angular_acceleration)
+            rate = math.sqrt(limits.max_angular_acceleration * abs(turn))  # at half of it
+            return Twist(0.0, -math.copysign(rate, turn))
         taught = limits.max_linear if found is None else max(found.point.speed, SLOWEST)
         speed = min(taught, limits.max_linear)
         speed *= confidence(offset, self.estimate.deviation, self.lost)
@@ -319,11 +314,6 @@ def steer(state: FloatArray, curvature: float, speed: float, settings: FollowSet
     share = max(min(offset / length, MOST_OFFSET), -MOST_OFFSET)
     wanted = curvature - bias - 2.0 * DAMPING * forward * turn / length - share / length
     return Twist(speed, speed * wanted)
-
-
-def turned_back(turn: float, acceleration: float) -> Twist:
-    """Return the twist in place that takes back a ``turn`` [rad], at half of an acceleration."""
-    return Twist(0.0, -math.copysign(math.sqrt(acceleration * abs(turn)), turn))
 
 
 def brake(way: float, acceleration: float) -> float:

@@ -111,10 +111,16 @@ class Teacher:
                 f'images must be {self.camera.width}x{self.camera.height} as the camera, got '
                 f'{image.shape[1]}x{image.shape[0]}; use the calibration of this resolution'
             )
-        latest = self._driven_frame(
-            image, stamp_ns, np.array([odometry.x, odometry.y, odometry.theta])
-        )
-        if not self._frames or _has_moved(self._frames[-1].pose, latest.pose):
+        pose = np.array([odometry.x, odometry.y, odometry.theta])
+        first = DrivenFrame(-1, image, stamp_ns, pose, 0.0, 0.0)
+        last = self._frames[-1] if self._frames else first
+        x, y, turn = relative_pose(last.pose, pose).tolist()
+        moved = math.hypot(x, y)
+        speed = moved / max(seconds_between(last.stamp_ns, stamp_ns), 1e-3)
+        turns = moved < TIGHTEST * abs(turn)
+        way = last.way + moved
+        latest = DrivenFrame(last.number + 1, image, stamp_ns, pose, way, speed, turns)
+        if not self._frames or moved > LEAST_STEP or abs(turn) > LEAST_TURN:
             self._moved_ns, self._paused = stamp_ns, False
             self._keep(latest)
         else:
@@ -122,18 +128,8 @@ class Teacher:
             stood = seconds_between(self._moved_ns, stamp_ns)
             if self._settings.pause and not self._paused and stood > self._settings.pause:
                 self._paused = True
-                if self._frames[-1].way > 0.0:
+                if last.way > 0.0:
                     self.station()
-
-    def _driven_frame(self, image: Image, stamp_ns: int, pose: FloatArray) -> DrivenFrame:
-        if not self._frames:
-            return DrivenFrame(0, image, stamp_ns, pose, 0.0, 0.0)
-        last = self._frames[-1]
-        x, y, turn = relative_pose(last.pose, pose).tolist()
-        moved = math.hypot(x, y)
-        speed = moved / max(seconds_between(last.stamp_ns, stamp_ns), 1e-3)
-        turns = moved < TIGHTEST * abs(turn)
-        return DrivenFrame(last.number + 1, image, stamp_ns, pose, last.way + moved, speed, turns)
 
     def station(self) -> None:
         """Mark where the last image was taken as a station; it is one where it was one already."""
@@ -265,11 +261,6 @@ class Teacher:
             seconds = seconds_between(self._driven[0].stamp_ns, frame.stamp_ns)
             self.notes.append(f'after {frame.way:.2f} m, {seconds:.1f} s: {reason}')
         self._is_sparse = True
-
-
-def _has_moved(before: FloatArray, pose: FloatArray) -> bool:
-    x, y, turn = relative_pose(before, pose).tolist()
-    return math.hypot(x, y) > LEAST_STEP or abs(turn) > LEAST_TURN
 
 
 def _learnt(
