@@ -8,12 +8,11 @@ from bagmaker import write_bag
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
-from routes import key_view, route_of
 
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.messages.route_folder import read_route, write_route
+from visual_servo_epipolar.messages.route_folder import read_route
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.choices import WAYS
 from visual_servo_epipolar.simulation.routes import route_scenario
@@ -32,19 +31,6 @@ def test_numbers_have_the_limits_of_the_node(option: str, limits: str, capsys) -
     with pytest.raises(SystemExit):
         main(['route', 'demo', f'--{option}', '1001'])
     assert f"'1001' is not a whole number from {limits}" in capsys.readouterr().err
-
-
-def test_a_report_shows_the_map_and_every_photograph(tmp_path: Path) -> None:
-    write_route(route_of(*map(key_view, range(3))), tmp_path / 'hall')
-    assert main(['report', str(tmp_path / 'hall')]) == 0
-    page = (tmp_path / 'hall_report/report.html').read_text()
-    assert page.count('data:image/jpeg') == 3 and 'Route hall' in page
-
-
-def test_a_report_on_a_damaged_route_says_so(tmp_path, capsys) -> None:
-    (tmp_path / 'route.yaml').write_text('version: 1')
-    assert main(['report', str(tmp_path)]) == 2
-    assert 'route.yaml is cut off or damaged' in capsys.readouterr().err
 
 
 def test_a_bag_that_is_not_there_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:

@@ -310,9 +310,7 @@ COMMANDS: Mapping[str, CommandRow] = {
         add_replay,
         'replay:replay_and_report',
     ),
-    'report': CommandRow(
-        'write one HTML page on a run, a bag or a route', add_report, 'report:report'
-    ),
+    'report': CommandRow('write one HTML page on a run or a bag', add_report, 'report:report'),
     'route': CommandRow(
         'learn a way from a drive, and repeat it by photographs', add_route, 'route:route'
     ),
