@@ -13,6 +13,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from servo_rig import Rig
 
 from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.nodes.route_node import RouteNode
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 
 
@@ -50,6 +51,13 @@ def test_a_servo_waits_for_the_base_to_hear_of_its_end(hall, end) -> None:
     hall.freeze(TwistMessage, 'cmd_vel', rig.node)
     rig.drive()
     assert_waits(end(rig.node))
+
+
+@pytest.mark.parametrize('end', few_of(['trigger_deactivate', 'trigger_shutdown'], keep=(0,)))
+def test_a_repetition_waits_for_the_base_to_hear_of_its_end(hall, end) -> None:
+    node = hall.bench.start(RouteNode)
+    hall.freeze(TwistMessage, 'cmd_vel', node)
+    assert_waits(getattr(node, end))
 
 
 def test_a_tracker_waits_for_the_servo_to_hear_of_its_end(hall, simulator, view) -> None:

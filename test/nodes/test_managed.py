@@ -189,17 +189,20 @@ def test_what_is_latched_is_heard_in_every_state_if_marked_and_anew_when_configu
 
 
 @pytest.mark.parametrize('early', [True, False])
-def test_simulated_time_goes_on_while_a_node_is_inactive(bench, parrot, early) -> None:
+def test_simulated_time_goes_on_while_a_node_is_inactive_and_after(bench, parrot, early) -> None:
     tick = bench.talk(Clock, '/clock', qos.CLOCK)
     node = parrot(use_sim_time=early)
+    go(bench, node, 'configure')
     node.set_parameters([parameters.override('use_sim_time', True)])
     bench.until(lambda: any(item.topic_name == '/clock' for item in node.subscriptions), 'a clock')
 
-    def came() -> bool:
-        tick(write.clock(5_000_000_000))
-        return bool(node.get_clock().now().nanoseconds == 5_000_000_000)
+    def came(time_ns: int) -> bool:
+        tick(write.clock(time_ns))
+        return bool(node.get_clock().now().nanoseconds == time_ns)
 
-    bench.until(came, 'the time')
+    bench.until(lambda: came(5_000_000_000), 'the time')
+    go(bench, node, 'cleanup', 'configure')
+    bench.until(lambda: came(6_000_000_000), 'the time after a cleanup')
 
 
 def test_what_others_take_care_of_outlives_a_cleanup(bench, parrot) -> None:

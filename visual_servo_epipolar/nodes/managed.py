@@ -271,7 +271,10 @@ class ManagedNode(GuardedNode, LifecycleNodeMixin):
     ) -> Any:
         """Create a subscription; what comes while the node is not active is dropped."""
         callback = callback if topic == CLOCK else self.__gated(callback)
-        return super().create_subscription(msg_type, topic, callback, qos_profile, **more)
+        subscription = super().create_subscription(msg_type, topic, callback, qos_profile, **more)
+        if topic == CLOCK and self.__is_made:  # use_sim_time was set in mid-life
+            self.keep(subscription)
+        return subscription
 
     def create_timer(
         self, timer_period_sec: float, callback: Callback, *rest: Any, **more: Any

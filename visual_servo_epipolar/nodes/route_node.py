@@ -120,6 +120,8 @@ class RouteNode(ManagedNode):
     def deactivate(self) -> None:
         """Stop the robot; a way that is being recorded is lost, which is logged."""
         self._stop('deactivated')
+        self._repetition.wait()
+        self._pending = None
         if self._recording is not None:
             self.get_logger().warning('the recording of a way is given up')
             self._recording.close()

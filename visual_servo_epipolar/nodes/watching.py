@@ -203,6 +203,7 @@ class Enable:
         age = seconds_between(self._heard_ns, int(self._steady.now().nanoseconds))
         return f'the last true on {self._topic} is {age:.1f} s old' if age > self._timeout else ''
 
+    @in_every_state  # what was enabled before may not be any more
     def _hear(self, message: Bool) -> None:
         self._heard_ns = int(self._steady.now().nanoseconds)
         self._enabled = bool(message.data)

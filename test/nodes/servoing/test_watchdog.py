@@ -1,6 +1,7 @@
 """The watchdog: what it means to lose the tracks, and that no run holds for ever."""
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycles import go
 import pytest
 from sensor_msgs.msg import CameraInfo
 from servo_rig import AWAY, HandSetClock, PERIOD_NS, Rig, STAMP_NS, tracks
@@ -216,6 +217,18 @@ def test_a_false_stops_the_robot_at_once(bench) -> None:
     rig.enable(value=False)
     assert (rig.phase, rig.reason) == ('holding', '/enable is false')
     bench.until(lambda: rig.twists()[-1] == STANDSTILL, 'the zero twist')
+
+
+def test_a_false_counts_also_while_the_node_is_inactive(bench) -> None:
+    rig = Enabled(bench).drive()
+    go(bench, rig.node, 'deactivate')
+    rig.enable(value=False)
+    go(bench, rig.node, 'activate')
+    told = len(rig.commands)
+    for _ in range(3):
+        rig.see()
+    assert rig.twists()[told:] == []
+    assert rig.reason.endswith('/enable is false')
 
 
 def test_a_false_is_not_lost_by_a_true_that_comes_before_it_is_heard(bench) -> None:
