@@ -39,7 +39,7 @@ CAMERA = (
     'camera file of camera_calibration, OpenCV or Kalibr, or a camera_info '
     'as printed by ros2 topic echo; FILE#cam1 picks one of several cameras'
 )
-BAG = 'rosbag2 folder, .mcap, .db3, or ROS 1 .bag'
+BAG = 'rosbag2 folder, .mcap or .db3'
 SET, TOPICS = 'replay with other settings, such as', 'names of topics by role'
 ACTIONS = {  # of routes
     'teach': 'learn a route from a bag with images, camera_info and odom',
@@ -63,7 +63,7 @@ def add_demo(parser: ArgumentParser) -> None:
         choices=('none', *EXCLUDED),
         default='tracks',
         help='what the bag holds: nothing, all topics but images, or images as well, which take '
-        '400 MB (default tracks)',
+        '250 MB (default tracks)',
     )
     flags = {
         '--no-video': 'make no video',
@@ -168,7 +168,7 @@ def add_replay(parser: ArgumentParser) -> None:
 
 def add_report(parser: ArgumentParser) -> None:
     """Add the options of ``report``."""
-    what = '--out folder of demo or simulate, its run.json, a bag, or a route'
+    what = '--out folder of demo or simulate, its run.json, or a bag'
     _add_bag(parser, 'RUN_OR_BAG', what)
     folder = (
         'folder for report.html (default the folder of the run, or NAME_report beside bag NAME)'

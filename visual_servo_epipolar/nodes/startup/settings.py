@@ -51,7 +51,7 @@ class ImageSettings(CalibrationSettings):
     )
     transport: str = fixed(
         'raw',
-        'Images come as: compressed are JPEG, PNG, on image_raw/compressed',
+        'Images come as: compressed are JPEG or PNG, on image_raw/compressed',
         choices=('raw', 'compressed'),
     )
 
