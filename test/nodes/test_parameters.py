@@ -263,7 +263,7 @@ def test_settings_that_contradict_each_other_are_refused_at_the_start(bench) -> 
 
 
 def test_names_of_earlier_versions_are_answered_all_at_once_each_in_a_line(bench) -> None:
-    expected = 'rename or delete them in your file\n  room -> spiral_ratio\n  least_room -> least'
+    expected = 'rename or delete them in your file:\n  room -> spiral_ratio\n  least_room -> least'
     with pytest.raises(ValueError, match=expected):
         bench.start(ServoNode, room=0.5, least_room=0.1)
 

@@ -58,7 +58,7 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     gone = given.keys() & kind.GONE.keys() - kind.RENAMED.keys()
     old += [f'{name}: gone, {kind.GONE[name]!r} holds' for name in sorted(gone)]
     if old:
-        lines = '\n  '.join(['rename or delete them in your file', *old])
+        lines = '\n  '.join(['rename or delete them in your file:', *old])
         raise ValueError(f'{node.get_name()} is given names of earlier versions; {lines}')
     known = {item.name for item in parameters_of(kind)}
     skipped = _without_effect(node, kind, known)
