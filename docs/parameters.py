@@ -62,6 +62,8 @@ UPGRADING = """\
 * **Bags.** `recorder_node` writes mcap alone; bags of sqlite3 are read, and `ros2 bag convert`
   makes one of the other. `--repair` writes a new file beside the damaged one; `rosbags-convert`
   makes a bag of ROS 2 of one of ROS 1.
+* **Values.** Set `estimator: soft_planar` in place of `planar_2dof` and `planar_3dof`, and
+  `projection: equirectangular`, of the stitched image, in place of `dual_fisheye`.
 * **Camera files** of COLMAP and nerfstudio are not read: write their numbers as YAML.
 * **Commands.** `sweep` writes `table.md`, `map.png` and `runs.jsonl`; `bench` has only what
   [results](results.md) needs.
