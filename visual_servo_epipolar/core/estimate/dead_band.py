@@ -126,13 +126,9 @@ class Threshold:
         alike = abs(bend - self.bend) <= UNLIKE * max(abs(bend), abs(self.bend))
         wheels = abs(bend) <= MOST_CURVATURE and alike
         stood = self.stood or self.power / abs(self.asked)
-        learnt = max(self.value, min(max(MARGIN * stood, LEAST_ASKED / dt), most))
+        learnt = min(max(MARGIN * stood, LEAST_ASKED / dt), most)
         if self.stood:  # pulses came since then, that any base follows
-            return replace(
-                again,
-                value=0.0 if wheels else min(max(MARGIN * stood, LEAST_ASKED / dt), most),
-                bend=bend,
-            )
+            return replace(again, value=0.0 if wheels else learnt, bend=bend)
         part = OF_PULSES if self.value or abs(bend) <= MOST_CURVATURE else STANDING
         wheels = wheels or bend * bend <= FIRST_VARIANCE  # as those of many a base do
         moved = self.side * (position - self.origin) / abs(self.asked)
@@ -140,7 +136,7 @@ class Threshold:
         if wheels or pushed or moved >= part:
             return again
         if self.value or abs(bend) > MOST_CURVATURE:
-            return replace(again, value=learnt)
+            return replace(again, value=max(self.value, learnt))
         return Threshold(most, self.side, stood=stood, bend=bend)
 
 

@@ -105,14 +105,13 @@ def ends_by_pulses(goal: GoalEstimate, settings: DriveSettings) -> bool:
 def matched_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
     """Return the largest |D|, at unit focal length, that counts as zero, its noise at least."""
     least, deviation = settings.arrival_difference, goal.difference_deviation
-    tolerance = settings.arrival_position or math.inf
-    hop, slope = half_hop(settings.dead_band_linear, settings, trial), goal.difference_slope
+    usual = max(least, NOISE_DEVIATIONS * deviation)
+    hop = half_hop(settings.dead_band_linear, settings, trial)
     if goal.offset is None:
         # While its slope is unknown (nan), D tells no hop; none is beyond the owner's tolerance.
-        slope, hop = max(0.0, goal.motion.slope.least(deviation)), min(hop, tolerance)
-        return max(least, NOISE_DEVIATIONS * deviation, hop * slope)
-    hop *= slope
-    usual = max(least, NOISE_DEVIATIONS * deviation)
+        slope = max(0.0, goal.motion.slope.least(deviation))
+        return max(usual, slope * min(hop, settings.arrival_position or math.inf))
+    hop *= goal.difference_slope
     fine = (1.0 if hop else NEGLIGIBLE) * deviation
     return max(fine if _is_patient(trial) else usual, hop)
 

@@ -235,12 +235,13 @@ def pulsed_move(
     seen, rest = state.settling.rest or state.measurement, state.dead_band_residual
     if seen is None or settings.dead_band_mode != 'pulse' or not turns_in_place(settings.drive):
         return None
-    turn = _pulsed_turn(wanted.angular, seen, rest.angular, state, settings)
-    if state.phase.turns_in_place and turn:
-        return Twist(0.0, turn[0]), Twist(0.0, turn[1])
     slope = _slope(seen, state)
-    if not state.phase.straight or not slope > 0.0:
+    ends_straight = state.phase.straight and slope > 0.0
+    if not (ends_straight or state.phase.turns_in_place):
         return None
+    turn = _pulsed_turn(wanted.angular, seen, rest.angular, state, settings)
+    if not ends_straight:
+        return None if turn is None else (Twist(0.0, turn[0]), Twist(0.0, turn[1]))
     left, band = -seen.difference / slope, settings.dead_band_linear
     bound = matched_bound(seen, settings, trial_of(seen, state)) / slope
     moves = _moves(rest.linear, band)
