@@ -27,7 +27,7 @@ OUTPUTS = {
     'unicycle_node': 'odom\ncmd_vel_applied',
     'camera_node': 'joint_states',
     'tracker_node': 'overlay/image_raw\n~/settings\n~/events',
-    'servo_node': 'epipoles\nphase\n/diagnostics\n~/markers',
+    'servo_node': 'epipoles\ngoal_pose\nphase\n/diagnostics\n~/markers',
 }
 
 
