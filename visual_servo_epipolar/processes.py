@@ -1,12 +1,14 @@
 """Processes and threads: how many there are, and which of them Ctrl-C ends."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 import ctypes
 from multiprocessing import resource_tracker
 import os
 import signal
+import sys
 
+UNREAD, UNWRITTEN = 141, 2  # exit codes where the output is not read, or cannot be written
 PR_SET_PDEATHSIG = 1
 # Matrices here are small, and a library that shares their products waits for a core for each
 # of them where others have the cores; the threads themselves keep a core busy by waiting.
@@ -17,6 +19,23 @@ def one_thread() -> None:
     """Let numpy, which is not loaded yet, take one thread, unless the environment says more."""
     for name, value in ONE_THREAD.items():
         os.environ.setdefault(name, value)
+
+
+def printing(name: str, run: Callable[[], int]) -> int:
+    """Return the exit code of ``run``, or that its output cannot be written; silent if unread."""
+    try:
+        try:
+            return run()
+        finally:
+            print(end='', flush=True)
+    except OSError as error:
+        # Print no more to it: the interpreter would complain about it at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            return UNREAD
+        with suppress(BrokenPipeError):
+            print(f'{name}: output cannot be written: {error.strerror}', file=sys.stderr)
+        return UNWRITTEN
 
 
 def cores() -> int:

@@ -50,6 +50,19 @@ def test_help_ends_well_and_starts_nothing(start, words) -> None:
     assert max(map(len, ended.stdout.splitlines())) <= 99
 
 
+@pytest.mark.parametrize('start', [executable, module])
+def test_help_that_nobody_reads_is_quiet(start) -> None:
+    words = [sys.executable, '-c', f'import sys\n{start("servo_node")}', '--help']
+    reading, writing = os.pipe()
+    os.close(reading)
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    ended = subprocess.run(
+        words, env=environment, stdout=writing, stderr=subprocess.PIPE, timeout=END_SEC
+    )
+    os.close(writing)
+    assert (ended.returncode, ended.stderr) == (141, b'')
+
+
 @pytest.mark.parametrize('start', few_of([executable, module]))
 @pytest.mark.parametrize(
     'words', [['--foo'], ['config.yaml'], ['-p', 'k1:=0.1'], ['--ros-args', '--', 'config.yaml']]

@@ -1,16 +1,13 @@
 """Parameter files: shared by nodes, in any namespace, and never passed over in silence."""
 
-from collections import Counter
 from pathlib import Path
 
 import pytest
-from rclpy.node import Node
 import yaml
 
 from visual_servo_epipolar.core.settings import parameters_of
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.dock_node import DockNode
-from visual_servo_epipolar.nodes.parameters import read_sections
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.route_node import RouteNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
@@ -52,49 +49,6 @@ def under(key, **values):
     return {key: {'ros__parameters': values}}
 
 
-KEYS = [
-    under('/**', k1=0.1),
-    under('dock', k1=0.1),
-    under('/dock', k1=0.1),
-    under('/robot1/dock', k1=0.1),
-    under('robot1/dock', k1=0.1),
-    under('/**/dock', k1=0.1),
-    under('/*/dock', k1=0.1),
-    under('/*', k1=0.1),
-    under('/*/*', k1=0.1),
-    under('/robot1/**', k1=0.1),
-    under('/robot1/*', k1=0.1),
-    under('/robot2/dock', k1=0.1),
-    under('/robot1/docks', k1=0.1),
-    {'robot1': under('dock', k1=0.1)},
-    {'/robot1': under('dock', k1=0.1)},
-    {'/robot1': under('**', k1=0.1)},
-    {'robot2': under('dock', k1=0.1)},
-]
-
-
-@pytest.mark.parametrize('keys', KEYS, ids=str)
-@pytest.mark.parametrize('namespace', ['/', '/robot1', '/a/robot1'])
-def test_a_section_reaches_the_nodes_rcl_gives_it_to(bench, tmp_path, keys, namespace) -> None:
-    path = file(tmp_path, **keys)
-    node = Node(
-        'dock',
-        context=bench.context,
-        namespace=namespace,
-        cli_args=['--ros-args', *given(path)],
-        automatically_declare_parameters_from_overrides=True,
-    )
-    bench.nodes.append(node)
-    (section,) = read_sections(str(path))
-    assert section.names == {'k1'}
-    assert section.reaches(node.get_fully_qualified_name()) is node.has_parameter('k1')
-
-
-def test_nested_parameters_have_points(tmp_path) -> None:
-    (section,) = read_sections(str(file(tmp_path, **under('/**', a={'b': {'c': 1}}, d=2))))
-    assert section.names == {'a.b.c', 'd'}
-
-
 @pytest.mark.parametrize('name', KINDS)
 def test_the_files_of_the_package_hold_in_a_namespace(bench, tmp_path, monkeypatch, name) -> None:
     monkeypatch.chdir(tmp_path)  # the recorder begins a bag where it is started
@@ -110,8 +64,8 @@ def test_the_files_of_the_package_hold_in_a_namespace(bench, tmp_path, monkeypat
     }
     assert changes[name][0] in text
     (tmp_path / 'edited.yaml').write_text(text.replace(*changes[name]))
-    node = start(bench, KINDS[name], *given(tmp_path / 'edited.yaml'), *ELSEWHERE)
-    assert node.get_fully_qualified_name() == '/robot1/dock'
+    node = start(bench, KINDS[name], *given(tmp_path / 'edited.yaml'), *ELSEWHERE[:2])
+    assert node.get_fully_qualified_name() == f'/robot1/{name}'
     parameter, value = changes[name][1].split(': ')
     assert node.get_parameter(parameter).value == yaml.safe_load(value)
     node.get_logger().info('after all warnings')
@@ -120,28 +74,28 @@ def test_the_files_of_the_package_hold_in_a_namespace(bench, tmp_path, monkeypat
 
 
 @pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda path: path.stem)
-def test_every_file_is_keyed_for_any_node(path) -> None:
-    # What is given after robot.yaml and sets a homonym names its node, in any namespace; so does
-    # what is for nodes of others.
+def test_every_file_reaches_any_node_that_it_can_mean(path) -> None:
+    # What would set another thing of the same name elsewhere names its node, in any namespace; so
+    # does what is for nodes of others.
+    own = {name: [f'/**/{name}'] for name in ('recorder_node', 'unicycle_node')}
     others = ['/**/twist_mux', '/**/collision_monitor']
-    keys = {'small_computer': ['/**/tracker_node'], 'obstacles': others}
-    assert [section.key for section in read_sections(str(path))] == keys.get(path.stem, ['/**'])
+    keys = {**own, 'small_computer': ['/**/tracker_node'], 'obstacles': others}
+    assert list(yaml.safe_load(path.read_text())) == keys.get(path.stem, ['/**'])
 
 
-def test_a_file_that_sets_nothing_is_warned_of(bench, tmp_path) -> None:
-    path = file(tmp_path, **under('servo_node', max_linear=0.1), **under('/tracker', window=9))
+@pytest.mark.parametrize(
+    'keys',
+    [
+        {**under('servo_node', max_linear=0.1), **under('/tracker', window=9)},
+        under('/**', window=9),
+    ],
+    ids=['not reached', 'of other nodes'],
+)
+def test_a_file_that_sets_nothing_is_warned_of(bench, tmp_path, keys) -> None:
+    path = file(tmp_path, **keys)
     start(bench, ServoNode, *given(path), *ELSEWHERE)
-    expected = (
-        f'{path} sets no parameter of /robot1/dock: it is for /tracker, servo_node; key it /**: '
-        'to reach every node that is given the file'
-    )
+    expected = f'{path} sets no parameter of /robot1/dock: they are for other nodes; key them /**:'
     bench.until(lambda: bench.logged(expected), f'{expected}; heard {bench.logged(WARNING)}')
-
-
-def test_a_file_with_nothing_but_parameters_of_others_is_warned_of(bench, tmp_path) -> None:
-    start(bench, ServoNode, *given(file(tmp_path, **under('/**', window=9))))
-    expected = 'sets no parameter of /servo_node: its parameters are those of other nodes'
-    bench.until(lambda: bench.logged(expected), expected)
 
 
 def test_a_file_of_the_node_is_its_own_also_with_names_alone_that_have_gone(
@@ -270,37 +224,3 @@ def test_the_tracker_of_a_small_computer_takes_its_file_after_the_robots(bench) 
     small = yaml.safe_load((CONFIG / 'small_computer.yaml').read_text())['/**/tracker_node']
     expected = {'camera_reliability': 'auto', **small['ros__parameters']}
     assert {name: node.get_parameter(name).value for name in expected} == expected
-
-
-@pytest.mark.parametrize(
-    ('kind', 'other', 'name'),
-    [(ServoNode, 'unicycle_node', 'max_angular'), (ServoNode, 'recorder_node', 'autostart')],
-)
-def test_the_file_of_another_node_is_refused_where_it_means_else(bench, kind, other, name) -> None:
-    with pytest.raises(ValueError, match=f'is of {other} alone, .* would set {name} of'):
-        start(bench, kind, *given(CONFIG / f'{other}.yaml'))
-
-
-def test_names_that_nodes_share_are_known_to_mean_different_things_or_not() -> None:
-    names = {node: table.parameter_names(node) for node in table.NODES}
-    counts = Counter(name for each in names.values() for name in each)
-    alike = {
-        'autostart_node',
-        'base_frame',
-        'camera_reliability',
-        'cropped',
-        'enable_stamped_cmd_vel',
-        'frame_prefix',
-        'frame_rate',
-        'head_command',
-        'pan_joint',
-        'rectified',
-        'rig',
-        'seed',
-        'mount_from_tf',
-        'tilt_joint',
-    }
-    # The dock node perceives as the servo does, the route node ends at stations by it.
-    alike |= set(SERVO) & (names['dock_node'] | names['route_node'])
-    alike |= {'projection', 'transport'}
-    assert {name for name, n in counts.items() if n > 1} == alike | table.HOMONYMS

@@ -69,8 +69,8 @@ def settings_fields(name):
 
 
 def written(name, file=None):
-    text = (CONFIG / (file or f'{name}.yaml')).read_text()
-    return yaml.safe_load(text)['/**']['ros__parameters']
+    (section,) = yaml.safe_load((CONFIG / (file or f'{name}.yaml')).read_text()).values()
+    return section['ros__parameters']
 
 
 def plain(value):

@@ -5,7 +5,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import import_module
-import os
 import re
 import signal
 import sys
@@ -16,9 +15,10 @@ from visual_servo_epipolar.commands.options import COMMANDS
 from visual_servo_epipolar.commands.outputs import check_outputs
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.nodes.startup.missing import remedy
+from visual_servo_epipolar.processes import printing
 
 PACKAGE = 'visual_servo_epipolar'
-SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED, UNREAD, TERMINATED = 0, 1, 2, 130, 141, 143
+SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 # Tools that no robot needs: each is a module with add_options(parser), imported when it is called.
 EVALUATION: Mapping[str, tuple[str, str]] = {
     'reproduce': ('reproduction.command', "reproduce the paper's figures and statements"),
@@ -77,17 +77,7 @@ def _call(function: str, options: argparse.Namespace) -> int:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; silently where its output is not read."""
     words = sys.argv[1:] if args is None else args
-    try:
-        try:
-            return _run(parser(words).parse_args(words))
-        finally:
-            print(end='', flush=True)
-    except OSError as error:
-        # Print no more to it: the interpreter would complain about it at its end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if isinstance(error, BrokenPipeError):
-            return UNREAD
-        return _complain('visual_servo', f'output cannot be written: {error.strerror}', BAD_INPUT)
+    return printing('visual_servo', lambda: _run(parser(words).parse_args(words)))
 
 
 class Terminated(KeyboardInterrupt):

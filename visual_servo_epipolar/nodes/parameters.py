@@ -1,9 +1,7 @@
 """Settings as ROS parameters: declared with text and range, validated as a whole."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from pathlib import Path
-import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
 import sys
 from typing import Any, TypeVar
 
@@ -15,28 +13,12 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-import yaml
 
 from visual_servo_epipolar.core.settings import alike, parameters_of, range_of, Settings
 from visual_servo_epipolar.nodes.managed import GuardedNode
 from visual_servo_epipolar.nodes.startup import executables, table
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
-PARAMETERS = 'ros__parameters'
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterSection:
-    """Section of a parameter file: the nodes it is for, as written, and names of parameters."""
-
-    key: str
-    names: frozenset[str]
-
-    def reaches(self, node: str) -> bool:
-        """Return whether the section is for a node of this full name, by the rules of rcl."""
-        # As rclpy does it: /* becomes one part of a name, and so /** any number of them.
-        pattern = ('/' + self.key.lstrip('/')).replace('/*', r'(/\w+)')
-        return re.fullmatch(pattern, node) is not None
 
 
 def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
@@ -51,11 +33,10 @@ def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
     setting of another value; rclpy raises for a wrong type or range.
     """
     given = node.given
-    for name, off in kind.GONE.items():
-        if name in given and _value(given[name]) == off:
-            del given[name]
-    old = [f'{name} -> {kind.RENAMED[name]}' for name in given if name in kind.RENAMED]
-    gone = given.keys() & kind.GONE.keys() - kind.RENAMED.keys()
+    off = {name for name in given.keys() & kind.GONE if _value(given[name]) == kind.GONE[name]}
+    renamed = kind.RENAMED.keys() - off
+    old = [f'{name} -> {kind.RENAMED[name]}' for name in given if name in renamed]
+    gone = given.keys() & kind.GONE.keys() - kind.RENAMED.keys() - off
     old += [f'{name}: gone, {kind.GONE[name]!r} holds' for name in sorted(gone)]
     if old:
         lines = '\n  '.join(['rename or delete them in your file:', *old])
@@ -149,24 +130,24 @@ def finish(node: GuardedNode, options: Mapping[str, Any]) -> None:
     """
     End the declarations: raise ValueError for a parameter that is given but not declared.
 
-    ROS ignores it silently, and a misspelt gain then drives the robot with its default. A name of
-    another node of this package may stand in a file that both read. ``options`` are those that the
-    node was made with. Warns of a file that sets nothing of the node.
+    ROS ignores it silently, and a misspelt gain then drives the robot with its default. A file may
+    hold names of other nodes of this package, which read it as well. ``options`` are those that
+    the node was made with. Warns of files that set nothing of the node.
     """
     name, words = node.get_name(), _ros_arguments(options)
-    files = {path: read_sections(path) for path in executables.values(words, '--params-file')}
-    direct = executables.parameter_names(words, name)
-    direct |= node.by_program
-    shared = {item for sections in files.values() for item in _names_for(node, sections)} - direct
-    for item in sorted(node.given):
-        if node.has_parameter(item) or item.startswith('qos_'):
-            continue
+    direct = executables.parameter_names(words, name) | node.by_program
+    kinds = table.settings_of(*table.NODES.keys() & set(map(table.name_of, type(node).__mro__)))
+    gone = {item for kind in kinds for item in kind.GONE}
+    own = {item for item in node.given if node.has_parameter(item) or item in gone}
+    for item in sorted(node.given.keys() - own):
         owner = table.owner_of(item)
-        if not (owner and item in shared):
+        if not (item.startswith('qos_') or (owner and item not in direct)):
             raise ValueError(f'{name} has no parameter {item}{_hint(node, item, owner)}')
-    for path, sections in files.items():
-        _refuse_homonyms(node, path, sections)
-        _warn_of_no_effect(node, path, sections)
+    files = list(executables.values(words, '--params-file'))
+    if files and not own - node.by_program:
+        reason = 'they are for other nodes; key them /**: to reach every node that is given them'
+        full_name = node.get_fully_qualified_name()
+        node.get_logger().warning(f'{", ".join(files)} sets no parameter of {full_name}: {reason}')
 
 
 def _ros_arguments(options: Mapping[str, Any]) -> list[str]:
@@ -184,47 +165,6 @@ def _hint(node: Node, parameter: str, owner: str) -> str:
     known = {name for other in table.NODES for name in table.parameter_names(other)}
     close = alike(parameter, sorted({*declared, *known}))  # a file may be shared
     return f'; did you mean {close[0]}?' if close else f'; it has {", ".join(declared)}'
-
-
-def _names_for(node: Node, sections: Iterable[ParameterSection]) -> set[str]:
-    """Return the parameters in those sections of a file that reach the node."""
-    full_name = node.get_fully_qualified_name()
-    return {name for item in sections if item.reaches(full_name) for name in item.names}
-
-
-def _refuse_homonyms(node: Node, path: str, sections: Sequence[ParameterSection]) -> None:
-    """Raise ValueError for a file of another node, for /**, that would change this one, too."""
-    kinds = set(map(table.name_of, type(node).__mro__))
-    for section in sections:
-        if '*' not in section.key or not section.reaches(node.get_fully_qualified_name()):
-            continue
-        owners = [name for name in table.NODES if section.names <= table.accepted_names(name)]
-        mistaken = sorted(
-            name for name in section.names & table.HOMONYMS if node.has_parameter(name)
-        )
-        if mistaken and owners and not kinds.intersection(owners):
-            raise ValueError(
-                f'{path} is of {owners[0]} alone, but by its key {section.key} would set '
-                f'{mistaken[0]} of {node.get_name()}, which means something else; '
-                f'key it /**/{owners[0]}:'
-            )
-
-
-def _warn_of_no_effect(node: Node, path: str, sections: Sequence[ParameterSection]) -> None:
-    """Warn of a file without a parameter of the node: it keeps its defaults, and drives on."""
-    heard, kinds = _names_for(node, sections), set(map(table.name_of, type(node).__mro__))
-    # A file of an earlier version may hold names alone that have gone since.
-    own = table.accepted_names(*kinds.intersection(table.NODES))
-    if not sections or heard & own or any(map(node.has_parameter, heard)):
-        return
-    keys = ', '.join(section.key for section in sections)
-    reason = (
-        'its parameters are those of other nodes'
-        if heard
-        else f'it is for {keys}; key it /**: to reach every node that is given the file'
-    )
-    full_name = node.get_fully_qualified_name()
-    node.get_logger().warning(f'{path} sets no parameter of {full_name}: {reason}')
 
 
 def _value(parameter: Parameter) -> Any:
@@ -247,34 +187,3 @@ def _descriptor(item: Any) -> ParameterDescriptor:
         low, high = int(limits.low), int(limits.high)
         descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
     return descriptor
-
-
-def read_sections(path: str) -> list[ParameterSection]:
-    """Return the sections of a file that rcl has accepted; none if it cannot be read again."""
-    if not Path(path).is_file():
-        return []  # a pipe is read up, and to read it once more waits for ever
-    try:
-        document = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, ValueError, yaml.YAMLError):
-        return []
-    return list(_walk(document, ''))
-
-
-def _walk(body: Any, key: str) -> Iterator[ParameterSection]:
-    """Yield sections; namespaces may be nested."""
-    if not isinstance(body, dict):
-        return
-    for name, inner in body.items():
-        if name == PARAMETERS:
-            yield ParameterSection(key, frozenset(_names(inner, '')))
-        else:
-            yield from _walk(inner, f'{key}/{str(name).strip("/")}' if key else str(name))
-
-
-def _names(body: Any, prefix: str) -> Iterator[str]:
-    """Yield names of parameters; nested ones are joined by points."""
-    for name, value in body.items() if isinstance(body, dict) else ():
-        if isinstance(value, dict):
-            yield from _names(value, f'{prefix}{name}.')
-        else:
-            yield f'{prefix}{name}'

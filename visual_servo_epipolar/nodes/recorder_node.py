@@ -74,6 +74,10 @@ class RecorderNode(ManagedNode):
             self.get_logger().error(status.error)
         self._report(status)
 
+    def cleanup(self) -> None:
+        """Complete the bag of an activation that failed."""
+        self.stop()
+
     @property
     def ready(self) -> bool:
         """Whether all topics that are selected by name are being recorded."""

@@ -11,6 +11,7 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.nodes.raw_subscriptions import RawSubscriptions
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 
 MANY = 50  # fewer than wait in DDS
@@ -107,6 +108,22 @@ def test_a_bag_that_cannot_be_begun_leaves_the_node_inactive(bench, tmp_path) ->
     bench.until(lambda: bench.logged('bag exists already; name another bag'), 'the reason')
     (tmp_path / 'bag').rmdir()
     assert go(bench, reporter.node, 'activate') == 'active'
+
+
+def test_an_activation_that_fails_leaves_a_whole_bag_and_records_anew(
+    bench, tmp_path, monkeypatch
+) -> None:
+    reporter = Reporter(bench, tmp_path, autostart_node=False)
+    go(bench, reporter.node, 'configure')
+    with monkeypatch.context() as patched:
+        patched.setattr(RawSubscriptions, 'discover', lambda _: 1 / 0)
+        assert not change(bench, reporter.node, label='activate')
+    assert (reporter.node.state, reporter.bags()) == ('unconfigured', ['bag'])
+    go(bench, reporter.node, 'configure', 'activate')
+    reporter.until_heard()
+    texts = reporter.say(range(MANY))
+    go(bench, reporter.node, 'deactivate')
+    assert [said_in(tmp_path / name) for name in reporter.bags()] == [[], texts]
 
 
 def test_the_diagnostics_say_that_nothing_is_recorded_any_more(bench, tmp_path) -> None:

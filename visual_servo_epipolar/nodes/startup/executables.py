@@ -7,9 +7,9 @@ import sys
 
 from visual_servo_epipolar.nodes.startup.missing import remedy
 from visual_servo_epipolar.nodes.startup.table import NODES, PACKAGE
-from visual_servo_epipolar.processes import one_thread
+from visual_servo_epipolar.processes import one_thread, printing
 
-USAGE_ERROR = 2
+SUCCESS, USAGE_ERROR = 0, 2
 ROS_ARGUMENTS = '--ros-args -p NAME:=VALUE --params-file FILE'
 
 
@@ -32,8 +32,7 @@ def answer(node: str, arguments: Sequence[str]) -> int | None:
     """Return the exit code if nothing is left to run, the reason printed; or None."""
     ros, rest = split(arguments)
     if {'-h', '--help'}.intersection((*ros, *rest)):
-        print(usage(node))
-        return 0
+        return printing(node, partial(_show, usage(node)))
     if rest:
         print(
             f'{node}: takes ROS arguments alone, got {" ".join(rest)}; write {node} '
@@ -42,6 +41,11 @@ def answer(node: str, arguments: Sequence[str]) -> int | None:
         )
         return USAGE_ERROR
     return None
+
+
+def _show(text: str) -> int:
+    print(text)
+    return SUCCESS
 
 
 def usage(node: str) -> str:

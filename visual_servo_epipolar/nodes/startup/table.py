@@ -76,13 +76,9 @@ NODES: Mapping[str, NodeRow] = {
 }
 
 
-# Parameters of more than one node that mean different things there.
-HOMONYMS = frozenset({'autostart', 'max_angular', 'max_linear', 'steering_rate', 'wheelbase'})
-
-
-def settings_of(node: str) -> Iterator[type[Settings]]:
-    """Yield the classes whose fields are the parameters of a node, in its order."""
-    for place in NODES[node].settings:
+def settings_of(*nodes: str) -> Iterator[type[Settings]]:
+    """Yield the classes whose fields are the parameters of ``nodes``, in their order."""
+    for place in (place for node in nodes for place in NODES[node].settings):
         module, _, name = place.partition(':')
         yield getattr(import_module(f'{PACKAGE}.{module}'), name)
 
@@ -105,5 +101,4 @@ def parameter_names(node: str) -> set[str]:
 
 def accepted_names(*nodes: str) -> set[str]:
     """Return the parameters of ``nodes``, with the names of earlier versions."""
-    kinds = [kind for node in nodes for kind in settings_of(node)]
-    return {name for kind in kinds for name in names_of(kind)}
+    return {name for kind in settings_of(*nodes) for name in names_of(kind)}
