@@ -1,4 +1,4 @@
-"""The estimation benchmark runs, measures what it says, and its bound is a bound."""
+"""The estimation benchmark runs, and measures what it says."""
 
 import math
 
@@ -10,25 +10,23 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     fundamental_from_bearings,
     sampson_distance,
 )
-from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.evaluation.benchmarks import estimation
 from visual_servo_epipolar.evaluation.benchmarks.scenes import (
     Cell,
-    difference,
     draw_pair,
     draw_pairs,
     error,
-    fisher_information,
 )
 
 
-def test_pairs_obey_the_geometry_they_are_drawn_from() -> None:
-    for pair in draw_pairs(Cell(baseline=3.0), 5, 1):
+@pytest.mark.parametrize('noise', [0.0, 0.3])
+def test_pairs_obey_the_geometry_they_are_drawn_from(noise: float) -> None:
+    cell = Cell(baseline=3.0, noise=noise)
+    for pair in draw_pairs(cell, 5, 1):
         fundamental = fundamental_from_bearings(pair.bearings)
-        clean = sampson_distance(fundamental, pair.clean_current, pair.clean_desired)
-        noisy = sampson_distance(fundamental, pair.current, pair.desired)
-        assert float(np.abs(clean).max()) < 1e-12
-        assert 0.5 < float(np.sqrt((noisy**2).mean())) / Cell(baseline=3.0).ray_noise < 1.5
+        distance = sampson_distance(fundamental, pair.current, pair.desired)
+        rms = float(np.sqrt((distance**2).mean()))
+        assert 0.5 * cell.ray_noise <= rms < 1.5 * cell.ray_noise + 1e-12
 
 
 def test_the_same_seed_draws_the_same_pairs() -> None:
@@ -49,25 +47,6 @@ def test_the_error_is_that_of_the_axes() -> None:
     assert error(true.reversed(), true) == pytest.approx(0.0, abs=1e-9)
     found = Bearings(-1.5 + math.radians(1.0), 3.0 - math.radians(1.0))
     assert error(found, true) == pytest.approx(1.0)
-    np.testing.assert_allclose(np.degrees(difference(found, true)), [1.0, -1.0])
-
-
-def test_the_information_is_the_curvature_of_the_sampson_cost() -> None:
-    pair = draw_pair(Cell(baseline=2.0), np.random.default_rng(3))
-    psi, phi = pair.bearings.psi, pair.bearings.phi
-
-    def cost(a: float, b: float) -> float:
-        fundamental = fundamental_from_bearings(Bearings(psi + a, phi + b))
-        points = image_points(pair.clean_current), image_points(pair.clean_desired)
-        distance = sampson_distance(fundamental, *points)
-        return float((distance**2).sum()) / 4e-4**2
-
-    h = 1e-5
-    found = fisher_information(pair, 4e-4)
-    assert found[0, 0] == pytest.approx(cost(h, 0.0) / h**2, rel=1e-3)
-    assert found[1, 1] == pytest.approx(cost(0.0, h) / h**2, rel=1e-3)
-    both = (cost(h, h) - cost(h, 0.0) - cost(0.0, h)) / (2.0 * h**2)
-    assert found[0, 1] == pytest.approx(both, rel=1e-2)
 
 
 @pytest.fixture(scope='module')
@@ -80,7 +59,7 @@ def document() -> dict[str, object]:
 
 def test_the_benchmark_runs_and_prints_its_tables(document: dict[str, object]) -> None:
     text = estimation.table(document)
-    for heading in ('ideal', 'realistic', 'one wall', 'Cramer-Rao', 'reversed', 'time, '):
+    for heading in ('ideal', 'realistic', 'one wall', 'reversed', 'time, '):
         assert heading in text
     assert 'opencv LMedS F' in text
 

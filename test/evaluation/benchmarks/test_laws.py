@@ -63,11 +63,11 @@ def test_the_polar_law_decreases_its_lyapunov_function(distance, psi, heading) -
 
 def test_a_peer_stands_where_it_loses_its_features_and_then_fails_at_its_limits_before() -> None:
     current, desired = matches(Pose.from_start(0.3, -3.0, 4.0), count=60)
-    state, phases = ServoState(), []
+    state, phases, step = ServoState(), [], as_step(lambda: Twist(9.0, -9.0))
     for i in range(70):
         seen = Observation(i * 10**8, current, desired, 769.0)
         few = Observation(i * 10**8, current[:5], desired[:5], 769.0)
-        state = as_step(lambda: Twist(9.0, -9.0))(state, few if i else seen, SETTINGS)
+        state = step(state, few if i else seen, SETTINGS)
         phases.append((state.phase, state.twist))
     limits = Twist(SETTINGS.max_linear, -SETTINGS.max_angular)
     assert phases[0][0] is Phase.MATCHING_FEATURES

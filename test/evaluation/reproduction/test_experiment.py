@@ -1,8 +1,6 @@
 """The paper's experiment anew, and a plain second writing of both."""
 
-from dataclasses import replace
 import json
-import math
 from pathlib import Path
 from types import ModuleType
 
@@ -15,21 +13,29 @@ from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thin
 from visual_servo_epipolar.evaluation.reproduction.chapters import POINTS
-from visual_servo_epipolar.evaluation.reproduction.experiment import figures, sensitivity
-from visual_servo_epipolar.evaluation.reproduction.experiment.claims import claims
+from visual_servo_epipolar.evaluation.reproduction.experiment import figures
+from visual_servo_epipolar.evaluation.reproduction.experiment.claims import (
+    BEHIND,
+    claims,
+    VARIANTS,
+)
 from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import (
     Experiment,
     experiment,
     experiment_scenario,
     FEATURES,
     FOCAL_PX,
+    from_points,
     PRINTED_K_T,
     servo,
     START,
     well_spread,
 )
-from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import PointCamera
-from visual_servo_epipolar.evaluation.reproduction.simulations.runs import Simulation1, transient
+from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
+    PointCamera,
+    Simulation1,
+    transient,
+)
 
 HERE = Path(__file__).parent
 # Point features: arithmetic alone, but 900 steps of a closed loop, in which LMedS decides.
@@ -127,47 +133,22 @@ def test_snapshots_are_of_their_step_and_begin_and_end_with_it(run: Experiment) 
 
 
 def test_claims_say_where_the_printed_numbers_do_not_work(run: Experiment) -> None:
-    some = sensitivity.Sensitivity('', 3, 3, 0.02, 0.03, 0.01, 0.2, '')
-    rows = [replace(some, name=name, runs=3) for name, _, _ in sensitivity.ROWS]
-    summary = {'reason': 'lost', 'max_distance_ratio': 3.0}
-    statements = claims(run, rows, {'paper': summary, 'corrected': summary})
+    result = {
+        'outcome': 'arrived',
+        'reason': 'lost',
+        'position_error_m': 0.02,
+        'max_distance_ratio': 3.0,
+    }
+    statements = claims(run, {name: [result] for name in (*VARIANTS, 'paper', 'corrected')})
     wrong = [s for s in statements if s.agrees is False]
     assert [s.place for s in wrong] == ['Fig. 18']
     assert 'k_t = 0.0004' in wrong[0].paper
 
 
 def test_from_behind_the_printed_sign_fails() -> None:
-    summary = sensitivity.from_points(experiment_scenario(law='paper'), sensitivity.BEHIND, 0)
+    summary = from_points(BEHIND, law='paper')
     assert summary['outcome'] == 'failed'
     assert 'ran away' in summary['reason']
-
-
-def test_a_row_tells_arrivals_and_worst_errors() -> None:
-    results = [
-        {
-            'outcome': 'arrived',
-            'position_error_m': e,
-            'lateral_error_m': -e,
-            'reason': 'matched',
-            'heading_error_deg': 10.0 * e,
-        }
-        for e in (0.03, 0.01, 0.02)
-    ]
-    failed = {**results[0], 'outcome': 'failed', 'reason': 'time'}
-    row = sensitivity._row('name', [*results, failed])
-    assert (row.runs, row.arrived, row.reason) == (4, 3, 'time')
-    assert (row.median_error_m, row.worst_error_m, row.worst_lateral_m) == (0.02, 0.03, 0.03)
-    none = sensitivity._row('name', [failed])
-    assert none.arrived == 0 and math.isnan(none.worst_error_m)
-    assert '| name | 0/1 | - | - | - | - |' in sensitivity.markdown_of([none])
-
-
-def test_every_row_names_settings_that_exist() -> None:
-    for _, everything, changes in sensitivity.ROWS:
-        world = experiment_scenario() if everything else sensitivity.without(experiment_scenario())
-        for change in changes:
-            assert change(world) != world
-            world = change(world)
 
 
 def test_chosen_features_stay_and_lie_far_apart() -> None:

@@ -28,10 +28,8 @@ from visual_servo_epipolar.core.twoview.lmeds_8pt import lmeds_8pt
 from visual_servo_epipolar.core.twoview.soft_planar import soft_planar
 from visual_servo_epipolar.evaluation.benchmarks.scenes import (
     Cell,
-    difference,
     draw_pairs,
     error,
-    fisher_information,
     FOCAL,
     Pair,
 )
@@ -164,7 +162,6 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
                 'poselib': version('poselib') if find_spec('poselib') else None,
             },
             'accuracy': [_accuracy(*cell, trials, seed, say) for cell in _cells()],
-            'bound': [_bound(baseline, trials, seed) for baseline in BASELINES[1:]],
             'signs': [_signs(baseline, trials, seed) for baseline in (0.1, 0.3, 1.0)],
             'time': [
                 _times(f'{kind}, 3 m', Cell(baseline=3.0, **more), trials, seed, say)
@@ -212,23 +209,6 @@ def _summary(errors: FloatArray) -> dict[str, float]:
     }
 
 
-def _bound(baseline: float, trials: int, seed: int) -> dict[str, Any]:
-    """Return the error of soft_planar with a known attitude in units of the Cramer-Rao bound."""
-    cell, squared, sizes = Cell(baseline=baseline), [], []
-    for pair in draw_pairs(cell, trials, seed):
-        information = fisher_information(pair, cell.ray_noise)
-        bearings = _bearings('soft calibrated', pair, cell)
-        if bearings is not None:
-            away = difference(bearings, pair.bearings)
-            squared.append(float(away @ information @ away) / 2.0)
-        sizes.append(np.linalg.inv(information).trace() / 2.0)
-    bound = math.degrees(math.sqrt(float(np.median(sizes))))
-    trimmed = np.sort(squared)[: max(1, math.ceil(0.99 * len(squared)))]  # without the largest 1 %
-    rms, trimmed_rms = (math.sqrt(float(np.mean(it))) for it in (squared, trimmed))
-    case = f'{baseline:g} m, bound {bound:.3f} deg'
-    return {'case': case, 'rms': rms, 'trimmed_rms': trimmed_rms, 'count': len(squared)}
-
-
 def _signs(baseline: float, trials: int, seed: int) -> dict[str, Any]:
     """Return the share of baselines that point the wrong way, all around the goal."""
     cell = Cell(baseline=baseline, noise=0.5, outliers=0.3, around=True)
@@ -271,7 +251,7 @@ def _times(
 
 
 def table(document: Mapping[str, Any]) -> str:
-    """Return the document as text: accuracy, bound, signs, time."""
+    """Return the document as text: accuracy, signs, time."""
     versions = ', '.join(f'{name} {v}' for name, v in document['versions'].items() if v)
     lines = [
         f'Estimation: {document["trials"]} trials a cell, 26 points, 0.3 px in both images, '
@@ -285,11 +265,6 @@ def table(document: Mapping[str, Any]) -> str:
         rows = ([name, *(_cell(it['rows'][name]) for it in cells)] for name in cells[0]['rows'])
         lines += ['', *aligned(head, rows)]
     lines += ['(median / p95, (failures above 5 deg) and [second geometries] in per cent)', '']
-    head = 'error of soft calibrated in units of the Cramer-Rao bound | rms | less the largest 1 %'
-    rows = (
-        [it['case'], f'{it["rms"]:.2f}', f'{it["trimmed_rms"]:.2f}'] for it in document['bound']
-    )
-    lines += [*aligned(head, rows), '']
     signs = document['signs']
     head = ' | '.join(['baseline reversed [%]', *(f'{it["baseline_m"]:g} m' for it in signs)])
     rows = (

@@ -11,7 +11,6 @@ point ahead of the axle (section IX-1 of the paper).
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
 import math
 from operator import itemgetter
 from typing import Any
@@ -43,67 +42,43 @@ STILL_M_S, STILL_RAD_S, STILL_FRAMES = 1e-3, 1e-3, 55  # at which it stands, for
 NEAR_PX = 2.0  # feature error at which a peer that stands has arrived too
 
 
-@dataclass(frozen=True)
-class PeerState(ServoState):
-    """The servo's state, and for how many frames a peer has stood still."""
-
-    still: int = 0
-
-
 def as_step(law: Callable[[], Twist]) -> Control:
     """
-    Return ``law`` as a step of the closed loop.
+    Return ``law`` as a step of one closed loop.
 
     It has our perception of the features, our limits and our stop where there are too few. It has
     arrived when the features match to their noise, or nearly and it stands; it has failed when it
     stands where they do not.
     """
+    still = 0  # frames for which it has stood
 
     def drive(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
+        nonlocal still
         perception = perceive(observation, settings, state.view.frame, state.view.memory)
-        peer = _as_peer(state).changed(
-            measurement=perception.measurement,
-            memory=perception.memory,
-            frame=state.view.frame + 1,
-        )
-        return _decide(peer, perception.measurement, law, settings)
+        seen, frame = perception.measurement, state.view.frame + 1
+        state = state.changed(measurement=seen, memory=perception.memory, frame=frame)
+        if state.phase.ended:
+            return state.changed(command=HALT)
+        if seen.features < settings.min_features:
+            return _held(state, seen, settings)
+        if state.phase is not Phase.MATCHING_FEATURES:
+            state = state.changed(phase=Phase.MATCHING_FEATURES, reason='')
+            state = state.changed(run_start_ns=state.run.run_start_ns or seen.stamp_ns)
+        error = seen.feature_error * seen.focal
+        twist = saturate(law(), max_linear=settings.max_linear, max_angular=settings.max_angular)
+        stands = abs(twist.linear) < STILL_M_S and abs(twist.angular) < STILL_RAD_S
+        still = still + 1 if stands else 0
+        settled = state.settling.settled + 1 if error <= MATCHED_PX else 0
+        if settled >= MATCHED_FRAMES or (still >= STILL_FRAMES and error <= NEAR_PX):
+            return state.changed(phase=Phase.ARRIVED, command=HALT, reason='matched')
+        if still >= STILL_FRAMES:
+            return _fail(state, f'stands still with the features {error:.1f} px off')
+        return state.changed(command=Command(twist), settled=settled)
 
     return drive
 
 
-def _as_peer(state: ServoState) -> PeerState:
-    if isinstance(state, PeerState):
-        return state
-    return PeerState(**{item.name: getattr(state, item.name) for item in fields(state)})
-
-
-def _decide(
-    state: PeerState, measurement: Measurement, law: Callable[[], Twist], settings: ServoSettings
-) -> PeerState:
-    if state.phase.ended:
-        return state.changed(command=HALT)
-    if measurement.features < settings.min_features:
-        return _held(state, measurement, settings)
-    if state.phase is not Phase.MATCHING_FEATURES:
-        state = state.changed(phase=Phase.MATCHING_FEATURES, reason='')
-        state = state.changed(run_start_ns=state.run.run_start_ns or measurement.stamp_ns)
-    error = measurement.feature_error * measurement.focal
-    twist = saturate(law(), max_linear=settings.max_linear, max_angular=settings.max_angular)
-    stands = abs(twist.linear) < STILL_M_S and abs(twist.angular) < STILL_RAD_S
-    state = state.changed(
-        command=Command(twist),
-        settled=state.settling.settled + 1 if error <= MATCHED_PX else 0,
-        still=state.still + 1 if stands else 0,
-    )
-    rests = state.still >= STILL_FRAMES
-    if state.settling.settled >= MATCHED_FRAMES or (rests and error <= NEAR_PX):
-        return state.changed(phase=Phase.ARRIVED, command=HALT, reason='matched')
-    if rests:
-        return _fail(state, f'stands still with the features {error:.1f} px off')
-    return state
-
-
-def _held(state: PeerState, measurement: Measurement, settings: ServoSettings) -> PeerState:
+def _held(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
     if state.phase is not Phase.HOLDING:
         return state.changed(
             phase=Phase.HOLDING, phase_start_ns=measurement.stamp_ns, command=HALT
@@ -114,7 +89,7 @@ def _held(state: PeerState, measurement: Measurement, settings: ServoSettings) -
     return state
 
 
-def _fail(state: PeerState, reason: str) -> PeerState:
+def _fail(state: ServoState, reason: str) -> ServoState:
     return state.changed(phase=Phase.FAILED, command=HALT, reason=reason)
 
 

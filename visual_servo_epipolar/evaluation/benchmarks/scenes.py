@@ -1,4 +1,4 @@
-"""Synthetic pairs of views with true bearings, and the Cramer-Rao bound of any estimator."""
+"""Synthetic pairs of views with true bearings."""
 
 from dataclasses import dataclass
 import math
@@ -8,7 +8,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.geometry.rays import image_points, rotation_level_camera, unit_rays
+from visual_servo_epipolar.core.geometry.rays import rotation_level_camera, unit_rays
 
 FOCAL = 770.0  # [px]
 HALF_VIEW = np.array([635.0, 512.0]) / FOCAL  # tangents of half the field of view
@@ -46,15 +46,13 @@ class Cell:
 @dataclass(frozen=True, slots=True, eq=False)
 class Pair:
     """
-    Unit rays of the matches, shape (N, 3) each, those without noise, and the true bearings.
+    Unit rays of the matches, shape (N, 3) each, and the true bearings.
 
     ``noise``, shape (N, 2), are the deviations of the angles of current and desired rays [rad].
     """
 
     current: FloatArray
     desired: FloatArray
-    clean_current: FloatArray
-    clean_desired: FloatArray
     noise: FloatArray
     bearings: Bearings
 
@@ -70,9 +68,8 @@ def draw_pair(cell: Cell, rng: np.random.Generator) -> Pair:
         chosen = np.flatnonzero(ahead_d & ahead_a)[: cell.points]
         if len(chosen) == cell.points:
             break
-    clean_current, clean_desired = current[chosen], desired[chosen]
     noise = rng.normal(0.0, cell.ray_noise, (2, cell.points, 2))
-    current, desired = clean_current + noise[0], clean_desired + noise[1]
+    current, desired = current[chosen] + noise[0], desired[chosen] + noise[1]
     wrong = round(cell.outliers * cell.points)
     current[:wrong] = rng.uniform(-HALF_VIEW, HALF_VIEW, (wrong, 2))
     truth = Bearings.from_pose(pose) if cell.baseline else Bearings(math.nan, math.nan)
@@ -80,8 +77,6 @@ def draw_pair(cell: Cell, rng: np.random.Generator) -> Pair:
     return Pair(
         current=rays[0],
         desired=rays[1],
-        clean_current=unit_rays(clean_current),
-        clean_desired=unit_rays(clean_desired),
         noise=cell.ray_noise * np.stack([rays[0][:, 2], rays[1][:, 2]], axis=1) ** 1.5,
         bearings=truth,
     )
@@ -124,25 +119,3 @@ def error(estimated: Bearings, true: Bearings) -> float:
     """Return the root mean square angle between estimated and true epipoles [deg]."""
     psi, phi = math.sin(estimated.psi - true.psi), math.sin(estimated.phi - true.phi)
     return math.degrees(math.hypot(math.asin(abs(psi)), math.asin(abs(phi))) / math.sqrt(2.0))
-
-
-def difference(estimated: Bearings, true: Bearings) -> FloatArray:
-    """Return estimated - true of the axes (psi, phi), shape (2,), each within pi/2 [rad]."""
-    change = np.array([estimated.psi - true.psi, estimated.phi - true.phi])
-    return np.asarray(np.remainder(change + math.pi / 2, math.pi) - math.pi / 2)
-
-
-def fisher_information(pair: Pair, noise: float) -> FloatArray:
-    """
-    Return the information on (psi, phi), shape (2, 2), of exact matches blurred by ``noise``.
-
-    Each match is one constraint r = 0 on four noisy coordinates, whatever its depth: it adds
-    (dr/dx)(dr/dx)^T / (noise^2 |grad r|^2) at the true configuration. Upright camera, inliers.
-    """
-    (u_a, v_a), (u_d, v_d) = image_points(pair.clean_current).T, image_points(pair.clean_desired).T
-    psi, phi = pair.bearings.psi, pair.bearings.phi
-    p0, p1, q0, q1 = math.cos(psi), math.sin(psi), math.cos(phi), math.sin(phi)
-    by_rays = np.stack([q0 * v_d, p0 - p1 * u_d, -p1 * v_a, q0 * u_a + q1])
-    by_angles = np.stack([-v_a * (p1 + p0 * u_d), v_d * (q0 - q1 * u_a)])
-    variance = noise**2 * (by_rays**2).sum(axis=0)
-    return np.asarray((by_angles / variance) @ by_angles.T)

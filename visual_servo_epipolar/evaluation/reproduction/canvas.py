@@ -12,16 +12,11 @@ from visual_servo_epipolar.report.canvas import new_figure
 WIDTH = 7.2  # of a page between its margins [inches]
 
 
-def page(title: str, height: float, *, width: float = WIDTH) -> Figure:
-    """Return an empty figure of ``width`` x ``height`` inches under ``title``."""
-    figure = new_figure(width, height)
-    figure.suptitle(title, fontsize=10.0, x=0.02, ha='left')
-    return figure
-
-
 def numbered(number: int, title: str, height: float, *, width: float = WIDTH) -> Figure:
     """Return an empty figure of ``width`` x ``height`` inches under its number in the paper."""
-    return page(f'Fig. {number} \N{EN DASH} {title}', height, width=width)
+    figure = new_figure(width, height)
+    figure.suptitle(f'Fig. {number} \N{EN DASH} {title}', fontsize=10.0, x=0.02, ha='left')
+    return figure
 
 
 def label(axes: Axes, x: str, y: str, title: str = '') -> None:

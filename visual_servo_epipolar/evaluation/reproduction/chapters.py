@@ -11,19 +11,15 @@ from matplotlib.figure import Figure
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thin
 from visual_servo_epipolar.evaluation.reproduction.experiment import figures as experiment_figures
-from visual_servo_epipolar.evaluation.reproduction.experiment import sensitivity
 from visual_servo_epipolar.evaluation.reproduction.experiment.claims import (
     claims,
     ERROR_OF_THE_PAPER_M,
+    point_runs,
 )
-from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import (
-    experiment,
-    experiment_scenario,
-)
+from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import experiment
 from visual_servo_epipolar.evaluation.reproduction.simulations import figures
 from visual_servo_epipolar.evaluation.reproduction.simulations.claims import claims_1, claims_2
-from visual_servo_epipolar.evaluation.reproduction.simulations.figures import printed_sign
-from visual_servo_epipolar.evaluation.reproduction.simulations.runs import (
+from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
     metrics,
     Simulation1,
     Simulation2,
@@ -38,14 +34,13 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Chapter:
-    """One part: figures by name, statements, metrics, a further table."""
+    """One part: figures by name, statements, metrics."""
 
     title: str
     figures: Mapping[str, Figure]
     statements: list[Statement]
     metrics: Mapping[str, Any] = field(default_factory=dict)
     succeeded: bool = True
-    more: str = ''
 
 
 def chapter_1(say: Say, runs: Simulation1 | None = None) -> Chapter:
@@ -61,7 +56,6 @@ def chapter_1(say: Say, runs: Simulation1 | None = None) -> Chapter:
         'figure_11': figures.linear_velocity(course, 11),
         'figure_12': figures.path(course, 12, 2),
         'figure_13': figures.feature_motion(course, 13),
-        'sign': printed_sign(runs),
     }
     results = {
         'printed': metrics(course),
@@ -88,14 +82,10 @@ def chapter_2(say: Say, runs: Simulation2 | None = None) -> Chapter:
 
 
 def chapter_3(say: Say) -> Chapter:
-    """Run the experiment with images, draw figures 17 to 20, perturb it with point features."""
+    """Run the experiment with images, draw figures 17 to 20; vary its law on point features."""
     run = experiment(say)
-    say('sensitivity of the experiment ...')
-    rows = sensitivity.sensitivities()
-    behind = {
-        law: sensitivity.from_points(experiment_scenario(law=law), sensitivity.BEHIND, 0)
-        for law in ('paper', 'corrected')
-    }
+    say('experiment on points ...')
+    points = point_runs()
     drawn = {
         'figure_17': experiment_figures.epipoles(run),
         'figure_18': experiment_figures.difference(run),
@@ -106,18 +96,11 @@ def chapter_3(say: Say) -> Chapter:
     results = {
         'run': summary,
         'difference_rate_per_s': experiment_figures.difference_decay(run.log).rate,
-        'sensitivity': [asdict(row) for row in rows],
-        'behind': behind,
+        'points': points,
     }
     near = summary['position_error_m'] < ERROR_OF_THE_PAPER_M
-    return Chapter(
-        'Experiment',
-        drawn,
-        claims(run, rows, behind),
-        results,
-        summary['outcome'] == 'arrived' and near,
-        sensitivity.markdown_of(rows),
-    )
+    succeeded = summary['outcome'] == 'arrived' and near
+    return Chapter('Experiment', drawn, claims(run, points), results, succeeded)
 
 
 CHAPTERS: Mapping[str, Callable[[Say], Chapter]] = {
@@ -135,7 +118,6 @@ def publish(chapters: Mapping[str, Chapter], folder: Path) -> None:
             save(figure, folder / f'{name}.png')
     (folder / 'figures.json').write_text(one_line_each(data(chapters)), encoding='utf-8')
     tables = [markdown_of(c.title, c.statements) for c in chapters.values()]
-    tables += [chapter.more for chapter in chapters.values() if chapter.more]
     (folder / 'table.md').write_text('\n'.join(tables), encoding='utf-8')
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 import math
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from visual_servo_epipolar.core.servo.run_log import seconds
 from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import (
     Experiment,
     FEATURES,
+    FOCAL_PX,
+    from_points,
     PERIOD_S,
     PRINTED_K_T,
     servo,
@@ -23,38 +26,45 @@ from visual_servo_epipolar.evaluation.reproduction.experiment.figures import (
     signal,
     split,
 )
-from visual_servo_epipolar.evaluation.reproduction.experiment.sensitivity import (
-    BEHIND,
-    Sensitivity,
-)
 from visual_servo_epipolar.evaluation.reproduction.statements import NO_NUMBER, Statement
 
 ERROR_OF_THE_PAPER_M = 0.04
 ZERO_PX = 10.0  # an epipole this near the principal point counts as zero: 0.7 deg
 
 
-def claims(
-    experiment: Experiment,
-    rows: Sequence[Sensitivity],
-    behind: Mapping[str, Mapping[str, Any]],
-) -> list[Statement]:
-    """
-    Return the statements on the experiment.
+BEHIND = (2.6, -3.0, 0.0)  # behind the goal, with both epipoles out of the image
+VARIANTS: Mapping[str, Mapping[str, Any]] = {  # of the servo, each driven on points from START
+    'as printed': {},
+    'true sigma': {'law': 'corrected'},
+    'printed k_t': {'k_t': PRINTED_K_T * FOCAL_PX**2},
+}
+SEEDS = range(3)
+Runs = Mapping[str, Sequence[Mapping[str, Any]]]
 
-    ``rows`` is the table of sensitivities, ``behind`` the results of runs from behind the goal
-    with the law 'paper' and 'corrected'.
-    """
+
+def point_runs() -> Runs:
+    """Return the results of VARIANTS by seeds, and of 'paper' and 'corrected' from BEHIND."""
+    ahead = {
+        name: [from_points(START, seed, **changes) for seed in SEEDS]
+        for name, changes in VARIANTS.items()
+    }
+    return ahead | {law: [from_points(BEHIND, law=law)] for law in ('paper', 'corrected')}
+
+
+def claims(experiment: Experiment, runs: Runs) -> list[Statement]:
+    """Return the statements on the experiment; ``runs`` are those of ``point_runs``."""
     return [
-        _beginning(experiment, behind),
+        _beginning(experiment, runs),
         *_first_step(experiment),
         *_second_step(experiment),
-        _printed_gain(experiment, rows),
+        _printed_gain(experiment, runs['printed k_t']),
         _error(experiment),
-        _signs(rows),
+        _signs(runs),
     ]
 
 
-def _beginning(experiment: Experiment, behind: Mapping[str, Mapping[str, Any]]) -> Statement:
+def _beginning(experiment: Experiment, runs: Runs) -> Statement:
+    (paper,), (corrected,) = runs['paper'], runs['corrected']
     first = next(s for s in experiment.log.samples if not math.isnan(s.epipole_current))
     camera = experiment.camera
     edge = max(camera.principal_u, camera.width - camera.principal_u)
@@ -64,8 +74,8 @@ def _beginning(experiment: Experiment, behind: Mapping[str, Mapping[str, Any]]) 
         f'{first.epipole_current:.0f} and {first.epipole_desired:.0f} px from the principal '
         f'point, the edge at {edge:.0f}. Start ours: {START[0]:g} m, {START[1]:g} m, '
         f'{START[2]:g} deg, ahead of the goal as in section VII. From behind it '
-        f'({BEHIND[0]:g} m, {BEHIND[1]:g} m) the printed sign fails ({behind["paper"]["reason"]}),'
-        f' and the true one backs off to {behind["corrected"]["max_distance_ratio"]:.1f} times '
+        f'({BEHIND[0]:g} m, {BEHIND[1]:g} m) the printed sign fails ({paper["reason"]}), '
+        f'and the true one backs off to {corrected["max_distance_ratio"]:.1f} times '
         'the distance',
         bool(min(abs(first.epipole_current), abs(first.epipole_desired)) > edge),
     )
@@ -147,16 +157,16 @@ def _second_step(experiment: Experiment) -> list[Statement]:
     ]
 
 
-def _printed_gain(experiment: Experiment, rows: Sequence[Sensitivity]) -> Statement:
+def _printed_gain(experiment: Experiment, runs: Sequence[Mapping[str, Any]]) -> Statement:
     start = abs(float(signal(experiment.log, 'feature_difference')[split(experiment.log)]))
     speed = servo().max_linear
-    printed = next(row for row in rows if 'printed k_t' in row.name)
+    arrived = sum(run['outcome'] == 'arrived' for run in runs)
     return Statement(
         'Fig. 18',
         f'D decreases exponentially with k_t = {PRINTED_K_T:g}, lengths in pixels',
         f'such a k_t asks for {PRINTED_K_T * start:.0f} m/s at first. At {speed:g} m/s u_1 is at '
         f'its limit until |D| = {speed / PRINTED_K_T:.0f} px^2, from {start:.0f}: D falls at the '
-        f'pace of the robot ({printed.arrived} of {printed.runs} such runs come to rest). Fig. 18 '
+        f'pace of the robot ({arrived} of {len(runs)} such runs come to rest). Fig. 18 '
         f'is for k_t = {WORKING_K_T:g}; {PRINTED_K_T:g} would do for plain instead of squared '
         'norms',
         bool(speed / PRINTED_K_T > LEAST * start),
@@ -174,15 +184,17 @@ def _error(experiment: Experiment) -> Statement:
     )
 
 
-def _signs(rows: Sequence[Sensitivity]) -> Statement:
-    printed = next(row for row in rows if 'as printed' in row.name)
-    true = next(row for row in rows if 'true sigma' in row.name)
-    same = math.isclose(printed.median_error_m, true.median_error_m, abs_tol=0.005)
+def _signs(runs: Runs) -> Statement:
+    printed, true = (
+        median(run['position_error_m'] for run in runs[name])
+        for name in ('as printed', 'true sigma')
+    )
     return Statement(
         'sign',
         'sigma = sign(e_au e_du)',
         'from this start it is the true sigma until e_du is zero, and the servo then sets u_1 = 0 '
-        f'for good: median error {1e3 * printed.median_error_m:.1f} mm as printed, '
-        f'{1e3 * true.median_error_m:.1f} mm with the true sigma (point features)',
-        same and printed.arrived == printed.runs,
+        f'for good: median error {1e3 * printed:.1f} mm as printed, {1e3 * true:.1f} mm with the '
+        'true sigma (point features)',
+        math.isclose(printed, true, abs_tol=0.005)
+        and all(run['outcome'] == 'arrived' for run in runs['as printed']),
     )

@@ -1,6 +1,6 @@
 """Experiment of the paper (section VIII), with a simulated robot, camera and room."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -8,9 +8,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image, IntArray
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import setting, updated
+from visual_servo_epipolar.core.settings import setting
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -21,6 +21,7 @@ from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.closed_loop import run, View
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings, Scenario
+from visual_servo_epipolar.simulation.views import points_of
 
 FEATURES = 26
 PERIOD_S = 0.09
@@ -155,10 +156,10 @@ def drive(
     return Experiment(log, sparse_view.history, desired, scenario.camera)
 
 
-def without(scenario: Scenario) -> Scenario:
-    """Return ``scenario`` with an even floor and no slip; the dead zone stays and is raised."""
-    return replace(
-        scenario,
-        base=updated(scenario.base, {'slip': 0.0}, 'base'),
-        camera=replace(scenario.camera, jitter=0.0),
-    )
+def from_points(
+    start: tuple[float, float, float], seed: int = 0, **changes: Any
+) -> Mapping[str, Any]:
+    """Return the result of a run on points; ``changes`` are settings of the servo."""
+    scenario = experiment_scenario(seed, **changes)
+    loop, camera = scenario.loop(start, seed), scenario.camera.nominal_camera
+    return summarise(run(loop, points_of(scenario, seed), camera))

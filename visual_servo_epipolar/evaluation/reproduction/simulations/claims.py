@@ -6,13 +6,11 @@ import numpy as np
 
 from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
     Course,
-    PointCamera,
-)
-from visual_servo_epipolar.evaluation.reproduction.simulations.runs import (
     growth_ratio,
     largest_gap,
     longest_transient,
     PERIOD_S,
+    PointCamera,
     rate_at_goal,
     rotation_decay,
     Simulation1,

@@ -1,6 +1,4 @@
-"""Figures 7 to 15: the two simulations; and what the printed sign does."""
-
-from collections.abc import Sequence
+"""Figures 7 to 15: the two simulations."""
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -10,13 +8,11 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.laws.registry import phase_colour
-from visual_servo_epipolar.evaluation.reproduction.canvas import label, numbered, page
+from visual_servo_epipolar.evaluation.reproduction.canvas import label, numbered
 from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
     Course,
-    Instant,
     PointCamera,
 )
-from visual_servo_epipolar.evaluation.reproduction.simulations.runs import PERIOD_S, Simulation1
 from visual_servo_epipolar.evaluation.reproduction.statements import decay
 from visual_servo_epipolar.report.canvas import draw_robot
 from visual_servo_epipolar.report.style import (
@@ -171,33 +167,3 @@ def second_step(course: Course, name: str) -> tuple[FloatArray, FloatArray]:
     """Return time from the beginning of the second step [s], and one quantity, shape (N,) each."""
     time = course.column('time', 2)
     return time - time[0], course.column(name, 2)
-
-
-Way = Sequence[Instant]
-
-
-@rc_context(FIGURE_SETTINGS)
-def printed_sign(runs: Simulation1) -> Figure:
-    """Draw where the printed and the corrected sign lead: same start, sampled, and behind."""
-    figure = page('Not in the paper: sign($e_{au} e_{du}$) as printed, and the true sigma', 4.4)
-    for axes, title, printed, corrected in zip(
-        figure.subplots(1, 3),
-        ('continuous time', f'sampled, {PERIOD_S:g} s', 'from behind the goal'),
-        (runs.course.instants, runs.sampled_printed, runs.behind_printed.instants),
-        (runs.corrected.instants, runs.sampled_corrected, runs.behind_corrected.instants),
-        strict=True,
-    ):
-        draw_robot(axes, DESIRED_POSE, dashed=True)
-        _draw(axes, corrected, DESIRED_COLOUR, 2.4, 'true sigma')
-        _draw(axes, printed, CURRENT_COLOUR, 1.1, 'as printed')
-        draw_robot(axes, printed[0].pose, INK)
-        label(axes, 'x [m]', 'y [m]', title)
-        axes.set_aspect('equal', adjustable='datalim')
-    figure.axes[1].legend(loc='upper right')
-    return figure
-
-
-def _draw(axes: Axes, way: Way, colour: str, width: float, name: str) -> None:
-    places = np.array([(i.pose.x, i.pose.y) for i in way if i.step == 1])
-    axes.plot(*places.T, color=colour, lw=width, label=name)
-    axes.plot(*places[-1], 'o', color=colour, ms=3.0 + width)
