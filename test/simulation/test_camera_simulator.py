@@ -28,7 +28,7 @@ SMALL = CameraSettings(
     width=160, height=128, focal_length=96.2, principal_u=79.2, principal_v=63.8
 )
 HERE, THERE = Pose.from_start(0.6, -3.0, 8.0), Pose.from_start(0.5, -2.9, 7.0)
-PERSON = DisturbanceSettings(disturbed_from=0, person=0.8, shadow=0.5)
+PERSON = DisturbanceSettings(disturbed_from=0, person=0.8)
 
 
 def afresh(settings: CameraSettings, pose: Pose, frame: int, **disturbances) -> np.ndarray:

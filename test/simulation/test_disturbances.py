@@ -13,7 +13,6 @@ GRID = np.stack(np.meshgrid(np.arange(320.0), np.arange(240.0)), axis=-1).reshap
 KINDS: tuple[dict[str, Any], ...] = (
     {'light_step': -0.3},
     {'light_wave': 0.3},
-    {'shadow': 0.4},
     {'occlusion': 0.3},
     {'occlusion': 0.3, 'occlusion_from': 'side'},
     {'person': 0.8},
@@ -84,14 +83,6 @@ def test_slow_light_reaches_its_amplitude_and_no_more() -> None:
     slow = disturbed(light_wave=0.3)
     greys = [int(slow.apply(GREY, frame)[0, 0]) for frame in range(120)]
     assert (min(greys), max(greys)) == (70, 130)
-
-
-def test_a_shadow_crosses_the_image_from_left_to_right() -> None:
-    shadow = disturbed(shadow=0.4)
-    darkest = [int(shadow.apply(GREY, frame)[120].argmin()) for frame in (16, 20, 24)]
-    assert darkest == sorted(darkest) and darkest[0] < darkest[2]
-    assert shadow.apply(GREY, 20).min() == 60
-    assert (np.abs(np.diff(shadow.apply(GREY, 20).astype(int), axis=1)) <= 4).all()  # soft edges
 
 
 @pytest.mark.parametrize('origin', ('nowhere', 'side'))

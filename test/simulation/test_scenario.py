@@ -237,7 +237,7 @@ WORSE = {
     'base': ('wheel_ratio', 'slip', 'dead_zone_linear', 'dead_zone_angular', 'command_delay'),
     'camera': ('noise', 'gain_drift', 'jitter', 'tilt', 'roll', 'mount_forward'),
     'points': ('noise', 'outlier_ratio'),
-    'disturbances': ('occlusion', 'person', 'shadow', 'light_wave'),
+    'disturbances': ('occlusion', 'person', 'light_wave'),
 }
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
+import numpy as np
 from rclpy.clock import Clock, ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
 
@@ -122,9 +123,7 @@ class UnicycleNode(GuardedNode):
         if lockstep:
             self._clock_pub.publish(write.clock(stamp_ns))
         base, (world, _, frame) = self._base, names.frames
-        self._reckoning = self._reckoning.advanced(
-            base.odometry, base.now_ns, noise=self._base_settings.odometry_noise
-        )
+        self._reckoning = self._reckoning.advanced(base.odometry, base.now_ns)
         self._applied_pub.publish(write.twist_stamped(base.twist, stamp_ns, frame))
         self._odom_pub.publish(self._odometry(stamp_ns))
         self._send_transforms(stamp_ns)
@@ -145,14 +144,15 @@ class UnicycleNode(GuardedNode):
     def _odometry(self, stamp_ns: int) -> Odometry:
         """Return what the wheels say: drifting, and aware of it."""
         reckoning, (_, odom, frame) = self._reckoning, self._settings.frames
+        place, speeds = reckoning.variances(self._base_settings.odometry_noise)
         return write.odometry(
             reckoning.pose,
             reckoning.twist,
             stamp_ns,
             odom,
             frame,
-            pose_covariance=reckoning.pose_covariance,
-            twist_covariance=reckoning.twist_covariance,
+            pose_covariance=np.diag(place),
+            twist_covariance=np.diag(speeds),
         )
 
     def _on_reset(self) -> str:

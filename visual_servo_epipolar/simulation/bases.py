@@ -3,7 +3,7 @@
 from array import array
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import astuple, dataclass, fields
 import math
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -405,41 +405,41 @@ def new_base(settings: Settings, pose: Pose, *, seed: int, now_ns: int = 0) -> S
     return SIMULATED_BASES[base_name(settings)].factory(settings, pose, seed=seed, now_ns=now_ns)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class DeadReckoning:
     """
-    Wheel odometry at one time: pose, mean velocity since the time before, and their covariances.
+    Wheel odometry at one time: pose, mean velocity since ``dt`` [s] before, and how far it drove.
 
-    ``pose_covariance``, (3, 3), is that of x, y [m] and theta [rad] in the frame of the odometry,
-    zero at the start; ``twist_covariance``, (2, 2), that of linear [m/s] and angular [rad/s].
+    ``way`` [m] and ``turn`` [rad] are those of all motion since the start, ahead or back.
     """
 
     pose: Pose
     now_ns: int
     twist: Twist = STANDSTILL
-    pose_covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
-    twist_covariance: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
+    dt: float = math.inf
+    way: float = 0.0
+    turn: float = 0.0
 
-    def advanced(self, pose: Pose, now_ns: int, *, noise: float) -> 'DeadReckoning':
-        """
-        Return the odometry at ``now_ns``, when the wheels say ``pose``; before that, ``self``.
-
-        ``noise`` is the deviation of the way after a metre, and of the heading after a metre and
-        after a radian: both are random walks. Unequal wheels and slip are not in it, for the
-        wheels do not know of them.
-        """
+    def advanced(self, pose: Pose, now_ns: int) -> 'DeadReckoning':
+        """Return the odometry at ``now_ns``, when wheels say ``pose``; before that, ``self``."""
         dt = (now_ns - self.now_ns) / NANOSECONDS
         if dt <= 0.0:
             return self
         way, turn = motion_between(self.pose, pose)
-        variances = noise**2 * np.array([abs(way), abs(way) + abs(turn)])
-        return DeadReckoning(
-            pose,
-            now_ns,
-            Twist(way / dt, turn / dt),
-            _propagated(self.pose_covariance, self.pose, pose, variances),
-            np.diag(variances / dt**2),
-        )
+        total = self.way + abs(way), self.turn + abs(turn)
+        return DeadReckoning(pose, now_ns, Twist(way / dt, turn / dt), dt, *total)
+
+    def variances(self, noise: float) -> tuple[FloatArray, FloatArray]:
+        """
+        Return those of x, y and theta, (3,), and of linear and angular velocity, (2,).
+
+        ``noise`` is the deviation of the way after a metre, and of the heading after a metre and
+        after a radian: both are random walks. The place errs as it does aside of a straight way.
+        """
+        heading, (linear, angular) = self.way + self.turn, np.abs(astuple(self.twist))
+        place = self.way + self.way**2 * heading / 3.0
+        speeds = np.array([linear, linear + angular]) / self.dt
+        return noise**2 * np.array([place, place, heading]), noise**2 * speeds
 
 
 def world_to_odometry(truth: Pose, odometry: Pose) -> Pose:
@@ -451,16 +451,3 @@ def world_to_odometry(truth: Pose, odometry: Pose) -> Pose:
         truth.y - sin * odometry.x - cos * odometry.y,
         wrap_angle(turn),
     )
-
-
-def _propagated(
-    covariance: FloatArray, before: Pose, after: Pose, variances: FloatArray
-) -> FloatArray:
-    """Return the covariance of ``after``: that of ``before`` carried along, and the step's own."""
-    dx, dy = after.x - before.x, after.y - before.y
-    middle = before.theta + 0.5 * wrap_angle(after.theta - before.theta)
-    carried = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-    # The way errs along the step; the heading errs half-way, with the other half as its lever.
-    step = np.array([[math.cos(middle), -0.5 * dy], [math.sin(middle), 0.5 * dx], [0.0, 1.0]])
-    grown = carried @ covariance @ carried.T + step @ np.diag(variances) @ step.T
-    return np.asarray(0.5 * (grown + grown.T))

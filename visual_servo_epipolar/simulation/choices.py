@@ -13,13 +13,11 @@ class StartRegion(NamedTuple):
     """
     Region of starts: a ``box`` of least and largest x [m], y [m] and heading error [deg].
 
-    ``in_view``: of poses alone that have the goal's features in view; ``recognisable``: large
-    enough to be recognised in images.
+    ``in_view``: of poses alone that have the goal's features in view.
     """
 
     box: tuple[tuple[float, float, float], tuple[float, float, float]]
     in_view: bool = False
-    recognisable: bool = False
 
 
 REGIONS: Mapping[str, StartRegion] = MappingProxyType(
@@ -27,9 +25,7 @@ REGIONS: Mapping[str, StartRegion] = MappingProxyType(
         'front': StartRegion(((-1.5, -5.0, -15.0), (1.5, -2.0, 15.0))),
         'beside': StartRegion(((-1.5, -2.0, -15.0), (1.5, 1.5, 15.0))),
         'anywhere': StartRegion(((-6.0, -10.0, -180.0), (6.0, 4.0, 180.0)), in_view=True),
-        'around': StartRegion(
-            ((-4.0, -4.0, -180.0), (4.0, 4.0, 180.0)), in_view=True, recognisable=True
-        ),
+        'around': StartRegion(((-4.0, -4.0, -180.0), (4.0, 4.0, 180.0)), in_view=True),
     }
 )
 WORLDS = ('same', 'all')  # of repetitions

@@ -1,5 +1,5 @@
 """
-Image disturbances: light, shadow, occluders and motion between the scene and the sensor.
+Image disturbances: light and occluders between the scene and the sensor.
 
 Everything depends on settings, seed and frame index alone. Each disturbance is off at zero; the
 passing ones begin with frame ``disturbed_from``, last for ``disturbed_for`` frames, and come back
@@ -168,9 +168,6 @@ def _silhouette(size: tuple[int, int], phase: float) -> Image:
     return frozen(np.asarray(cv2.GaussianBlur(mask, (0, 0), SOFT), dtype=np.uint8))
 
 
-OPAQUE = 255
-
-
 @dataclass(frozen=True, kw_only=True)
 class DisturbanceSettings(Settings):
     """Which disturbances there are, and when; none by default."""
@@ -186,9 +183,6 @@ class DisturbanceSettings(Settings):
     light_wave: float = internal(
         0.0, 'Amplitude of a change of light in 120 frames', low=0.0, high=0.9
     )
-    shadow: float = internal(
-        0.0, 'Light taken by a shadow that crosses the image', low=0.0, high=1.0
-    )
     occlusion: float = internal(0.0, 'Share of the image behind an obstacle', low=0.0, high=0.9)
     occlusion_from: str = internal(
         'nowhere', 'Whence the obstacle comes: at once, or slides in', choices=('nowhere', 'side')
@@ -198,6 +192,7 @@ class DisturbanceSettings(Settings):
     )
     GONE: ClassVar[Mapping[str, Any]] = {
         'light_period': 120.0,
+        'shadow': 0.0,
         'shadow_width': 0.3,
         'motion_blur': 0.0,
         'blur_angle': 0.0,
@@ -231,9 +226,6 @@ class Disturbances:
         lit = brightened(as_gray(image), light(settings, frame))
         image = lit.copy() if lit is image else lit
         if progress is not None:
-            if settings.shadow > 0.0:
-                band = shadow_band(self._size, settings.shadow)
-                image = shade(image, band, progress)
             for occluder in self._occluders:
                 occluder.draw(image, progress)
         return image
@@ -269,35 +261,3 @@ def light(settings: DisturbanceSettings, frame: int) -> float:
     stepped = 1.0 + (settings.light_step if frame >= settings.disturbed_from else 0.0)
     wave = math.sin(2.0 * math.pi * frame / 120.0)
     return stepped * (1.0 + settings.light_wave * wave)
-
-
-@lru_cache(maxsize=4)
-def shadow_band(size: tuple[int, int], depth: float) -> Image:
-    """
-    Return the light under a slanted band with soft edges, shape (rows, columns), 255 = all of it.
-
-    It is wide enough that a window of ``size`` (width, height) slides over it from light to light;
-    the band itself is three tenths of the image, its edges are as soft as a third of that.
-    """
-    columns, rows = size
-    band, slant = 0.3 * columns, 0.25 * rows
-    length = round(2 * columns + band + slant)
-    u = np.arange(length) - 0.5 * length
-    v = (np.arange(rows) / rows - 0.5) * slant
-    distance = np.abs(u[None, :] - v[:, None]) - 0.5 * band
-    softness = band / 3.0
-    inside = np.clip(0.5 - distance / softness, 0.0, 1.0)
-    smooth = inside * inside * (3.0 - 2.0 * inside)
-    return frozen(np.rint(OPAQUE * (1.0 - depth * smooth)).astype(np.uint8))
-
-
-def shade(image: Image, band: Image, progress: float) -> Image:
-    """
-    Return ``image``, shape (H, W), under the shadow ``band``, shape (H, L).
-
-    The band moves right as ``progress`` runs from 0 to 1.
-    """
-    width = image.shape[1]
-    left = round((1.0 - progress) * (band.shape[1] - width))
-    shade = band[:, left : left + width]
-    return np.asarray(cv2.multiply(image, shade, scale=1.0 / OPAQUE), dtype=np.uint8)

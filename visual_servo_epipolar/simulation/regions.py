@@ -26,8 +26,6 @@ CLEARANCE = 0.3  # from the middle of the axle to the farthest corner of a Pione
 LEVEL = 1e-9
 Start = tuple[float, float, float]
 Condition = Callable[[Pose], bool]
-PATCH = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))  # of a feature: it, and right and below of it [px]
-LEAST_SCALE = 1.0 / 3.0  # of a feature against the photograph, and of its sides, that matches
 LEAST_FEATURES = 40  # of the goal's, in view from a start anywhere
 TRIES = 5000
 STREAM = 8  # keeps starts apart from other draws of one seed
@@ -90,8 +88,7 @@ def start_in(
     a wall or in furniture. ``anywhere`` are all poses from which at least 40 of the goal's
     features are in view: points of the cloud that belongs to the seed of ``scenario``, or what
     the tracker would keep of the photograph, as far as nothing in the room hides it. So is
-    ``around``, within 4 m of the goal, of features large enough to be recognised in images. A head
-    may be turned to see them.
+    ``around``, within 4 m of the goal. A head may be turned to see them.
 
     Raises InputError if there is no such region, or no such start.
     """
@@ -122,7 +119,7 @@ def _conditions(region: StartRegion, scenario: Scenario, source: str) -> list[Co
     scenery = _Scenery(camera, light, scenario.tracker.candidates)
     if not region.in_view:
         return [scenery.ground.is_free]
-    return [scenery.ground.is_free, lambda pose: scenery.is_seen(pose, region.recognisable)]
+    return [scenery.ground.is_free, scenery.is_seen]
 
 
 def _is_any(world: PointWorld | Renderer, count: Callable[[int], int]) -> bool:
@@ -149,20 +146,12 @@ class _Scenery:
         self._renderer = Renderer(scene.bare(), rig)
         photograph = Renderer(scene, rig).render(DESIRED_POSE)
         pixels = _worth_tracking(photograph, candidates)
-        points, right, below = (
-            self._renderer.trace(pixels + aside, DESIRED_POSE) for aside in PATCH
-        )
-        known = np.isfinite(points).all(axis=1)
-        self._points, self._aside = points[known], (right[known], below[known])
+        points = self._renderer.trace(pixels, DESIRED_POSE)
+        self._points = points[np.isfinite(points).all(axis=1)]
 
-    def is_seen(self, pose: Pose, recognisable: bool) -> bool:
-        """Return whether enough of the goal's features can be seen, or even be recognised."""
-
-        def count(frame: int) -> int:
-            seen = self._unhidden(pose)
-            return int((seen & self._is_large(pose) if recognisable else seen).sum())
-
-        return _is_any(self._renderer, count)
+    def is_seen(self, pose: Pose) -> bool:
+        """Return whether enough of the goal's features can be seen."""
+        return _is_any(self._renderer, lambda frame: int(self._unhidden(pose).sum()))
 
     def _unhidden(self, pose: Pose) -> BoolArray:
         """Return which of the goal's features are in view, shape (N,)."""
@@ -171,20 +160,6 @@ class _Scenery:
             points = self._points[visible]
             visible[visible] = self._renderer.unhidden(points, pixels[visible], pose)
         return visible
-
-    def _is_large(self, pose: Pose) -> BoolArray:
-        """
-        Return which features are seen large enough, shape (N,).
-
-        In no direction below a third of their size in the photograph, nor squeezed in one of them
-        by more than that: SIFT hardly matches what is seen from farther aside.
-        """
-        at, *aside = (
-            self._renderer.project(points, pose)[0] for points in (self._points, *self._aside)
-        )
-        moved = np.nan_to_num(np.stack([each - at for each in aside], axis=2))
-        most, least = np.linalg.svd(moved, compute_uv=False).T
-        return np.asarray((least > LEAST_SCALE) & (least > LEAST_SCALE * most))
 
 
 def _worth_tracking(photograph: Image, candidates: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Cameras on robots: the mount, the true geometry, a head with its encoders."""
+"""Cameras on robots: the mount, a head with its encoders."""
 
 from dataclasses import replace
 import math
@@ -7,11 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from strategies import floats, poses, poses_behind_the_goal
+from strategies import floats, poses
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.cameras.registry import camera_of_size
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.rigs.rig import HeadCommand, Joints
 from visual_servo_epipolar.core.tracking.canvas import Canvas
@@ -25,7 +24,6 @@ from visual_servo_epipolar.simulation.rigs import (
     FixedRig,
     floor_jitter,
     leaned,
-    true_geometry,
 )
 from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME
 
@@ -108,53 +106,6 @@ def test_a_camera_above_the_axle_moves_as_the_robot_leans() -> None:
     nods = leaned(upright, DESIRED_POSE, (-0.01, 0.0, 0.0))
     np.testing.assert_allclose(nods.centre, [0.0, 0.006, 0.6], atol=1e-4)
     assert nods.R_world_camera[2, 2] == pytest.approx(-0.01, abs=1e-5)
-
-
-SMALL = Camera(640, 480, 400.0, 400.0, 320.0, 240.0)
-BEHIND = Pose.from_start(0.0, -2.0, 0.0)
-
-
-def rig(**mount: float) -> FixedRig:
-    return FixedRig(SMALL, CameraMount(**mount))
-
-
-@given(poses_behind_the_goal(), floats(-0.5, 0.5), floats(-0.3, 0.3))
-def test_bearings_are_those_of_the_paper_whatever_tilt_and_roll(pose, tilt, roll) -> None:
-    truth, expected = true_geometry(rig(tilt=tilt, roll=roll), pose), Bearings.from_pose(pose)
-    assert truth.error(expected.current, expected.desired) == pytest.approx(0.0, abs=1e-12)
-    assert truth.baseline == pytest.approx(pose.distance)
-
-
-def test_a_camera_that_looks_left_sees_the_goal_to_its_right() -> None:
-    truth = true_geometry(rig(yaw=0.2), BEHIND)
-    assert truth.current == pytest.approx(0.2)
-    # The camera at the goal looks left as well: what is behind it is on its left, mirrored.
-    assert truth.desired == pytest.approx(0.2 - math.pi)
-
-
-def test_an_offset_counts_as_the_robot_turns() -> None:
-    # Turned by 90 deg to the left at the goal, a camera 0.3 m ahead is 0.3 m to its left.
-    turned = Pose(0.0, 0.0, math.pi)
-    truth = true_geometry(rig(forward=0.3), turned)
-    assert truth.baseline == pytest.approx(0.3 * math.sqrt(2.0))
-    assert truth.desired == pytest.approx(-0.75 * math.pi)
-    assert truth.current == pytest.approx(0.75 * math.pi)
-
-
-def test_no_baseline_at_the_goal() -> None:
-    assert true_geometry(rig(forward=0.3, yaw=0.1), DESIRED_POSE).baseline == 0.0
-
-
-@pytest.mark.parametrize(
-    ('current', 'desired', 'error'),
-    [(0.1, math.pi, 0.1), (0.0, 0.2 - math.pi, 0.2), (math.pi, 0.0, math.pi)],
-)
-def test_the_error_is_the_larger_one_around_the_circle(current, desired, error) -> None:
-    assert true_geometry(rig(), BEHIND).error(current, desired) == pytest.approx(error)
-
-
-def test_what_was_not_measured_is_not_wrong() -> None:
-    assert math.isnan(true_geometry(rig(), BEHIND).error(math.nan, 0.0))
 
 
 SIZE = 320, 160

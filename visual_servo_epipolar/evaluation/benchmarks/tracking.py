@@ -155,7 +155,6 @@ DISTURBANCES: Mapping[str, Mapping[str, Any]] = {
     'light -30 %': {'light_step': -0.3},
     'light +30 %': {'light_step': 0.3},
     'slow light': {'light_wave': 0.3},
-    'shadow': {'shadow': 0.4, 'disturbed_for': 60},
     'occluder at once': {'occlusion': 0.3},
     'occluder slides in': {'occlusion': 0.3, 'occlusion_from': 'side'},
     'person': {'person': 0.8, 'disturbed_for': 45},
