@@ -17,7 +17,6 @@ FILES = sorted(path.name for path in (ROOT / 'launch').glob('*.py'))
 EVERYTHING = {
     'simulation.launch.py': {'record': '/bags/one', 'rviz': 'true'},
     'robot.launch.py': {'record': '/bags/one', 'lifecycle': 'nav2', 'dock': 'serve'},
-    'two_robots.launch.py': {'record': '/bags', 'rviz': 'true'},
     'route.launch.py': {'record': '/bags/one', 'simulate': 'true'},
 }
 OTHERS = {'rviz2': 'rviz2', 'lifecycle_manager': 'nav2_lifecycle_manager'}  # by executable
@@ -298,27 +297,6 @@ def test_a_recorder_in_a_namespace_records_that_robot_alone() -> None:
     assert values(by_name(sent)['recorder_node'])['topics'][-1] == '/cam/image'
     alone = by_name(Launch('simulation.launch.py', record='/bags/one'))['recorder_node']
     assert 'topics' not in values(alone)
-
-
-def test_two_robots_share_nothing_but_the_world() -> None:
-    launch = Launch('two_robots.launch.py', record='/bags', camera_size='640x480')
-    robots = [
-        {node.executable: node for node in launch.nodes if node.namespace == name}
-        for name in ('robot1', 'robot2')
-    ]
-    assert len(launch.nodes) == 10
-    assert robots[0].keys() == robots[1].keys()
-    for name, prefix in zip(robots, ('robot1/', 'robot2/'), strict=True):
-        assert values(name['unicycle_node'])['frame_prefix'] == prefix
-        assert values(name['camera_node'])['frame_prefix'] == prefix
-        assert values(name['servo_node']) == {'base_frame': f'{prefix}base_link'}
-    for parameter in ('start', 'seed'):
-        first, second = (values(robot['unicycle_node'])[parameter] for robot in robots)
-        assert first != second
-    bags = [values(robot['recorder_node'])['bag'] for robot in robots]
-    assert bags == ['/bags/robot1', '/bags/robot2']
-    assert not any(topic.startswith('/') for node in launch.nodes for _, topic in node.remappings)
-    assert len(Launch('two_robots.launch.py').nodes) == 8
 
 
 def test_rviz_finds_every_topic_of_its_layout_in_the_namespace() -> None:

@@ -10,7 +10,6 @@ import subprocess
 import sys
 
 from bench import Bench, next_domain
-from nav_msgs.msg import Odometry
 import pytest
 from std_msgs.msg import String
 
@@ -119,18 +118,6 @@ def test_the_simulation_drives_and_leaves_a_bag(prefix: Path, loud: None) -> Non
             START_SEC,
         )
     assert (prefix / 'bag/metadata.yaml').is_file()
-
-
-def test_two_robots_start_where_they_are_told(prefix: Path, loud: None) -> None:
-    domain, truth = next_domain(), {}
-    with Bench(domain) as bench, launched(prefix, domain, 'two_robots.launch.py'):
-        for name in ('robot1', 'robot2'):
-            truth[name] = bench.listen(Odometry, f'{name}/ground_truth')
-        bench.until(lambda: all(truth.values()), 'both robots', START_SEC)
-    frames = {name: heard[0].child_frame_id for name, heard in truth.items()}
-    assert frames == {'robot1': 'robot1/base_link', 'robot2': 'robot2/base_link'}
-    places = [heard[0].pose.pose.position.x for heard in truth.values()]
-    assert places[0] > 0.0 > places[1]
 
 
 def test_on_a_robot_the_servo_waits_to_be_started(prefix: Path, loud: None) -> None:

@@ -34,9 +34,6 @@ PathJoinSubstitution = _stand_in('PathJoinSubstitution', 'parts')
 ParameterValue = _stand_in('ParameterValue', 'value', 'value_type')
 LaunchDescription = _stand_in('LaunchDescription', 'entities')
 OpaqueFunction = _stand_in('OpaqueFunction', 'function')
-GroupAction = _stand_in('GroupAction', 'actions')
-PythonLaunchDescriptionSource = _stand_in('PythonLaunchDescriptionSource', 'path')
-IncludeLaunchDescription = _stand_in('IncludeLaunchDescription', 'source', 'launch_arguments')
 
 
 @dataclass(frozen=True)
@@ -61,13 +58,7 @@ class Node:
 
 MODULES = {
     'launch': [LaunchDescription],
-    'launch.actions': [
-        DeclareLaunchArgument,
-        GroupAction,
-        IncludeLaunchDescription,
-        OpaqueFunction,
-    ],
-    'launch.launch_description_sources': [PythonLaunchDescriptionSource],
+    'launch.actions': [DeclareLaunchArgument, OpaqueFunction],
     'launch.substitutions': [LaunchConfiguration, PathJoinSubstitution],
     'launch_ros': [],
     'launch_ros.actions': [Node],
@@ -99,13 +90,9 @@ class Launch:
         self.declared: dict[str, DeclareLaunchArgument] = {}
         self.configurations = Configurations(arguments)
         unknown = set(arguments)
-        for entity in self._entities(ROOT / 'launch' / name):
+        for entity in load(ROOT / 'launch' / name).generate_launch_description().entities:
             self._visit(entity, self.configurations)
         assert unknown <= self.declared.keys()
-
-    def _entities(self, path: Path) -> list[Any]:
-        entities: list[Any] = load(path).generate_launch_description().entities
-        return entities
 
     def _visit(self, entity: Any, values: Configurations) -> None:
         if isinstance(entity, DeclareLaunchArgument):
@@ -115,14 +102,6 @@ class Launch:
         elif isinstance(entity, OpaqueFunction):
             context = SimpleNamespace(launch_configurations=values)
             for item in entity.function(context):
-                self._visit(item, values)
-        elif isinstance(entity, GroupAction):
-            scope = Configurations(values)
-            for item in entity.actions:
-                self._visit(item, scope)
-        elif isinstance(entity, IncludeLaunchDescription):
-            values.update(entity.launch_arguments)  # they outlive it, as in launch
-            for item in self._entities(Path(resolved(entity.source.path, values))):
                 self._visit(item, values)
         else:
             assert isinstance(entity, Node), entity

@@ -1,4 +1,4 @@
-"""Diagnostics, results and markers of the servo."""
+"""Diagnostics and markers of the servo."""
 
 from dataclasses import dataclass
 import math
@@ -10,12 +10,11 @@ from visualization_msgs.msg import Marker, MarkerArray
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.laws.registry import phase_row, sentence
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.telemetry import progress, telemetry
+from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.read import BETWEEN
 
 ARROW_M = 1.0
-RESULT_LEVELS = {'failed': DiagnosticStatus.ERROR, 'stopped': DiagnosticStatus.WARN}
 LEVELS = {Phase.HOLDING: DiagnosticStatus.WARN, Phase.FAILED: DiagnosticStatus.ERROR}
 
 
@@ -25,12 +24,11 @@ class Words:
     Words of the node about a state, beside its own.
 
     ``reason``: why the robot stands, '' where the state says it; of one that is ``armed``, asked
-    to start, when it begins to drive. ``notice``: what the owner of the robot should know beside.
+    to start, when it begins to drive.
     """
 
     reason: str = ''
     armed: bool = False
-    notice: str = ''
 
     def phase(self, state: ServoState) -> str:
         """Return the phase in a word."""
@@ -56,7 +54,7 @@ def diagnosis(
     if state.measurement is not None:
         values['untrusted_because'] = state.measurement.reason
         values |= telemetry(state)
-    notes = [words.notice, state.identified.odometry.refuted]
+    notes = [state.identified.odometry.refuted]
     if state.measurement is not None and state.measurement.carried:
         notes.insert(0, f'{state.measurement.features} features in view, by the memory of views')
     return write.diagnostics(
@@ -79,37 +77,14 @@ def standing_diagnosis(
     """Return why the servo stands between two images, or still does, as a diagnostic status."""
     return write.diagnostics(
         name,
-        level=_level(state, alarming=alarming or bool(words.notice)),
-        summary='; '.join(filter(None, [words.summary(state), words.notice])),
+        level=_level(state, alarming=alarming),
+        summary=words.summary(state),
         values={
             'phase': words.phase(state),
             'reason': words.reason or state.reason,
             'warning': state.run.warning,
             BETWEEN: True,
         },
-        stamp_ns=stamp_ns,
-    )
-
-
-def outcome(before: Phase, after: Phase) -> str:
-    """Return in a word what a change of phase makes of a run; '' where it changes nothing."""
-    if after.ended:
-        return '' if before is after else after.value
-    if after.runs:
-        return '' if before.runs else 'running'
-    return 'stopped' if before.runs else ''
-
-
-def result(
-    word: str, state: ServoState, reason: str, stamp_ns: int, *, name: str
-) -> DiagnosticArray:
-    """Return the result of a run, by its last ``state``: its outcome in a ``word``, and why."""
-    summary = f'{word}: {reason}' if word == 'stopped' else sentence(state.phase, reason)
-    return write.diagnostics(
-        name,
-        level=RESULT_LEVELS.get(word, DiagnosticStatus.OK),
-        summary=summary.removesuffix(': '),
-        values={'outcome': word, 'reason': reason, **progress(state)},
         stamp_ns=stamp_ns,
     )
 

@@ -42,21 +42,15 @@ def _progress(values: RouteProgress) -> dict[str, float]:
     return {name: float(getattr(values, name)) for name in PROGRESS}
 
 
-def diagnosis(step: RouteStep, stamp_ns: int, *, name: str, notice: str = '') -> DiagnosticArray:
-    """
-    Return the phase of a repetition, why, and its progress as a diagnostic status.
-
-    The ``notice`` is what the owner of the robot should know beside.
-    """
+def diagnosis(step: RouteStep, stamp_ns: int, *, name: str) -> DiagnosticArray:
+    """Return the phase of a repetition, why, and its progress as a diagnostic status."""
     values: dict[str, object] = {'phase': step.phase, 'reason': step.reason}
     if step.progress is not None:
         values |= _progress(step.progress)
-    level = LEVELS.get(step.phase, DiagnosticStatus.OK)
-    summary = ': '.join(filter(None, [step.phase, step.reason]))
     return write.diagnostics(
         name,
-        level=max(level, DiagnosticStatus.WARN) if notice else level,
-        summary='; '.join(filter(None, [summary, notice])),
+        level=LEVELS.get(step.phase, DiagnosticStatus.OK),
+        summary=': '.join(filter(None, [step.phase, step.reason])),
         values=values,
         stamp_ns=stamp_ns,
     )

@@ -17,7 +17,7 @@ from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.messages.joints import COMMAND_TYPES, joint_states, read_head_command
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
-from visual_servo_epipolar.nodes.managed import GuardedNode
+from visual_servo_epipolar.nodes.managed import ParameterNode
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import CameraFrames, CameraRig
 from visual_servo_epipolar.simulation.bases import Nod
@@ -36,7 +36,7 @@ from visual_servo_epipolar.simulation.sensor import BodyState, PoseHistory
 WARN_PERIOD_S = 2.0
 
 
-class CameraNode(GuardedNode):
+class CameraNode(ParameterNode):
     """Hosts a ``CameraSimulator``: an image a frame of ground truth, in any kind of time."""
 
     sends_images = True

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 import math
 from typing import Any
 
@@ -22,7 +21,7 @@ from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.messages import read, validation, write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.commands import publishers, type_mismatch
+from visual_servo_epipolar.nodes.commands import publishers
 from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings, RouteNodeSettings
 
@@ -134,9 +133,7 @@ class DrivenPath:
 
     def begin_anew(self) -> None:
         """Forget the path: what was driven since its end is not known."""
-        by_commands = self._ahead == math.inf
-        absent = partial(type_mismatch, self._node, takes=True) if by_commands else str
-        self.path, self._epoch = Path(self._topic, ahead=self._ahead, absent=absent), 0
+        self.path, self._epoch = Path(self._topic, ahead=self._ahead), 0
 
     def with_odometry(self, observation: Observation) -> Observation:
         """Return ``observation`` with where the base was, where that is known."""

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import replace
 import math
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock
 from rclpy.node import Node
@@ -23,7 +22,7 @@ from visual_servo_epipolar.core.servo.run import Interruption, Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import too_few_features
-from visual_servo_epipolar.core.servo.telemetry import progress, telemetry
+from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import diagnostics, read, write
 from visual_servo_epipolar.messages.diagnostics import Words
@@ -47,8 +46,6 @@ class Reports(NodeReports):
         self._goal_pub = self._publisher(PoseWithCovarianceStamped, 'goal_pose', qos.STREAM)
         self._telemetry_pub = self._publisher(JointState, 'epipoles', qos.STREAM)
         self._phase_pub = self._publisher(String, 'phase', qos.LATCHED)
-        self._progress_pub = self._publisher(JointState, '~/progress', qos.STREAM)
-        self._result_pub = self._publisher(DiagnosticArray, '~/result', qos.LATCHED)
         self._markers_pub = self._publisher(MarkerArray, '~/markers', qos.STREAM)
 
     def phase(self, state: ServoState, words: Words) -> None:
@@ -63,19 +60,8 @@ class Reports(NodeReports):
         estimate = state.measurement
         if estimate is not None and (goal := estimate.in_base()) is not None:
             self._goal_pub.publish(write.pose_with_covariance(goal, stamp_ns, self._base_frame))
-        self._progress_pub.publish(write.telemetry(progress(state), stamp_ns, frame_id))
         self._diagnose(diagnostics.diagnosis(state, stamp_ns, name=self._name, words=words))
         self._markers_pub.publish(diagnostics.markers(state, stamp_ns, frame_id))
-
-    def change(self, before: ServoState, state: ServoState, reason: str) -> None:
-        """Publish what a change of the state makes of the run: running, and how it has ended."""
-        word = diagnostics.outcome(before.phase, state.phase)
-        if word:
-            last = before if word == 'stopped' else state
-            now_ns = self._clock.now().nanoseconds
-            self._result_pub.publish(
-                diagnostics.result(word, last, reason, now_ns, name=self._name)
-            )
 
     def standing(self, state: ServoState, words: Words, *, alarming: bool) -> None:
         """Publish the phase and why the robot stands, where no image led to it."""
@@ -133,10 +119,10 @@ class LiveRun:
 
     It is ``active`` between an order to start and one to stop, and armed until it drives;
     ``lapsed`` says why the last order came to nothing, ``trouble`` what is wrong with the tracks
-    that come, also logged by ``warn``; ``notice`` is what else the owner of the robot should know.
-    ``standstill`` returns why the robot stands, '' if the state says it, and whether that is
-    alarming. ``settings`` returns those of the node in force, ``enable`` is the heartbeat. Where
-    time itself waits for the servo (no watchdog), all tracks are timely.
+    that come, also logged by ``warn``. ``standstill`` returns why the robot stands, '' if the
+    state says it, and whether that is alarming. ``settings`` returns those of the node in force,
+    ``enable`` is the heartbeat. Where time itself waits for the servo (no watchdog), all tracks
+    are timely.
     """
 
     def __init__(
@@ -154,7 +140,7 @@ class LiveRun:
         self.run, self.rivals = Run(), CommandConflicts(node)
         self.freshness = Freshness(self._clock)
         self.arming, self.lapsed = Arming(self.freshness.clock), ''
-        self.trouble = self.notice = ''
+        self.trouble = ''
         self.goal: int | None = None  # the photograph, by its number, once it was in view
         self._has_photograph: bool | None = None  # by the last tracks, if any came
         self._tracks = PointCloud2()  # these
@@ -283,15 +269,14 @@ class LiveRun:
         self.freshness.step()
         self.follow(run)
         self._commands.answer(before, self.state, stamp_ns)  # no command depends on what follows
-        words = Words(self._standstill()[0] if self.is_armed else '', self.is_armed, self.notice)
+        words = Words(self._standstill()[0] if self.is_armed else '', self.is_armed)
         self._reports.step(self.state, (stamp_ns, frame_id), words)
         self.run = self.run.update_map()
 
-    def follow(self, run: Run, reason: str = '') -> None:
-        """Take over a run, and log what is new of its state; ``reason`` is of an order."""
+    def follow(self, run: Run) -> None:
+        """Take over a run, and log what is new of its state."""
         before, self.run, state = self.state, run, run.state
         self.freshness.follow(state.phase)
-        self._reports.change(before, state, reason or state.reason)
         if state.phase is not before.phase and state.reason:
             self._logger.info(f'{before.phase.value} -> {state.phase.value} ({state.reason})')
         if state.run.warning and state.run.warning != before.run.warning:
@@ -365,7 +350,7 @@ class LiveRun:
     def report(self) -> None:
         """Publish the phase and why the robot stands, where no image led to it."""
         reason, alarming = self._standstill()
-        words = Words(reason, self.is_armed, self.notice)
+        words = Words(reason, self.is_armed)
         self._reports.standing(self.state, words, alarming=alarming)
 
     def _halt(self) -> None:
@@ -377,4 +362,4 @@ class LiveRun:
     def _interrupt(self, kind: Interruption, reason: str = '') -> None:
         """Follow an interruption, and publish it as an event for replays."""
         self._reports.event(kind.value, self.stamp_ns, reason)
-        self.follow(self.run.interrupted(kind, reason), reason or kind.value)
+        self.follow(self.run.interrupted(kind, reason))

@@ -1,4 +1,4 @@
-"""Nodes of this package: guarded against bad requests, and managed, with a life cycle."""
+"""Nodes of this package: parameters as they are given, and a managed life cycle."""
 
 from collections.abc import Callable, Iterator
 from functools import wraps
@@ -8,11 +8,9 @@ from weakref import WeakSet
 
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.errors import VisualServoError
@@ -32,19 +30,15 @@ REMEDIES = {
     'inactive': 'call ros2 lifecycle set {name} activate',
     'finalized': 'start it anew',
 }
-TYPE_NUMBERS = frozenset(item.value for item in Parameter.Type)
 CLOCK = '/clock'
-BEFORE_TIME = '/clock is below 0, it is left out; mend what publishes it'
-REPEAT_S = 30.0
 
 
-class GuardedNode(Node):
+class ParameterNode(Node):
     """
-    Node that refuses in words what rclpy would raise out of spin.
+    Node that keeps what it is given until it is declared, by ``parameters.declare``.
 
-    That is a parameter of no type, and a /clock below zero. ``given`` are the parameters of files
-    and command line, by name, declared or not, ``by_program`` the names of those that the program
-    gives that makes the node.
+    ``given`` are the parameters of files and command line, by name, declared or not,
+    ``by_program`` the names of those that the program gives that makes the node.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
@@ -61,20 +55,6 @@ class GuardedNode(Node):
         self.given = {name: Parameter(name, value=value) for name, value, *_ in parameters}
         return []
 
-    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **more: Any) -> Any:
-        """Create a service; those of rclpy that change parameters refuse unknown types."""
-        if srv_type in (SetParameters, SetParametersAtomically):
-            callback = _refusing_unknown_types(callback)
-        return super().create_service(srv_type, srv_name, callback, **more)
-
-    def create_subscription(
-        self, msg_type: Any, topic: str, callback: Any, qos_profile: Any, **more: Any
-    ) -> Any:
-        """Create a subscription; that of rclpy to /clock leaves times below zero out."""
-        if topic == CLOCK and not more.get('raw'):
-            callback = _refusing_negative_times(self, callback)
-        return super().create_subscription(msg_type, topic, callback, qos_profile, **more)
-
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set all parameters or none; a name that is misspelt is named, which rclpy does not."""
         foreign = [item.name for item in parameter_list if not self.has_parameter(item.name)]
@@ -83,39 +63,6 @@ class GuardedNode(Node):
             reason = f'{self.get_name()} has no parameter {foreign[0]}; {hint(foreign[:1], known)}'
             return SetParametersResult(successful=False, reason=reason)
         return super().set_parameters_atomically(parameter_list)
-
-
-def _refusing_unknown_types(plain: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return the callback of a service that changes parameters, which refuses unknown types."""
-
-    def change(request: Any, response: Any) -> Any:
-        unknown = [item for item in request.parameters if item.value.type not in TYPE_NUMBERS]
-        if not unknown:
-            return plain(request, response)
-        name, number = unknown[0].name, unknown[0].value.type
-        reason = f'{name!r:.40} must have a type from 0 to {max(TYPE_NUMBERS)}, got {number}'
-        refusal = SetParametersResult(successful=False, reason=reason)
-        if hasattr(response, 'results'):
-            response.results = [refusal] * len(request.parameters)
-        else:
-            response.result = refusal
-        return response
-
-    return change
-
-
-def _refusing_negative_times(
-    node: Node, plain: Callable[[Clock], None]
-) -> Callable[[Clock], None]:
-    """Return the callback of /clock that leaves times out which rclpy has none for."""
-
-    def tell(message: Clock) -> None:
-        if message.clock.sec >= 0:
-            plain(message)
-            return
-        node.get_logger().warning(BEFORE_TIME, throttle_duration_sec=REPEAT_S)
-
-    return tell
 
 
 def in_every_state(callback: CallbackT) -> CallbackT:
@@ -128,7 +75,7 @@ def in_every_state(callback: CallbackT) -> CallbackT:
     return callback
 
 
-class ManagedNode(GuardedNode, LifecycleNodeMixin):
+class ManagedNode(ParameterNode, LifecycleNodeMixin):
     """
     Node with a life cycle: unconfigured, inactive, active.
 
@@ -144,14 +91,10 @@ class ManagedNode(GuardedNode, LifecycleNodeMixin):
 
     __is_made = False  # until then rclpy creates what is its own; no kind of node has the names
 
-    def __init__(
-        self, name: str, *, enable_communication_interface: bool = True, **options: Any
-    ) -> None:
+    def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
         of_the_node = set(vars(self))
-        LifecycleNodeMixin.__init__(
-            self, enable_communication_interface=enable_communication_interface
-        )
+        LifecycleNodeMixin.__init__(self)
         self.__life_cycle = set(vars(self)) - of_the_node
         self.__kept: WeakSet[Any] = WeakSet()  # entities that outlive a cleanup
         self.__state, self.__is_configured, self.__is_starting = 'unconfigured', False, False
@@ -160,12 +103,6 @@ class ManagedNode(GuardedNode, LifecycleNodeMixin):
         for service in self.services:
             if service.srv_type is ChangeState:
                 service.callback = self.__refusing_the_impossible(service.callback)
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        for name in vars(cls):
-            if name.startswith('on_'):  # would lose what is written here about it
-                raise TypeError(f'{cls.__name__}.{name}: write {name[3:]}() instead')
 
     def configure(self) -> None:
         """Create publishers, subscriptions, timers."""

@@ -15,13 +15,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from visual_servo_epipolar.core.settings import alike, parameters_of, range_of, Settings
-from visual_servo_epipolar.nodes.managed import GuardedNode
+from visual_servo_epipolar.nodes.managed import ParameterNode
 from visual_servo_epipolar.nodes.startup import executables, table
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
 
 
-def declare(node: GuardedNode, kind: type[SettingsT]) -> SettingsT:
+def declare(node: ParameterNode, kind: type[SettingsT]) -> SettingsT:
     """
     Declare the parameters of ``kind`` and return the settings that YAML and command line ask for.
 
@@ -60,7 +60,7 @@ def _plain(default: Any) -> Any:
     return list(default) if isinstance(default, tuple) else default
 
 
-def _without_effect(node: GuardedNode, kind: type[Settings], known: set[str]) -> set[str]:
+def _without_effect(node: ParameterNode, kind: type[Settings], known: set[str]) -> set[str]:
     """
     Return internal settings that a file gives another value for other nodes, which have them.
 
@@ -126,7 +126,7 @@ def override(name: str, value: Any) -> Parameter:
     return Parameter(name, value=(list(value) or None) if isinstance(value, tuple) else value)
 
 
-def finish(node: GuardedNode, options: Mapping[str, Any]) -> None:
+def finish(node: ParameterNode, options: Mapping[str, Any]) -> None:
     """
     End the declarations: raise ValueError for a parameter that is given but not declared.
 

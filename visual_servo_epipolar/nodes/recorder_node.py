@@ -8,7 +8,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
-from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.bags.recording.recorder import MB, Recorder, RecordingStatus, Topic
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
@@ -47,7 +46,6 @@ class RecorderNode(ManagedNode):
         self.received = 0  # messages
         serve(self, '~/start', self._on_start)
         serve(self, '~/stop', self._on_stop)
-        self._servo_stop = self.create_client(Trigger, f'{settings.servo}/stop')
         self.autostart(settings)
 
     def configure(self) -> None:
@@ -154,24 +152,11 @@ class RecorderNode(ManagedNode):
             )
 
     def _fail(self, status: RecordingStatus) -> None:
-        """Report that the bag has ended early, and stop the robot if the settings say so."""
+        """Report that the bag has ended early."""
         self._error = status.error
         self.get_logger().error(status.error)
         self.stop()
         self._report(status)
-        if self._node_settings.on_error == 'stop_servo':
-            self._stop_robot()
-
-    def _stop_robot(self) -> None:
-        service = self.resolve_service_name(f'{self._node_settings.servo}/stop')
-        if not self._servo_stop.service_is_ready():
-            trouble = f'the robot is not stopped: service {service} is not available'
-            self.get_logger().error(trouble)
-            return
-        answer = self._servo_stop.call_async(Trigger.Request())
-        answer.add_done_callback(
-            lambda future: self.get_logger().warning(f'{service}: {future.result().message}')
-        )
 
     def _report(self, status: RecordingStatus) -> None:
         """Publish diagnostics, and warn of dropped messages."""

@@ -101,7 +101,6 @@ class RouteNode(ManagedNode):
             Commands(self, settings, self._servo, None),
             self._reports,
             self._enable.withheld,
-            self._rivals.notice,
             lambda: self._servo.stale_timeout,
             watched=settings.watchdog,
         )
@@ -312,7 +311,7 @@ class RouteNode(ManagedNode):
         begun = f'begun, to the station after {end:.2f} m; the robot looks where it is'
         if camera is not None and camera != route.camera:
             begun += f'; the camera was calibrated anew: {differences(route.camera, camera)}'
-        return '; '.join(filter(None, [begun, self._repetition.look_around()]))
+        return begun
 
     def _refusal(self) -> str:
         """Return why no repetition may begin now; or ''."""

@@ -169,7 +169,6 @@ class RouteReports(NodeReports):
 
     def __init__(self, node: Node) -> None:
         super().__init__(node)
-        self.notice = ''  # what the owner of the robot should know beside
         self._phase_pub = self._publisher(String, 'phase', qos.LATCHED)
         self._progress_pub = self._publisher(JointState, '~/progress', qos.STREAM)
         self._path_pub = self._publisher(PathMessage, '~/path', qos.LATCHED)
@@ -190,18 +189,16 @@ class RouteReports(NodeReports):
         """Publish the phase, and why, also where no image led to it."""
         stamp_ns = self._clock.now().nanoseconds if stamp_ns is None else stamp_ns
         self._phase_pub.publish(write.text(step.phase))
-        self._diagnose(
-            route_messages.diagnosis(step, stamp_ns, name=self._name, notice=self.notice)
-        )
+        self._diagnose(route_messages.diagnosis(step, stamp_ns, name=self._name))
 
 
 class RouteRepetition:
     """
     Repetition of a route by the base of ``node``: what its run decides is sent and reported.
 
-    ``withheld`` returns why the robot may not drive now, or ''; ``notice`` what its owner
-    should know beside; ``stale_timeout`` after how many seconds images count as missing. Where
-    time itself waits for the node (not ``watched``), each image is answered.
+    ``withheld`` returns why the robot may not drive now, or ''; ``stale_timeout`` after how many
+    seconds images count as missing. Where time itself waits for the node (not ``watched``), each
+    image is answered.
     """
 
     def __init__(
@@ -210,7 +207,6 @@ class RouteRepetition:
         commands: Commands,
         reports: RouteReports,
         withheld: Callable[[], str],
-        notice: Callable[[], str],
         stale_timeout: Callable[[], float],
         *,
         watched: bool,
@@ -218,7 +214,6 @@ class RouteRepetition:
         self._clock, self._logger = node.get_clock(), node.get_logger()
         self._commands, self._reports = commands, reports
         self._withheld, self._stale, self._watched = withheld, stale_timeout, watched
-        self._notice = notice
         self.freshness, self._images = Freshness(self._clock), Repetition()
         self.run: RouteRun | None = None
         self.last, self._stamp_ns = STANDS, 0
@@ -239,11 +234,6 @@ class RouteRepetition:
         self._reports.settings(settings, self._stepped_ns)
         self._note(STARTED, route)
         self._reports.standing(self.last)
-
-    def look_around(self) -> str:
-        """Return what the owner of the robot should know, which diagnostics say from now on."""
-        self._reports.notice = self._notice() if self._watched else ''
-        return self._reports.notice
 
     def use(self, follow: FollowSettings, servo: ServoSettings) -> None:
         """Let a run that is under way go on by other settings, from the next image on."""
@@ -368,6 +358,5 @@ class RouteRepetition:
 
     def _on_idle(self) -> None:
         """Say how things are, where no image does."""
-        self.look_around()
         if self._reports.silence >= 0.5 * IDLE_PERIOD_S:
             self._reports.standing(self.last)

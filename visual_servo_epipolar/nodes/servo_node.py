@@ -247,20 +247,11 @@ class ServoNode(ManagedNode):
 
     def _on_idle(self) -> None:
         """Report others that command the base, and why the robot stands, where no step does."""
-        rivals = self._live.rivals
-        contested = rivals.complaint()
-        self._look_around()
+        contested = self._live.contested()
         if contested and self._live.active:
             self._warn(contested)
-            if rivals.has_twin:  # others begin no run beside this one
-                self._live.stop(contested)
         if self._reports.silence >= 0.5 * IDLE_PERIOD_S:
             self._live.report()
-
-    def _look_around(self) -> None:
-        """Look for other publishers on cmd_vel, and for a base that cannot take its commands."""
-        if self._node_settings.watchdog:
-            self._live.notice = self._live.rivals.notice()
 
     def _standstill(self) -> tuple[str, bool]:
         """Return why the robot stands, '' if its state says it, and whether that is alarming."""
@@ -314,12 +305,11 @@ class ServoNode(ManagedNode):
             self._live.reset()
         self._live.arm(timeout, self._live.goal)
         self._reports.event(event_log.STARTED, self._live.stamp_ns)
-        self._look_around()
         self._live.report()
         text = f'armed, {self._standstill()[0]}' if self._lacking else 'started'
         if self._lacking and timeout < math.inf:
             text += f'; the order lapses after {timeout:g} s'
-        return '; '.join(filter(None, [text, self._live.notice]))
+        return text
 
     @in_every_state  # after a stop the robot stands also when the node is active again
     def _on_stop(self) -> str:

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
-from visual_servo_epipolar.nodes.managed import GuardedNode, serve
+from visual_servo_epipolar.nodes.managed import ParameterNode, serve
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import UnicycleSettings
 from visual_servo_epipolar.simulation.bases import (
@@ -32,7 +32,7 @@ WARN_PERIOD_S = 2.0
 BEGIN_PERIOD_S = 0.5
 
 
-class UnicycleNode(GuardedNode):
+class UnicycleNode(ParameterNode):
     """Hosts a ``SimulatedBase``; in lockstep each command is a frame, and /clock is its own."""
 
     def __init__(self, **options: Any) -> None:

@@ -13,7 +13,6 @@ from rosbags.interfaces import QosDurability, QosReliability
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -182,12 +181,10 @@ def test_a_bag_that_cannot_be_begun_ends_the_node(bench, tmp_path) -> None:
 
 
 class Failing(Recording):
-    """A recorder whose disk ends while it records, beside a servo."""
+    """A recorder whose disk ends while it records."""
 
     def __init__(self, bench, folder, **values) -> None:
         say = bench.talk(String, 'words')
-        self.stopped = []
-        bench.probe.create_service(Trigger, 'servo_node/stop', self._on_stop)
         self.diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
         super().__init__(bench, folder, topics=('words',), flush_period=0.05, **values)
         self.until_recorded('/words')
@@ -198,43 +195,20 @@ class Failing(Recording):
             say(write.text('x' * 200_000))
             self.until_not_recorded('/words')
 
-    def _on_stop(self, request, response):
-        self.stopped.append(request)
-        response.success, response.message = True, 'the robot stands'
-        return response
-
     def errors(self) -> list[str]:
         statuses = [message.status[0] for message in self.diagnostics]
         return [item.message for item in statuses if item.level == DiagnosticStatus.ERROR]
 
 
-def test_a_disk_that_ends_is_one_error_and_the_robot_drives_on(bench, tmp_path) -> None:
+def test_a_disk_that_ends_is_one_error(bench, tmp_path) -> None:
     failing = Failing(bench, tmp_path)
     bench.until(failing.errors, 'an error in the diagnostics')
     bench.until(lambda: bench.logged('recording ended'), 'an error to be logged')
     bench.settle()
     assert len(bench.logged('recording ended')) == 1
     assert 'bag so far is whole' in failing.errors()[0]
-    assert failing.stopped == []
     assert recorded_words(failing.bag, '/words') == ['before']
     assert bench.call('recorder_node/start').success  # into the next bag
-
-
-def test_a_disk_that_ends_stops_the_robot_where_that_is_wanted(bench, tmp_path) -> None:
-    failing = Failing(bench, tmp_path, on_error='stop_servo')
-    bench.until(lambda: failing.stopped, 'the servo to be stopped')
-    bench.until(lambda: bench.logged('the robot stands'), 'its answer to be logged')
-    assert len(failing.stopped) == 1
-
-
-def test_a_servo_that_is_not_there_is_an_error(bench, tmp_path) -> None:
-    Failing(bench, tmp_path, on_error='stop_servo', servo='other_servo')
-    bench.until(
-        lambda: bench.logged(
-            'the robot is not stopped: service /other_servo/stop is not available'
-        ),
-        'an error that says so',
-    )
 
 
 @pytest.mark.parametrize('name', ['clock', '/clock'])

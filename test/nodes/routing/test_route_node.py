@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-from geometry_msgs.msg import TwistStamped
 from lifecycles import go
 from nav_msgs.msg import Path as PathMessage
 import numpy as np
@@ -247,19 +246,6 @@ def test_a_photograph_that_cannot_be_read_on_the_way_ends_the_run(rig, folder) -
         )
         rig.see(picture(1))
     assert rig.node.phase == 'failed' and 'cannot be read' in rig.reason and rig.stands
-
-
-def test_a_base_that_takes_another_type_of_command_is_named(two_processes, folder) -> None:
-    bench, other = two_processes
-    other.listen(TwistStamped, 'cmd_vel')
-    rig = RouteRig(bench, folder, CAMERA)
-    bench.until(rig.node._rivals.notice, 'the base')
-    rig.see(picture(0))
-    begun, text = rig.call('repeat')
-    assert begun and 'takes geometry_msgs/TwistStamped on /cmd_vel, /route_node publishes' in text
-    assert 'restart /route_node with enable_stamped_cmd_vel: true' in text
-    bench.until(lambda: 'no command arrives' in rig.diagnoses[-1].status[0].message, 'a word')
-    assert rig.diagnoses[-1].status[0].level == b'\x01'
 
 
 def test_a_camera_that_was_calibrated_anew_repeats_the_route(bench, folder) -> None:

@@ -1,21 +1,18 @@
-"""The stop button wins over everything; and who else commands the base is named, or stops it."""
+"""The stop button wins over everything; beside another servo none begins a run."""
 
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
 from durations import few_of
-from geometry_msgs.msg import Twist, TwistStamped
 import pytest
-import rclpy
-from servo_rig import HandSetClock, Rig
+from servo_rig import Rig
 from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.nodes import commands, qos, watching
+from visual_servo_epipolar.nodes import qos, watching
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 
 TEXT = 'the stop button is pressed; release it, then call ~/start'
-LEFTOVER_NS = 25_000_000_000  # as the servo has it: the lease of Fast DDS, and some
 
 
 class Buttoned(Rig):
@@ -122,56 +119,23 @@ def test_where_time_waits_for_the_servo_nobody_looks_for_another(bench) -> None:
     rig.drive()
 
 
-def test_what_is_left_of_a_servo_that_was_killed_keeps_none_from_starting(bench) -> None:
+def test_a_servo_of_the_same_name_counts_as_another(bench) -> None:
     rig = Rig(bench)
-    other(bench, 'servo_node')
-    rig.idle()
+    twin = other(bench, 'servo_node')
+    for _ in range(3):
+        rig.see()
+    assert (rig.phase, rig.commands) == ('waiting', [])
+    bench.remove(twin)
+    bench.until(lambda: bench.probe.get_node_names().count('servo_node') == 1, 'the twin to go')
     rig.drive()
-    text = '/servo_node commands /cmd_vel as well, two servos would fight'
+
+
+def test_one_that_comes_in_mid_run_is_warned_of(bench) -> None:
+    rig = Rig(bench).drive()
+    other(bench, 'dock_servo')
+    rig.idle()
+    text = '/dock_servo commands /cmd_vel as well, two servos would fight'
     bench.until(lambda: bool(bench.logged(text)), 'the warning')
-
-
-def aged_twin(bench, **parameters) -> Rig:
-    """Return a rig beside a servo of the same name, which is there for longer than a lease."""
-    rig = Rig(bench, **parameters)
-    clock = rig.clock = rig.node._live.rivals._steady = HandSetClock()
-    other(bench, 'servo_node')
-    rig.idle()
-    clock.now_ns += LEFTOVER_NS - 1
-    return rig
-
-
-def test_a_second_servo_of_the_same_name_that_stays_ends_the_run(bench) -> None:
-    rig = aged_twin(bench)
-    rig.idle()
-    rig.drive()
-    rig.clock.now_ns += 1
-    rig.idle()
-    bench.until(lambda: rig.twists()[-1] == STANDSTILL, 'the zero twist')
-    count = len(rig.commands)
-    rig.see()
-    assert rig.phase == 'waiting'
-    assert all(twist == STANDSTILL for twist in rig.twists()[count:])
-
-
-def test_beside_it_no_run_begins(bench) -> None:
-    rig = aged_twin(bench, autostart=False)
-    rig.clock.now_ns += 1
-    answer = bench.call('servo_node/start')
-    assert answer.message.startswith('/servo_node commands /cmd_vel as well')
-    assert not answer.success
-    rig.clock.now_ns -= 1
-    assert '/servo_node commands' not in bench.call('servo_node/start').message
-
-
-def test_a_twin_that_has_gone_does_not_count_for_the_next(bench, monkeypatch) -> None:
-    looks = commands.CommandConflicts(bench.probe)
-    clock = looks._steady = HandSetClock()
-    for names in (['/probe'], [], ['/probe']):
-        monkeypatch.setattr(commands, '_rivals', lambda node, names=names: names)
-        assert looks.refusal() == ''
-        clock.now_ns += LEFTOVER_NS
-    assert looks.refusal().startswith('/probe commands /cmd_vel as well')
 
 
 def button_of(rig) -> watching.StopButton:
@@ -244,75 +208,3 @@ def test_after_a_release_in_doubt_nothing_is_left_over(bench, hasty) -> None:
         bench.settle()
         asked(rig)
     assert (len(list(rig.node.subscriptions)), len(list(rig.node.timers))) == before
-
-
-MAY_PUBLISH = '/teleop_twist_joy may publish on /cmd_vel as well'
-
-
-@pytest.fixture
-def joystick(bench):
-    """Return a node that could command the base."""
-    node = bench.add(rclpy.create_node('teleop_twist_joy', context=bench.context))
-    node.create_publisher(Twist, 'cmd_vel', 1)
-    bench.until(lambda: bench.probe.count_publishers('cmd_vel') > 0, 'the joystick')
-    return node
-
-
-def test_another_publisher_is_named_by_the_answer_and_by_the_log(bench, joystick) -> None:
-    rig = Rig(bench, autostart=False)
-    rig.see()
-    answer = bench.call('servo_node/start')
-    assert (answer.success, answer.message.startswith(f'started; {MAY_PUBLISH}')) == (True, True)
-    bench.until(lambda: bool(bench.logged(MAY_PUBLISH)), 'the log')
-    rig.drive()  # it is a warning, no more
-
-
-def test_the_diagnostics_name_it_in_each_step_and_while_it_stands(bench, joystick) -> None:
-    heard = bench.listen(DiagnosticArray, '/diagnostics')
-    rig = Rig(bench)
-    rig.idle()
-    rig.drive()
-    rig.run.stop()
-    bench.settle()
-    assert len(heard) >= 2
-    for message in heard[-2:]:
-        (status,) = message.status
-        assert (status.level, MAY_PUBLISH in status.message) == (b'\x01', True)
-
-
-def test_one_that_has_gone_is_not_named_any_more(bench, joystick) -> None:
-    Rig(bench)
-    assert MAY_PUBLISH in bench.call('servo_node/start').message
-    bench.remove(joystick)
-    bench.until(lambda: MAY_PUBLISH not in bench.call('servo_node/start').message, 'it to go')
-
-
-def test_of_the_servo_itself_and_of_other_servos_no_notice_is_given(bench) -> None:
-    Rig(bench)
-    answer = bench.call('servo_node/start')
-    assert (answer.success, 'may publish' in answer.message) == (True, False)
-
-
-@pytest.mark.parametrize('stamped', [False, True])
-def test_a_base_that_takes_another_type_is_named_at_the_start(two_processes, stamped) -> None:
-    bench, other = two_processes
-    other.listen(Twist if stamped else TwistStamped, 'cmd_vel')
-    heard = bench.listen(DiagnosticArray, '/diagnostics')
-    rig = Rig(bench, autostart=False, enable_stamped_cmd_vel=stamped)
-    kinds = ['geometry_msgs/Twist', 'geometry_msgs/TwistStamped'][:: 1 if stamped else -1]
-    text = (
-        f'/probe takes {kinds[0]} on /cmd_vel, /servo_node publishes {kinds[1]}: no command '
-        f'arrives; restart /servo_node with enable_stamped_cmd_vel: {str(not stamped).lower()}'
-    )
-    rig.see()
-    bench.until(lambda: text in bench.call('servo_node/start').message, 'the base')
-    rig.drive()
-    bench.until(lambda: text in heard[-1].status[0].message, 'diagnostics')
-    assert heard[-1].status[0].level == b'\x01'
-
-
-def test_where_it_starts_by_itself_the_log_names_it(two_processes) -> None:
-    bench, other = two_processes
-    other.listen(TwistStamped, 'cmd_vel')
-    Rig(bench).drive()
-    bench.until(lambda: bench.logged('/probe takes geometry_msgs/TwistStamped'), 'the log')

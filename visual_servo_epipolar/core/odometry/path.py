@@ -1,7 +1,6 @@
 """The driven path: where the base was at the time of an image, by odometry or by commands."""
 
 from bisect import bisect_right
-from collections.abc import Callable
 from dataclasses import dataclass
 import math
 
@@ -38,21 +37,14 @@ class Path:
     Places of the base in order of time, from ``add_pose`` (odometry) or ``add_twist`` (commands).
 
     What comes on ``topic`` may be ``ahead`` [s] older than an image: the base goes on as it did.
-    Commands are obeyed for ``command_timeout`` [s]. ``absent`` says why nothing came, where that
-    is known, or ''. A new ``epoch`` begins with a stamp that does
+    Commands are obeyed for ``command_timeout`` [s]. A new ``epoch`` begins with a stamp that does
     not advance, a gap, a leap or another frame, as ``rupture`` says in words: what was driven
     before says nothing any more.
     """
 
     def __init__(
-        self,
-        topic: str = 'odom',
-        *,
-        ahead: float = 0.0,
-        command_timeout: float = 0.5,
-        absent: Callable[[], str] = str,
+        self, topic: str = 'odom', *, ahead: float = 0.0, command_timeout: float = 0.5
     ) -> None:
-        self._absent = absent
         self.topic, self.epoch, self.frame, self.rupture = topic, 0, '', ''
         self._ahead, self._timeout = ahead, command_timeout
         self._places: list[PathPlace] = []
@@ -112,8 +104,7 @@ class Path:
     def missing(self, stamp_ns: int) -> str:
         """Return in words how the path misses an image of this stamp, and what to do."""
         if not self._places:
-            nothing = f'nothing usable came on {self.topic} yet; start what publishes it'
-            return self._absent() or f'{nothing}, or remap it'
+            return f'nothing usable came on {self.topic} yet; start what publishes it, or remap it'
         lag = self.lag(stamp_ns)
         end_s = self._places[-1 if lag > 0.0 else 0].stamp_ns / NANOSECONDS
         advice = 'look at its rate, and at the clocks of base and camera'

@@ -10,7 +10,6 @@ from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.memory import PerceptionMemory
 
@@ -54,37 +53,6 @@ def telemetry(state: ServoState) -> dict[str, float]:
         **_joints(state.view.joints),
         **_readout(memory),
     }
-
-
-def progress(state: ServoState) -> dict[str, float]:
-    """
-    Return how far a run has come by name, nan where that is not known.
-
-    The way left with its deviation, as the memory of views has them (else the way left as it was
-    ranged in step 1, without one), the heading left, the attempt, the time since the run began,
-    and the phase by its place among all of them, from 0.
-    """
-    remaining, deviation, heading = state.motion.range, math.nan, math.nan
-    measurement = state.measurement
-    if measurement is not None:
-        heading = measurement.heading_error
-        if measurement.offset is not None:
-            remaining, deviation = math.hypot(*measurement.offset), measurement.offset_deviation
-    return {
-        'remaining_m': remaining,
-        'remaining_deviation_m': deviation,
-        'heading_error_rad': heading,
-        'attempt': float(state.run.attempts),
-        'elapsed_s': elapsed(state),
-        'phase': float(list(Phase.known).index(state.phase.value)),
-    }
-
-
-def elapsed(state: ServoState) -> float:
-    """Return the time from the beginning of the run to the last image [s]; nan before both."""
-    if state.measurement is None or state.run.run_start_ns == 0:
-        return math.nan
-    return seconds_between(state.run.run_start_ns, state.measurement.stamp_ns)
 
 
 def _odometry(pose: Pose | None) -> dict[str, float]:

@@ -286,7 +286,9 @@ def frame_name(prefix: str, name: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class RecorderNodeSettings(LifecycleSettings):
-    """Settings of the node: what is recorded, where to, and what the robot does if that fails."""
+    """Settings of the node: what is recorded, and where to."""
+
+    GONE: ClassVar[Mapping[str, Any]] = {'on_error': 'continue', 'servo': 'servo_node'}
 
     bag: str = fixed(
         '', 'Folder of the bag; empty: rosbag2_ and the date, where it was started', path=True
@@ -295,10 +297,6 @@ class RecorderNodeSettings(LifecycleSettings):
     exclude: tuple[str, ...] = fixed(('*overlay/image_raw',), 'Topics not to record, likewise')
     autostart: bool = fixed(True, 'Begin as soon as the node is active, not on ~/start')
     report: bool = internal(True, 'Publish /diagnostics once a second')
-    on_error: str = fixed(
-        'continue', 'When the disk fails or is full, the robot', choices=('continue', 'stop_servo')
-    )
-    servo: str = fixed('servo_node', 'Whose ~/stop is called by stop_servo')
 
 
 @dataclass(frozen=True, kw_only=True)
