@@ -212,7 +212,7 @@ def test_the_camera_info_of_another_frame_too_must_be_named(tmp_path: Path) -> N
 
 def test_one_beside_its_images_of_another_frame_is_noted_as_by_a_node(tmp_path: Path) -> None:
     with Bag(bag_of(tmp_path, views(frame='a'), calibrations(CAMERA), odometry('/odom'))) as bag:
-        note = f'/image_raw and /camera_info {TOLD}, of the frames a and c'
+        note = f"/image_raw and /camera_info {TOLD}, of the frames 'a' and 'c'"
         assert RecordedWay(bag, {}).notes == [note]
 
 

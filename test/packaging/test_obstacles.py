@@ -1,10 +1,9 @@
-"""What stands between servo and base: names that those packages know, and one chain."""
+"""What stands between servo and base is one chain, of one type of message."""
 
 import json
 from pathlib import Path
 import re
 
-import pytest
 import yaml
 
 from visual_servo_epipolar.nodes.commands import TOPIC
@@ -16,63 +15,6 @@ SECTIONS = yaml.safe_load(FILE.read_text(encoding='utf-8'))
 MUX = SECTIONS['/**/twist_mux']['ros__parameters']
 MONITOR = SECTIONS['/**/collision_monitor']['ros__parameters']
 ROBOT = yaml.safe_load((CONFIG / 'robot.yaml').read_text())['/**']['ros__parameters']
-
-# As their sources declare them: twist_mux 4.3, with use_stamped of 4.4; nav2_collision_monitor
-# 1.3.13 (Jazzy).
-ENTRY = {'topic': str, 'timeout': float, 'priority': int}
-MONITORED = {
-    'enable_stamped_cmd_vel': bool,
-    'base_frame_id': str,
-    'odom_frame_id': str,
-    'cmd_vel_in_topic': str,
-    'cmd_vel_out_topic': str,
-    'state_topic': str,
-    'transform_tolerance': float,
-    'source_timeout': float,
-    'base_shift_correction': bool,
-    'stop_pub_timeout': float,
-    'polygons': list,
-    'observation_sources': list,
-}
-POLYGON = {
-    'type': str,
-    'points': str,
-    'action_type': str,
-    'min_points': int,
-    'visualize': bool,
-    'polygon_pub_topic': str,
-    'enabled': bool,
-}
-SOURCE = {'type': str, 'topic': str, 'enabled': bool, 'source_timeout': float}
-WITHOUT_DEFAULT = {'type', 'points', 'action_type'}
-
-
-def check(values: dict, known: dict[str, type]) -> None:
-    """Each value must have a name that is declared, and the type, which ROS insists on."""
-    types = {name: type(value) for name, value in values.items()}
-    assert types == {name: known.get(name) for name in values}
-
-
-def test_twist_mux_knows_what_it_is_told() -> None:
-    assert MUX.keys() == {'use_stamped', 'topics', 'locks'}
-    assert isinstance(MUX['use_stamped'], bool)
-    for entry in (*MUX['topics'].values(), *MUX['locks'].values()):
-        assert entry.keys() == ENTRY.keys()  # it ends where one is missing
-        check(entry, ENTRY)
-        assert 0 <= entry['priority'] <= 255
-
-
-def test_the_collision_monitor_knows_what_it_is_told() -> None:
-    parts = {*MONITOR['polygons'], *MONITOR['observation_sources']}
-    check({name: value for name, value in MONITOR.items() if name not in parts}, MONITORED)
-    assert MONITOR.keys() >= parts
-    for name in MONITOR['polygons']:
-        check(MONITOR[name], POLYGON)
-        assert MONITOR[name].keys() >= WITHOUT_DEFAULT
-        assert (MONITOR[name]['type'], MONITOR[name]['action_type']) == ('polygon', 'stop')
-    for name in MONITOR['observation_sources']:
-        check(MONITOR[name], SOURCE)
-        assert MONITOR[name]['type'] == 'scan'
 
 
 def test_the_zone_lies_round_the_axle() -> None:
@@ -99,28 +41,3 @@ def test_all_take_the_same_message_and_frame() -> None:
     stamped = ROBOT['enable_stamped_cmd_vel']
     assert MUX['use_stamped'] == MONITOR['enable_stamped_cmd_vel'] == stamped
     assert MONITOR['base_frame_id'] == ROBOT['base_frame']
-
-
-@pytest.mark.parametrize('namespace', ['', 'robot1'])
-@pytest.mark.parametrize(
-    ('node', 'name', 'value'),
-    [
-        ('twist_mux', 'topics.servo.topic', MUX['topics']['servo']['topic']),
-        ('collision_monitor', 'stop_zone.points', MONITOR['stop_zone']['points']),
-    ],
-)
-def test_the_file_reaches_its_nodes_in_a_namespace_too(namespace, node, name, value) -> None:
-    rclpy = pytest.importorskip('rclpy')
-    context = rclpy.Context()
-    rclpy.init(args=['--ros-args', '--params-file', str(FILE)], context=context)
-    try:
-        reader = rclpy.create_node(
-            node,
-            namespace=namespace,
-            context=context,
-            automatically_declare_parameters_from_overrides=True,
-        )
-        assert reader.get_parameter(name).value == value
-        reader.destroy_node()
-    finally:
-        context.try_shutdown()

@@ -61,7 +61,7 @@ def of_two_cameras(topics: tuple[str, str], frames: tuple[str, str]) -> str:
     spaces = [topic.removesuffix('/compressed').rpartition('/')[0] for topic in topics]
     alike, why = spaces[0] == spaces[1], 'in two namespaces, and no frame_id tells'
     if image and info:
-        alike, why = image == info, f'of the frames {image} and {info}'
+        alike, why = image == info, f'of the frames {image!r:.40} and {info!r:.40}'
     return '' if alike else f'{topics[0]} and {topics[1]} may be of two cameras, {why}'
 
 

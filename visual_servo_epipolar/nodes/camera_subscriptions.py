@@ -6,14 +6,12 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CompressedImage, Image
 
-from visual_servo_epipolar.core.cameras.registry import lens_name
 from visual_servo_epipolar.messages.validation import of_two_cameras
 from visual_servo_epipolar.nodes import qos
 
 LOOK_PERIOD_S = 0.5
-RECTIFIED = 'image_rect'  # in the names that image_proc gives
 TRANSPORTS: dict[str, tuple[Any, str]] = {
     'raw': (Image, ''),
     'compressed': (CompressedImage, '/compressed'),
@@ -105,17 +103,6 @@ class CameraSubscriptions:
     def _look(self) -> None:
         for item in self._subscriptions:
             item.adapt()
-
-    def sounds_rectified(self, info: CameraInfo) -> str:
-        """Return that the images are rectified by their name, if ``info`` has a distortion."""
-        topic = self._node.resolve_topic_name('image_raw')
-        distorts = any(info.d) or lens_name(info.distortion_model) == 'equidistant'
-        if not (RECTIFIED in topic and distorts):
-            return ''
-        return (
-            f'{topic} sounds rectified, but rectified is false: the distortion of camera_info is '
-            'removed from its images; set rectified: true for tracker and servo'
-        )
 
     def compare_frames(self, image_frame: str) -> None:
         """Say once if images of this frame and camera_info may be of two cameras."""

@@ -187,32 +187,18 @@ def _just_now(then_ns: int | None, now_ns: int) -> bool:
 TOPIC, MARKERS = 'cmd_vel', 'visualization_msgs/msg/MarkerArray'
 
 
-class CommandConflicts:
-    """Other servos that publish on the cmd_vel of ``node``: beside one none may begin a run."""
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-
-    def refusal(self) -> str:
-        """Return that other servos command the base as well, what to do; or ''."""
-        names = self._rivals()
-        if not names:
-            return ''
-        return (
-            f'{", ".join(names)} commands {self._node.resolve_topic_name(TOPIC)} as well, two '
-            'servos would fight; end one, or give each a topic of its own and a multiplexer (one '
-            'that was killed is gone after 20 s)'
-        )
-
-    def _rivals(self) -> list[str]:
-        names = publishers(self._node)
-        names[self._node.get_fully_qualified_name()] -= 1
-        topics = dict(self._node.get_topic_names_and_types())
-        return sorted(
-            name
-            for name, count in names.items()
-            if count > 0 and MARKERS in topics.get(f'{name}/markers', [])
-        )
+def conflict(node: Node) -> str:
+    """Return that other servos publish on the cmd_vel of ``node``, and what to do; or ''."""
+    own = Counter([node.get_fully_qualified_name()])
+    topics = dict(node.get_topic_names_and_types())
+    names = [it for it in publishers(node) - own if MARKERS in topics.get(f'{it}/markers', [])]
+    if not names:
+        return ''
+    return (
+        f'{", ".join(sorted(names))} commands {node.resolve_topic_name(TOPIC)} as well, two '
+        'servos would fight; end one, or give each a topic of its own and a multiplexer (one '
+        'that was killed is gone after 20 s)'
+    )
 
 
 def publishers(node: Node, topic: str = TOPIC) -> Counter[str]:

@@ -27,7 +27,7 @@ from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import diagnostics, read, write
 from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.commands import CommandConflicts, Commands
+from visual_servo_epipolar.nodes.commands import Commands, conflict
 from visual_servo_epipolar.nodes.reports import NodeReports
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.watching import Enable, Freshness
@@ -137,7 +137,7 @@ class LiveRun:
         self._clock, self._logger, self._warn = node.get_clock(), node.get_logger(), warn
         self._settings, self._enable, self._standstill = settings, enable, standstill
         self._commands, self._reports = outputs
-        self.run, self.rivals = Run(), CommandConflicts(node)
+        self._node, self.run = node, Run()
         self.freshness = Freshness(self._clock)
         self.arming, self.lapsed = Arming(self.freshness.clock), ''
         self.trouble = ''
@@ -245,7 +245,7 @@ class LiveRun:
 
     def contested(self) -> str:
         """Return that another servo commands the same base, so that no run may begin; or ''."""
-        return self.rivals.refusal() if self._settings().watchdog else ''
+        return conflict(self._node) if self._settings().watchdog else ''
 
     def arm(self, timeout: float = math.inf, goal: int | None = None) -> None:
         """Let a run begin within ``timeout`` [s], by the photograph ``goal`` if that is known."""

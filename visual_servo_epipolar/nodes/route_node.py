@@ -30,7 +30,7 @@ from visual_servo_epipolar.messages.route_folder import (
 )
 from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_subscriptions import CameraSubscriptions
-from visual_servo_epipolar.nodes.commands import CommandConflicts, Commands
+from visual_servo_epipolar.nodes.commands import Commands, conflict
 from visual_servo_epipolar.nodes.driving_inputs import DrivenPath, ServoCamera
 from visual_servo_epipolar.nodes.live_run import QUIET_S
 from visual_servo_epipolar.nodes.managed import carry_out, in_every_state, ManagedNode, serve
@@ -92,7 +92,6 @@ class RouteNode(ManagedNode):
         self._camera = ServoCamera(self, settings, self._warn)
         self._driven = DrivenPath(self, self._warn_of_path, settings, self._on_odometry)
         self._reports = RouteReports(self)
-        self._rivals = CommandConflicts(self)
         self._enable = Enable(
             self, settings.enable_timeout, lambda reason: self._repetition.lose(reason)
         )
@@ -324,7 +323,7 @@ class RouteNode(ManagedNode):
             return trouble
         if self._repetition.freshness.quiet > QUIET_S:
             return 'no images have come for a second; is the camera running?'
-        return self._rivals.refusal() or self._enable.withheld()
+        return conflict(self) or self._enable.withheld()
 
     @in_every_state  # after a cancel the robot stands also when the node is active again
     def _cancel(self) -> str:

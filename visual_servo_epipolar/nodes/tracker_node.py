@@ -172,9 +172,7 @@ class TrackerNode(ManagedNode):
                 return
             self._camera = camera
             self._refuse_other(camera)
-            self._unusable, sounds = '', self._inputs.sounds_rectified(message)
-            if sounds and not settings.rectified:
-                self._warn(sounds)
+            self._unusable = ''
         except ValueError as error:
             self._camera, self._unusable = None, str(error)
             self._latest = None

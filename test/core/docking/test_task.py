@@ -51,21 +51,6 @@ def at(step: Stage, **values: object) -> Task:
     return Task(0.0, 0.0, 0.0, step=step, **values)  # type: ignore[arg-type]
 
 
-def test_the_usual_way() -> None:
-    task = running()
-    assert task.state is State.INITIAL_PERCEPTION
-    task = heard(task, Phase.RETREATING)
-    assert task.state is State.NAV_TO_STAGING_POSE
-    task = heard(task, Phase.DISPLACING)
-    assert task.state is State.CONTROLLING
-    task = heard(task, Phase.HOLDING, Phase.MATCHING_FEATURES)
-    assert task.outcome is None
-    task = heard(task, Phase.ARRIVED)
-    assert task.outcome.success
-    assert task.outcome.error is Error.NONE
-    assert task.orders == ()
-
-
 @pytest.mark.parametrize(
     ('by_id', 'dock_id', 'error'),
     [
@@ -177,12 +162,6 @@ def test_a_servo_that_never_begins_anew_is_given_up_though_it_talks(step: Stage)
 def test_a_servo_that_is_stopped_from_elsewhere() -> None:
     task = heard(running(), Phase.DISPLACING, Phase.WAITING)
     assert task.outcome.error is Error.FAILED_TO_CONTROL
-
-
-def test_a_servo_that_is_not_there() -> None:
-    task = on_answer(asked(), STOP, 'the service is not available', 0.0)
-    assert task.outcome.error is Error.UNKNOWN
-    assert task.outcome.message == 'the service is not available'
 
 
 @pytest.mark.parametrize('step', Stage)

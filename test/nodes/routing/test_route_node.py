@@ -155,17 +155,17 @@ def test_a_robot_whose_camera_hangs_stands(driving) -> None:
     assert 'the very same' in driving.reason
 
 
-def test_a_camera_that_becomes_another_ends_the_run(driving) -> None:
-    driving.calibrate(with_intrinsics(CAMERA, fx=60.0, fy=60.0, cx=31.5, cy=23.5))
+@pytest.mark.parametrize(
+    ('camera', 'words'),
+    [
+        (OTHER, 'taught with another camera'),
+        (with_intrinsics(CAMERA, fx=50.000005), 'changed in mid-run: fx 50 -> 50.000005'),
+    ],
+)
+def test_another_camera_in_mid_run_ends_it(driving, camera, words) -> None:
+    driving.calibrate(camera)
     driving.bench.until(lambda: driving.stands, 'the order to stand')
-    assert driving.node.phase == 'failed' and 'taught with another camera' in driving.reason
-
-
-def test_a_camera_that_is_calibrated_anew_in_mid_run_ends_it(driving) -> None:
-    driving.calibrate(with_intrinsics(CAMERA, fx=50.000005))
-    driving.bench.until(lambda: driving.stands, 'the order to stand')
-    assert driving.node.phase == 'failed'
-    assert 'changed in mid-run: fx 50 -> 50.000005' in driving.reason
+    assert driving.node.phase == 'failed' and words in driving.reason
 
 
 def test_a_stop_button_stops_and_keeps_from_starting(driving) -> None:

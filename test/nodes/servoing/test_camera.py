@@ -211,24 +211,6 @@ def test_a_principal_point_at_the_side_is_that_of_a_crop_alone(bench, cropped) -
         assert cropped is not bool(bench.logged(text))
 
 
-@pytest.mark.parametrize('rectified', [False, True])
-def test_images_that_sound_rectified_are_complained_of(bench, rectified) -> None:
-    from rclpy.node import Node
-
-    class Remapped(TrackerNode):
-        def resolve_topic_name(self, topic, *, only_expand=False):
-            name = Node.resolve_topic_name(self, topic, only_expand=only_expand)
-            return name.replace('image_raw', 'image_rect')
-
-    calibrate = bench.talk(CameraInfo, 'camera_info')
-    bench.talk(Image, 'image_raw')
-    bench.start(Remapped, rectified=rectified)
-    calibrate(write.camera_info(FOLDING, 0, 'camera'))
-    bench.settle()
-    bench.settle()
-    assert bool(bench.logged('/image_rect sounds rectified')) is not rectified
-
-
 FIRST, SECOND = 7, 4_000_000_000
 OTHER_GOAL = 'the photograph has changed in mid-run'
 

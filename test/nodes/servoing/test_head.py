@@ -83,13 +83,6 @@ def test_a_head_that_speaks_again_lets_it_go_on(bench) -> None:
     assert rig.phase == 'approaching'
 
 
-def test_other_names_are_told_with_those_that_are_there(bench) -> None:
-    rig = Headed(bench)
-    rig.see_with_angles(names=('head_pan_joint', 'head_tilt_joint'))
-    assert 'head_pan_joint' in rig.trouble and 'set pan_joint' in rig.trouble
-    assert rig.phase == 'waiting'
-
-
 @pytest.mark.parametrize(
     ('names', 'words'),
     [

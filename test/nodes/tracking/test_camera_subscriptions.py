@@ -154,8 +154,18 @@ COLOR, DEPTH = '/cam/color', '/cam/depth'
 @pytest.mark.parametrize(
     ('image', 'info', 'frames', 'doubt'),
     [
-        (COLOR, DEPTH, ('color', 'depth'), 'may be of two cameras, of the frames color and depth'),
-        (COLOR, COLOR, ('color', 'depth'), 'may be of two cameras, of the frames color and depth'),
+        (
+            COLOR,
+            DEPTH,
+            ('color', 'depth'),
+            "may be of two cameras, of the frames 'color' and 'depth'",
+        ),
+        (
+            COLOR,
+            COLOR,
+            ('color', 'depth'),
+            "may be of two cameras, of the frames 'color' and 'depth'",
+        ),
         (COLOR, DEPTH, ('color', ''), 'in two namespaces, and no frame_id tells'),
         (COLOR, DEPTH, ('', ''), 'in two namespaces, and no frame_id tells'),
         (COLOR, DEPTH, ('/color', 'color'), ''),
