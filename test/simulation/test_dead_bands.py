@@ -87,6 +87,32 @@ def test_a_base_that_follows_teaches_none(name, base) -> None:
     assert band.linear.value == band.angular.value == 0.0
 
 
+@pytest.mark.parametrize('law', ['full', 'smooth'])
+@pytest.mark.parametrize(
+    ('rate', 'base', 'breathing'),
+    few_of(
+        [
+            (15.0, {'nod': 0.0175, 'acceleration': 1.0}, 0.0),
+            (6.0, {'nod': 0.0175, 'acceleration': 1.0}, 0.0),
+            (30.0, {'nod': 0.01, 'acceleration': 1.5}, 0.0),
+            (15.0, {}, 0.002),
+            (15.0, {'dead_zone_linear': 0.03, 'dead_zone_angular': 0.06}, 0.002),
+        ],
+        keep=(0, 3),
+    ),
+)
+def test_a_robot_ends_whose_body_nods_or_whose_lens_breathes(law, rate, base, breathing) -> None:
+    summary, _ = untold_bases.driven(
+        'nominal', SEED, base, {'law': law}, rate, breathing=breathing
+    )
+    assert summary['outcome'] == 'arrived', summary['reason']
+    assert float(str(summary['position_error_m'])) < 0.006
+    assert float(str(summary['standing_s'])) < 7.0
+    reversals = summary['reversals']
+    assert isinstance(reversals, dict)
+    assert reversals['v'] <= 6
+
+
 @pytest.mark.parametrize(
     ('name', 'zone'), few_of([('realistic', 0.025), ('nominal', 0.04), ('flat', 0.04)])
 )

@@ -15,18 +15,24 @@ from visual_servo_epipolar.simulation.views import drive
 
 
 def driven(
-    name: str, seed: int, base: dict[str, float], servo: dict[str, Any], rate: float | None = None
+    name: str,
+    seed: int,
+    base: dict[str, float],
+    servo: dict[str, Any],
+    rate: float | None = None,
+    **camera: float,
 ) -> tuple[dict[str, object], ServoState]:
     """
     Return what became of a run, and the last state of its servo.
 
-    The scenario ``name`` with other values of its ``base`` and ``servo``, and ``rate`` images a
-    second, from the first start in front that ``seed`` gives.
+    The scenario ``name`` with other values of its ``base``, ``servo`` and ``camera``, and ``rate``
+    images a second, from the first start in front that ``seed`` gives.
     """
     scenario = load(scenario_path(name)).with_servo(servo)
-    camera = scenario.camera if rate is None else replace(scenario.camera, frame_rate=rate)
-    worn = replace(scenario.base, **base)
-    scenario = replace(scenario, base=worn, camera=camera).seeded(seed)
+    if rate is not None:
+        camera['frame_rate'] = rate
+    worn, seeing = replace(scenario.base, **base), replace(scenario.camera, **camera)
+    scenario = replace(scenario, base=worn, camera=seeing).seeded(seed)
     states: list[ServoState] = []
 
     def control(state: ServoState, seen: Observation, settings: ServoSettings) -> ServoState:

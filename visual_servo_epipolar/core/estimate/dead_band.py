@@ -215,6 +215,13 @@ class DeadBand:
         value = max(self.linear.value, min(MARGIN * self.linear.value, most))
         return replace(self, linear=replace(self.linear, value=value))
 
+    def assumed(self, dt: float, settings: DriveSettings) -> 'DeadBand':
+        """Return the dead band, a small one at least: slower motions lead back and forth."""
+        if self.linear.value or settings.dead_band_linear:
+            return self
+        value = min(LEAST_ASKED / dt, _most(settings.max_linear, MOST_HOP[0], dt))
+        return replace(self, linear=replace(self.linear, value=value))
+
     def beside(self, settings: SettingsT) -> SettingsT:
         """Return ``settings`` with dead bands at least as wide as those that were learnt."""
         learnt = min(self.linear.value, largest_dead_band(settings.max_linear))

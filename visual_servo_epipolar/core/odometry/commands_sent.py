@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 import math
 
 import numpy as np
@@ -85,6 +86,13 @@ class CommandsSent:
                 break
             began = stamp
         return (now_ns - began) / NANOSECONDS
+
+    def swing_s(self, least: float) -> float:
+        """Return the time between the last two reversals of speeds above ``least`` [s], or 0."""
+        speeds = [twist.linear for twist in self.twists]
+        moves = [it for it in zip(self.stamps, speeds, strict=True) if abs(it[1]) > least]
+        turned = [now[0] for before, now in pairwise(moves) if before[1] * now[1] < 0.0]
+        return (turned[-1] - turned[-2]) / NANOSECONDS if len(turned) > 1 else 0.0
 
     def since(self, rates: Sequence[float], least: float) -> int | None:
         """Return the stamp since which ``rates`` exceed ``least`` to the last one's side."""

@@ -5,7 +5,8 @@ A base with a dead band ends on its aim so: it stands, measures, and moves once.
 than a dead band is sent as pulses, each of which is a hop of threshold times frame. A move is a
 train of them, as long as what is left by the mean since the robot stands. Its hops are stretched
 as far as ramps allow, so that a whole number of them leads there. A turn shorter than half a hop
-first leads away by one, where that ends nearer.
+first leads away by one, where that ends nearer. A base that goes back and forth, as
+the body nods or the lens breathes, ends in the same way.
 """
 
 from dataclasses import replace
@@ -13,7 +14,7 @@ import math
 from typing import Any, NamedTuple
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
-from visual_servo_epipolar.core.estimate.dead_band import STANDING
+from visual_servo_epipolar.core.estimate.dead_band import learns, STANDING
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.geometry.wall import aside
@@ -28,7 +29,7 @@ from visual_servo_epipolar.core.laws.conditions import sees_too_little
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.prediction import predicted
-from visual_servo_epipolar.core.servo.run_log import AT_GOAL_M
+from visual_servo_epipolar.core.servo.run_log import AT_GOAL_M, LEAST_REVERSED
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
@@ -36,6 +37,8 @@ from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.observation import Observation
 
 SEEN_S = 0.4  # after which a motion has acted and was seen, of a base that obeys in time
+STAND_S = 1.5  # longest look where what it sees swings: two and a move take less than 5 s
+SWING = 0.25  # of the scatter of a stand, that its mean may be wrong by
 ROUNDING = 1e-9  # of a sum of hops
 
 
@@ -48,7 +51,8 @@ def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     """Return whether this frame fulfils the aim of the phase."""
     rest, goal = state.settling.rest, state.measurement
     if rest is not None or goal is None:
-        return rest is not None and _is_settled(rest, state, settings)
+        ends = _may_end(state, settings)
+        return rest is not None and ends and _is_settled(rest, state, settings)
     if not _is_settled(goal, state, settings):
         return False
     # Commands that have not acted yet must not lead away again.
@@ -84,6 +88,7 @@ def settle(
 ) -> ServoState:
     """Return the state with its count of settled frames, ``dt`` [s] after the ``previous``."""
     state = state.changed(**_rest(state, previous, settings))
+    state = _with_swing(state, settings)
     if not (state.phase.drives and dt):  # it may have been moved, and commands be withdrawn
         state = state.changed(stood=None)
     state = _with_dead_band_of_move(state, settings)
@@ -108,18 +113,20 @@ def _rest(
     state: ServoState, previous: Measurement | None, settings: ServoSettings
 ) -> dict[str, Any]:
     """Return the mean of what is measured since the robot stands, in the fields of the state."""
-    now, before, rested = state.measurement, state.settling.rest, state.settling.rested + 1
+    now, before, swings = state.measurement, state.settling.rest, state.settling.swing_s > 0.0
     if (
         now is None
         or not math.isfinite(now.difference)
         or not state.phase.drives
         or not _stands(now, previous, state, settings)
     ):
-        moves = {'rest': None, 'rested': 0, 'rest_square': 0.0}
-        return moves | {'stood': before} if rested > settings.arrival_frames else moves
+        moves: dict[str, Any] = {'rest': None, 'rested': 0, 'rest_square': 0.0}
+        if not _has_measured(state, settings):
+            return moves
+        return moves | {'stood': before, 'scatter': _scatter(state) if swings else 0.0}
     if before is None or (before.offset is None) is not (now.offset is None):
         return {'rest': now, 'rested': 1, 'rest_square': 0.0}
-    change = now.difference - before.difference
+    rested, change = state.settling.rested + 1, now.difference - before.difference
     turn = math.remainder(now.heading_error - before.heading_error, 2.0 * math.pi)
     mean = replace(
         now,
@@ -132,7 +139,27 @@ def _rest(
             mean, offset=(last_x + (x - last_x) / rested, last_y + (y - last_y) / rested)
         )
     square = state.settling.rest_square + change * (now.difference - mean.difference)
+    mean = _swinging(mean, math.sqrt(square / (rested - 1)), state)
     return {'rest': mean, 'rested': rested, 'rest_square': square}
+
+
+def _swinging(mean: GoalEstimate, scatter: float, state: ServoState) -> GoalEstimate:
+    """
+    Return the ``mean`` of a stand with what it may be wrong by, where D has that ``scatter``.
+
+    After a move by the mean of a swing, a moment's D may be off by all of that.
+    """
+    swing = max(SWING * scatter, state.settling.scatter)
+    if not swing > mean.difference_deviation:
+        return mean
+    slope = mean.difference_slope
+    off = max(mean.offset_deviation, swing / slope) if slope > 0.0 else mean.offset_deviation
+    return replace(mean, difference_deviation=swing, offset_deviation=off)
+
+
+def _scatter(state: ServoState) -> float:
+    """Return the deviation by which D varies since the robot stands."""
+    return math.sqrt(state.settling.rest_square / max(state.settling.rested - 1, 1))
 
 
 def _stands(
@@ -160,6 +187,42 @@ def _stands(
     return abs(now.difference - previous.difference) <= max(
         settings.arrival_difference, change
     ) and abs(turn) <= max(FACING, STANDING * dt * abs(asked.angular))
+
+
+def _with_swing(state: ServoState, settings: ServoSettings) -> ServoState:
+    """
+    Return ``state`` with the time in which the robot goes back and forth, if it follows a swing.
+
+    The body nods, or the lens breathes: the base then ends by pulses, as one with a dead band.
+    """
+    if not (state.phase.straight or state.phase.turns_in_place):
+        return state.changed(swing_s=0.0, scatter=0.0) if state.settling.swing_s else state
+    if state.settling.swing_s or not (learns(settings) and turns_in_place(settings.drive)):
+        return state
+    goal = state.measurement
+    if settings.dead_band_linear:  # after each of its moves the mean of a stand tells
+        goal = state.settling.rest if _has_measured(state, settings) else None
+    if goal is None:
+        return state
+    bound = matched_bound(goal, settings, trial_of(goal, state, spent=True))
+    swing_s = state.motion.sent.swing_s(LEAST_REVERSED['v'])
+    if not swing_s or not abs(goal.difference) > 2.0 * bound:
+        return state
+    band = state.identified.dead_band.assumed(usual_step(state.view.period), settings)
+    return state.changed(swing_s=swing_s, dead_band=band)
+
+
+def _has_measured(state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether the robot has stood for long enough to move by what it sees."""
+    rested, swings = state.settling.rested, 4.0 * state.settling.swing_s
+    lasted = rested * usual_step(state.view.period)
+    return rested >= settings.arrival_frames and lasted >= min(swings, STAND_S)
+
+
+def _may_end(state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether a stand may end the phase: its own mean tells, or the one before a move."""
+    settling = state.settling
+    return not settling.swing_s or settling.scatter > 0.0 or _has_measured(state, settings)
 
 
 def _with_dead_band_of_move(state: ServoState, settings: ServoSettings) -> ServoState:
@@ -245,8 +308,9 @@ def pulsed_move(
     left, band = -seen.difference / slope, settings.dead_band_linear
     bound = matched_bound(seen, settings, trial_of(seen, state)) / slope
     moves = _moves(rest.linear, band)
-    near = abs(left) <= band * seen_after(settings)
-    if not moves and (abs(wanted.linear) >= band or not near):
+    swings = band > 0.0 and state.settling.swing_s > 0.0
+    near = abs(left) <= max(band * seen_after(settings), AT_GOAL_M if swings else 0.0)
+    if not moves and ((abs(wanted.linear) >= band and not swings) or not near):
         return None
     if not moves and abs(left) <= bound and not turn:  # there, but it may have to turn
         return settings.drive.beyond_dead_band(Twist(0.0, wanted.angular), rest, mode='pulse')
@@ -326,7 +390,7 @@ def _next_pulse(
     most = _fastest(aim, now)
     if not _moves(moving, aim.threshold):  # the last one is over
         # What the mean may be wrong by is no reason to move.
-        measured = state.settling.rested >= settings.arrival_frames and aim.error <= aim.bound
+        measured = _has_measured(state, settings) and aim.error <= aim.bound
         frame_s = usual_step(state.view.period)
         way = way_of_move(aim.left, aim.bound, aim.threshold * frame_s, aim.room)
         moving = _pulses(way, aim, frame_s, most) if measured and way else 0.0
