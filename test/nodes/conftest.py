@@ -7,6 +7,7 @@ import pytest
 from small_cameras import SMALL
 
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.nodes import steady
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 
@@ -17,6 +18,24 @@ def two_processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Bench, Benc
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with Bench() as bench, Bench(bench.context.get_domain_id()) as other:
         yield bench, other
+
+
+class HandSetClock:
+    """A steady clock that is set by hand."""
+
+    def __init__(self) -> None:
+        self.now_ns = steady.now_ns()
+
+    def go_on(self, seconds: float) -> None:
+        self.now_ns += round(seconds * 1e9)
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> HandSetClock:
+    """Return the steady clock of the nodes, which stands from now on."""
+    hand = HandSetClock()
+    monkeypatch.setattr(steady, 'now_ns', lambda: hand.now_ns)
+    return hand
 
 
 @pytest.fixture(scope='session')

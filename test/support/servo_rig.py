@@ -1,7 +1,6 @@
 """A servo node on a bench, fed with tracks one by one; what the robot is told by it."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist as TwistMessage
@@ -41,15 +40,6 @@ def some(count: int) -> Features:
     """Return the first features of those in view."""
     columns = (IN_VIEW.ids, IN_VIEW.current, IN_VIEW.desired, IN_VIEW.ages, IN_VIEW.errors)
     return Features(*(column[:count] for column in columns))
-
-
-class HandSetClock:
-    """A steady clock that is set by hand [ns]."""
-
-    now_ns = 10**9
-
-    def now(self) -> SimpleNamespace:
-        return SimpleNamespace(nanoseconds=self.now_ns)
 
 
 class Rig:
@@ -119,11 +109,6 @@ class Rig:
     def idle(self) -> None:
         """Let the servo look now at what it looks at once a second."""
         self.node._on_idle()
-
-    def clock_by_hand(self) -> HandSetClock:
-        """Let the steady clock of commands be set by hand, and return it."""
-        self.clock = self.node._commands._steady = HandSetClock()
-        return self.clock
 
     @property
     def telemetry(self) -> dict[str, float]:

@@ -3,13 +3,13 @@
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
 
 from visual_servo_epipolar.messages.validation import of_two_cameras
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.steady import STEADY
 
 LOOK_PERIOD_S = 0.5
 TRANSPORTS: dict[str, tuple[Any, str]] = {
@@ -78,8 +78,7 @@ class CameraSubscriptions:
         self._reliability = reliability
         self._subscriptions: list[AdaptiveSubscription] = []
         self.info_frame = self._doubt = ''
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(LOOK_PERIOD_S, self._look, clock=steady)
+        node.create_timer(LOOK_PERIOD_S, self._look, clock=STEADY)
 
     def create_subscription(
         self,

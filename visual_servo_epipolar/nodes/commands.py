@@ -5,7 +5,6 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
@@ -14,12 +13,12 @@ from visual_servo_epipolar.core.rigs.joint_history import HeadHistory
 from visual_servo_epipolar.core.rigs.rig import Command, Rig
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.messages.joints import COMMAND_TYPES, head_command, listed, read_joints
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings, ServoNodeSettings
+from visual_servo_epipolar.nodes.steady import Stopwatch
 
 MOST_OTHERS = 50  # joints that are named where one is missing
 
@@ -118,10 +117,9 @@ class Commands:
     ) -> None:
         self._head, self._wheelbase = head, servo.wheelbase
         self._stamped, self._frame = settings.enable_stamped_cmd_vel, settings.base_frame
-        self._always, self._steady = not settings.watchdog, Clock(clock_type=ClockType.STEADY_TIME)
-        self._ended_ns: int | None = None  # when the run ended
-        self._stopped_ns: int | None = None  # when somebody ended it
-        self._sent_ns: int | None = None  # when the last command went out
+        self._always = not settings.watchdog
+        # Since the run ended, was ended by somebody, and the last command went out.
+        self._ended, self._stopped, self._sent = (Stopwatch(runs=False) for _ in range(3))
         kind = write.twist_type(stamped=self._stamped)
         self._command_pub = node.create_publisher(kind, 'cmd_vel', qos.COMMAND)
         self._drive = None if turns_in_place(servo.drive) else write.ackermann_type()
@@ -130,40 +128,37 @@ class Commands:
 
     def answer(self, before: ServoState, state: ServoState, stamp_ns: int) -> None:
         """Publish the command of ``state``, in a run and shortly after its end."""
-        now_ns = self._steady.now().nanoseconds
         if not state.ended:
-            self._ended_ns = None
+            self._ended.stop()
         elif not before.ended:
-            self._ended_ns = now_ns
-        if self._always or _just_now(self._ended_ns, now_ns) or state.phase.runs:
-            self._stopped_ns = None
+            self._ended.start()
+        if self._always or self._ended.seconds <= SETTLING_S or state.phase.runs:
+            self._stopped.stop()
             self.send(state.command, stamp_ns)
 
     def stopped(self) -> None:
         """Take note that somebody ended the run: no image will be answered by a zero twist."""
-        self._stopped_ns = self._steady.now().nanoseconds
+        self._stopped.start()
 
     def forget(self) -> None:
         """Repeat no order: an inactive node is silent."""
-        self._stopped_ns = None
+        self._stopped.stop()
 
     @property
     def repeats(self) -> bool:
         """Whether the order to stand is to be repeated: a message may get lost."""
-        return _just_now(self._stopped_ns, self._steady.now().nanoseconds)
+        return self._stopped.seconds <= SETTLING_S
 
     @property
     def age(self) -> float:
         """Time since the last command went out [s]; nan where none did, or time waits for it."""
-        if self._always or self._sent_ns is None:
-            return math.nan
-        return seconds_between(self._sent_ns, self._steady.now().nanoseconds)
+        return self._sent.seconds if self._sent.runs and not self._always else math.nan
 
     def send(self, command: Command, stamp_ns: int) -> None:
         """Publish ``command``: that to the head, then its twist on cmd_vel."""
         if self._head is not None:
             self._head.send(command, stamp_ns)
-        self._sent_ns = self._steady.now().nanoseconds
+        self._sent.start()
         if self._drive is not None:
             self._drive_pub.publish(
                 write.ackermann_drive(
@@ -177,11 +172,6 @@ class Commands:
     def wait(self) -> None:
         """Wait until the last command is acknowledged."""
         self._command_pub.wait_for_all_acked(qos.ACKNOWLEDGEMENT)
-
-
-def _just_now(then_ns: int | None, now_ns: int) -> bool:
-    """Return whether what ended at ``then_ns``, if it did, ended just now."""
-    return then_ns is not None and seconds_between(then_ns, now_ns) <= SETTLING_S
 
 
 TOPIC, MARKERS = 'cmd_vel', 'visualization_msgs/msg/MarkerArray'

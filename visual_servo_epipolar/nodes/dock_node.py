@@ -9,7 +9,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.clock import Clock, ClockType
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import CameraInfo, PointCloud2
@@ -26,7 +25,7 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING
 from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.messages import docking, read, validation, write
 from visual_servo_epipolar.messages.docking import DockRobotWire
-from visual_servo_epipolar.nodes import parameters, qos
+from visual_servo_epipolar.nodes import parameters, qos, steady
 from visual_servo_epipolar.nodes.camera_subscriptions import CameraSubscriptions
 from visual_servo_epipolar.nodes.driving_inputs import DrivenPath
 from visual_servo_epipolar.nodes.frames import StaticMount
@@ -54,7 +53,6 @@ class DockServer:
         self, node: ManagedNode, wire: DockRobotWire, settings: Callable[[], DockTaskSettings]
     ) -> None:
         self._node, self._wire, self._settings = node, wire, settings
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._goal: Any = None
         self._task: Task | None = None
         self._over = Future()
@@ -75,7 +73,7 @@ class DockServer:
     def configure(self) -> None:
         """Listen to the servo, and look at the clock."""
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._hear, REPORTS)
-        self._node.create_timer(PERIOD_S, self._on_tick, clock=self._steady)
+        self._node.create_timer(PERIOD_S, self._on_tick, clock=steady.STEADY)
 
     def give_up(self, why: str) -> None:
         """Abort a goal under way, and stop the servo that drives for it."""
@@ -178,7 +176,7 @@ class DockServer:
             self._goal.publish_feedback(self._wire.feedback(task, seconds))
 
     def _now(self) -> float:
-        return float(self._steady.now().nanoseconds) / NANOSECONDS
+        return steady.now_ns() / NANOSECONDS
 
 
 MOST_PENDING = 10  # tracks that wait for odometry: more are of a base that is silent

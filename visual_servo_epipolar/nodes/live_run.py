@@ -9,7 +9,6 @@ from dataclasses import replace
 import math
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rclpy.clock import Clock
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import String
@@ -23,13 +22,13 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import too_few_features
 from visual_servo_epipolar.core.servo.telemetry import telemetry
-from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import diagnostics, read, write
 from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.commands import Commands, conflict
 from visual_servo_epipolar.nodes.reports import NodeReports
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+from visual_servo_epipolar.nodes.steady import Stopwatch
 from visual_servo_epipolar.nodes.watching import Enable, Freshness
 
 QUIET_S = 1.0  # without any tracks: then silence is what is wrong
@@ -76,20 +75,19 @@ class Reports(NodeReports):
 
 class Arming:
     """
-    Order to start: for how long it holds, on the steady ``clock``, and for which photograph.
+    Order to start: for how long it holds, on the steady clock, and for which photograph.
 
     A robot that was started long ago must not drive off when its photograph, its camera or
     its clock comes at last: somebody may drive it by hand by then.
     """
 
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
-        self._ordered_ns, self._timeout = 0, 0.0
+    def __init__(self) -> None:
+        self._ordered, self._timeout = Stopwatch(runs=False), 0.0
         self._goal: int | None = None
 
     def order(self, timeout: float, goal: int | None) -> None:
         """Note an order that holds for ``timeout`` [s], for the photograph ``goal`` if known."""
-        self._ordered_ns = int(self._clock.now().nanoseconds)
+        self._ordered.start()
         self._timeout, self._goal = timeout, goal
 
     @property
@@ -100,8 +98,7 @@ class Arming:
     @property
     def has_expired(self) -> bool:
         """Whether the order is too old to drive by."""
-        now_ns = int(self._clock.now().nanoseconds)
-        return seconds_between(self._ordered_ns, now_ns) > self._timeout
+        return self._ordered.seconds > self._timeout
 
     def contradicted(self, goal: int | None, *, has_photograph: bool) -> str:
         """Return that tracks are not of the photograph that was there at the order; or ''."""
@@ -139,7 +136,7 @@ class LiveRun:
         self._commands, self._reports = outputs
         self._node, self.run = node, Run()
         self.freshness = Freshness(self._clock)
-        self.arming, self.lapsed = Arming(self.freshness.clock), ''
+        self.arming, self.lapsed = Arming(), ''
         self.trouble = ''
         self.goal: int | None = None  # the photograph, by its number, once it was in view
         self._has_photograph: bool | None = None  # by the last tracks, if any came
@@ -178,7 +175,7 @@ class LiveRun:
         """Take note of tracks; return that they are not of the photograph of the order, or ''."""
         goal, self._has_photograph = read.goal(message), read.has_photograph(message)
         self._tracks = message
-        self.freshness.hear()
+        self.freshness.heard.start()
         self.goal = None if not self._has_photograph else self.goal if goal is None else goal
         if not self.is_armed:
             return ''
@@ -188,7 +185,7 @@ class LiveRun:
         """Return what a start lacks that does not come by itself: images, photograph; or ''."""
         if not self._settings().watchdog:
             return ''
-        quiet = self.freshness.quiet
+        quiet = self.freshness.heard.seconds
         if self._has_photograph is None:
             return (
                 'no tracks have come yet; start camera and tracker, and read in the log of the '
@@ -266,7 +263,7 @@ class LiveRun:
     def advance(self, run: Run, stamp_ns: int, frame_id: str) -> None:
         """Follow a step: command the base, report, and learn for the next."""
         before = self.state
-        self.freshness.step()
+        self.freshness.step.start()
         self.follow(run)
         self._commands.answer(before, self.state, stamp_ns)  # no command depends on what follows
         words = Words(self._standstill()[0] if self.is_armed else '', self.is_armed)
@@ -306,8 +303,8 @@ class LiveRun:
     @property
     def latest_trouble(self) -> str:
         """What keeps a robot that holds from going on, by the latest that is known."""
-        if self.freshness.quiet > QUIET_S:
-            return f'no tracks for {self.freshness.quiet:.1f} s{self.clock_note}'
+        if self.freshness.heard.seconds > QUIET_S:
+            return f'no tracks for {self.freshness.heard.seconds:.1f} s{self.clock_note}'
         return self.trouble or self.state.reason
 
     @property
@@ -321,8 +318,8 @@ class LiveRun:
         reason = f'tracks lost or untrusted for {timeout:g} s: {self.latest_trouble}'
         if withheld:
             reason = f'held for {timeout:g} s: {withheld}'
-        elif self.freshness.quiet <= QUIET_S:
-            reason += f', {self.freshness.quiet:.1f} s ago'
+        elif self.freshness.heard.seconds <= QUIET_S:
+            reason += f', {self.freshness.heard.seconds:.1f} s ago'
         self.insist()
         self._interrupt(Interruption.TIMED_OUT, reason)
         self.report()

@@ -4,16 +4,14 @@ from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
-from rclpy.clock import Clock, ClockType
-
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import are_alike, differences
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.photographs import at_rest, averaged
 from visual_servo_epipolar.nodes import photograph
 from visual_servo_epipolar.nodes.photograph import Photograph
+from visual_servo_epipolar.nodes.steady import Stopwatch
 
 MAX_CAPTURE_AGE_S = 1.0
 
@@ -47,7 +45,7 @@ class Photographer:
     def __init__(self, frames: int, path: str) -> None:
         self._recent: deque[Image] = deque(maxlen=frames)
         self._path = Path(path) if path else None
-        self._seen_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
+        self._seen = Stopwatch()
         self._photograph: Photograph | None = None
 
     def load(self) -> tuple[Image, ...]:
@@ -64,13 +62,13 @@ class Photographer:
             self._recent.clear()
         else:
             self._recent.append(image)
-            self._seen_ns = int(self._steady.now().nanoseconds)
+            self._seen.start()
 
     def capture(self) -> tuple[Image, int]:
         """Return the photograph, and of how many images it is; raises ValueError if it is none."""
         if not self._recent:
             raise ValueError('no usable image is there; check image_raw and camera_info')
-        age = (self._steady.now().nanoseconds - self._seen_ns) / NANOSECONDS
+        age = self._seen.seconds
         if age > MAX_CAPTURE_AGE_S:
             raise ValueError(f'the last image is {age:.1f} s old; check the camera')
         images = list(reversed(self._recent))

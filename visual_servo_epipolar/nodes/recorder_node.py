@@ -21,6 +21,7 @@ from visual_servo_epipolar.nodes.raw_subscriptions import (
 )
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import RecorderNodeSettings
+from visual_servo_epipolar.nodes.steady import STEADY
 
 DISCOVERY_PERIOD_S = 0.2
 PATIENT_DISCOVERIES = 25  # before a topic is missed, five seconds
@@ -54,8 +55,7 @@ class RecorderNode(ManagedNode):
         self._diagnostics_pub = self.create_publisher(
             DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
         )
-        steady_clock = Clock(clock_type=ClockType.STEADY_TIME)  # in simulated time as well
-        self.create_timer(DISCOVERY_PERIOD_S, self._on_discovery, clock=steady_clock)
+        self.create_timer(DISCOVERY_PERIOD_S, self._on_discovery, clock=STEADY)
 
     def activate(self) -> None:
         """Begin a bag, if that is not left to ~/start."""

@@ -5,7 +5,6 @@ import re
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -13,9 +12,9 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.settings import Settings
-from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import event_log, settings_text, write
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.steady import Stopwatch
 
 NUMBER = re.compile(r'[-+]?(?:\d[\d.]*(?:e[-+]?\d+)?|\b(?:nan|inf)\b)')
 MOST = 100  # kinds of complaints that are remembered: texts of others may be in them
@@ -31,19 +30,18 @@ class Complaints:
 
     def __init__(self, node: Node, period_s: float = 5.0) -> None:
         self._node, self._period_s = node, period_s
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._said_ns: dict[str, int] = {}
+        self._said: dict[str, Stopwatch] = {}
 
     def __call__(self, text: str) -> None:
         """Say ``text``, unless that was just done."""
-        kind, now_ns = NUMBER.sub('#', text), int(self._steady.now().nanoseconds)
-        said_ns = self._said_ns.get(kind)
-        if said_ns is None or seconds_between(said_ns, now_ns) >= self._period_s:
-            self._said_ns.pop(kind, None)
-            if len(self._said_ns) >= MOST:
-                del self._said_ns[next(iter(self._said_ns))]
-            self._said_ns[kind] = now_ns
-            self._node.get_logger().warning(text)
+        kind = NUMBER.sub('#', text)
+        if kind in self._said and self._said[kind].seconds < self._period_s:
+            return
+        self._said.pop(kind, None)
+        if len(self._said) >= MOST:
+            del self._said[next(iter(self._said))]
+        self._said[kind] = Stopwatch()
+        self._node.get_logger().warning(text)
 
 
 class NodeReports:
@@ -51,8 +49,7 @@ class NodeReports:
 
     def __init__(self, node: Node) -> None:
         self._node, self._name = node, node.get_fully_qualified_name()
-        self._clock, self._steady = node.get_clock(), Clock(clock_type=ClockType.STEADY_TIME)
-        self._diagnosed_ns = 0
+        self._clock, self._diagnosed = node.get_clock(), Stopwatch(runs=False)
         self._diagnostics_pub = self._publisher(DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS)
         self._settings_pub = self._publisher(String, '~/settings', qos.LATCHED)
         self._events_pub = self._publisher(String, '~/events', qos.DIAGNOSTICS)
@@ -65,10 +62,10 @@ class NodeReports:
     @property
     def silence(self) -> float:
         """Time since the last diagnostics [s], on the steady clock."""
-        return seconds_between(self._diagnosed_ns, self._steady.now().nanoseconds)
+        return self._diagnosed.seconds
 
     def _diagnose(self, message: DiagnosticArray) -> None:
-        self._diagnosed_ns = self._steady.now().nanoseconds
+        self._diagnosed.start()
         self._diagnostics_pub.publish(message)
 
     def settings(self, groups: Sequence[Settings], after_stamp_ns: int | None) -> None:

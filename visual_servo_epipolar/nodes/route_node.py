@@ -193,7 +193,7 @@ class RouteNode(ManagedNode):
 
     def _on_image(self, message: Image | CompressedImage) -> None:
         self.received += 1
-        self._repetition.freshness.hear()
+        self._repetition.freshness.heard.start()
         self._inputs.compare_frames(message.header.frame_id)
         by_info = self._node_settings.projection == CAMERA_INFO
         if by_info and self._camera.model is None:
@@ -321,7 +321,7 @@ class RouteNode(ManagedNode):
         trouble = self._missing or self._camera.static_mount.trouble
         if trouble or not self._node_settings.watchdog:
             return trouble
-        if self._repetition.freshness.quiet > QUIET_S:
+        if self._repetition.freshness.heard.seconds > QUIET_S:
             return 'no images have come for a second; is the camera running?'
         return conflict(self) or self._enable.withheld()
 

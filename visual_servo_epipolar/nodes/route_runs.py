@@ -33,6 +33,7 @@ from visual_servo_epipolar.messages.route_folder import write_route
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.commands import Commands
 from visual_servo_epipolar.nodes.reports import NodeReports
+from visual_servo_epipolar.nodes.steady import STEADY
 from visual_servo_epipolar.nodes.watching import Freshness, IDLE_PERIOD_S, WATCH_PERIOD_S
 
 ResultT = TypeVar('ResultT')
@@ -219,8 +220,8 @@ class RouteRepetition:
         self.last, self._stamp_ns = STANDS, 0
         self._stepped_ns: int | None = None  # stamp of the last image that a step was taken by
         if watched:
-            node.create_timer(WATCH_PERIOD_S, self._on_watch, clock=self.freshness.clock)
-            node.create_timer(IDLE_PERIOD_S, self._on_idle, clock=self.freshness.clock)
+            node.create_timer(WATCH_PERIOD_S, self._on_watch, clock=STEADY)
+            node.create_timer(IDLE_PERIOD_S, self._on_idle, clock=STEADY)
 
     @property
     def is_active(self) -> bool:
@@ -230,7 +231,7 @@ class RouteRepetition:
     def begin(self, run: RouteRun, settings: Sequence[Settings], route: str) -> None:
         """Let a run begin, by the next image; ``settings`` and hash of its ``route`` go out."""
         self.run, self.last, self._of_node = run, run.last, settings[0]
-        self.freshness.renew()
+        self.freshness.fresh.start()
         self._reports.settings(settings, self._stepped_ns)
         self._note(STARTED, route)
         self._reports.standing(self.last)
@@ -253,10 +254,10 @@ class RouteRepetition:
         if trouble:
             self.lose(trouble)
             return
-        self.freshness.renew()
+        self.freshness.fresh.start()
         self._stamp_ns = self._stepped_ns = stamp_ns
         step = run.step(image, stamp_ns)
-        took_s = self.freshness.age
+        took_s = self.freshness.fresh.seconds
         if self._watched and step.twist != STANDSTILL and took_s > self._stale():
             self._reports.progress(step, stamp_ns, frame_id)
             self.lose(
@@ -268,7 +269,7 @@ class RouteRepetition:
             self._reports.progress(step, stamp_ns, frame_id)
             self._reports.standing(step, stamp_ns)
         run.prepare()
-        self.freshness.renew()  # the watch waits for images, not for us
+        self.freshness.fresh.start()  # the watch waits for images, not for us
 
     def _refusal(self, run: RouteRun, stamp_ns: int, max_latency: float) -> str:
         arrival = Arrival(
@@ -294,7 +295,7 @@ class RouteRepetition:
         if self.run is None or self.run.ended:
             return
         self._commands.send(HALT, self._clock.now().nanoseconds)
-        age_ns = round(self.freshness.age * NANOSECONDS)
+        age_ns = round(self.freshness.fresh.seconds * NANOSECONDS)
         if self.last.phase != HOLDING:
             self._logger.warning(f'{reason}, the robot is stopped')
         at_ns = self._stamp_ns + age_ns
@@ -343,7 +344,7 @@ class RouteRepetition:
     def _on_watch(self) -> None:
         """Stop the robot where images stay away or it may not drive, and keep it standing."""
         self.freshness.clock_stands_still()
-        run, age = self.run, self.freshness.age
+        run, age = self.run, self.freshness.fresh.seconds
         if run is None or run.ended:
             if self._commands.repeats:
                 self._commands.send(HALT, self._clock.now().nanoseconds)

@@ -23,6 +23,7 @@ from visual_servo_epipolar.nodes.managed import in_every_state, ManagedNode, ser
 from visual_servo_epipolar.nodes.reports import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+from visual_servo_epipolar.nodes.steady import STEADY
 from visual_servo_epipolar.nodes.watching import Enable, IDLE_PERIOD_S, StopButton, WATCH_PERIOD_S
 
 AHEAD_S = 0.1  # by which an image may be newer than odometry: the base goes on as it did
@@ -79,9 +80,8 @@ class ServoNode(ManagedNode):
             self._standstill,
         )
         if self._node_settings.watchdog:
-            clock = self._live.freshness.clock
-            self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=clock)
-            self.create_timer(IDLE_PERIOD_S, self._on_idle, clock=clock)
+            self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=STEADY)
+            self.create_timer(IDLE_PERIOD_S, self._on_idle, clock=STEADY)
         camera = CameraSubscriptions(self, 'raw', self._node_settings.camera_reliability)
         camera.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
@@ -168,7 +168,7 @@ class ServoNode(ManagedNode):
             live.refuse(trouble)
             return
         if stamp_ns != live.stamp_ns:  # a camera that hangs may repeat its last image for ever
-            live.freshness.renew()
+            live.freshness.fresh.start()
         if live.stamp_ns is not None and stamp_ns <= live.stamp_ns:
             self._warn(NOT_ADVANCING)
         other_goal = live.run.other_goal(read.goal(message)) if live.active else ''
@@ -223,7 +223,7 @@ class ServoNode(ManagedNode):
     @property
     def _is_stale(self) -> bool:
         """Whether tracks have stayed away for too long."""
-        is_late = self._live.freshness.age > self._settings.stale_timeout
+        is_late = self._live.freshness.fresh.seconds > self._settings.stale_timeout
         return self._node_settings.watchdog and is_late
 
     def _on_watch(self) -> None:
@@ -234,13 +234,13 @@ class ServoNode(ManagedNode):
         if live.is_armed and live.arming.has_expired:
             live.expire()
         if self._state.phase.drives:
-            silent = f'no new tracks for {freshness.age:.2f} s{live.clock_note}'
+            silent = f'no new tracks for {freshness.fresh.seconds:.2f} s{live.clock_note}'
             trouble = silent if self._is_stale else self._live.withheld()
             if trouble:
                 live.lose(trouble)
-        elif self._state.phase is Phase.HOLDING and freshness.idle > settings.stale_timeout:
+        elif freshness.holds.runs and freshness.step.seconds > settings.stale_timeout:
             live.insist()
-            if freshness.held > settings.holding_timeout:
+            if freshness.holds.seconds > settings.holding_timeout:
                 live.time_out(settings.holding_timeout, self._live.withheld())
         elif self._commands.repeats:
             live.insist()

@@ -11,6 +11,7 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.tracking import TrackingResult
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.reports import NodeReports
+from visual_servo_epipolar.nodes.steady import STEADY, Stopwatch
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 LOOK_PERIOD_S, REPEAT_S = 1.0, 30.0
@@ -25,7 +26,7 @@ class TrackerReports(NodeReports):
         super().__init__(node)
         self._complained, self._photograph = False, ''  # of the last tracks
         self.expect_images()
-        node.create_timer(LOOK_PERIOD_S, self._look, clock=self._steady)
+        node.create_timer(LOOK_PERIOD_S, self._look, clock=STEADY)
         self._overlay_pub = self._publisher(Image, 'overlay/image_raw', qos.STREAM)
         self._desired_pub = self._publisher(Image, '~/desired/image_raw', qos.LATCHED)
 
@@ -41,7 +42,7 @@ class TrackerReports(NodeReports):
 
     def expect_images(self, words: str = 'no image has come yet') -> None:
         """Count anew how long no image is tracked, and say by these ``words`` which is missing."""
-        self._missing, self._since_ns = words, int(self._steady.now().nanoseconds)
+        self._missing, self._since = words, Stopwatch()
 
     def miss(self, words: str) -> None:
         """Say by these ``words`` from now on why no image is tracked."""
@@ -49,7 +50,7 @@ class TrackerReports(NodeReports):
 
     def _look(self) -> None:
         """Publish that no image is tracked, and since when, as long as that lasts."""
-        age_s = seconds_between(self._since_ns, int(self._steady.now().nanoseconds))
+        age_s = self._since.seconds
         simulated = self._node.get_parameter('use_sim_time').value
         if age_s < (SIMULATED_SILENT_S if simulated else SILENT_S):
             return

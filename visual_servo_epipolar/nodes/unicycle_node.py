@@ -6,14 +6,13 @@ from typing import Any
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 import numpy as np
-from rclpy.clock import Clock, ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, transforms, write
-from visual_servo_epipolar.nodes import parameters, qos
+from visual_servo_epipolar.nodes import parameters, qos, steady
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.managed import ParameterNode, serve
 from visual_servo_epipolar.nodes.startup.run import spin
@@ -42,7 +41,6 @@ class UnicycleNode(ParameterNode):
         parameters.finish(self, options)
         parameters.watch(self, '_settings')  # the start counts from the next reset
         parameters.watch(self, '_base_settings', self._use)
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.steps = 0
         self._stand_at_the_start()
         self._truth_pub = self.create_publisher(Odometry, 'ground_truth', qos.STREAM)
@@ -56,10 +54,10 @@ class UnicycleNode(ParameterNode):
             self._clock_pub = self.create_publisher(ClockMessage, '/clock', qos.CLOCK)
             if self._settings.begin:
                 self._waiting = self.create_timer(
-                    BEGIN_PERIOD_S, self._on_waiting, clock=self._steady
+                    BEGIN_PERIOD_S, self._on_waiting, clock=steady.STEADY
                 )
         else:
-            self.create_timer(1.0 / self._settings.rate, self._on_tick, clock=self._steady)
+            self.create_timer(1.0 / self._settings.rate, self._on_tick, clock=steady.STEADY)
 
     def begin(self) -> None:
         """Publish where the robot stands: in lockstep this sets the chain of nodes going."""
@@ -79,7 +77,7 @@ class UnicycleNode(ParameterNode):
 
     def _new_base(self) -> SimulatedBase:
         start = Pose.from_start(*self._settings.start)
-        now_ns = 0 if self._settings.lockstep else self._steady.now().nanoseconds
+        now_ns = 0 if self._settings.lockstep else steady.now_ns()
         settings = model_settings(self._settings.model, self._base_settings)
         return new_base(settings, start, seed=self._settings.seed, now_ns=now_ns)
 
@@ -109,7 +107,7 @@ class UnicycleNode(ParameterNode):
 
     def _on_tick(self) -> None:
         moving = self._base.twist != STANDSTILL
-        self._base.advance(self._steady.now().nanoseconds)
+        self._base.advance(steady.now_ns())
         if moving and self._base.timed_out:
             self.get_logger().warning(
                 f'no cmd_vel for {self._base_settings.command_timeout:g} s, the base stops',

@@ -3,89 +3,47 @@
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.managed import in_every_state, ManagedNode
+from visual_servo_epipolar.nodes.steady import STEADY, Stopwatch
 
 WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0  # of looks at what drives, and at what stands
 
 
 class Freshness:
     """
-    Time since the last new tracks and since the servo holds, on the steady ``clock``.
+    Stopwatches since tracks were ``heard``, ``fresh`` ones, since a ``step``, since it ``holds``.
 
-    ``node_clock`` is that of the node, simulated or not.
-
-    A simulated clock stands still where its publisher dies, and the wall clock is set at times.
+    ``clock`` is that of the node, simulated or not: a simulated one stands still where its
+    publisher dies, and the wall clock is set at times.
     """
 
-    def __init__(self, node_clock: Clock) -> None:
-        self.clock, self._node_clock = Clock(clock_type=ClockType.STEADY_TIME), node_clock
-        self._time_ns, self._time_since_ns = -1, 0  # of the node, and since when it is that
-        self._begin_ns = self._now_ns()
-        self._stepped_ns = self._begin_ns
-        self._heard_ns = self._begin_ns
-        self._fresh_ns: int | None = None
-        self._holding_ns: int | None = None
-
-    def hear(self) -> None:
-        """Note that tracks have come, be they usable or not."""
-        self._heard_ns = self._now_ns()
-
-    def renew(self) -> None:
-        """Note that new tracks have come."""
-        self._fresh_ns = self._now_ns()
-
-    def step(self) -> None:
-        """Note that tracks have led to a step."""
-        self._stepped_ns = self._now_ns()
+    def __init__(self, clock: Clock) -> None:
+        self._clock, self._time_ns, self._time = clock, -1, Stopwatch()
+        self.heard, self.fresh, self.step = Stopwatch(), Stopwatch(), Stopwatch()
+        self.holds = Stopwatch(runs=False)
 
     def follow(self, phase: Phase) -> None:
         """Note the phase that the servo is in."""
         if phase is not Phase.HOLDING:
-            self._holding_ns = None
-        elif self._holding_ns is None:
-            self._holding_ns = self._now_ns()
-
-    @property
-    def age(self) -> float:
-        """Time since the last new tracks [s], or since the beginning."""
-        return self._since(self._begin_ns if self._fresh_ns is None else self._fresh_ns)
-
-    @property
-    def quiet(self) -> float:
-        """Time since any tracks came [s], or since the beginning."""
-        return self._since(self._heard_ns)
-
-    @property
-    def idle(self) -> float:
-        """Time since the last step [s], or since the beginning."""
-        return self._since(self._stepped_ns)
-
-    @property
-    def held(self) -> float:
-        """Time since the servo began to hold [s], 0 where it does not."""
-        return 0.0 if self._holding_ns is None else self._since(self._holding_ns)
+            self.holds.stop()
+        elif not self.holds.runs:
+            self.holds.start()
 
     def clock_stands_still(self) -> float:
         """Look at the clock of the node, and return for how long it has stood still [s]."""
-        time_ns, now_ns = int(self._node_clock.now().nanoseconds), self._now_ns()
+        time_ns = int(self._clock.now().nanoseconds)
         if time_ns != self._time_ns:
-            self._time_ns, self._time_since_ns = time_ns, now_ns
-        return seconds_between(self._time_since_ns, now_ns)
-
-    def _since(self, moment_ns: int) -> float:
-        return seconds_between(moment_ns, self._now_ns())
-
-    def _now_ns(self) -> int:
-        return int(self.clock.now().nanoseconds)
+            self._time_ns = time_ns
+            self._time.start()
+        return self._time.seconds
 
 
 # Of several buttons no message says which one sent it: one that is pressed still says so again.
@@ -153,8 +111,7 @@ class StopButton:
         if self._asking is not None:
             return
         self._said_again = False
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        timer = self._node.create_timer(RELEASE_S, self._decide, clock=steady)
+        timer = self._node.create_timer(RELEASE_S, self._decide, clock=STEADY)
         self._asking = self._subscribe(qos.LATCHED_SWITCH, self._press), timer
         self._node.keep(timer)
 
@@ -183,9 +140,7 @@ class Enable:
     def __init__(self, node: Node, timeout: float, on_withdrawn: Callable[[str], None]) -> None:
         self._timeout, self._on_withdrawn = timeout, on_withdrawn
         self._topic = node.resolve_topic_name(ENABLE)
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._heard_ns: int | None = None
-        self._enabled = False
+        self._heard, self._enabled = Stopwatch(runs=False), False
         if timeout > 0.0:
             node.create_subscription(Bool, ENABLE, self._hear, qos.SWITCH)
 
@@ -193,19 +148,19 @@ class Enable:
         """Return why the robot is not enabled now; or ''."""
         if self._timeout == 0.0:
             return ''
-        if self._heard_ns is None:
+        if not self._heard.runs:
             return (
                 f'no message has come on {self._topic} yet; publish a true there at least every '
                 f'{self._timeout:g} s'
             )
         if not self._enabled:
             return f'{self._topic} is false'
-        age = seconds_between(self._heard_ns, int(self._steady.now().nanoseconds))
+        age = self._heard.seconds
         return f'the last true on {self._topic} is {age:.1f} s old' if age > self._timeout else ''
 
     @in_every_state  # what was enabled before may not be any more
     def _hear(self, message: Bool) -> None:
-        self._heard_ns = int(self._steady.now().nanoseconds)
+        self._heard.start()
         self._enabled = bool(message.data)
         if not self._enabled:
             self._on_withdrawn(self.withheld())

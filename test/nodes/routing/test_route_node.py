@@ -122,14 +122,11 @@ def test_a_robot_whose_images_stop_stands(driving) -> None:
     driving.bench.until(lambda: not driving.stands, 'the robot to go on')
 
 
-def test_a_step_that_took_too_long_is_not_driven_by(driving, monkeypatch) -> None:
-    freshness, step = driving.node._repetition.freshness, RouteRun.step
-    now_ns = freshness._now_ns()
-    monkeypatch.setattr(freshness, '_now_ns', lambda: now_ns)
+def test_a_step_that_took_too_long_is_not_driven_by(driving, clock, monkeypatch) -> None:
+    step = RouteRun.step
 
     def slow(run: RouteRun, image: Image, stamp_ns: int) -> RouteStep:
-        nonlocal now_ns
-        now_ns += 10**9
+        clock.go_on(1.0)
         return step(run, image, stamp_ns)
 
     monkeypatch.setattr(RouteRun, 'step', slow)
@@ -279,8 +276,8 @@ def test_without_a_folder_nothing_begins(bench, tmp_path) -> None:
         assert not success and 'names no folder; set it: ros2 param set /route_node route' in text
 
 
-def test_without_images_nothing_begins(rig) -> None:
-    rig.node._repetition.freshness._heard_ns -= 2 * 10**9
+def test_without_images_nothing_begins(rig, clock) -> None:
+    clock.go_on(2.0)
     success, text = rig.call('repeat')
     assert not success and 'no images have come' in text
 

@@ -3,14 +3,13 @@
 import pytest
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo
-from servo_rig import HandSetClock, Rig, some, STAMP_NS
+from servo_rig import Rig, some, STAMP_NS
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 
 GOAL, OTHER = 11, 12  # numbers of photographs
-SECOND = 1_000_000_000
 IMAGES = 3
 
 
@@ -41,14 +40,21 @@ class Armed(Rig):
         assert all(twist == STANDSTILL for twist in self.twists())
 
     def let_time_pass(self, seconds: float) -> None:
-        """Set the steady clock of the order, and let the watchdog look."""
-        clock = self.run.arming._clock
-        if not isinstance(clock, HandSetClock):
-            now_ns = clock.now().nanoseconds
-            clock = self.run.arming._clock = HandSetClock()
-            clock.now_ns = now_ns
-        clock.now_ns += round(seconds * SECOND)
+        """Let the steady clock go on, and the watchdog look."""
+        self.clock.go_on(seconds)
         self.watch()
+
+
+@pytest.fixture
+def armed(bench, clock):
+    """Return how to make a servo whose steady clock is set by hand."""
+
+    def make(**values) -> Armed:
+        rig = Armed(bench, **values)
+        rig.clock = clock
+        return rig
+
+    return make
 
 
 def test_without_a_camera_it_is_not_started_by_one_that_comes_later(bench) -> None:
@@ -86,13 +92,10 @@ def test_without_tracks_it_is_not_started_by_those_that_come_later(bench) -> Non
     rig.stands()
 
 
-def test_tracks_that_have_stopped_coming_are_none(bench) -> None:
-    rig = Armed(bench, stale_timeout=0.5)
+def test_tracks_that_have_stopped_coming_are_none(armed) -> None:
+    rig = armed(stale_timeout=0.5)
     rig.see()
-    freshness = rig.run.freshness
-    clock = HandSetClock()
-    clock.now_ns = freshness.clock.now().nanoseconds + 3 * SECOND
-    freshness.clock = clock
+    rig.clock.go_on(3.0)
     answer = rig.order()
     assert (answer.success, 'no tracks have come for 3 s' in answer.message) == (False, True)
 
@@ -113,8 +116,8 @@ def test_where_nothing_is_missing_it_drives_by_the_next_image(bench) -> None:
     rig.says('displacing')
 
 
-def test_a_photograph_out_of_view_arms_it_for_a_while(bench) -> None:
-    rig = Armed(bench)
+def test_a_photograph_out_of_view_arms_it_for_a_while(bench, armed) -> None:
+    rig = armed()
     rig.show()
     answer = rig.order()
     text = 'armed, will drive once this is resolved: no feature of the photograph is in view'
@@ -128,8 +131,8 @@ def test_a_photograph_out_of_view_arms_it_for_a_while(bench) -> None:
 
 
 @pytest.mark.parametrize('timeout', [10.0, 2.0])
-def test_an_order_lapses_by_which_no_run_has_begun_in_time(bench, timeout) -> None:
-    rig = Armed(bench, arming_timeout=timeout)
+def test_an_order_lapses_by_which_no_run_has_begun_in_time(bench, armed, timeout) -> None:
+    rig = armed(arming_timeout=timeout)
     rig.show()
     assert rig.order().success
     rig.let_time_pass(timeout + 0.1)
@@ -144,8 +147,8 @@ def test_an_order_lapses_by_which_no_run_has_begun_in_time(bench, timeout) -> No
     assert rig.twists()[-1] != STANDSTILL
 
 
-def test_a_run_that_has_begun_does_not_lapse(bench) -> None:
-    rig = Armed(bench)
+def test_a_run_that_has_begun_does_not_lapse(armed) -> None:
+    rig = armed()
     rig.see()
     assert rig.order().success
     rig.see()
@@ -182,8 +185,8 @@ def test_a_photograph_that_goes_ends_an_order(bench) -> None:
     assert '~/start has expired, the photograph is gone' in rig.message
 
 
-def test_a_clock_that_comes_minutes_later_sets_nothing_moving(bench) -> None:
-    rig = Armed(bench, max_latency=0.5, use_sim_time=True)
+def test_a_clock_that_comes_minutes_later_sets_nothing_moving(bench, armed) -> None:
+    rig = armed(max_latency=0.5, use_sim_time=True)
     rig.see()
     answer = rig.order()
     assert (answer.success, 'is /clock published?' in answer.message) == (True, True)
@@ -194,8 +197,8 @@ def test_a_clock_that_comes_minutes_later_sets_nothing_moving(bench) -> None:
     rig.stands()
 
 
-def test_by_autostart_it_is_armed_for_good_and_for_any_photograph(bench) -> None:
-    rig = Armed(bench, autostart=True)
+def test_by_autostart_it_is_armed_for_good_and_for_any_photograph(armed) -> None:
+    rig = armed(autostart=True)
     rig.says('armed')
     rig.goal = 0
     rig.show()
@@ -209,8 +212,8 @@ def test_by_autostart_it_is_armed_for_good_and_for_any_photograph(bench) -> None
     assert rig.twists()[-1] != STANDSTILL
 
 
-def test_after_a_stop_an_order_lapses_with_autostart_as_well(bench) -> None:
-    rig = Armed(bench, autostart=True)
+def test_after_a_stop_an_order_lapses_with_autostart_as_well(bench, armed) -> None:
+    rig = armed(autostart=True)
     rig.show()
     assert bench.call('servo_node/stop').success
     rig.says('waiting')

@@ -1,7 +1,7 @@
 """Why a run stands, holds or fails, by its latest reason."""
 
 import pytest
-from servo_rig import HandSetClock, Rig, some
+from servo_rig import Rig, some
 
 from visual_servo_epipolar.nodes.driving_inputs import NO_CAMERA
 
@@ -25,29 +25,22 @@ def test_a_robot_that_holds_stands_for_the_latest_reason(bench) -> None:
     assert rig.reason == 'an image of this year'
 
 
-def hear_and_wait(run, seconds: float) -> None:
-    """Let tracks come, and time pass from then on."""
-    run.freshness.clock = clock = HandSetClock()
-    run.freshness.hear()
-    clock.now_ns += round(seconds * 1e9)
-
-
-def test_a_run_fails_for_the_latest_reason_with_its_age(bench) -> None:
+def test_a_run_fails_for_the_latest_reason_with_its_age(bench, clock) -> None:
     rig = Rig(bench).drive()
     run = rig.run
     run.lose('no new tracks for 0.51 s')
     run.refuse('an image of last year')
-    hear_and_wait(run, 0.4)
+    clock.go_on(0.4)
     run.time_out(5.0)
     reason = rig.reason
     assert reason.startswith('tracks lost or untrusted for 5 s: an image of last year, 0.4')
 
 
-def test_where_tracks_end_in_a_hold_it_fails_for_that(bench) -> None:
+def test_where_tracks_end_in_a_hold_it_fails_for_that(bench, clock) -> None:
     rig = Rig(bench).drive()
     run = rig.run
     run.lose('an image of last year')
-    hear_and_wait(run, 4.9)
+    clock.go_on(4.9)
     run.time_out(5.0)
     assert rig.reason == 'tracks lost or untrusted for 5 s: no tracks for 4.9 s'
 

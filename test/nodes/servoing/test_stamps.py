@@ -5,7 +5,7 @@ from lifecycles import go
 import pytest
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
-from servo_rig import AWAY, HandSetClock, Rig, STAMP_NS, tracks
+from servo_rig import AWAY, Rig, STAMP_NS, tracks
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
@@ -176,7 +176,7 @@ def test_a_simulated_clock_that_stands_still_is_not_the_driver_s(still_s, text) 
     assert text in refusal(Arrival(STAMP_NS + SECOND, STAMP_NS, still_s), 0.5)
 
 
-def test_where_clock_freezes_and_images_go_on_that_is_the_reason(bench) -> None:
+def test_where_clock_freezes_and_images_go_on_that_is_the_reason(bench, clock) -> None:
     rig = Rig(bench, max_latency=0.5, use_sim_time=True)
     tick = bench.talk(Clock, '/clock', qos.CLOCK)
     for _ in range(2):
@@ -184,11 +184,8 @@ def test_where_clock_freezes_and_images_go_on_that_is_the_reason(bench) -> None:
         bench.until(lambda: rig.node.get_clock().now().nanoseconds == rig.stamp_ns, 'the clock')
         rig.see()
     assert rig.twists()[-1] != STANDSTILL
-    freshness = rig.run.freshness
-    freshness.clock_stands_still()
-    clock = HandSetClock()
-    clock.now_ns = freshness.clock.now().nanoseconds + 2 * SECOND
-    freshness.clock = clock
+    rig.watch()
+    clock.go_on(2.0)
     rig.stamp_ns += 2 * SECOND
     rig.see()
     assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
-from servo_rig import HandSetClock
 from std_msgs.msg import String
 import tracker_rig
 from tracker_rig import message
@@ -341,11 +340,10 @@ NO_IMAGE = 'no usable image is there; check image_raw and camera_info'
 
 
 @pytest.mark.parametrize(('age', 'old'), [(0.95, False), (1.05, True)])
-def test_an_image_of_a_camera_that_fell_silent_is_no_photograph(age, old) -> None:
+def test_an_image_of_a_camera_that_fell_silent_is_no_photograph(clock, age, old) -> None:
     photographer = Photographer(3, '')
-    clock = photographer._steady = HandSetClock()
     photographer.see(IMAGE)
-    clock.now_ns += round(age * 1e9)
+    clock.go_on(age)
     if not old:
         assert photographer.capture()[1] == 1
         return
