@@ -11,6 +11,7 @@ from visual_servo_epipolar.nodes.startup.launching import (
     numbers,
     our_node,
     own,
+    own_tf,
     rig,
     UNSET_OR_BOOLEAN,
 )
@@ -30,11 +31,6 @@ def generate_launch_description():
     return LaunchDescription(
         [
             argument('namespace'),
-            argument(
-                'frame_prefix',
-                '',
-                'Put before the frames of the robot, as robot1/; they share the world',
-            ),
             argument(
                 'params_file', '', 'Parameters of tracker and servo, as in config/robot.yaml'
             ),
@@ -79,16 +75,17 @@ def world(context):
     camera_files = [config('camera_node.yaml')]
     if value['camera_size'] == '640x480':
         camera_files.append(config('camera_node_640x480.yaml'))
-    files, more = (
-        [*rig(value['rig']), *own(value['world_file'])],
-        given(value, seed=int, frame_prefix=str),
-    )
+    files, more = [*rig(value['rig']), *own(value['world_file'])], given(value, seed=int)
     start = [{'start': numbers(value['start'])}] if value['start'] else []
     base = [config('unicycle_node.yaml'), *files, *start, *more]
     return [
-        our_node(value, 'unicycle_node', base, ['cmd_vel']),
+        our_node(value, 'unicycle_node', base, ['cmd_vel'], ['/tf']),
         our_node(
-            value, 'camera_node', [*camera_files, *files, *more], ['image_raw', 'camera_info']
+            value,
+            'camera_node',
+            [*camera_files, *files, *more],
+            ['image_raw', 'camera_info'],
+            ['/tf_static'],
         ),
     ]
 
@@ -96,13 +93,12 @@ def world(context):
 def controller(context):
     """Return tracker and servo, as they run on a real robot."""
     value = context.launch_configurations
-    files, prefix = [*rig(value['rig']), *own(value['params_file'])], value['frame_prefix']
-    base_frame = [{'base_frame': f'{prefix}base_link'}] if prefix else []
+    files = [*rig(value['rig']), *own(value['params_file'])]
     tracker = [config('tracker_node.yaml'), *files, *given(value, desired_image=str)]
-    servo = [config('servo_node.yaml'), *files, *base_frame, *given(value, autostart=bool)]
+    servo = [config('servo_node.yaml'), *files, *given(value, autostart=bool)]
     return [
         our_node(value, 'tracker_node', tracker, ['image_raw', 'camera_info']),
-        our_node(value, 'servo_node', servo, ['camera_info', 'cmd_vel']),
+        our_node(value, 'servo_node', servo, ['camera_info', 'cmd_vel'], ['/tf_static']),
     ]
 
 
@@ -111,7 +107,7 @@ def onlookers(context):
     value = context.launch_configurations
     namespace = value['namespace'].strip('/')
     # In a namespace: of this robot alone, what robots share, and what was sent elsewhere.
-    topics = [f'/{namespace}/*', '/diagnostics', '/tf*', '/clock']
+    topics = [f'/{namespace}/*', '/diagnostics', '/clock']
     topics += [
         value[name] for name in ('image', 'camera_info', 'cmd_vel') if value[name][0] == '/'
     ]
@@ -125,12 +121,13 @@ def onlookers(context):
         package='rviz2',
         executable='rviz2',
         namespace=value['namespace'],
-        arguments=['-d', config('visual_servo.rviz'), '-f', f'{value["frame_prefix"]}odom'],
+        arguments=['-d', config('visual_servo.rviz')],
         parameters=given(value, use_sim_time=bool),
         remappings=[
             ('/image_raw', value['image']),
             ('/camera_info', value['camera_info']),
             *((f'/{topic}', topic) for topic in SHOWN),
+            *own_tf(value, '/tf', '/tf_static'),
         ],
     )
     return [*([recorder] if value['record'] else []), *([rviz] if value['rviz'] == 'true' else [])]

@@ -21,7 +21,6 @@ from visual_servo_epipolar.messages.joints import (
     read_head_command,
     read_joints,
 )
-from visual_servo_epipolar.nodes.startup.settings import frame_name
 from visual_servo_epipolar.simulation.rigs import CameraMount
 
 NAMES = 'pan_joint', 'tilt_joint'
@@ -142,16 +141,3 @@ def test_with_tf2_msgs_its_message_holds_all_transforms(monkeypatch) -> None:
     kind = transforms.tf_message_class()
     assert kind is SimpleNamespace
     assert transforms.tf_message(kind, tuple(both)).transforms == both
-
-
-def test_the_full_name_of_a_frame_has_its_prefix() -> None:
-    assert frame_name('robot1/', 'base_link') == 'robot1/base_link'
-    assert frame_name('', 'odom') == 'odom'
-
-
-@pytest.mark.parametrize(
-    ('prefix', 'name'), [('', ''), ('robot1/', ''), ('', '/odom'), ('/r/', 'o')]
-)
-def test_a_name_that_tf2_refuses_is_refused_at_once(prefix, name) -> None:
-    with pytest.raises(ValueError, match="must have a name that does not begin with /, got '"):
-        frame_name(prefix, name)

@@ -159,9 +159,6 @@ def test_a_pose_that_is_not_finite_is_refused_and_the_next_one_seen(camera) -> N
     assert camera.stamps() == [PERIOD_NS]
 
 
-FRAMES = {'odom_frame': 'o', 'base_frame': 'b', 'frame_prefix': 'robot1/'}
-
-
 @pytest.fixture
 def sent(monkeypatch):
     """Return the list of what the broadcasters are given to send."""
@@ -213,41 +210,18 @@ def test_the_camera_hangs_on_the_base_once_and_for_all(bench, sent) -> None:
     np.testing.assert_allclose(forward, [math.cos(0.2), math.sin(0.2), 0.0], atol=1e-12)
 
 
-def test_robots_share_the_world_and_no_other_frame(bench, sent) -> None:
+def test_frames_are_named_by_parameters(bench, sent) -> None:
     truth, odometry = bench.listen(Odometry, 'ground_truth'), bench.listen(Odometry, 'odom')
-    node = bench.start(UnicycleNode, lockstep=True, begin=False, **FRAMES)
-    node.begin()
-    bench.until(lambda: bool(truth and odometry), 'truth and odometry')
-    assert (truth[0].header.frame_id, truth[0].child_frame_id) == ('world', 'robot1/b')
-    assert (odometry[0].header.frame_id, odometry[0].child_frame_id) == ('robot1/o', 'robot1/b')
-    assert [message.header.frame_id for message in sent[-1]] == ['world', 'robot1/o']
-    assert [message.child_frame_id for message in sent[-1]] == ['robot1/o', 'robot1/b']
-
-
-def test_images_and_camera_info_name_the_frame_of_this_robots_camera(bench, sent) -> None:
     images, infos = bench.listen(Image, 'image_raw'), bench.listen(CameraInfo, 'camera_info')
-    see = bench.talk(Odometry, 'ground_truth')
-    values = {'camera_frame': 'eye_optical_frame', 'base_frame': 'b', 'frame_prefix': 'robot2/'}
-    bench.start(CameraNode, **MINUTE, **values)
-    see(write.odometry(Pose(0.0, -2.0, 1.5), STANDSTILL, 7, 'world', 'robot2/b'))
-    bench.until(lambda: bool(images and infos), 'an image')
-    assert images[0].header.frame_id == infos[0].header.frame_id == 'robot2/eye_optical_frame'
-    assert sent[0][0].header.frame_id == 'robot2/b'
-    assert sent[0][0].child_frame_id == 'robot2/eye_optical_frame'
-
-
-@pytest.mark.parametrize(
-    ('kind', 'values'),
-    [
-        (UnicycleNode, {'odom_frame': '/odom'}),
-        (UnicycleNode, {'world_frame': ''}),
-        (CameraNode, {**MINUTE, 'camera_frame': ''}),
-        (CameraNode, {**MINUTE, 'frame_prefix': '/robot1/'}),
-    ],
-)
-def test_a_frame_that_tf2_refuses_is_refused_at_the_start(bench, kind, values) -> None:
-    with pytest.raises(ValueError, match='a frame must have a name that does not begin with /'):
-        bench.start(kind, **values)
+    node = bench.start(UnicycleNode, lockstep=True, begin=False, odom_frame='o', base_frame='b')
+    bench.start(CameraNode, **MINUTE, camera_frame='eye_optical_frame', base_frame='b')
+    node.begin()
+    bench.until(lambda: bool(truth and odometry and images and infos), 'all of them')
+    assert (truth[0].header.frame_id, truth[0].child_frame_id) == ('world', 'b')
+    assert (odometry[0].header.frame_id, odometry[0].child_frame_id) == ('o', 'b')
+    assert images[0].header.frame_id == infos[0].header.frame_id == 'eye_optical_frame'
+    ends = [(it.header.frame_id, it.child_frame_id) for each in sent for it in each]
+    assert ends == [('b', 'eye_optical_frame'), ('world', 'o'), ('o', 'b')]
 
 
 def test_without_tf2_msgs_it_says_so_once(bench, monkeypatch) -> None:

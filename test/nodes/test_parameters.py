@@ -19,7 +19,6 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings, StationSett
 from visual_servo_epipolar.core.settings import parameters_of, range_of
 from visual_servo_epipolar.core.tracking.tracker import TrackerSettings
 from visual_servo_epipolar.nodes.camera_node import (
-    CameraFrames,
     CameraNode,
     CameraRig,
     HeadSettings,
@@ -47,7 +46,6 @@ NODES = {
             CameraRig,
             DisturbanceSettings,
             LightSettings,
-            CameraFrames,
         ),
     ),
     'tracker_node': (TrackerNode, (TrackerNodeSettings, TrackerSettings)),

@@ -19,7 +19,7 @@ from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.managed import ParameterNode
 from visual_servo_epipolar.nodes.startup.run import spin
-from visual_servo_epipolar.nodes.startup.settings import CameraFrames, CameraRig
+from visual_servo_epipolar.nodes.startup.settings import CameraRig
 from visual_servo_epipolar.simulation.bases import Nod
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import (
@@ -48,7 +48,6 @@ class CameraNode(ParameterNode):
         self._rig = parameters.declare(self, CameraRig)
         self._disturbances = parameters.declare(self, DisturbanceSettings)
         self._light = parameters.declare(self, LightSettings)
-        self._names = parameters.declare(self, CameraFrames)
         parameters.finish(self, options)
         parameters.watch(self, '_settings', self._use)
         parameters.watch(self, '_head_settings', self._use_head)
@@ -79,7 +78,10 @@ class CameraNode(ParameterNode):
         """Return where the camera sits on the base; the floor's jitter is unknown."""
         mount, base = self._settings.mount, Pose(0.0, 0.0, 0.0)
         return transforms.mount_transform(
-            self._names.base, self._names.camera, mount.R_world_camera(base), mount.centre(base)
+            self._rig.base_frame,
+            self._rig.camera_frame,
+            mount.R_world_camera(base),
+            mount.centre(base),
         )
 
     def _on_rig(self) -> CameraSettings:
@@ -145,7 +147,7 @@ class CameraNode(ParameterNode):
         self._simulator.move(twist, nod)
         image = self._simulator.capture(pose, self._frame)
         self._frame += 1
-        info = write.camera_info(self._info, stamp_ns, self._names.camera)
+        info = write.camera_info(self._info, stamp_ns, self._rig.camera_frame)
         self._info_pub.publish(info)
         self._image_pub.publish(self._message(image, stamp_ns))
 
@@ -164,7 +166,7 @@ class CameraNode(ParameterNode):
         encoding = self._settings.encoding
         if encoding == 'bgr8':
             image = np.asarray(cv2.merge([image] * 3), np.uint8)
-        return write.image(image, encoding, stamp_ns, self._names.camera)
+        return write.image(image, encoding, stamp_ns, self._rig.camera_frame)
 
 
 if __name__ == '__main__':

@@ -15,7 +15,7 @@ def now_ns() -> int:
 
 
 class Stopwatch:
-    """Time since its last start, on the steady clock; ``runs`` from the beginning unless told."""
+    """Time since the last start, on the steady clock; unless it ``runs`` it is not started yet."""
 
     def __init__(self, *, runs: bool = True) -> None:
         self._begin_ns = now_ns() if runs else None

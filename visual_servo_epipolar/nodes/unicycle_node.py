@@ -116,39 +116,45 @@ class UnicycleNode(ParameterNode):
         self._publish()
 
     def _publish(self) -> None:
-        lockstep, names = self._settings.lockstep, self._settings
+        lockstep, names, base = self._settings.lockstep, self._settings, self._base
         stamp_ns = self._base.now_ns if lockstep else self.get_clock().now().nanoseconds
         if lockstep:
             self._clock_pub.publish(write.clock(stamp_ns))
-        base, (world, _, frame) = self._base, names.frames
         self._reckoning = self._reckoning.advanced(base.odometry, base.now_ns)
-        self._applied_pub.publish(write.twist_stamped(base.twist, stamp_ns, frame))
+        self._applied_pub.publish(write.twist_stamped(base.twist, stamp_ns, names.base_frame))
         self._odom_pub.publish(self._odometry(stamp_ns))
         self._send_transforms(stamp_ns)
-        truth = write.odometry(base.pose, base.twist, stamp_ns, world, frame, pitch=nod_of(base))
+        truth = write.odometry(
+            base.pose,
+            base.twist,
+            stamp_ns,
+            names.world_frame,
+            names.base_frame,
+            pitch=nod_of(base),
+        )
         self._truth_pub.publish(truth)
 
     def _send_transforms(self, stamp_ns: int) -> None:
         """Send what a localiser would: the tree is right about base_link in the world."""
-        world, odom, frame = self._settings.frames
-        origin = world_to_odometry(self._base.pose, self._reckoning.pose)
+        names, wheels = self._settings, self._reckoning.pose
+        origin = world_to_odometry(self._base.pose, wheels)
         self._tf.send(
             [
-                transforms.on_the_floor(world, odom, origin, stamp_ns),
-                transforms.on_the_floor(odom, frame, self._reckoning.pose, stamp_ns),
+                transforms.on_the_floor(names.world_frame, names.odom_frame, origin, stamp_ns),
+                transforms.on_the_floor(names.odom_frame, names.base_frame, wheels, stamp_ns),
             ]
         )
 
     def _odometry(self, stamp_ns: int) -> Odometry:
         """Return what the wheels say: drifting, and aware of it."""
-        reckoning, (_, odom, frame) = self._reckoning, self._settings.frames
+        reckoning, names = self._reckoning, self._settings
         place, speeds = reckoning.variances(self._base_settings.odometry_noise)
         return write.odometry(
             reckoning.pose,
             reckoning.twist,
             stamp_ns,
-            odom,
-            frame,
+            names.odom_frame,
+            names.base_frame,
             pose_covariance=np.diag(place),
             twist_covariance=np.diag(speeds),
         )

@@ -56,16 +56,22 @@ def our_node(
     executable: str,
     parameters: Sequence[Any],
     topics: Sequence[str] = (),
+    frames: Sequence[str] = (),
 ) -> Node:
-    """Return a node of this package, with ``topics`` remapped as the arguments say."""
+    """Return a node of this package, ``topics`` remapped as arguments say; ``frames`` are tf's."""
     return Node(
         package=PACKAGE,
         executable=executable,
         namespace=value['namespace'],
         parameters=[*parameters, *given(value, use_sim_time=bool)],
-        remappings=[(topic, value[TOPICS[topic]]) for topic in topics],
+        remappings=[*((topic, value[TOPICS[topic]]) for topic in topics), *own_tf(value, *frames)],
         output='screen',
     )
+
+
+def own_tf(value: Mapping[str, str], *topics: str) -> list[tuple[str, str]]:
+    """Return remappings by which robots in namespaces have a tree of frames each, as in Nav2."""
+    return [(topic, topic[1:]) for topic in topics] if value['namespace'] else []
 
 
 def config(*names: str) -> PathJoinSubstitution:

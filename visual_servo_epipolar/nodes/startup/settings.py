@@ -8,6 +8,7 @@ from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_s
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 
 HEAD_COMMANDS = ('position', 'velocity', 'trajectory')
+OWN_TF = '-r /tf:=tf -r /tf_static:=tf_static in a namespace'  # of a frame_prefix
 
 
 def _reliability(what: str) -> Any:
@@ -184,6 +185,9 @@ class TrackerNodeSettings(ImageSettings):
 class UnicycleSettings(Settings):
     """Where the robot starts, and whose time it lives in."""
 
+    RENAMED: ClassVar[Mapping[str, str]] = {'frame_prefix': OWN_TF}
+    GONE: ClassVar[Mapping[str, Any]] = {'frame_prefix': ''}
+
     start: tuple[float, float, float] = setting(
         (1.0, -3.5, 8.0), 'Start in the plane of the paper: x [m], y [m], heading error [deg]'
     )
@@ -203,9 +207,6 @@ class UnicycleSettings(Settings):
     world_frame: str = internal('world', 'Frame of ground truth: goal at its origin')
     odom_frame: str = fixed('odom', 'Frame of the odometry')
     base_frame: str = fixed('base_link', 'Frame of the base')
-    frame_prefix: str = fixed(
-        '', 'Put before odom_frame and base_frame, as robot1/ where robots share /tf'
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -213,22 +214,14 @@ class UnicycleSettings(Settings):
             raise ValueError(
                 f'start must be three numbers, x [m], y [m], heading error [deg], got {self.start}'
             )
-        _ = self.frames  # raises ValueError for a name that tf2 refuses
-
-    @property
-    def frames(self) -> tuple[str, str, str]:
-        """The frames of world, odometry and base; robots share the world."""
-        prefix = self.frame_prefix
-        return (
-            frame_name('', self.world_frame),
-            frame_name(prefix, self.odom_frame),
-            frame_name(prefix, self.base_frame),
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class CameraRig(Settings):
-    """What carries the simulated camera, and the names of its joints."""
+    """What carries the simulated camera, and the names of its joints and frames."""
+
+    RENAMED: ClassVar[Mapping[str, str]] = {'frame_prefix': OWN_TF}
+    GONE: ClassVar[Mapping[str, Any]] = {'frame_prefix': ''}
 
     rig: str = fixed(
         'fixed',
@@ -242,46 +235,14 @@ class CameraRig(Settings):
         'Takes on head/command, as the servo sends them: position, velocity, trajectory',
         choices=HEAD_COMMANDS,
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _refuse_joints(self.pan_joint, self.tilt_joint)
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraFrames(Settings):
-    """Names of the frames of the camera and of what it is screwed to."""
-
     camera_frame: str = fixed(
         'camera_optical_frame', 'Frame of the images: x right, y down, z ahead'
     )
     base_frame: str = fixed('base_link', 'Frame of the base')
-    frame_prefix: str = fixed('', 'Put before both, as robot1/ where robots share /tf')
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _ = self.camera, self.base  # raise ValueError for a name that tf2 refuses
-
-    @property
-    def camera(self) -> str:
-        """The full name of the camera's frame."""
-        return frame_name(self.frame_prefix, self.camera_frame)
-
-    @property
-    def base(self) -> str:
-        """The full name of the base's frame."""
-        return frame_name(self.frame_prefix, self.base_frame)
-
-
-def frame_name(prefix: str, name: str) -> str:
-    """Return the full name of a frame; ValueError if tf2 would refuse it."""
-    full = prefix + name
-    if not name or full.startswith('/'):
-        raise ValueError(
-            f'a frame must have a name that does not begin with /, got {full!r}; '
-            "write 'base_link', and a prefix as 'robot1/'"
-        )
-    return full
+        _refuse_joints(self.pan_joint, self.tilt_joint)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -63,7 +63,6 @@ NODES: Mapping[str, NodeRow] = {
             'nodes.startup.settings:CameraRig',
             'simulation.disturbances:DisturbanceSettings',
             'simulation.light:LightSettings',
-            'nodes.startup.settings:CameraFrames',
         ),
     ),
     'recorder_node': NodeRow(
