@@ -28,7 +28,7 @@ DEVIATIONS = 8.0  # of a position, that the motion commanded must be
 ERRORS = 2.0  # of a way between two means, which it is longer than at most
 MARGIN = 2.5  # over the velocity that was not followed: it may be twenty times as fast that is
 UNLIKE = 0.5  # of a curvature, by which two differ: the other may be none
-MOST_HOP = 0.005, math.radians(0.5)  # half a pulse: no end may be wider for it [m], [rad]
+MOST_HOP = 0.005, math.radians(0.6)  # half a pulse: no end may be wider for it [m], [rad]
 # Up to which speed [m/s], and way of a turn [m/rad], a base at rest may have a dead band;
 # beyond, it is deaf.
 CREEPING, MOST_WAY = 0.002, 2.0

@@ -76,7 +76,8 @@ def hysteresis(memory: Memory, settings: DriveSettings) -> float:
 def align_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
     """Return the largest bearing of e_au [rad] that counts as zero, its noise at least."""
     least = half_hop(settings.dead_band_angular, settings, trial)
-    return max(settings.align_tolerance, _deviation(goal), least)
+    # Hops are no finer than the steps of the base's speeds.
+    return max(settings.align_tolerance, _deviation(goal), (1.0 + 2.0 * PULSE_MISS) * least)
 
 
 def facing_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
@@ -128,7 +129,9 @@ def _is_patient(trial: Trial) -> bool:
 
 def half_hop(threshold: float, settings: DriveSettings, trial: Trial) -> float:
     """Return half of the least motion of a base with this dead band, all of it if raised to it."""
-    frames = 2.0 if settings.dead_band_mode == 'raise' else 0.5
+    if settings.dead_band_mode == 'raise':
+        return 2.0 * trial.frame_s * threshold
+    frames = 0.5 if _is_patient(trial) else 0.5 + PULSE_MISS
     return frames * trial.frame_s * threshold
 
 

@@ -87,10 +87,16 @@ class CommandsSent:
             began = stamp
         return (now_ns - began) / NANOSECONDS
 
-    def swing_s(self, least: float) -> float:
-        """Return the time between the last two reversals of speeds above ``least`` [s], or 0."""
+    def swing_s(self, least: float, *, at_once: bool = False) -> float:
+        """
+        Return the time between the last two reversals of speeds above ``least`` [s], 0 without.
+
+        ``at_once`` counts those alone since the robot was last to stand.
+        """
         speeds = [twist.linear for twist in self.twists]
+        begin = max((i for i, v in enumerate(speeds) if not v), default=0) if at_once else 0
         moves = [it for it in zip(self.stamps, speeds, strict=True) if abs(it[1]) > least]
+        moves = [it for it in moves if it[0] >= self.stamps[begin]]
         turned = [now[0] for before, now in pairwise(moves) if before[1] * now[1] < 0.0]
         return (turned[-1] - turned[-2]) / NANOSECONDS if len(turned) > 1 else 0.0
 

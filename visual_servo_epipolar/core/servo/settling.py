@@ -196,16 +196,17 @@ def _with_swing(state: ServoState, settings: ServoSettings) -> ServoState:
     The body nods, or the lens breathes: the base then ends by pulses, as one with a dead band.
     """
     if not (state.phase.straight or state.phase.turns_in_place):
-        return state.changed(swing_s=0.0, scatter=0.0) if state.settling.swing_s else state
+        return state.changed(scatter=0.0) if state.settling.scatter else state
     if state.settling.swing_s or not (learns(settings) and turns_in_place(settings.drive)):
         return state
-    goal = state.measurement
-    if settings.dead_band_linear:  # after each of its moves the mean of a stand tells
-        goal = state.settling.rest if _has_measured(state, settings) else None
+    # Of a base that ends by pulses, moves back and forth mean little but by the mean of a stand.
+    measured = _has_measured(state, settings)
+    goal = state.settling.rest if measured else state.measurement
     if goal is None:
         return state
     bound = matched_bound(goal, settings, trial_of(goal, state, spent=True))
-    swing_s = state.motion.sent.swing_s(LEAST_REVERSED['v'])
+    by_pulses = settings.dead_band_linear > 0.0
+    swing_s = state.motion.sent.swing_s(LEAST_REVERSED['v'], at_once=by_pulses and not measured)
     if not swing_s or not abs(goal.difference) > 2.0 * bound:
         return state
     band = state.identified.dead_band.assumed(usual_step(state.view.period), settings)
