@@ -115,7 +115,8 @@ def test_nobody_is_asked_for_less_than_the_base_can_move(mode, frames) -> None:
     turning = replace(banded, dead_band_angular=0.05)
     sure = replace(exact, heading_deviation=0.0)
     impatient = slowly._replace(time_in_tolerance=PATIENCE_S + 0.1)
-    assert facing_bound(sure, turning, impatient) == pytest.approx(frames * 0.2 * 0.05)
+    missed = frames + (0.15 if mode == 'pulse' else 0.0)
+    assert facing_bound(sure, turning, impatient) == pytest.approx(missed * 0.2 * 0.05)
     # Pulses that are stretched to lead onto the heading end finer than equal ones.
     finer = 0.15 if mode == 'pulse' else frames
     assert facing_bound(sure, turning, slowly) == pytest.approx(finer * 0.2 * 0.05)
@@ -264,9 +265,9 @@ def test_no_baseline_is_no_reason_once_bearings_are_trusted() -> None:
     assert switch_phase(orienting, sight(), Event.NOTHING, SETTINGS).reason == ''
 
 
-def test_step_1_ends_within_half_of_the_least_turn() -> None:
+def test_step_1_ends_within_half_of_the_least_turn_and_what_that_misses_by() -> None:
     banded = replace(SETTINGS, dead_band_angular=0.2, dead_band_mode='pulse')
     sure = goal(sight(), in_phase(Phase.ZEROING_EPIPOLES))
-    half = 0.5 * 0.2 * USUAL_STEP_S
-    assert align_bound(sure, SETTINGS) < half
-    assert align_bound(sure, banded) == pytest.approx(half)
+    least = 0.2 * USUAL_STEP_S
+    assert align_bound(sure, SETTINGS) < 0.5 * least
+    assert align_bound(sure, banded) == pytest.approx((0.5 + 0.15) * least)
