@@ -60,8 +60,8 @@ class Rig:
     def step(self) -> None:
         """See, hear of it, and drive on."""
         count = len(self.reports)
-        self.see()
         self.tell_odometry()
+        self.see()
         self.bench.until(lambda: len(self.reports) > count, 'the tracks to be looked at')
         self.advance()
 

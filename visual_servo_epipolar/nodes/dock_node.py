@@ -1,6 +1,5 @@
 """The dock node: where the photograph was taken, in metres; and docking on request."""
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 import sys
@@ -20,14 +19,14 @@ from visual_servo_epipolar.core.docking.pose import DockPoseSettings, DockSearch
 from visual_servo_epipolar.core.docking.task import DockTaskSettings, Error, ServoOrder, Task
 from visual_servo_epipolar.core.laws.phase import ARMED
 from visual_servo_epipolar.core.laws.registry import phase_named
-from visual_servo_epipolar.core.odometry.path import LONGEST_STEP_S, PathPlace
+from visual_servo_epipolar.core.odometry.path import PathPlace
 from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING
 from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.messages import docking, read, validation, write
 from visual_servo_epipolar.messages.docking import DockRobotWire
 from visual_servo_epipolar.nodes import parameters, qos, steady
 from visual_servo_epipolar.nodes.camera_subscriptions import CameraSubscriptions
-from visual_servo_epipolar.nodes.driving_inputs import DrivenPath
+from visual_servo_epipolar.nodes.driving_inputs import AHEAD_S, DrivenPath
 from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.managed import in_every_state, ManagedNode, remedy, serve
 from visual_servo_epipolar.nodes.reports import Complaints
@@ -179,7 +178,6 @@ class DockServer:
         return steady.now_ns() / NANOSECONDS
 
 
-MOST_PENDING = 10  # tracks that wait for odometry: more are of a base that is silent
 USUAL_BASE = 'base_link'  # where odometry names no frame of the base
 NO_NAV2 = (
     'nav2_msgs cannot be imported, dock_robot is not served; install ros-jazzy-nav2-msgs for it'
@@ -213,7 +211,6 @@ class DockNode(ManagedNode):
         self._camera: CameraModel | None = None
         self._search = DockSearch()
         self._stamp_ns: int | None = None
-        self._pending: deque[PointCloud2] = deque(maxlen=MOST_PENDING)
         self._mount = StaticMount(self, '', self._warn, listens=settings.mount_from_tf)
         self._pose_pub = self.create_publisher(PoseStamped, 'detected_dock_pose', qos.STREAM)
         self._covariance_pub = self.create_publisher(
@@ -222,7 +219,7 @@ class DockNode(ManagedNode):
         self._diagnostics_pub = self.create_publisher(
             DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
         )
-        self._driven = DrivenPath(self, self._warn, on_odometry=self._look_at_pending)
+        self._driven = DrivenPath(self, self._warn, ahead=AHEAD_S)
         camera = CameraSubscriptions(self, 'raw', settings.camera_reliability)
         camera.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
@@ -238,7 +235,6 @@ class DockNode(ManagedNode):
     def deactivate(self) -> None:
         """Stop the servo that drives for a request, which fails."""
         self._give_up(DEACTIVATED)
-        self._pending.clear()
 
     def cleanup(self) -> None:
         """Forget the mount from /tf_static: the next may be another."""
@@ -291,33 +287,15 @@ class DockNode(ManagedNode):
         stamp_ns = read.stamp_ns(message.header)
         if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
             self._warn(NOT_ADVANCING)
-            self._pending.clear()
             self._look_anew()
         self._stamp_ns = stamp_ns
-        if len(self._pending) == MOST_PENDING:
-            self._warn(self._missing)
-        self._pending.append(message)
-        self._look_at_pending()
-
-    @property
-    def _missing(self) -> str:
-        """What tracks wait for."""
+        place = self._driven.path.at(stamp_ns)
         if self._camera is None:
-            return 'no usable camera_info yet; tracks wait for it'
-        return self._driven.path.missing(read.stamp_ns(self._pending[0].header))
-
-    def _look_at_pending(self) -> None:
-        """Look at the tracks that the path reaches by now."""
-        while self._pending and self._camera is not None:
-            stamp_ns = read.stamp_ns(self._pending[0].header)
-            place, lag = self._driven.path.at(stamp_ns), self._driven.path.lag(stamp_ns)
-            if place is None and lag > 0.0:
-                return
-            if lag < -LONGEST_STEP_S:
-                self._warn(self._missing)
-            message = self._pending.popleft()
-            if place is not None:
-                self._look(message, self._camera, place)
+            self._warn('no usable camera_info yet; tracks need it')
+        elif place is None:
+            self._warn(self._driven.path.missing(stamp_ns))
+        else:
+            self._look(message, self._camera, place)
 
     def _look(self, message: PointCloud2, camera: CameraModel, place: PathPlace) -> None:
         features, warning = validation.checked_tracks(message, camera)
@@ -363,7 +341,6 @@ class DockNode(ManagedNode):
 
     def _on_reset(self) -> str:
         self._look_anew()
-        self._pending.clear()
         return 'the dock is looked for anew'
 
 

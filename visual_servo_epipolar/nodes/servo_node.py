@@ -17,7 +17,7 @@ from visual_servo_epipolar.messages import event_log, read, validation
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.camera_subscriptions import CameraSubscriptions
 from visual_servo_epipolar.nodes.commands import Commands, Head
-from visual_servo_epipolar.nodes.driving_inputs import DrivenPath, ServoCamera
+from visual_servo_epipolar.nodes.driving_inputs import AHEAD_S, DrivenPath, ServoCamera
 from visual_servo_epipolar.nodes.live_run import LiveRun, Reports, WAITS_FOR_END
 from visual_servo_epipolar.nodes.managed import in_every_state, ManagedNode, serve
 from visual_servo_epipolar.nodes.reports import Complaints
@@ -26,7 +26,6 @@ from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.steady import STEADY
 from visual_servo_epipolar.nodes.watching import Enable, IDLE_PERIOD_S, StopButton, WATCH_PERIOD_S
 
-AHEAD_S = 0.1  # by which an image may be newer than odometry: the base goes on as it did
 MEANWHILE = 'the servo goes by its commands meanwhile'
 
 

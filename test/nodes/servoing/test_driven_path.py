@@ -12,8 +12,8 @@ from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTI
 from visual_servo_epipolar.core.servo.telemetry import odometry_of
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes.driving_inputs import DrivenPath
-from visual_servo_epipolar.nodes.servo_node import AHEAD_S, MEANWHILE
+from visual_servo_epipolar.nodes.driving_inputs import AHEAD_S, DrivenPath
+from visual_servo_epipolar.nodes.servo_node import MEANWHILE
 
 S = 10**9
 BEGIN, TWIST = Pose(4.0, -2.0, 3.1), Twist(0.4, 0.5)
