@@ -125,7 +125,7 @@ faults: $(STAMP) ## 200 closed loops with faults, an hour; broken bags, messages
 	@$(BIN)/visual_servo faults $(FAULTS_ARGS)
 	@BAG_MUTATIONS=200 $(BIN)/python -m pytest -ra test/bags/reading/test_fuzz.py
 	@FUZZ_MESSAGES=2000 $(BIN)/python -m pytest -ra test/nodes/fuzz
-	@LIFECYCLE_REQUESTS=10000 $(BIN)/python -m pytest -ra test/nodes -k "random or requests"
+	@$(BIN)/python -m pytest -ra test/nodes -k random
 	@RECORDER_KILLS=20 $(BIN)/python -m pytest -ra test/nodes/recording/test_recorder_process.py -k killed
 
 clean: ## remove .venv and all that make, the tools and colcon left

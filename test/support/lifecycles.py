@@ -1,7 +1,6 @@
 """Life cycles of managed nodes: transitions by id and label, as `ros2 lifecycle set` asks for."""
 
 import gc
-import random
 from typing import Any
 
 from bench import Bench
@@ -17,14 +16,6 @@ IDS = {
     'activate': Transition.TRANSITION_ACTIVATE,
     'deactivate': Transition.TRANSITION_DEACTIVATE,
 }
-TRANSITIONS = {  # by state: where an id leads to
-    'unconfigured': {1: 'inactive', 5: 'finalized'},
-    'inactive': {2: 'unconfigured', 3: 'active', 6: 'finalized'},
-    'active': {4: 'inactive', 7: 'finalized'},
-    'finalized': {},
-}
-LABELS = ('configure', 'cleanup', 'activate', 'deactivate', 'shutdown')
-NUMBERS = (0, 8, 9, *range(10, 70, 10), 99, 255)  # of no transition that can be asked for
 
 
 def asked(number: int = 0, label: str = '') -> Any:
@@ -88,19 +79,3 @@ def assert_gone_at_once(bench: Bench, node: Any) -> None:
         assert name not in bench.probe.get_node_names()
     finally:
         gc.enable()
-
-
-def wanted(state: str, number: int, label: str) -> str:
-    """Return the state that a request leads to, which is the same where it is impossible."""
-    if label:
-        ways = {1: 'configure', 2: 'cleanup', 3: 'activate', 4: 'deactivate'}
-        known = {ways.get(item, 'shutdown'): item for item in TRANSITIONS[state]}
-        number = known.get(label, 0)
-    return TRANSITIONS[state].get(number, state)
-
-
-def drawn(chance: random.Random) -> tuple[int, str]:
-    """Draw a request: by label, by id, by both; of a real transition mostly, seldom the end."""
-    label = chance.choice([*LABELS[:4] * 5, LABELS[4], 'dance', 'transition_success'])
-    number = chance.choice([*(1, 2, 3, 4) * 8, 5, 6, 7, *NUMBERS])
-    return chance.choice([(number, ''), (0, label), (number, label)])
