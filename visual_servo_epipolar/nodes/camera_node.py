@@ -18,6 +18,7 @@ from visual_servo_epipolar.messages.joints import COMMAND_TYPES, joint_states, r
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.managed import ParameterNode
+from visual_servo_epipolar.nodes.reports import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import CameraRig
 from visual_servo_epipolar.simulation.bases import Nod
@@ -33,8 +34,6 @@ from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 from visual_servo_epipolar.simulation.light import LightSettings
 from visual_servo_epipolar.simulation.sensor import BodyState, PoseHistory
 
-WARN_PERIOD_S = 2.0
-
 
 class CameraNode(ParameterNode):
     """Hosts a ``CameraSimulator``: an image a frame of ground truth, in any kind of time."""
@@ -43,6 +42,7 @@ class CameraNode(ParameterNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('camera_node', **options)
+        self._warn = Complaints(self)
         self._settings = parameters.declare(self, CameraSettings)
         self._head_settings = parameters.declare(self, HeadSettings)
         self._rig = parameters.declare(self, CameraRig)
@@ -101,7 +101,7 @@ class CameraNode(ParameterNode):
         try:
             command = read_head_command(message, self._joint_names)
         except ValueError as error:
-            self.get_logger().error(str(error), throttle_duration_sec=WARN_PERIOD_S)
+            self._warn(str(error))
             return
         if self._head is not None:
             self._head.command(command)
@@ -128,7 +128,7 @@ class CameraNode(ParameterNode):
             stamp_ns, nod = read.stamp_ns(message.header), Nod(*read.pitch(message))
             body = BodyState(read.pose(message), read.twist(message.twist), nod)
         except ValueError as error:
-            self.get_logger().error(str(error), throttle_duration_sec=WARN_PERIOD_S)
+            self._warn(str(error))
             return
         self._turn_head(stamp_ns)
         self._history.add(stamp_ns, body)

@@ -14,7 +14,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from visual_servo_epipolar.core.settings import alike, parameters_of, range_of, Settings
+from visual_servo_epipolar.core.settings import hint, parameters_of, range_of, Settings
 from visual_servo_epipolar.nodes.managed import ParameterNode
 from visual_servo_epipolar.nodes.startup import executables, table
 
@@ -141,8 +141,13 @@ def finish(node: ParameterNode, options: Mapping[str, Any]) -> None:
     own = {item for item in node.given if node.has_parameter(item) or item in gone}
     for item in sorted(node.given.keys() - own):
         owner = table.owner_of(item)
-        if not (item.startswith('qos_') or (owner and item not in direct)):
-            raise ValueError(f'{name} has no parameter {item}{_hint(node, item, owner)}')
+        if item.startswith('qos_') or (owner and item not in direct):
+            continue
+        other = f'but {owner} has; give it there, or in a file that both read'
+        declared = sorted(node.list_parameters([], 0).names)
+        more = {each for node_name in table.NODES for each in table.parameter_names(node_name)}
+        advice = other if owner else hint([item], [*declared, *sorted(more - {*declared})])
+        raise ValueError(f'{name} has no parameter {item}; {advice}')
     files = list(executables.values(words, '--params-file'))
     if files and not own - node.by_program:
         reason = 'they are for other nodes; key them /**: to reach every node that is given them'
@@ -156,15 +161,6 @@ def _ros_arguments(options: Mapping[str, Any]) -> list[str]:
     if options.get('use_global_arguments', True):
         heard = [*sys.argv[1:], '--', *heard]
     return executables.split(heard)[0]
-
-
-def _hint(node: Node, parameter: str, owner: str) -> str:
-    if owner:
-        return f', but {owner} has; give it there, or in a file that both read'
-    declared = sorted(node.list_parameters([], 0).names)
-    known = {name for other in table.NODES for name in table.parameter_names(other)}
-    close = alike(parameter, sorted({*declared, *known}))  # a file may be shared
-    return f'; did you mean {close[0]}?' if close else f'; it has {", ".join(declared)}'
 
 
 def _value(parameter: Parameter) -> Any:

@@ -15,6 +15,7 @@ from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.nodes import parameters, qos, steady
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.managed import ParameterNode, serve
+from visual_servo_epipolar.nodes.reports import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import UnicycleSettings
 from visual_servo_epipolar.simulation.bases import (
@@ -27,7 +28,6 @@ from visual_servo_epipolar.simulation.bases import (
     world_to_odometry,
 )
 
-WARN_PERIOD_S = 2.0
 BEGIN_PERIOD_S = 0.5
 
 
@@ -36,6 +36,7 @@ class UnicycleNode(ParameterNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('unicycle_node', **options)
+        self._warn = Complaints(self)
         self._settings = parameters.declare(self, UnicycleSettings)
         self._base_settings = parameters.declare(self, AckermannSettings)
         parameters.finish(self, options)
@@ -87,7 +88,7 @@ class UnicycleNode(ParameterNode):
             self._base.command(Command(read.twist(message)))
         except ValueError as error:
             self._base.halt()
-            self.get_logger().error(str(error), throttle_duration_sec=WARN_PERIOD_S)
+            self._warn(str(error))
         if self._settings.lockstep:
             self.steps += 1
             self._base.advance(self._base.now_ns + period_ns(self._settings.frame_rate))
@@ -109,10 +110,8 @@ class UnicycleNode(ParameterNode):
         moving = self._base.twist != STANDSTILL
         self._base.advance(steady.now_ns())
         if moving and self._base.timed_out:
-            self.get_logger().warning(
-                f'no cmd_vel for {self._base_settings.command_timeout:g} s, the base stops',
-                throttle_duration_sec=WARN_PERIOD_S,
-            )
+            timeout = self._base_settings.command_timeout
+            self._warn(f'no cmd_vel for {timeout:g} s, the base stops')
         self._publish()
 
     def _publish(self) -> None:
