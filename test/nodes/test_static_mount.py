@@ -83,22 +83,6 @@ def test_a_chain_of_frames_is_followed(bench, settings) -> None:
     assert settings()['camera_left'] == pytest.approx(0.05)
 
 
-@pytest.mark.parametrize('slashed', [{'frame'}, {'child'}, {'base_frame'}, {'frame', 'mast'}])
-def test_a_leading_slash_of_ros_1_names_the_same_frame(bench, settings, slashed) -> None:
-    names = {
-        'frame': 'camera_optical_frame',
-        'child': 'camera_optical_frame',
-        'base_frame': 'base_link',
-        'mast': 'mast',
-    }
-    names |= {key: f'/{names[key]}' for key in slashed}
-    rig = Mounted(bench, base_frame=names['base_frame'])
-    rig.told(mounted(names['mast'], names['child']))
-    rig.told(transforms.mount_transform('base_link', 'mast', UPRIGHT, np.zeros(3)))
-    rig.look(frame=names['frame'])
-    assert settings()['camera_tilt'] == pytest.approx(0.3)
-
-
 @pytest.mark.parametrize(
     ('edges', 'has'),
     [

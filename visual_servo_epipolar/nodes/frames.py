@@ -63,7 +63,6 @@ class StaticMount:
     ) -> None:
         self.base_frame, self._log, self._warn = base_frame, node.get_logger(), warn
         self._taken, self.trouble = False, ''
-        self._unknown: set[str] = set()  # frames of images that were logged
         self._parents: dict[str, tuple[str, Transform]] = {}
         kind = transforms.tf_message_class() if listens else None
         self._is_heard = kind is not None
@@ -77,10 +76,8 @@ class StaticMount:
         """Take in a tf2_msgs/TFMessage; a transform that cannot be used is left out and logged."""
         for item in message.transforms:
             try:
-                self._parents[_bare(item.child_frame_id)] = (
-                    _bare(item.header.frame_id),
-                    read.transform(item),
-                )
+                parent = item.header.frame_id, read.transform(item)
+                self._parents[item.child_frame_id] = parent
             except ValueError as error:
                 self._warn(f'/tf_static: {error}')
 
@@ -106,17 +103,16 @@ class StaticMount:
             self._log.info(f'/tf_static: {camera_frame} sits at {mount}')
         return configured
 
-    def _miss(self, camera_frame: str) -> None:
-        """Say once that /tf_static, where it is heard at all, does not lead to a camera."""
-        frame, base = _bare(camera_frame), _bare(self.base_frame)
-        if not self._is_heard or frame in self._unknown or frame == base:
-            return
-        self._unknown.add(frame)
-        has = ', '.join(sorted(self._parents)) or 'nothing'
-        self._log.warning(
-            f'mount_from_tf: /tf_static does not lead from {base} to {frame!r}, the frame of the '
-            f'images; it has {has}; mend the frame_id of the driver or the transforms'
-        )
+    def _miss(self, frame: str) -> None:
+        """Warn that /tf_static, where it is heard at all, does not lead to a camera."""
+        if self._is_heard and frame != self.base_frame:
+            has = ', '.join(sorted(self._parents)) or 'nothing'
+            way = f'from {self.base_frame} to {frame!r:.40}'
+            self._warn(
+                f'mount_from_tf: /tf_static does not lead {way}, '
+                f'the frame of images; it has {has:.200}; mend the frame_id of the driver or the '
+                'transforms'
+            )
 
     def dropped(self, settings: MountedT) -> MountedT:
         """Return ``settings`` without the mount that they took: the next may be another."""
@@ -127,17 +123,12 @@ class StaticMount:
 
     def of(self, camera_frame: str) -> Mount | None:
         """Return how the camera of a frame is mounted, None if unknown; or raise ValueError."""
-        frame, rotation, origin = _bare(camera_frame), np.eye(3), np.zeros(3)
+        frame, rotation, origin = camera_frame, np.eye(3), np.zeros(3)
         for _ in range(DEEPEST):
-            if frame == _bare(self.base_frame):
-                return None if frame == _bare(camera_frame) else mount_of(rotation, origin)
+            if frame == self.base_frame:
+                return None if frame == camera_frame else mount_of(rotation, origin)
             if frame not in self._parents:
                 return None
             frame, (turn, place) = self._parents[frame]
             rotation, origin = turn @ rotation, turn @ origin + place
         return None
-
-
-def _bare(frame_id: str) -> str:
-    """Return a frame without the leading slash that tf had in ROS 1; tf2 has none."""
-    return frame_id.lstrip('/')
