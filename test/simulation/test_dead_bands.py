@@ -1,12 +1,13 @@
 """Bases that follow no slow command or obey late, and nobody told: found out, and driven."""
 
+from dataclasses import replace
 from typing import Any
 
 from durations import few_of
 import pytest
 import untold_bases
 
-from visual_servo_epipolar.commands.arguments import scenario_path
+from visual_servo_epipolar.commands.arguments import rig_path, scenario_path
 from visual_servo_epipolar.core.estimate.dead_band import LEAST_ASKED, MARGIN
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.rigs.rig import Command
@@ -111,6 +112,17 @@ def test_a_robot_ends_whose_body_nods_or_whose_lens_breathes(law, rate, base, br
     reversals = summary['reversals']
     assert isinstance(reversals, dict)
     assert reversals['v'] <= 6
+
+
+@pytest.mark.parametrize('seed', [2, 4])
+def test_a_car_ends_whose_lens_breathes(seed) -> None:
+    scenario = load(None, rig_path('car'))
+    camera = replace(scenario.camera, breathing=0.002)
+    scenario = replace(scenario, camera=camera).seeded(seed)
+    summary = summarise(drive(scenario, start_in('front', SEED, seed, scenario), seed))
+    assert summary['outcome'] == 'arrived', summary['reason']
+    assert float(str(summary['position_error_m'])) < 0.012
+    assert float(str(summary['standing_s'])) < 7.0
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 import math
 
 import numpy as np
@@ -87,18 +86,24 @@ class CommandsSent:
             began = stamp
         return (now_ns - began) / NANOSECONDS
 
-    def swing_s(self, least: float, *, at_once: bool = False) -> float:
+    def swing_s(self, least: float, pause: float = math.inf, reversals: int = 2) -> float:
         """
-        Return the time between the last two reversals of speeds above ``least`` [s], 0 without.
+        Return the time between the last two reversals of speeds above ``least`` [s].
 
-        ``at_once`` counts those alone since the robot was last to stand.
+        It is 0 where there are fewer than so many ``reversals`` since the last ``pause`` [s], in
+        which no such speed was sent.
         """
-        speeds = [twist.linear for twist in self.twists]
-        begin = max((i for i, v in enumerate(speeds) if not v), default=0) if at_once else 0
-        moves = [it for it in zip(self.stamps, speeds, strict=True) if abs(it[1]) > least]
-        moves = [it for it in moves if it[0] >= self.stamps[begin]]
-        turned = [now[0] for before, now in pairwise(moves) if before[1] * now[1] < 0.0]
-        return (turned[-1] - turned[-2]) / NANOSECONDS if len(turned) > 1 else 0.0
+        turned: list[int] = []
+        later: tuple[int, float] | None = None
+        for stamp, twist in zip(reversed(self.stamps), reversed(self.twists), strict=True):
+            if abs(twist.linear) <= least:
+                continue
+            if later is not None and later[0] - stamp > pause * NANOSECONDS:
+                break
+            if later is not None and later[1] * twist.linear < 0.0:
+                turned.append(later[0])
+            later = stamp, twist.linear
+        return (turned[0] - turned[1]) / NANOSECONDS if len(turned) >= reversals else 0.0
 
     def since(self, rates: Sequence[float], least: float) -> int | None:
         """Return the stamp since which ``rates`` exceed ``least`` to the last one's side."""

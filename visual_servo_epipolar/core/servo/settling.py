@@ -197,7 +197,7 @@ def _with_swing(state: ServoState, settings: ServoSettings) -> ServoState:
     """
     if not (state.phase.straight or state.phase.turns_in_place):
         return state.changed(scatter=0.0) if state.settling.scatter else state
-    if state.settling.swing_s or not (learns(settings) and turns_in_place(settings.drive)):
+    if state.settling.swing_s or not learns(settings):
         return state
     # Of a base that ends by pulses, moves back and forth mean little but by the mean of a stand.
     measured = _has_measured(state, settings)
@@ -205,8 +205,10 @@ def _with_swing(state: ServoState, settings: ServoSettings) -> ServoState:
     if goal is None:
         return state
     bound = matched_bound(goal, settings, trial_of(goal, state, spent=True))
-    by_pulses = settings.dead_band_linear > 0.0
-    swing_s = state.motion.sent.swing_s(LEAST_REVERSED['v'], at_once=by_pulses and not measured)
+    steers = not turns_in_place(settings.drive)  # its law goes back once
+    by_pulses = settings.dead_band_linear > 0.0 and not (measured or steers)
+    pause, turns = seen_after(settings) if by_pulses else math.inf, 3 if steers else 2
+    swing_s = state.motion.sent.swing_s(LEAST_REVERSED['v'], pause, turns)
     if not swing_s or not abs(goal.difference) > 2.0 * bound:
         return state
     band = state.identified.dead_band.assumed(usual_step(state.view.period), settings)
@@ -297,13 +299,16 @@ def pulsed_move(
     is waited for, or its place is unknown.
     """
     seen, rest = state.settling.rest or state.measurement, state.dead_band_residual
-    if seen is None or settings.dead_band_mode != 'pulse' or not turns_in_place(settings.drive):
+    steers = not turns_in_place(settings.drive)  # on its way alone: it ends by where it drives
+    if seen is None or settings.dead_band_mode != 'pulse' or steers and not state.settling.swing_s:
         return None
     slope = _slope(seen, state)
     ends_straight = state.phase.straight and slope > 0.0
     if not (ends_straight or state.phase.turns_in_place):
         return None
-    turn = _pulsed_turn(wanted.angular, seen, rest.angular, state, settings)
+    turn = None
+    if not steers:
+        turn = _pulsed_turn(wanted.angular, seen, rest.angular, state, settings)
     if not ends_straight:
         return None if turn is None else (Twist(0.0, turn[0]), Twist(0.0, turn[1]))
     left, band = -seen.difference / slope, settings.dead_band_linear
