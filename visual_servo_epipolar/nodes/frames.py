@@ -107,10 +107,9 @@ class StaticMount:
         """Warn that /tf_static, where it is heard at all, does not lead to a camera."""
         if self._is_heard and frame != self.base_frame:
             has = ', '.join(sorted(self._parents)) or 'nothing'
-            way = f'from {self.base_frame} to {frame!r:.40}'
             self._warn(
-                f'mount_from_tf: /tf_static does not lead {way}, '
-                f'the frame of images; it has {has:.200}; mend the frame_id of the driver or the '
+                f'mount_from_tf: /tf_static does not lead from {self.base_frame} to {frame!r:.40},'
+                f' the frame of images; it has {has:.200}; mend the frame_id of the driver or the '
                 'transforms'
             )
 
