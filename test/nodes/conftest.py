@@ -1,8 +1,5 @@
 """A small camera in the room, and what it sees; the bodies of messages for the nodes."""
 
-from collections.abc import Iterator
-
-from bench import Bench
 import pytest
 from small_cameras import SMALL
 
@@ -10,14 +7,6 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.nodes import steady
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
-
-
-@pytest.fixture
-def two_processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Bench, Bench]]:
-    """Yield two benches in one domain: in one process all ends of a topic are of one type."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    with Bench() as bench, Bench(bench.context.get_domain_id()) as other:
-        yield bench, other
 
 
 class HandSetClock:

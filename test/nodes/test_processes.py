@@ -97,21 +97,6 @@ def test_the_base_stops_when_the_servo_is_killed(team) -> None:
     assert team.processes['servo_node'].wait(END_SEC) == -signal.SIGKILL
 
 
-@pytest.mark.long
-@pytest.mark.alone
-def test_an_interrupted_servo_stops_the_robot_and_ends_well(team) -> None:
-    team.at_speed()
-    said = len(team.output('unicycle_node'))  # a busy machine may have starved the base before
-    team.processes['servo_node'].send_signal(signal.SIGINT)
-    assert team.processes['servo_node'].wait(END_SEC) == 0, team.output('servo_node')
-    assert 'Traceback' not in team.output('servo_node')
-    team.standstill_after_ns()
-    team.processes['unicycle_node'].send_signal(signal.SIGINT)
-    assert team.processes['unicycle_node'].wait(END_SEC) == 0
-    heard = team.output('unicycle_node')[said:]
-    assert 'no cmd_vel for' not in heard  # but the servo's zero
-
-
 def run_badly(name: str, *more: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         arguments(name, *more),

@@ -7,7 +7,7 @@ from docking_drives import CAMERA, Drive, EXACT, NOISE, PERIOD_NS, PERIOD_S, tru
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.docking.pose import DockPoseSettings, DockSearch, update_search
+from visual_servo_epipolar.core.docking.pose import DockPoseSettings, update_search
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.odometry.path import PathPlace
 from visual_servo_epipolar.core.tracking.features import Features
@@ -192,7 +192,3 @@ def test_odometry_that_lies_is_found_out(known) -> None:
         search = look(search, ahead, world, place)
         assert search.dock is None
     assert search.map is None or search.map.geometry is None  # it has begun anew
-
-
-def test_it_begins_without_a_word() -> None:
-    assert DockSearch().dock is None
