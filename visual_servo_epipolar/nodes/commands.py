@@ -20,8 +20,6 @@ from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings, ServoNodeSettings
 from visual_servo_epipolar.nodes.steady import Stopwatch
 
-MOST_OTHERS = 50  # joints that are named where one is missing
-
 
 class Head:
     """
@@ -55,7 +53,7 @@ class Head:
     def begin_anew(self) -> None:
         """Forget where the joints were."""
         self._history = HeadHistory(self._names, self._speed, self._limits)
-        self._others: dict[str, None] = {}  # names of joints, as long as some are missing
+        self._others: list[str] = []  # names of joints in the last message, where some are missing
         self._refused = ''  # why a message could not be used
 
     def trouble(self, stamp_ns: int | None = None) -> str:
@@ -66,7 +64,7 @@ class Head:
         if missing and self._refused:
             return self._refused
         if missing:
-            others = f' (it has {listed([*self._others])})' if self._others else ''
+            others = f' (it has {listed(self._others)})' if self._others else ''
             more = ''.join(f', nor of {name}' for name in missing[1:])
             return (
                 f'no angle of {missing[0]} on {self._topic}{more}{others}, a rig with a head '
@@ -97,8 +95,8 @@ class Head:
         odd = self._history.add(read.stamp_ns(message.header), angles)
         if odd:
             self._warn(odd)
-        if self._history.missing and len(self._others) < MOST_OTHERS:
-            self._others |= dict.fromkeys(message.name)
+        if self._history.missing:
+            self._others = list(message.name)
 
 
 SETTLING_S = 1.0  # zero twists after the end of a run; then others may drive

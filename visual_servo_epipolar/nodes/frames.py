@@ -16,7 +16,6 @@ from visual_servo_epipolar.nodes.managed import in_every_state
 Transform = tuple[FloatArray, FloatArray]
 MountedT = TypeVar('MountedT', bound='MountSettings')
 UNTOLD = Mount(tilt=0.0, roll=0.0, yaw=0.0, forward=0.0, left=0.0)
-DEEPEST = 100  # frames between a camera and its base: more are a circle
 
 
 class TransformBroadcaster:
@@ -123,7 +122,7 @@ class StaticMount:
     def of(self, camera_frame: str) -> Mount | None:
         """Return how the camera of a frame is mounted, None if unknown; or raise ValueError."""
         frame, rotation, origin = camera_frame, np.eye(3), np.zeros(3)
-        for _ in range(DEEPEST):
+        for _ in range(len(self._parents) + 1):  # more are a circle
             if frame == self.base_frame:
                 return None if frame == camera_frame else mount_of(rotation, origin)
             if frame not in self._parents:

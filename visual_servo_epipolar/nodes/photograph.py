@@ -18,12 +18,11 @@ import yaml
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.goal import goal_id
+from visual_servo_epipolar.core.settings import LARGEST
 from visual_servo_epipolar.files import whole, yaml_document
 from visual_servo_epipolar.messages import camera_file, encodings
 from visual_servo_epipolar.messages.camera_file import entry, text, whole_number
 
-LAST_NS = 2**63 - 1  # of a stamp
-MOST_IMAGES = 2**31 - 1  # of which a photograph is the mean
 PICTURES = frozenset({'.png', '.jpg', '.jpeg', '.tif', '.tiff', '.webp', '.bmp', '.pgm'})
 HEAD = '# The photograph of a tracker_node, and the camera it was taken with.\n'
 
@@ -112,8 +111,8 @@ def load(path: Path) -> Photograph | None:
         image = None
         with suppress(FileNotFoundError, ValueError):
             image = read_picture(picture, picture.name)
-        stamp_ns = whole_number(entry(document, 'stamp_ns'), 'stamp_ns', 0, LAST_NS)
-        images = whole_number(document.get('images', 1), 'images', 1, MOST_IMAGES)
+        stamp_ns = whole_number(entry(document, 'stamp_ns'), 'stamp_ns', 0, LARGEST - 1)
+        images = whole_number(document.get('images', 1), 'images', 1, LARGEST - 1)
         first = _check_picture(image, camera, document)
         more = tuple(read_picture(path.with_name(name), name) for name in _more(document))
         photograph = Photograph(first, camera, stamp_ns, images, more)

@@ -17,7 +17,6 @@ from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.steady import Stopwatch
 
 NUMBER = re.compile(r'[-+]?(?:\d[\d.]*(?:e[-+]?\d+)?|\b(?:nan|inf)\b)')
-MOST = 100  # kinds of complaints that are remembered: texts of others may be in them
 
 
 class Complaints:
@@ -37,10 +36,9 @@ class Complaints:
         kind = NUMBER.sub('#', text)
         if kind in self._said and self._said[kind].seconds < self._period_s:
             return
-        self._said.pop(kind, None)
-        if len(self._said) >= MOST:
-            del self._said[next(iter(self._said))]
-        self._said[kind] = Stopwatch()
+        # Texts of others may be in them: those that may be said again are forgotten.
+        recent = {it: said for it, said in self._said.items() if said.seconds < self._period_s}
+        self._said = {**recent, kind: Stopwatch()}
         self._node.get_logger().warning(text)
 
 
