@@ -30,6 +30,7 @@ PULSE_MISS = 0.15  # of a hop, by which stretched pulses miss: a base slips
 FACING = 6e-4  # heading error that two views leave; what a tolerance is less by, too [rad]
 MOST_HYSTERESIS = 4.0
 PATIENCE_S = 0.8  # within the usual bounds, after which they are enough
+WEARY_S = 1.0  # of it for each deviation that a bound has then: no robot stands for ever
 STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: see ``fit_rotation``
 ARRIVAL_OFFSET = 2e-3  # of a robot that has arrived, by its memory of views [m]
 
@@ -46,8 +47,10 @@ FIRST = Trial()
 
 
 def trial_of(goal: GoalEstimate, memory: Memory, *, spent: bool = False) -> Trial:
-    """Return how long the robot has tried by now; for ever if its patience is ``spent``."""
-    tried = math.inf if spent else memory.settling.time_in_tolerance
+    """Return how long the robot has tried by now; beyond its patience if that is ``spent``."""
+    tried = memory.settling.time_in_tolerance
+    if spent:
+        tried = max(tried, math.nextafter(PATIENCE_S, math.inf))
     return Trial(tried, usual_step(goal.period), jitter_s=goal.jitter)
 
 
@@ -106,7 +109,9 @@ def ends_by_pulses(goal: GoalEstimate, settings: DriveSettings) -> bool:
 def matched_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
     """Return the largest |D|, at unit focal length, that counts as zero, its noise at least."""
     least, deviation = settings.arrival_difference, goal.difference_deviation
-    usual = max(least, NOISE_DEVIATIONS * deviation)
+    # What keeps it from ending for long is noise of which no deviation tells.
+    weary = min(max(NOISE_DEVIATIONS, trial.time_in_tolerance / WEARY_S), SURE_DEVIATIONS)
+    usual = weary * max(least / NOISE_DEVIATIONS, deviation)
     hop = half_hop(settings.dead_band_linear, settings, trial)
     if goal.offset is None:
         # While its slope is unknown (nan), D tells no hop; none is beyond the owner's tolerance.
