@@ -109,10 +109,10 @@ def ends_by_pulses(goal: GoalEstimate, settings: DriveSettings) -> bool:
 def matched_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
     """Return the largest |D|, at unit focal length, that counts as zero, its noise at least."""
     least, deviation = settings.arrival_difference, goal.difference_deviation
-    # What keeps it from ending for long is noise of which no deviation tells.
+    # What keeps it from ending for long is noise of which no deviation tells, or longer hops.
     weary = min(max(NOISE_DEVIATIONS, trial.time_in_tolerance / WEARY_S), SURE_DEVIATIONS)
     usual = weary * max(least / NOISE_DEVIATIONS, deviation)
-    hop = half_hop(settings.dead_band_linear, settings, trial)
+    hop = weary / NOISE_DEVIATIONS * half_hop(settings.dead_band_linear, settings, trial)
     if goal.offset is None:
         # While its slope is unknown (nan), D tells no hop; none is beyond the owner's tolerance.
         slope = max(0.0, goal.motion.slope.least(deviation))
