@@ -172,7 +172,7 @@ ASKED_FOR = {  # topics on demand
     'camera_node': {'rig': 'pan_tilt'},
     'recorder_node': {'topics': ['none']},
 }
-OF_EVERY_NODE = {'parameter_events', 'rosout', 'clock', 'tf', 'tf_static', 'ackermann_cmd'}
+OF_EVERY_NODE = {'parameter_events', 'rosout', 'clock', 'tf', 'tf_static'}
 
 
 @pytest.mark.parametrize('name', NODES)

@@ -1,6 +1,5 @@
 """Writing: core values into messages, every scalar as float or int: rclpy checks nothing."""
 
-from importlib import import_module
 import math
 from typing import Any
 
@@ -107,26 +106,6 @@ def command(
 ) -> TwistStamped | TwistMessage:
     """Return a command to a base, of that type."""
     return twist_stamped(value, stamp_ns, frame_id) if stamped else twist(value)
-
-
-def ackermann_type() -> Any:
-    """Return the type of commands to a car, AckermannDriveStamped; None if it is not installed."""
-    try:
-        return import_module('ackermann_msgs.msg').AckermannDriveStamped
-    except ImportError:
-        return None
-
-
-def ackermann_drive(
-    kind: Any, value: Twist, wheelbase: float, stamp_ns: int, frame_id: str
-) -> Any:
-    """Return an AckermannDriveStamped, of type ``kind``; a car that stands steers straight."""
-    message = kind(header=header(stamp_ns, frame_id))
-    message.drive.speed = float(value.linear)
-    if value.linear:
-        angle = math.atan(wheelbase * value.angular / value.linear)
-        message.drive.steering_angle = angle
-    return message
 
 
 def odometry(

@@ -8,7 +8,6 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.rigs.joint_history import HeadHistory
 from visual_servo_epipolar.core.rigs.rig import Command, Rig
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -106,23 +105,17 @@ class Commands:
     """
     Commands of a ``node`` that drives; outside of a run it is silent: others may drive.
 
-    ``head`` is that which carries the camera, where one may. A base that steers is sent
-    ackermann_msgs on ackermann_cmd, too, where these are installed.
+    ``head`` is that which carries the camera, where one may.
     """
 
-    def __init__(
-        self, node: Node, settings: DriverNodeSettings, servo: ServoSettings, head: Head | None
-    ) -> None:
-        self._head, self._wheelbase = head, servo.wheelbase
+    def __init__(self, node: Node, settings: DriverNodeSettings, head: Head | None = None) -> None:
+        self._head = head
         self._stamped, self._frame = settings.enable_stamped_cmd_vel, settings.base_frame
         self._always = not settings.watchdog
         # Since the run ended, was ended by somebody, and the last command went out.
         self._ended, self._stopped, self._sent = (Stopwatch(runs=False) for _ in range(3))
         kind = write.twist_type(stamped=self._stamped)
         self._command_pub = node.create_publisher(kind, 'cmd_vel', qos.COMMAND)
-        self._drive = None if turns_in_place(servo.drive) else write.ackermann_type()
-        if self._drive is not None:
-            self._drive_pub = node.create_publisher(self._drive, 'ackermann_cmd', qos.COMMAND)
 
     def answer(self, before: ServoState, state: ServoState, stamp_ns: int) -> None:
         """Publish the command of ``state``, in a run and shortly after its end."""
@@ -157,12 +150,6 @@ class Commands:
         if self._head is not None:
             self._head.send(command, stamp_ns)
         self._sent.start()
-        if self._drive is not None:
-            self._drive_pub.publish(
-                write.ackermann_drive(
-                    self._drive, command.twist, self._wheelbase, stamp_ns, self._frame
-                )
-            )
         self._command_pub.publish(
             write.command(command.twist, stamp_ns, self._frame, stamped=self._stamped)
         )

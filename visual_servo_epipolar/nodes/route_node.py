@@ -97,7 +97,7 @@ class RouteNode(ManagedNode):
         )
         self._repetition = RouteRepetition(
             self,
-            Commands(self, settings, self._servo, None),
+            Commands(self, settings),
             self._reports,
             self._enable.withheld,
             lambda: self._servo.stale_timeout,

@@ -68,7 +68,7 @@ class ServoNode(ManagedNode):
             profile=qos.ODOMETRY if self._node_settings.watchdog else qos.STREAM,
         )
         self._head = Head(self, self._settings, self._node_settings, self._warn)
-        self._commands = Commands(self, self._node_settings, self._settings, self._head)
+        self._commands = Commands(self, self._node_settings, self._head)
         self._reports = Reports(self, self._node_settings.base_frame)
         self._live = LiveRun(
             self,

@@ -1,16 +1,11 @@
 """Commands rise by what the time between their going out allows, whatever the stamps say."""
 
-from importlib.util import find_spec
-import math
-from types import SimpleNamespace
-
 import pytest
 from servo_rig import AWAY, GOAL, Rig
 
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.supervisor import LATE_S
-from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 
 ACCELERATION = ServoSettings().max_angular_acceleration
@@ -43,33 +38,6 @@ def test_where_time_waits_for_the_servo_stamps_alone_count(bench, clock) -> None
     assert rise(Rig(bench, watchdog=False).drive(), 0) == pytest.approx(
         ACCELERATION * 0.0909, rel=0.01
     )
-
-
-CAR = {'law': 'smooth', 'base': 'car', 'max_curvature': 1.0}
-
-
-def kind(header: object) -> SimpleNamespace:
-    """Return the fields of an AckermannDriveStamped that are filled; its package is no wheel."""
-    return SimpleNamespace(header=header, drive=SimpleNamespace(speed=0.0, steering_angle=0.0))
-
-
-@pytest.mark.parametrize('speed', [0.3, -0.3])
-def test_a_curve_to_the_left_steers_left_forward_and_backward(speed: float) -> None:
-    message = write.ackermann_drive(kind, Twist(speed, speed * 0.8), 0.5, 0, 'base_link')
-    assert message.drive.speed == speed
-    assert math.tan(message.drive.steering_angle) == pytest.approx(0.5 * 0.8)
-
-
-def test_who_stands_steers_straight() -> None:
-    message = write.ackermann_drive(kind, STANDSTILL, 0.5, 0, 'base_link')
-    assert (message.drive.speed, message.drive.steering_angle) == (0.0, 0.0)
-
-
-@pytest.mark.parametrize(('values', 'steers'), [(CAR, True), ({}, False)])
-def test_a_base_that_steers_is_sent_it_if_its_package_is_there(bench, values, steers) -> None:
-    installed = find_spec('ackermann_msgs') is not None
-    names = {item.topic_name for item in bench.start(ServoNode, **values).publishers}
-    assert ('/ackermann_cmd' in names) is (steers and installed)
 
 
 def test_the_parameter_that_asked_for_it_is_answered_by_the_base(bench) -> None:
