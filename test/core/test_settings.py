@@ -37,7 +37,7 @@ class Sample(Settings):
 
 def test_a_home_folder_is_written_out_in_paths(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('HOME', '/home/user')
-    assert Sample(files='~/a~b.png:~:c/~/d').files == '/home/user/a~b.png:/home/user:c/~/d'
+    assert Sample(files='~/a~b.png').files == '/home/user/a~b.png'
     assert Sample(names=('~/topic',)).names == ('~/topic',)
 
 

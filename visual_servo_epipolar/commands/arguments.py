@@ -4,13 +4,14 @@ import argparse
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 import math
+import os
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from visual_servo_epipolar.commands.outputs import OutputFile
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.phase import law_names
-from visual_servo_epipolar.core.settings import alike, expanded
+from visual_servo_epipolar.core.settings import alike
 from visual_servo_epipolar.files import config_folders, config_names
 from visual_servo_epipolar.simulation.choices import SOURCES
 
@@ -116,7 +117,9 @@ def add_words(parser: Any, rows: Mapping[str, str], **more: Any) -> None:
     """Add options that take words or paths: name and placeholder -> help; ``more``: argparse's."""
     for names, text in rows.items():
         option, placeholder = names.split(' ', 1)
-        parser.add_argument(option, metavar=placeholder, help=text, **{'type': expanded, **more})
+        parser.add_argument(
+            option, metavar=placeholder, help=text, **{'type': os.path.expanduser, **more}
+        )
 
 
 def add_lists(parser: argparse.ArgumentParser, rows: Mapping[str, str]) -> None:

@@ -3,6 +3,7 @@
 from argparse import ArgumentParser
 from collections.abc import Callable, Mapping
 from dataclasses import fields
+import os
 from typing import NamedTuple
 
 from visual_servo_epipolar.commands.arguments import (
@@ -25,7 +26,7 @@ from visual_servo_epipolar.commands.arguments import (
 from visual_servo_epipolar.commands.outputs import OutputFile, OutputFolder
 from visual_servo_epipolar.core.laws.circumstances import Circumstances
 from visual_servo_epipolar.core.routes.settings import FollowSettings
-from visual_servo_epipolar.core.settings import expanded, range_of
+from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.simulation.choices import REGIONS, WAYS, WORLDS
 
 DEMO_START = (1.0, -3.5, 8.0)
@@ -253,7 +254,7 @@ def _number_of(name: str) -> Callable[[str], int]:
 
 
 def _add_path(parser: ArgumentParser, name: str, metavar: str, text: str) -> None:
-    parser.add_argument(name, metavar=metavar, help=text, type=expanded)
+    parser.add_argument(name, metavar=metavar, help=text, type=os.path.expanduser)
 
 
 def _add_bag(parser: ArgumentParser, metavar: str, kinds: str) -> None:

@@ -11,7 +11,6 @@ import sys
 from typing import Any
 
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.settings import expanded
 from visual_servo_epipolar.files import try_out, write_whole
 
 
@@ -20,7 +19,7 @@ class OutputFile(str):
 
     def __new__(cls, name: str | Path) -> 'OutputFile':
         """Return the name with ~ as the folder it stands for."""
-        return super().__new__(cls, expanded(str(name)))
+        return super().__new__(cls, os.path.expanduser(str(name)))
 
     def check(self) -> None:
         """Raise InputError if it cannot be written; leaves no trace."""

@@ -163,11 +163,6 @@ def alike(word: str, known: Sequence[str]) -> list[str]:
     return close[:ALIKE]
 
 
-def expanded(path: str) -> str:
-    """Return a path, or several with colons between them, with ~ as the folder it stands for."""
-    return os.pathsep.join(map(os.path.expanduser, path.split(os.pathsep)))
-
-
 def _renamed(renamed: Mapping[str, str], values: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Return ``values`` by today's names; no setting may be given by two names at once."""
     given: dict[str, str] = {}
@@ -203,7 +198,7 @@ def _checked(name: str, value: Any, item: 'Field[Any]') -> Any:
     for number in numbers:
         if isinstance(number, (int, float)) and not isinstance(number, bool):
             _check_number(name, float(number), limits)
-    return expanded(value) if limits.path and isinstance(value, str) else value
+    return os.path.expanduser(value) if limits.path and isinstance(value, str) else value
 
 
 def _items(name: str, value: tuple[Any, ...], *, words: bool) -> tuple[Any, ...]:

@@ -51,8 +51,8 @@ def read_photographs(given: str, most: int) -> dict[str, Image]:
     """
     Read the photographs that a parameter names, by path, or raise ValueError.
 
-    It names a file, several with colons between them, or a folder of pictures, taken by name;
-    ``most`` at most. The first one defines the goal.
+    It names a file, or a folder of ``most`` pictures at most, by name. The first one defines the
+    goal.
     """
     files = _photograph_files(given)
     if len(files) > most:
@@ -64,10 +64,8 @@ def read_photographs(given: str, most: int) -> dict[str, Image]:
 
 
 def _photograph_files(given: str) -> list[str]:
-    # Of a list, pathlib would say that its name is too long.
     if not os.path.isdir(given):
-        several = os.pathsep in given and not os.path.exists(given)
-        return given.split(os.pathsep) if several else [given]
+        return [given]
     try:
         files = sorted(it for it in Path(given).iterdir() if _is_picture(it))
     except OSError as error:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+import os
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -17,7 +18,6 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.run import RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import expanded
 from visual_servo_epipolar.messages import event_log, read
 from visual_servo_epipolar.messages.event_log import Entry, FAILED, HELD, STARTED, STOPPED, UNSENT
 from visual_servo_epipolar.messages.route_folder import read_route, route_hash
@@ -52,7 +52,7 @@ class RecordedRepetition:
 
     def folder(self) -> Path:
         """Return the folder of the route, as the node had it."""
-        return Path(expanded(str(self.settings[-1][1].values.get('route', ''))))
+        return Path(os.path.expanduser(str(self.settings[-1][1].values.get('route', ''))))
 
     def new_run(
         self, folder: Path, entry: Entry, stamp_ns: int, settings: RunSettings

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Mapping
 from contextlib import closing
+import os
 from pkgutil import resolve_name
 from typing import Any
 
@@ -16,7 +17,6 @@ from visual_servo_epipolar.commands.arguments import (
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.outputs import write_json
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.settings import expanded
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
 # Each row names a module, or a name in one, with run(*, seed, quick, say) -> document and
@@ -51,7 +51,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'which',
         nargs='*',
         metavar='WHICH',
-        type=expanded,
+        type=os.path.expanduser,
         help=f'any of {", ".join(BENCHMARKS)} (default all but {", ".join(ON_REQUEST)}); after '
         'real and after routes the FOLDER with truth.json; after report the FOLDER that it writes '
         'and goes on in (default bench_report)',

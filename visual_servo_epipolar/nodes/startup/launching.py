@@ -10,7 +10,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from visual_servo_epipolar.core.settings import expanded, hint
+from visual_servo_epipolar.core.settings import hint
 from visual_servo_epipolar.files import config_names, PACKAGE
 
 UNSET_OR_BOOLEAN = ('', 'true', 'false')
@@ -94,10 +94,10 @@ def rig(name: str) -> list[Any]:
 
 def own(file: str) -> list[str]:
     """Return the user's parameter file, if there is one."""
-    path = expanded(file)
-    if file and not Path(path).is_file():  # launch would go on without it
+    path = Path(file).expanduser()
+    if file and not path.is_file():  # launch would go on without it
         raise RuntimeError(f'there is no parameter file {file}; give the path of one')
-    return [path] if file else []
+    return [str(path)] if file else []
 
 
 def given(value: Mapping[str, str], **kinds: type) -> list[dict[str, ParameterValue]]:

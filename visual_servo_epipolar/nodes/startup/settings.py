@@ -151,8 +151,8 @@ class TrackerNodeSettings(ImageSettings):
 
     desired_image: str = fixed(
         '',
-        'File of the photograph, or several of one pose: a folder, or files with colons between '
-        'them; empty: wait for desired/image_raw or ~/capture_desired',
+        'File of the photograph, or a folder of several of one pose; empty: wait for '
+        'desired/image_raw or ~/capture_desired',
         path=True,
     )
     photograph: str = fixed(
