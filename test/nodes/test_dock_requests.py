@@ -256,8 +256,7 @@ class Robot:
         self.odometry = bench.talk(Odometry, 'odom')
         info = bench.talk(CameraInfo, 'camera_info')
         self.servo = bench.start(ServoNode, stale_timeout=60.0, max_latency=0.0, **servo)
-        waits = {'servo_timeout': 60.0, 'initial_perception_timeout': 60.0}
-        self.node = bench.start(served, serve_action=True, max_retries=2, **waits)
+        self.node = bench.start(served, serve_action=True, max_retries=2, servo_timeout=60.0)
         info(write.camera_info(CAMERA, 0, 'camera'))
         bench.settle()
         self.client = Client(bench)

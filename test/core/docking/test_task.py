@@ -115,25 +115,6 @@ def test_after_a_retry_it_controls_and_docks() -> None:
     assert task.retries == 1
 
 
-def test_a_photograph_that_is_not_seen_in_time() -> None:
-    task = heard(running(), Phase.WAITING, now=1.0)
-    task = on_tick(task, SETTINGS.initial_perception_timeout, SETTINGS)
-    assert task.retries == 0
-    task = heard(task, Phase.HOLDING, now=4.9)
-    task = on_tick(task, SETTINGS.initial_perception_timeout + 0.1, SETTINGS)
-    assert task.retries == 1
-    assert task.orders == (STOP,)
-
-
-def test_an_approach_that_takes_too_long() -> None:
-    settings = replace(SETTINGS, max_retries=0, dock_approach_timeout=20.0)
-    task = heard(running(), Phase.DISPLACING, now=20.0)
-    assert on_tick(task, 20.0, settings).outcome is None
-    task = on_tick(task, 20.1, settings)
-    assert task.outcome.error is Error.FAILED_TO_CONTROL
-    assert task.orders == (STOP,)
-
-
 @pytest.mark.parametrize(
     ('phases', 'error'),
     [((Phase.DISPLACING,), Error.FAILED_TO_CONTROL), ((), Error.FAILED_TO_DETECT_DOCK)],

@@ -24,16 +24,12 @@ class DockTaskSettings(Settings):
         'wait_for_charge': False,
         'charging_threshold': 0.5,
         'wait_charge_timeout': 5.0,
+        'initial_perception_timeout': 5.0,
+        'dock_approach_timeout': 300.0,
     }
 
     dock_id: str = fixed('', 'Name of the dock of the photograph; empty: that of every request')
     max_retries: int = internal(3, 'Further attempts after one that failed', low=0, high=100)
-    initial_perception_timeout: float = internal(
-        5.0, 'Longest wait for the photograph to be seen [s]', low=0.1, high=600.0
-    )
-    dock_approach_timeout: float = internal(
-        300.0, 'Longest approach in one attempt [s]', low=1.0, high=86400.0
-    )
     servo_timeout: float = internal(
         5.0, 'Longest silence of the servo while it should drive [s]', low=0.2, high=600.0
     )
@@ -171,7 +167,7 @@ def on_report(
 
 
 def on_tick(task: Task, now: float, settings: DockTaskSettings) -> Task:
-    """Return the task as time goes by: what takes too long fails."""
+    """Return the task as time goes by: a servo that is silent, or never begins, ends it."""
     task = replace(task, orders=())
     if task.outcome is not None:
         return task
@@ -179,18 +175,10 @@ def on_tick(task: Task, now: float, settings: DockTaskSettings) -> Task:
     unseen = Error.FAILED_TO_CONTROL if task.driven else Error.FAILED_TO_DETECT_DOCK
     if silence > settings.servo_timeout:
         return end(task, unseen, f'no message of the servo has come for {silence:.1f} s')
-    if task.step is not Stage.RUNNING:
-        if waited <= settings.servo_timeout:
-            return task
-        reason = f'the servo has not begun anew for {waited:.1f} s; is phase that of this servo?'
-        return end(task, Error.UNKNOWN, reason)
-    if not task.driven and waited > settings.initial_perception_timeout:
-        reason = f'the photograph was not seen for {waited:.0f} s'
-        return _retry(task, Error.FAILED_TO_DETECT_DOCK, reason, now, settings)
-    if waited > settings.dock_approach_timeout:
-        reason = f'the approach took longer than {settings.dock_approach_timeout:g} s'
-        return _retry(task, Error.FAILED_TO_CONTROL, reason, now, settings)
-    return task
+    if task.step is Stage.RUNNING or waited <= settings.servo_timeout:
+        return task  # the servo itself ends what takes too long
+    reason = f'the servo has not begun anew for {waited:.1f} s; is phase that of this servo?'
+    return end(task, Error.UNKNOWN, reason)
 
 
 def end(task: Task, error: Error, message: str, *, canceled: bool = False) -> Task:
