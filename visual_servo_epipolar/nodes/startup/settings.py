@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 
-HEAD_COMMANDS = ('position', 'velocity', 'trajectory')
 OWN_TF = '-r /tf:=tf -r /tf_static:=tf_static in a namespace'  # of a frame_prefix
 
 
@@ -92,7 +91,32 @@ class DriverNodeSettings(CalibrationSettings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServoNodeSettings(DriverNodeSettings):
+class HeadJoints(Settings):
+    """Names of the joints of a head, and what commands it."""
+
+    pan_joint: str = fixed('pan_joint', 'Joint of joint_states that pans the head to the left')
+    tilt_joint: str = fixed(
+        'tilt_joint', 'Joint of joint_states that tilts the head down; empty: there is none'
+    )
+    head_command: str = fixed(
+        'position',
+        'On head/command, as JointState: position, angles; velocity, rates; as '
+        'JointTrajectory: trajectory',
+        choices=('position', 'velocity', 'trajectory'),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        pan, tilt = self.pan_joint, self.tilt_joint
+        if not pan or pan == tilt:
+            raise ValueError(
+                f'pan_joint must be the name of a joint other than tilt_joint, got {pan!r} and '
+                f"{tilt!r}; set both to their names in joint_states, tilt_joint: '' without a tilt"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoNodeSettings(HeadJoints, DriverNodeSettings):
     """Settings of the connections of the node."""
 
     arming_timeout: float = setting(
@@ -106,29 +130,6 @@ class ServoNodeSettings(DriverNodeSettings):
         'After a hold: automatic = continue; manual = only ~/start begins a new run',
         choices=('automatic', 'manual'),
     )
-    pan_joint: str = fixed('pan_joint', 'Joint of joint_states that pans the head to the left')
-    tilt_joint: str = fixed(
-        'tilt_joint', 'Joint of joint_states that tilts the head down; empty: there is none'
-    )
-    head_command: str = fixed(
-        'position',
-        'On head/command go out, as JointState: position, angles; velocity, rates; as '
-        'JointTrajectory: trajectory',
-        choices=HEAD_COMMANDS,
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _refuse_joints(self.pan_joint, self.tilt_joint)
-
-
-def _refuse_joints(pan: str, tilt: str) -> None:
-    """Raise ValueError for names that are not those of two joints; there may be no tilt."""
-    if not pan or pan == tilt:
-        raise ValueError(
-            f'pan_joint must be the name of a joint other than tilt_joint, got {pan!r} and '
-            f"{tilt!r}; set both to their names in joint_states, tilt_joint: '' without a tilt"
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,7 +218,7 @@ class UnicycleSettings(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraRig(Settings):
+class CameraRig(HeadJoints):
     """What carries the simulated camera, and the names of its joints and frames."""
 
     RENAMED: ClassVar[Mapping[str, str]] = {'frame_prefix': OWN_TF}
@@ -228,21 +229,10 @@ class CameraRig(Settings):
         'What carries the camera: fixed (a mount), or pan_tilt (a head)',
         choices=('fixed', 'pan_tilt'),
     )
-    pan_joint: str = fixed('pan_joint', 'Joint of joint_states that pans the head to the left')
-    tilt_joint: str = fixed('tilt_joint', 'Joint of joint_states that tilts the head down')
-    head_command: str = fixed(
-        'position',
-        'Takes on head/command, as the servo sends them: position, velocity, trajectory',
-        choices=HEAD_COMMANDS,
-    )
     camera_frame: str = fixed(
         'camera_optical_frame', 'Frame of the images: x right, y down, z ahead'
     )
     base_frame: str = fixed('base_link', 'Frame of the base')
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _refuse_joints(self.pan_joint, self.tilt_joint)
 
 
 @dataclass(frozen=True, kw_only=True)
