@@ -23,11 +23,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.twoview.observation import Observation
-from visual_servo_epipolar.simulation.cameras import (
-    CameraSettings,
-    SIMULATED_RIGS,
-    SimulatedRigModel,
-)
+from visual_servo_epipolar.simulation.cameras import CameraSettings, SIMULATED_RIGS
 from visual_servo_epipolar.simulation.rigs import CameraPose, FixedRig
 from visual_servo_epipolar.simulation.scenario import from_document
 from visual_servo_epipolar.simulation.views import drive
@@ -64,10 +60,6 @@ def joints_at(frame: int | None) -> Joints:
     return AT_REST if frame is None else Joints(SWING * math.sin(math.tau * (frame + 1) / PERIOD))
 
 
-class SwingingSettings(CameraSettings):
-    """Camera on a head that swings."""
-
-
 class SwingingRig(NamedTuple):
     """The head in the world."""
 
@@ -90,8 +82,11 @@ class SwingingRig(NamedTuple):
         return CameraPose(axes, self.fixed.mount.centre(pose))
 
 
-def swinging(settings: SwingingSettings) -> SwingingRig:
-    return SwingingRig(FixedRig(settings.camera, settings.mount))
+class SwingingSettings(CameraSettings):
+    """Camera on a head that swings."""
+
+    def rig(self) -> SwingingRig:
+        return SwingingRig(FixedRig(self.camera, self.mount))
 
 
 @dataclass
@@ -114,7 +109,7 @@ class Control:
 @pytest.fixture()
 def scenario(install, monkeypatch):
     install('rigs', 'pan', f'{__name__}:PanHead')
-    monkeypatch.setitem(SIMULATED_RIGS, 'swinging', SimulatedRigModel(SwingingSettings, swinging))
+    monkeypatch.setitem(SIMULATED_RIGS, 'swinging', SwingingSettings)
     return from_document({'camera': {'rig': 'swinging'}}, 'test')
 
 

@@ -19,7 +19,6 @@ from visual_servo_epipolar.core.geometry.motion import (
 )
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.simulation.bases import Nod
-from visual_servo_epipolar.simulation.cameras import new_rig
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
@@ -148,7 +147,7 @@ def test_points_are_seen_as_a_camera_in_a_room_sees_them(pose: Pose, frame: int)
     }
     scenario = from_document({'camera': shaken}, 'test').seeded(5)
     cloud, camera = points_of(scenario, 5), scenario.camera
-    renderer = Renderer(FLOOR, new_rig(camera))
+    renderer = Renderer(FLOOR, camera.rig())
     expected, expected_visible = renderer.project(cloud.points, pose, frame)
     pixels, visible = cloud.project(pose, frame)
     np.testing.assert_array_equal(visible, expected_visible)

@@ -22,9 +22,7 @@ from visual_servo_epipolar.simulation.bases import (
     AckermannSettings,
     DeadReckoning,
     model_settings,
-    new_base,
-    nod_of,
-    SimulatedBase,
+    Pioneer,
     world_to_odometry,
 )
 
@@ -32,7 +30,7 @@ BEGIN_PERIOD_S = 0.5
 
 
 class UnicycleNode(ParameterNode):
-    """Hosts a ``SimulatedBase``; in lockstep each command is a frame, and /clock is its own."""
+    """Hosts a simulated base; in lockstep each command is a frame, and /clock is its own."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('unicycle_node', **options)
@@ -76,11 +74,11 @@ class UnicycleNode(ParameterNode):
         self._base = self._new_base()
         self._reckoning = DeadReckoning(self._base.odometry, self._base.now_ns)
 
-    def _new_base(self) -> SimulatedBase:
+    def _new_base(self) -> Pioneer:
         start = Pose.from_start(*self._settings.start)
         now_ns = 0 if self._settings.lockstep else steady.now_ns()
         settings = model_settings(self._settings.model, self._base_settings)
-        return new_base(settings, start, seed=self._settings.seed, now_ns=now_ns)
+        return settings.base(start, seed=self._settings.seed, now_ns=now_ns)
 
     def _on_command(self, message: Any) -> None:
         try:
@@ -129,7 +127,7 @@ class UnicycleNode(ParameterNode):
             stamp_ns,
             names.world_frame,
             names.base_frame,
-            pitch=nod_of(base),
+            pitch=base.nodding,
         )
         self._truth_pub.publish(truth)
 

@@ -2,10 +2,10 @@
 
 from array import array
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass, fields
 import math
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -109,13 +109,18 @@ class PioneerSettings(Settings):
     )
     GONE: ClassVar[Mapping[str, Any]] = {'wheel_radius': 0.0975}
 
+    def base(self, pose: Pose, *, seed: int, now_ns: int = 0) -> 'Pioneer':
+        """Return the base at ``pose`` and time ``now_ns`` [ns]; ``seed`` fixes its noise."""
+        return Pioneer(self, pose, seed=seed, now_ns=now_ns)
+
 
 class Pioneer:
     """
     The base, advanced in simulated time [ns] by ``advance``; commands come in by ``command``.
 
     ``pose`` is ground truth, ``twist`` the true velocity, ``nodding`` the pitch of the body,
-    ``odometry`` what the wheels report: it starts at (0, 0, 0) and drifts.
+    ``odometry`` what the wheels report: it starts at (0, 0, 0) and drifts. A host may replace
+    ``settings`` by others of one class while it drives.
     """
 
     def __init__(
@@ -282,6 +287,10 @@ class AckermannSettings(PioneerSettings):
     )
     GONE: ClassVar[Mapping[str, Any]] = {'steering_offset': 0.0}
 
+    def base(self, pose: Pose, *, seed: int, now_ns: int = 0) -> 'Ackermann':
+        """Return the car at ``pose`` and time ``now_ns`` [ns]."""
+        return Ackermann(self, pose, seed=seed, now_ns=now_ns)
+
 
 class Ackermann(Pioneer):
     """
@@ -327,82 +336,22 @@ class Ackermann(Pioneer):
         return grip * linear, grip * linear * math.tan(angle) / settings.wheelbase
 
 
-class SimulatedBase(Protocol):
-    """
-    A robot on the floor: commands in, ground truth and odometry out.
-
-    It lives in simulated time and moves in ``advance`` alone.
-    """
-
-    settings: Any
-    """What it is like; a host may put other values of one class in place while it drives."""
-
-    @property
-    def now_ns(self) -> int:
-        """Simulated time [ns]."""
-
-    @property
-    def pose(self) -> Pose:
-        """Ground truth in the world."""
-
-    @property
-    def twist(self) -> Twist:
-        """True velocity."""
-
-    @property
-    def odometry(self) -> Pose:
-        """Pose by the wheels, from (0, 0, 0) at the start; it drifts."""
-
-    @property
-    def timed_out(self) -> bool:
-        """Whether the last command is older than the base accepts."""
-
-    def command(self, command: Command) -> None:
-        """Take ``command`` now."""
-
-    def halt(self) -> None:
-        """Drop every command and brake."""
-
-    def advance(self, now_ns: int) -> None:
-        """Move until ``now_ns`` [ns]; a time that is not later moves nothing."""
-
-
-class SimulatedBaseModel(NamedTuple):
-    """
-    One row: the class of settings, which no other row has, and the class of the base.
-
-    ``factory`` is called as ``new_base``; ``seed`` fixes the noise of the odometry.
-    """
-
-    settings: type[Settings]
-    factory: Callable[..., SimulatedBase]
-
-
-SIMULATED_BASES: dict[str, SimulatedBaseModel] = {
-    'pioneer': SimulatedBaseModel(PioneerSettings, Pioneer),
-    'ackermann': SimulatedBaseModel(AckermannSettings, Ackermann),
+# Settings of each base by its name; no two have a class in common.
+SIMULATED_BASES: dict[str, type[PioneerSettings]] = {
+    'pioneer': PioneerSettings,
+    'ackermann': AckermannSettings,
 }
 
 
-def nod_of(base: SimulatedBase) -> Nod:
-    """Return the pitch of the body of a base that has one, as its ``nodding``."""
-    return getattr(base, 'nodding', LEVEL)
-
-
-def base_name(settings: Settings) -> str:
+def base_name(settings: PioneerSettings) -> str:
     """Return the name of the base that ``settings`` belong to; KeyError if there is none."""
-    return {model.settings: name for name, model in SIMULATED_BASES.items()}[type(settings)]
+    return {kind: name for name, kind in SIMULATED_BASES.items()}[type(settings)]
 
 
-def model_settings(name: str, values: Settings) -> Settings:
+def model_settings(name: str, values: Settings) -> PioneerSettings:
     """Return the settings of the base called ``name``, of those ``values`` which it has."""
-    kind = SIMULATED_BASES[name].settings
+    kind = SIMULATED_BASES[name]
     return kind(**{item.name: getattr(values, item.name) for item in fields(kind)})
-
-
-def new_base(settings: Settings, pose: Pose, *, seed: int, now_ns: int = 0) -> SimulatedBase:
-    """Return the base that ``settings`` describe, at ``pose`` and time ``now_ns`` [ns]."""
-    return SIMULATED_BASES[base_name(settings)].factory(settings, pose, seed=seed, now_ns=now_ns)
 
 
 @dataclass(frozen=True, slots=True)

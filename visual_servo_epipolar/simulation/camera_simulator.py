@@ -6,7 +6,7 @@ from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.bases import LEVEL, Nod
-from visual_servo_epipolar.simulation.cameras import CameraSettings, new_rig
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.closed_loop import View
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.light import (
@@ -43,7 +43,7 @@ class CameraSimulator:
         disturbances: DisturbanceSettings | None = None,
         light: LightSettings | None = None,
     ) -> None:
-        self._settings, rig = settings, new_rig(settings)
+        self._settings, rig = settings, settings.rig()
         self._joints: Joints | None = None  # as long as no head has turned it
         self.camera = rig.camera
         self._room = painted_room(settings.scene_seed, settings.scene)
@@ -64,7 +64,7 @@ class CameraSimulator:
 
     @settings.setter
     def settings(self, settings: CameraSettings) -> None:
-        rig = new_rig(settings)
+        rig = settings.rig()
         self._settings = settings
         self.renderer.rig = rig if self._joints is None else rig.turned(self._joints)
 

@@ -1,10 +1,10 @@
 """Simulated cameras: settings, a pan-tilt head with its encoders, a registry of rigs by name."""
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 import math
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.rigs.rig import AT_REST, HeadCommand, Joints
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
-from visual_servo_epipolar.simulation.rigs import CameraMount, CameraPose, FixedRig, SimulatedRig
+from visual_servo_epipolar.simulation.rigs import CameraMount, CameraPose, FixedRig
 from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME, Receipt, Shutter
 
 
@@ -177,8 +177,8 @@ class CameraSettings(Settings):
         """When images are received, and stamped."""
         return Receipt(self.stamp_delay, self.stamp_jitter, self.seed, self.readout)
 
-    def fixed_rig(self) -> FixedRig:
-        """Return the rig of a camera that is screwed to the robot."""
+    def rig(self) -> FixedRig:
+        """Return what carries the camera."""
         return FixedRig(self.camera, self.mount, self.jitter, self.seed, self.bumps)
 
 
@@ -276,11 +276,6 @@ class SimulatedHead:
 VIEWS = 15  # from end to end of a pan joint
 
 
-@dataclass(frozen=True, kw_only=True)
-class PanTiltSettings(HeadSettings, CameraSettings):
-    """A camera that a head turns, and the head, with its pan axis at the mount."""
-
-
 @dataclass(frozen=True, slots=True)
 class PanTiltRig(FixedRig):
     """
@@ -309,50 +304,38 @@ class PanTiltRig(FixedRig):
         return self.placed(pose, frame, joints or self.rest)
 
 
-def pan_tilt_rig(settings: PanTiltSettings) -> PanTiltRig:
-    """Return the rig that ``settings`` describe."""
-    return PanTiltRig(
-        settings.camera,
-        settings.mount,
-        settings.jitter,
-        settings.seed,
-        settings.bumps,
-        pan_limit=settings.head_pan_limit,
-        rest=Joints(-settings.head_encoder_offset),
-    )
+@dataclass(frozen=True, kw_only=True)
+class PanTiltSettings(HeadSettings, CameraSettings):
+    """A camera that a head turns, and the head, with its pan axis at the mount."""
+
+    def rig(self) -> PanTiltRig:
+        """Return the head that carries the camera."""
+        return PanTiltRig(
+            self.camera,
+            self.mount,
+            self.jitter,
+            self.seed,
+            self.bumps,
+            pan_limit=self.head_pan_limit,
+            rest=Joints(-self.head_encoder_offset),
+        )
 
 
-class SimulatedRigModel(NamedTuple):
-    """
-    One row: the class of settings, which no other row has, and the function that makes the rig.
-
-    ``turns`` tells that joints turn the camera.
-    """
-
-    settings: type[CameraSettings]
-    factory: Callable[[Any], SimulatedRig]
-    turns: bool = True
-
-
-SIMULATED_RIGS: dict[str, SimulatedRigModel] = {
-    'fixed': SimulatedRigModel(CameraSettings, CameraSettings.fixed_rig, turns=False),
-    'pan_tilt': SimulatedRigModel(PanTiltSettings, pan_tilt_rig),
+# Settings of the camera on each rig, by its name; no two have a class in common.
+SIMULATED_RIGS: dict[str, type[CameraSettings]] = {
+    'fixed': CameraSettings,
+    'pan_tilt': PanTiltSettings,
 }
 
 
 def rig_name(settings: CameraSettings) -> str:
     """Return the name of the rig that ``settings`` belong to; KeyError if there is none."""
-    return {model.settings: name for name, model in SIMULATED_RIGS.items()}[type(settings)]
-
-
-def turns(settings: CameraSettings) -> bool:
-    """Return whether joints turn the camera that ``settings`` belong to."""
-    return SIMULATED_RIGS[rig_name(settings)].turns
+    return {kind: name for name, kind in SIMULATED_RIGS.items()}[type(settings)]
 
 
 def rig_settings(name: str, *parts: Settings) -> CameraSettings:
     """Return the settings of the rig of that ``name``, as far as it has those of the ``parts``."""
-    kind = SIMULATED_RIGS[name].settings
+    kind = SIMULATED_RIGS[name]
     values = {item.name: getattr(part, item.name) for part in parts for item in fields(part)}
     return kind(**{item.name: values[item.name] for item in fields(kind)})
 
@@ -360,8 +343,3 @@ def rig_settings(name: str, *parts: Settings) -> CameraSettings:
 def head_settings(settings: CameraSettings) -> HeadSettings | None:
     """Return what the head is like that turns the camera; None of a rig without one."""
     return settings if isinstance(settings, HeadSettings) else None
-
-
-def new_rig(settings: CameraSettings) -> SimulatedRig:
-    """Return the rig that ``settings`` describe."""
-    return SIMULATED_RIGS[rig_name(settings)].factory(settings)

@@ -25,11 +25,10 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import too_few_features
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
-from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns, seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.twoview.observation import Observation, observe
-from visual_servo_epipolar.simulation.bases import LEVEL, new_base, Nod, nod_of, PioneerSettings
+from visual_servo_epipolar.simulation.bases import LEVEL, Nod, PioneerSettings
 from visual_servo_epipolar.simulation.cameras import HeadSettings, SimulatedHead
 from visual_servo_epipolar.simulation.sensor import BodyState, PoseHistory, Receipt
 
@@ -58,7 +57,7 @@ class LoopSettings:
     receipt: Receipt = Receipt()
     max_duration: float = 300.0
     servo: ServoSettings = field(default_factory=ServoSettings)
-    base: Settings = field(default_factory=PioneerSettings)
+    base: PioneerSettings = field(default_factory=PioneerSettings)
     head: HeadSettings | None = None
     field_of_view: float | None = None
 
@@ -98,7 +97,7 @@ class RunMonitor:
     @property
     def _settle_frames(self) -> int:
         """Frames after the end in which the base carries out earlier commands, and brakes."""
-        delay = float(getattr(self.settings.base, 'command_delay', 0.0))
+        delay = self.settings.base.command_delay
         return max(SETTLE_FRAMES, math.ceil(delay * self.settings.frame_rate) + 3)
 
     def add(self, sample: Sample, *, reason: str, attempts: int) -> None:
@@ -156,7 +155,7 @@ class Loop:
         self.monitor = RunMonitor(settings)
         self._servo = settings.servo
         start = Pose.from_start(*settings.start)
-        self._base = new_base(settings.base, start, seed=settings.seed)
+        self._base = settings.base.base(start, seed=settings.seed)
         self._head = None
         if settings.head is not None:
             self._head = SimulatedHead(settings.head, seed=settings.seed)
@@ -213,7 +212,7 @@ class Loop:
 
     @property
     def _body(self) -> BodyState:
-        return BodyState(self.pose, self._base.twist, nod_of(self._base))
+        return BodyState(self.pose, self._base.twist, self._base.nodding)
 
     def _turn(self) -> None:
         """Let the camera look where the head has turned it to, and move as the base does."""

@@ -22,7 +22,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.bases import LEVEL, Nod
 from visual_servo_epipolar.simulation.closed_loop import View
 from visual_servo_epipolar.simulation.disturbances import Disturbances
-from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
+from visual_servo_epipolar.simulation.rigs import FixedRig, pitched
 from visual_servo_epipolar.simulation.sensor import (
     DESIRED_FRAME,
     INSTANT,
@@ -68,7 +68,7 @@ class PointWorld(View):
     def __init__(
         self,
         settings: PointSettings,
-        rig: SimulatedRig,
+        rig: FixedRig,
         *,
         seed: int,
         disturbances: Disturbances | None = None,

@@ -11,12 +11,12 @@ from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.matching import desired_view
-from visual_servo_epipolar.simulation.cameras import CameraSettings, new_rig
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.choices import refuse_unknown, REGIONS, StartRegion
 from visual_servo_epipolar.simulation.point_world import PointWorld
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
-from visual_servo_epipolar.simulation.rigs import SimulatedRig
+from visual_servo_epipolar.simulation.rigs import FixedRig
 from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME
@@ -39,7 +39,7 @@ class Ground:
     that reaches down to the robot is in the way.
     """
 
-    def __init__(self, scene: Scene, rig: SimulatedRig) -> None:
+    def __init__(self, scene: Scene, rig: FixedRig) -> None:
         self._rig = rig
         height = float(rig.camera_pose(DESIRED_POSE).centre[2])
         level = np.ptp(scene.corners[..., 2], axis=1) < LEVEL
@@ -140,7 +140,7 @@ class _Scenery:
     """The room, and the points in it that are worth tracking in a photograph by ``light``."""
 
     def __init__(self, camera: CameraSettings, light: str, candidates: int) -> None:
-        scene, rig = room(camera.scene_seed, camera.scene, light), new_rig(camera)
+        scene, rig = room(camera.scene_seed, camera.scene, light), camera.rig()
         self.ground = Ground(scene, rig)
         # What is kept has no pictures on it: they take hundreds of megabytes.
         self._renderer = Renderer(scene.bare(), rig)

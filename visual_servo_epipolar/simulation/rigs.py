@@ -1,10 +1,9 @@
 """Camera rigs: where a camera is with the robot at a pose; mounts and uneven floors."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -41,29 +40,6 @@ def pitched(camera: CameraPose, pose: Pose, pitch: float) -> CameraPose:
     """Return ``camera`` on a robot at ``pose`` whose body leans ahead by ``pitch`` [rad]."""
     sin, cos = math.sin(pose.theta), math.cos(pose.theta)
     return leaned(camera, pose, (-pitch * sin, pitch * cos, 0.0))
-
-
-class SimulatedRig(Protocol):
-    """What holds the camera on the robot; all that it does follows from pose and frame."""
-
-    @property
-    def camera(self) -> CameraModel:
-        """The true camera model."""
-
-    @property
-    def views(self) -> Sequence['SimulatedRig']:
-        """The rig as joints may turn it, closely enough that nothing is seen in between alone."""
-
-    def turned(self, joints: Joints) -> 'SimulatedRig':
-        """Return the rig with the joints of its head at these angles; at rest they are zero."""
-
-    def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
-        """
-        Return where the camera is with the robot at ``pose`` in ``frame``: -1, 0, 1, ...
-
-        Frame -1 is that of the photograph, with joints at rest; None is a level floor, which
-        shakes nothing.
-        """
 
 
 BLOCK = 64  # frames drawn at once: starting a random generator costs more than drawing
@@ -164,7 +140,12 @@ def on_bumps(camera: CameraPose, pose: Pose, bumps: float, seed: int) -> CameraP
 
 @dataclass(frozen=True, slots=True)
 class FixedRig:
-    """A camera on its mount, on a floor with ``jitter`` [rad] and ``bumps`` [m], both seeded."""
+    """
+    A camera on its mount, on a floor with ``jitter`` [rad] and ``bumps`` [m], both seeded.
+
+    All that a rig does follows from pose and frame: -1 of the photograph, with joints at rest, 0,
+    1, ...; or None, a level floor that shakes nothing.
+    """
 
     camera: CameraModel
     mount: CameraMount = CameraMount()
@@ -174,7 +155,7 @@ class FixedRig:
 
     @property
     def views(self) -> tuple['FixedRig', ...]:
-        """The rig as it is, alone."""
+        """The rig as joints may turn it, closely enough that nothing is seen in between alone."""
         return (self,)
 
     def turned(self, joints: Joints) -> 'FixedRig':

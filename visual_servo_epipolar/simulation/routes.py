@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRu
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns
-from visual_servo_epipolar.simulation.bases import new_base, SimulatedBase
+from visual_servo_epipolar.simulation.bases import Pioneer
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.light import LightSettings
 from visual_servo_epipolar.simulation.rooms.storey import CELLS
@@ -230,7 +230,7 @@ def teach(
         Driver(way, speed),
         CameraSimulator(scenario.camera, None, _taught_by(scenario)),
     )
-    base = new_base(scenario.base, way.start, seed=scenario.camera.seed)
+    base = scenario.base.base(way.start, seed=scenario.camera.seed)
     teacher = Teacher(scenario.camera.nominal_camera, settings)
     poses: list[Pose] = []
     rest = REST_FRAMES
@@ -257,7 +257,7 @@ def _taught_by(scenario: Scenario) -> LightSettings:
     )
 
 
-def _drive(base: SimulatedBase, twist: Twist, scenario: Scenario) -> None:
+def _drive(base: Pioneer, twist: Twist, scenario: Scenario) -> None:
     base.command(Command(twist))
     base.advance(base.now_ns + period_ns(scenario.camera.frame_rate))
 
@@ -348,7 +348,7 @@ def repeat(
     """Repeat a route to its end, from its beginning or from any ``start``; return the record."""
     simulator, last = new_simulator(scenario), len(taught.route.views) - 1
     begin, end = (last, 0) if settings.reverse else (0, last)
-    base = new_base(scenario.base, start or taught.stations[begin], seed=scenario.camera.seed + 1)
+    base = scenario.base.base(start or taught.stations[begin], seed=scenario.camera.seed + 1)
     servo = replace(scenario.servo, latency=base.settings.command_delay)
     way = None if start else taught.route.views[begin].way
     camera = scenario.camera.nominal_camera

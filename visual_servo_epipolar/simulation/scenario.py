@@ -15,15 +15,12 @@ from visual_servo_epipolar.simulation.bases import (
     base_name,
     PioneerSettings,
     SIMULATED_BASES,
-    SimulatedBaseModel,
 )
 from visual_servo_epipolar.simulation.cameras import (
     CameraSettings,
     head_settings,
     rig_name,
     SIMULATED_RIGS,
-    SimulatedRigModel,
-    turns,
 )
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings
 from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
@@ -43,7 +40,7 @@ class Scenario:
     """Settings of every part of a simulated run; the defaults are the nominal scenario."""
 
     run: RunSettings = field(default_factory=RunSettings)
-    base: Settings = field(default_factory=PioneerSettings)
+    base: PioneerSettings = field(default_factory=PioneerSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
     points: PointSettings = field(default_factory=PointSettings)
     disturbances: DisturbanceSettings = field(default_factory=DisturbanceSettings)
@@ -52,7 +49,7 @@ class Scenario:
     servo: ServoSettings = field(default_factory=ServoSettings)
 
     def __post_init__(self) -> None:
-        if self.servo.carrier.turn_rate > 0.0 and not turns(self.camera):
+        if self.servo.carrier.turn_rate > 0.0 and head_settings(self.camera) is None:
             raise ValueError(
                 f'the camera must be on a head for a servo with rig {self.servo.rig}, got one '
                 f'with rig {rig_name(self.camera)}, a fixed one; set rig of the camera to '
@@ -95,7 +92,7 @@ class Scenario:
 
 
 # Sections that come in several kinds: the key that names the kind, and settings by its name.
-KINDS: Mapping[str, tuple[str, Mapping[str, SimulatedBaseModel | SimulatedRigModel]]] = {
+KINDS: Mapping[str, tuple[str, Mapping[str, type[PioneerSettings] | type[CameraSettings]]]] = {
     'base': ('model', SIMULATED_BASES),
     'camera': ('rig', SIMULATED_RIGS),
 }
@@ -227,7 +224,7 @@ def _section(name: str, values: Any, where: str) -> Settings:
         kind, values = values.get(key), {k: v for k, v in values.items() if k != key}
         if kind is not None and kind not in tuple(models):
             raise ValueError(f'{where}: {key} must be one of {", ".join(models)}, got {kind!r}')
-        settings = settings if kind is None else models[kind].settings()
+        settings = settings if kind is None else models[kind]()
     return updated(settings, values, where)
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
-from visual_servo_epipolar.simulation.cameras import new_rig
 from visual_servo_epipolar.simulation.choices import refuse_unknown, SOURCES
 from visual_servo_epipolar.simulation.closed_loop import Control, run, View
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
@@ -31,7 +30,7 @@ def points_of(scenario: Scenario, seed: int) -> PointWorld:
         disturbances = Disturbances(size, scenario.disturbances, seed)
     return PointWorld(
         scenario.points,
-        new_rig(replace(camera, seed=seed)),
+        replace(camera, seed=seed).rig(),
         seed=seed,
         disturbances=disturbances,
         shutter=camera.row_timing,

@@ -26,7 +26,7 @@ from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.route_folder import read_route, write_route
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.simulation.bases import new_base, PioneerSettings
+from visual_servo_epipolar.simulation.bases import PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.routes import repeat, rounded, route_scenario, Taught, teach
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -99,7 +99,7 @@ def test_a_repetition_in_a_bag_replays_to_the_last_bit(bench, tmp_path, taught, 
     rig = RouteRig(bench, tmp_path / 'hall', camera, **values)
     info = bytes(serialize_message(write.camera_info(camera, 0, 'camera')))
     messages.append(('/camera_info', len(messages), info))
-    base, simulator = new_base(scenario.base, start, seed=6), CameraSimulator(scenario.camera)
+    base, simulator = scenario.base.base(start, seed=6), CameraSimulator(scenario.camera)
     begun, text = rig.call('repeat')
     assert begun and 'the camera was calibrated anew: cx 319.5 -> 321, rays up to 0.22 deg' in text
     speeds: list[float] = []
@@ -168,7 +168,7 @@ def compare(bench, folder: Path, taught: Taught, images: int) -> None:
         pass
     values = {**asdict(scenario.servo), 'watchdog': False}
     rig = RouteRig(bench, folder / 'hall', scenario.camera.nominal_camera, **values)
-    base, simulator = new_base(scenario.base, start, seed=6), CameraSimulator(scenario.camera)
+    base, simulator = scenario.base.base(start, seed=6), CameraSimulator(scenario.camera)
     assert rig.call('repeat')[0]
     for k, (twist, phase) in enumerate(expected):
         assert base.pose == poses[k], k

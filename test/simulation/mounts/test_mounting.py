@@ -15,7 +15,6 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.rigs.rig import HeadCommand, Joints
 from visual_servo_epipolar.core.tracking.canvas import Canvas
 from visual_servo_epipolar.simulation.cameras import (
-    pan_tilt_rig,
     PanTiltSettings,
     SimulatedHead,
 )
@@ -159,7 +158,7 @@ def test_an_encoder_is_off_and_the_head_with_it() -> None:
 
 
 def test_the_photograph_is_taken_where_encoders_read_zero() -> None:
-    rig = pan_tilt_rig(PanTiltSettings(head_encoder_offset=0.05))
+    rig = PanTiltSettings(head_encoder_offset=0.05).rig()
     photograph = rig.camera_pose(DESIRED_POSE, DESIRED_FRAME).R_world_camera
     turned = rig.turned(Joints(-0.05)).camera_pose(DESIRED_POSE).R_world_camera
     np.testing.assert_array_equal(photograph, turned)

@@ -8,7 +8,7 @@ import pytest
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.simulation.cameras import CameraSettings, new_rig
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.light import CEILING, LIGHTS, UNCHANGED
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
@@ -189,7 +189,7 @@ def test_lamps_of_another_seed_are_others(storey: Builder) -> None:
 
 @pytest.mark.parametrize('pose', POSES)
 def test_of_all_surfaces_the_nearest_is_drawn(scene: Scene, pose: Pose) -> None:
-    rig = new_rig(SMALL)
+    rig = SMALL.rig()
     axes, centre = rig.camera_pose(pose)
     view = PinholeView(SMALL.width, SMALL.height, rig.camera.matrix, centre, axes)
     raster = rasterize(scene, view)

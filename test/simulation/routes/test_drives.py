@@ -25,7 +25,7 @@ from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import period_ns
-from visual_servo_epipolar.simulation.bases import new_base, PioneerSettings
+from visual_servo_epipolar.simulation.bases import PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.routes import (
@@ -190,7 +190,7 @@ def commands(
 ) -> Iterator[tuple[RouteRun, Twist]]:
     """Yield a run along a route and each of its commands, from the beginning on."""
     run = RouteRun(taught.route, settings, replace(SCENARIO.servo, **servo), way=0.0)
-    base = new_base(SCENARIO.base, taught.stations[0], seed=6)
+    base = SCENARIO.base.base(taught.stations[0], seed=6)
     simulator = CameraSimulator(SCENARIO.seeded(5).camera)
     for k in range(count):
         twist = run.step(simulator.capture(base.pose, k), base.now_ns).twist

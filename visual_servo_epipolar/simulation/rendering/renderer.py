@@ -17,7 +17,7 @@ from visual_servo_epipolar.simulation.bases import LEVEL, Nod
 from visual_servo_epipolar.simulation.rendering.drawing import draw
 from visual_servo_epipolar.simulation.rendering.raster import NEAR, PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
-from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
+from visual_servo_epipolar.simulation.rigs import FixedRig, pitched
 from visual_servo_epipolar.simulation.sensor import Shutter
 
 MAX_RAY = 4.0  # what a distorting lens shows farther from the axis stays black (76 deg)
@@ -53,7 +53,7 @@ class Renderer:
     ``pose`` is the robot's, and ``frame`` that for which the rig is asked where the camera is.
     """
 
-    def __init__(self, scene: Scene, rig: SimulatedRig) -> None:
+    def __init__(self, scene: Scene, rig: FixedRig) -> None:
         self.scene, self.camera, self.rig = scene, rig.camera, rig
         self.pitch = 0.0  # of the body in what is rendered, nose down [rad]
         self._faces = list(_faces(rig.camera))
