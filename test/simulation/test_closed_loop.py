@@ -260,9 +260,9 @@ def test_an_image_that_is_read_out_shows_where_the_robot_was_half_way() -> None:
     while not loop.monitor.done:
         loop.decide()
         loop.record()
-        first, shown = loop.exposed_at, loop.shown
+        first, shown = loop.driven.exposed_at, loop.driven.shown
         loop.drive()
-        way = loop.exposed_at.y - first.y  # within a period
+        way = loop.driven.exposed_at.y - first.y  # within a period
         if way > 0.01:
             shares.append((shown.y - first.y) / way)
     expected = 0.5 * receipt.readout * settings.frame_rate

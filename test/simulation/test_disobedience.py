@@ -34,23 +34,25 @@ class DisturbedLoop(Loop):
             view = FlippedView(view, (camera.width, camera.height), flip)
         settings = replace(scenario.loop(START, 1), max_duration=seconds)
         super().__init__(settings, view, camera)
-        self._interfere, self.states, self.poses = interfere, list[ServoState](), [self.pose]
+        self._interfere, self.states, self.poses = (
+            interfere,
+            list[ServoState](),
+            [self.driven.pose],
+        )
         self.run()
 
     def drive(self) -> None:
-        command = self._interfere(self.now_ns / 1e9, self._run.state.command)
-        self._base.command(command)
-        self._advance()
+        self.driven.drive(self._interfere(self.driven.now_ns / 1e9, self._run.state.command))
         self.states.append(self._run.state)
-        self.poses.append(self.pose)
+        self.poses.append(self.driven.pose)
 
     @property
     def held_s(self) -> float:
         """When it was held first, in seconds."""
         return next(
-            frame * self._period_ns / 1e9
-            for frame, state in enumerate(self.states)
-            if state.phase is Phase.HOLDING
+            sample.stamp_ns / 1e9
+            for sample in self.monitor.samples
+            if sample.phase is Phase.HOLDING
         )
 
 
@@ -110,7 +112,7 @@ def test_a_stranger_is_held_against_teaches_nothing_and_the_run_goes_on_when_he_
         assert abs(state.identified.curvature.value - usual) < 0.01
         assert state.identified.delay.value == 0.0
     assert loop.states[-1].phase is Phase.ARRIVED
-    assert loop.pose.distance < 0.005
+    assert loop.driven.pose.distance < 0.005
 
 
 def mixed(begin_s: float, seconds: float, twist: Twist) -> Interfere:
@@ -142,7 +144,7 @@ def test_a_way_that_nobody_knows_teaches_no_mount(interfere: Interfere) -> None:
     loop = DisturbedLoop(interfere, 60.0)
     phases = [state.phase for state in loop.states]
     assert Phase.HOLDING in phases and Phase.RETREATING not in phases
-    assert phases[-1] is Phase.ARRIVED and loop.pose.distance < 0.005
+    assert phases[-1] is Phase.ARRIVED and loop.driven.pose.distance < 0.005
     yaws = [
         state.identified.extrinsics.mount[0]
         for state in loop.states
@@ -167,4 +169,4 @@ def test_a_camera_the_wrong_way_round_stops_the_robot_after_some_degrees(mirrore
     assert loop.states[-1].phase is Phase.FAILED
     turned = max(abs(pose.theta - loop.poses[0].theta) for pose in loop.poses)
     assert turned < np.radians(30.0)  # half a second at 0.5 rad/s, and braking
-    assert loop.pose.distance == pytest.approx(loop.poses[0].distance)
+    assert loop.driven.pose.distance == pytest.approx(loop.poses[0].distance)

@@ -44,8 +44,8 @@ def test_a_rate_that_falls_from_thirty_to_four_is_no_harm(rig, start, falls) -> 
     rng = np.random.default_rng(SEED)
 
     def fall(sample: Sample) -> None:
-        if loop.frame > falls:
-            loop._period_ns = period_ns(rng.uniform(2.0, 5.0))
+        if loop.driven.frame > falls:
+            loop.driven._period_ns = period_ns(rng.uniform(2.0, 5.0))
 
     result = summarise(loop.run(watch=fall))
     assert result['outcome'] == 'arrived', result['reason']

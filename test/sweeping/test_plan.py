@@ -149,7 +149,7 @@ def test_a_run_that_raises_does_not_take_the_others_along(monkeypatch: pytest.Mo
     record = Loop.record
 
     def sometimes(loop: Loop) -> Sample:
-        if loop.monitor.settings.seed == 3 and loop.frame == 5:
+        if loop.monitor.settings.seed == 3 and loop.driven.frame == 5:
             raise ZeroDivisionError('of all things')
         return record(loop)
 

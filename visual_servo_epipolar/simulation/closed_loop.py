@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     yaw_from_quaternion,
 )
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.rigs.rig import Joints
+from visual_servo_epipolar.core.rigs.rig import Command, Joints
 from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.run_log import (
     MotionLimits,
@@ -28,16 +28,13 @@ from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
 from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns, seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.twoview.observation import Observation, observe
-from visual_servo_epipolar.simulation.bases import LEVEL, Nod, PioneerSettings
+from visual_servo_epipolar.simulation.bases import LEVEL, Nod, Pioneer, PioneerSettings
 from visual_servo_epipolar.simulation.cameras import HeadSettings, SimulatedHead
 from visual_servo_epipolar.simulation.sensor import BodyState, PoseHistory, Receipt
 
 
-class View(Protocol):
-    """What stands between the world and the servo: points, or images and a tracker."""
-
-    def observe(self, pose: Pose, frame: int) -> Features:
-        """Return the features visible from ``pose`` in frame number ``frame``: 0, 1, ..."""
+class MovingView(Protocol):
+    """A camera on a robot that moves."""
 
     def turn(self, joints: Joints) -> None:
         """Let the head that carries the camera have its joints at these angles from now on."""
@@ -45,6 +42,13 @@ class View(Protocol):
 
     def move(self, twist: Twist, nod: Nod = LEVEL) -> None:
         """Let base and body move so while images are exposed; an instant shows the pitch alone."""
+
+
+class View(MovingView, Protocol):
+    """What stands between the world and the servo: points, or images and a tracker."""
+
+    def observe(self, pose: Pose, frame: int) -> Features:
+        """Return the features visible from ``pose`` in frame number ``frame``: 0, 1, ..."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,6 +146,79 @@ def published(pose: Pose) -> Pose:
     return Pose(pose.x, pose.y, yaw_from_quaternion(*quaternion_from_yaw(pose.theta)))
 
 
+class DrivenBase:
+    """
+    A base that drives from image to image, with the ``head`` on it, if any.
+
+    An image is exposed at ``exposed_at``, received and stamped by ``receipt``; ``frame`` is the
+    number of the one that comes next, ``pose`` where the robot is as it comes.
+    """
+
+    def __init__(
+        self,
+        base: Pioneer,
+        frame_rate: float,
+        receipt: Receipt,
+        head: SimulatedHead | None = None,
+    ) -> None:
+        self.base, self.head, self.frame = base, head, 0
+        self.pose = published(base.pose)
+        self._period_ns, self._receipt = period_ns(frame_rate), receipt
+        self._history, self._exposed_ns = PoseHistory(), base.now_ns
+        self._history.add(base.now_ns, self._body)
+        self._advance()
+
+    @property
+    def now_ns(self) -> int:
+        """Time of the next frame, by its stamp."""
+        return self.base.now_ns if self._receipt.stamps else self._exposed_ns
+
+    @property
+    def exposed_at(self) -> Pose:
+        """Where the image was exposed that comes next: where the robot is, unless it is late."""
+        return self._history.at(self._exposed_ns).pose
+
+    @property
+    def shown(self) -> Pose:
+        """Where the robot was as the middle row of that image was read out: what it shows."""
+        half_ns = round(0.5 * self._receipt.readout * NANOSECONDS)
+        return self._history.at(self._exposed_ns + half_ns).pose
+
+    def show(self, view: MovingView) -> None:
+        """Let a camera look where the head has turned it to, and move as the base does."""
+        _, twist, nod = self._history.during(self._exposed_ns, self._receipt.readout)
+        view.move(twist, nod)
+        if self.head is not None:
+            view.turn(self.head.joints)
+
+    def drive(self, command: Command) -> None:
+        """Obey a ``command`` until the next image is received."""
+        self.base.command(command)
+        if self.head is not None:
+            self.head.command(command.head)
+        self.frame += 1
+        self._advance()
+
+    @property
+    def _body(self) -> BodyState:
+        return BodyState(self.pose, self.base.twist, self.base.nodding)
+
+    def _advance(self) -> None:
+        """Move until the next image is received: at once the first one, if it is not late."""
+        self._exposed_ns += self._period_ns if self.frame else 0
+        end_ns, now_ns = self._exposed_ns + self._receipt.delay_ns(self.frame), self.base.now_ns
+        if self.frame and self._receipt.stamps:  # one image after the other, however late it was
+            end_ns = max(end_ns, now_ns + TICK_NS)
+        tick_ns = TICK_NS if end_ns > self._exposed_ns else self._period_ns
+        while now_ns < end_ns:
+            now_ns = min(now_ns + tick_ns, end_ns)
+            self.base.advance(now_ns)
+            if self.head is not None:
+                self.head.advance(now_ns)
+            self.pose = published(self.base.pose)
+            self._history.add(now_ns, self._body)
+
+
 class Loop:
     """
     One closed loop, from the start until the servo ends.
@@ -154,27 +231,11 @@ class Loop:
         self.view, self.camera = view, camera
         self.monitor = RunMonitor(settings)
         self._servo = settings.servo
-        start = Pose.from_start(*settings.start)
-        self._base = settings.base.base(start, seed=settings.seed)
-        self._head = None
-        if settings.head is not None:
-            self._head = SimulatedHead(settings.head, seed=settings.seed)
+        start, seed = Pose.from_start(*settings.start), settings.seed
+        head = None if settings.head is None else SimulatedHead(settings.head, seed=seed)
+        base = settings.base.base(start, seed=seed)
+        self.driven = DrivenBase(base, settings.frame_rate, settings.receipt, head)
         self._run = Run(camera=camera, started=True)
-        self._period_ns, self._receipt = period_ns(settings.frame_rate), settings.receipt
-        self._history, self._exposed_ns = PoseHistory(), self._base.now_ns
-        self.pose = published(self._base.pose)
-        self._history.add(self._base.now_ns, self._body)
-        self._advance()
-
-    @property
-    def frame(self) -> int:
-        """Number of the frame that comes next: 0, 1, ..."""
-        return len(self.monitor.samples)
-
-    @property
-    def now_ns(self) -> int:
-        """Time of the next frame, by its stamp."""
-        return self._base.now_ns if self._receipt.stamps else self._exposed_ns
 
     def run(
         self, *, watch: Callable[[Sample], None] | None = None, control: Control | None = None
@@ -190,40 +251,19 @@ class Loop:
 
     def decide(self, control: Control | None = None) -> None:
         """Look, and let the servo take it in, or another ``control``."""
-        self._turn()
-        features = self.view.observe(self.exposed_at, self.frame)
-        seen = self._reckoned(observe(features, self.camera, self.now_ns))
+        self.driven.show(self.view)
+        features = self.view.observe(self.driven.exposed_at, self.driven.frame)
+        seen = self._reckoned(observe(features, self.camera, self.driven.now_ns))
         if control is not None:
             state = control(self._run.state, seen, self._servo)
             self._run = replace(self._run, state=state)
             return
         self._run = self._run.decide(seen, self._servo, goal=features.goal).update_map()
 
-    @property
-    def exposed_at(self) -> Pose:
-        """Where the image was exposed that comes next: where the robot is, unless it is late."""
-        return self._history.at(self._exposed_ns).pose
-
-    @property
-    def shown(self) -> Pose:
-        """Where the robot was as the middle row of that image was read out: what it shows."""
-        half_ns = round(0.5 * self._receipt.readout * NANOSECONDS)
-        return self._history.at(self._exposed_ns + half_ns).pose
-
-    @property
-    def _body(self) -> BodyState:
-        return BodyState(self.pose, self._base.twist, self._base.nodding)
-
-    def _turn(self) -> None:
-        """Let the camera look where the head has turned it to, and move as the base does."""
-        _, twist, nod = self._history.during(self._exposed_ns, self._receipt.readout)
-        self.view.move(twist, nod)
-        if self._head is not None:
-            self.view.turn(self._head.joints)
-
     def _reckoned(self, observation: Observation) -> Observation:
         """Return ``observation`` with what wheels and joints say where base and head are."""
-        joints, carrier = None if self._head is None else self._head.read(), self._servo.carrier
+        head, carrier = self.driven.head, self._servo.carrier
+        joints = None if head is None else head.read()
         if carrier.turn_rate > 0.0:
             observation = (
                 observation.without_features()
@@ -232,36 +272,18 @@ class Loop:
             )
         if not self._servo.odometry:
             return observation
-        return replace(observation, odometry=published(self._base.odometry))
+        return replace(observation, odometry=published(self.driven.base.odometry))
 
     def record(self) -> Sample:
         """Note the step that was decided."""
         state = self._run.state
-        taken = sample(self.now_ns, self.pose, state.phase, telemetry(state))
+        taken = sample(self.driven.now_ns, self.driven.pose, state.phase, telemetry(state))
         self.monitor.add(taken, reason=state.reason, attempts=state.run.attempts)
         return taken
 
     def drive(self) -> None:
         """Obey for one period."""
-        self._base.command(self._run.state.command)
-        if self._head is not None:
-            self._head.command(self._run.state.command.head)
-        self._advance()
-
-    def _advance(self) -> None:
-        """Move until the next image is received: at once the first one, if it is not late."""
-        self._exposed_ns += self._period_ns if self.frame else 0
-        end_ns, now_ns = self._exposed_ns + self._receipt.delay_ns(self.frame), self._base.now_ns
-        if self.frame and self._receipt.stamps:  # one image after the other, however late it was
-            end_ns = max(end_ns, now_ns + TICK_NS)
-        tick_ns = TICK_NS if end_ns > self._exposed_ns else self._period_ns
-        while now_ns < end_ns:
-            now_ns = min(now_ns + tick_ns, end_ns)
-            self._base.advance(now_ns)
-            if self._head is not None:
-                self._head.advance(now_ns)
-            self.pose = published(self._base.pose)
-            self._history.add(now_ns, self._body)
+        self.driven.drive(self._run.state.command)
 
 
 def run(

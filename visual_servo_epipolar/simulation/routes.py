@@ -19,9 +19,9 @@ from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
-from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns
-from visual_servo_epipolar.simulation.bases import Pioneer
+from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.closed_loop import DrivenBase
 from visual_servo_epipolar.simulation.light import LightSettings
 from visual_servo_epipolar.simulation.rooms.storey import CELLS
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -230,18 +230,18 @@ def teach(
         Driver(way, speed),
         CameraSimulator(scenario.camera, None, _taught_by(scenario)),
     )
-    base = scenario.base.base(way.start, seed=scenario.camera.seed)
+    driven = driven_in(scenario, way.start, scenario.camera.seed)
     teacher = Teacher(scenario.camera.nominal_camera, settings)
     poses: list[Pose] = []
     rest = REST_FRAMES
     while rest:
-        image = simulator.capture(base.pose, len(poses))
-        teacher.add(image, base.now_ns, base.odometry)
-        watch(image, base.now_ns, base.odometry)
-        poses.append(base.pose)
+        driven.show(simulator)
+        image, odometry = simulator.capture(driven.exposed_at, driven.frame), driven.base.odometry
+        teacher.add(image, driven.now_ns, odometry)
+        watch(image, driven.now_ns, odometry)
+        poses.append(driven.shown)
         rest -= driver.is_there
-        twist = Twist(0.0, 0.0) if driver.is_there else driver.twist(base.pose)
-        _drive(base, twist, scenario)
+        driven.drive(Command(STANDSTILL if driver.is_there else driver.twist(driven.pose)))
     route = teacher.finish()
     return Taught(route, _resampled(poses), {0: poses[0], len(route.views) - 1: poses[-1]})
 
@@ -257,9 +257,10 @@ def _taught_by(scenario: Scenario) -> LightSettings:
     )
 
 
-def _drive(base: Pioneer, twist: Twist, scenario: Scenario) -> None:
-    base.command(Command(twist))
-    base.advance(base.now_ns + period_ns(scenario.camera.frame_rate))
+def driven_in(scenario: Scenario, start: Pose, seed: int) -> DrivenBase:
+    """Return the base of a ``scenario`` at ``start``, and when its camera takes images."""
+    base = scenario.base.base(start, seed=seed)
+    return DrivenBase(base, scenario.camera.frame_rate, scenario.camera.receipt)
 
 
 def _resampled(poses: list[Pose]) -> DrivenWay:
@@ -348,17 +349,18 @@ def repeat(
     """Repeat a route to its end, from its beginning or from any ``start``; return the record."""
     simulator, last = new_simulator(scenario), len(taught.route.views) - 1
     begin, end = (last, 0) if settings.reverse else (0, last)
-    base = scenario.base.base(start or taught.stations[begin], seed=scenario.camera.seed + 1)
-    servo = replace(scenario.servo, latency=base.settings.command_delay)
+    driven = driven_in(scenario, start or taught.stations[begin], scenario.camera.seed + 1)
     way = None if start else taught.route.views[begin].way
     camera = scenario.camera.nominal_camera
+    servo = replace(scenario.servo, latency=driven.base.settings.command_delay)  # is measured once
     run = RouteRun(taught.route, settings, servo, camera=camera, way=way)
-    log, frame, near, rest = RepeatLog(), 0, -1, REST_FRAMES
+    log, near, rest = RepeatLog(), -1, REST_FRAMES
     lap_s = LONGEST * taught.route.length / settings.max_speed + scenario.run.max_duration
     limit_s, lap = settings.laps * lap_s, 1
-    while rest and base.now_ns < limit_s * NANOSECONDS:
-        pose, stamp_ns = base.pose, base.now_ns
-        image = simulator.capture(pose, frame)
+    while rest and driven.now_ns < limit_s * NANOSECONDS:
+        pose, stamp_ns = driven.shown, driven.now_ns
+        driven.show(simulator)
+        image = simulator.capture(driven.exposed_at, driven.frame)
         step = run.step(image, stamp_ns)
         watch(image, pose, step)
         if step.progress is not None:
@@ -366,13 +368,14 @@ def repeat(
                 near, lap = round(step.progress.way / SPACING), run.lap
             near, offset = taught.way.offset(pose, near)
             log.samples.append(RouteSample(stamp_ns, pose, offset, step.progress, step.twist, lap))
-        frame, rest = frame + 1, rest - run.ended
-        _drive(base, step.twist, scenario)
-        log.length += math.hypot(base.pose.x - pose.x, base.pose.y - pose.y)
+        rest -= run.ended
+        before = driven.pose
+        driven.drive(Command(step.twist))
+        log.length += math.hypot(driven.pose.x - before.x, driven.pose.y - before.y)
     log.outcome, log.reason = (step.phase, step.reason) if run.ended else ('failed', 'out of time')
-    log.duration_s = base.now_ns / NANOSECONDS
+    log.duration_s = driven.now_ns / NANOSECONDS
     if log.outcome == ARRIVED:
-        it, true = base.pose, taught.stations[end]
+        it, true = driven.pose, taught.stations[end]
         log.station = math.hypot(it.x - true.x, it.y - true.y), wrap_angle(it.theta - true.theta)
         log.route = run.renewed() if settings.renewals else None
     return log

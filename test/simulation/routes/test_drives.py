@@ -5,6 +5,7 @@ from dataclasses import replace
 import math
 from pathlib import Path
 
+import cv2
 from durations import few_of
 import numpy as np
 import pytest
@@ -71,6 +72,23 @@ def test_a_taught_way_is_repeated_to_millimetres(taught: Taught) -> None:
     assert np.sqrt((offsets**2).mean()) < 4e-3 and offsets.max() < 0.015
     assert log.station[0] < 3e-3 and abs(log.station[1]) < np.radians(0.1)
     assert log.turn_jump(SETTINGS.max_turn_rate) < 0.05
+
+
+def test_a_cheap_camera_on_a_body_that_nods_repeats_it(taught: Taught) -> None:
+    camera = replace(SCENARIO.camera, readout=0.03, stamp_delay=0.12, stamp_jitter=0.01)
+    cheap = replace(SCENARIO, camera=camera, base=PioneerSettings(nod=0.0175, acceleration=1.0))
+    moved: list[np.ndarray] = []
+    log = repeat(cheap, taught, SETTINGS, watch=lambda image, *_: moved.append(image))
+    assert log.outcome == 'arrived', log.reason
+    assert np.abs(log.offsets).max() < 0.03 and log.station[0] < 0.01
+    # Images are late, and show that the body nods as the robot sets off.
+    stamps = np.array([sample.stamp_ns for sample in log.samples])
+    assert stamps[0] > 0.05e9 and len(set(np.diff(stamps).tolist())) > 10
+    still = CameraSimulator(camera, cheap.disturbances, cheap.light)
+    level = [still.capture(sample.pose, k) for k, sample in enumerate(log.samples[:12])]
+    assert any(
+        np.mean(cv2.absdiff(a, b)) > 3.0 for a, b in zip(moved[2:], level[2:], strict=False)
+    )
 
 
 def test_a_camera_that_was_calibrated_anew_repeats_as_exactly(taught: Taught) -> None:

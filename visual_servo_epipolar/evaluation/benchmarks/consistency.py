@@ -82,7 +82,7 @@ def ratios_of_run(settings: Run) -> Iterator[list[float]]:
     def control(state: ServoState, seen: Observation, servo: ServoSettings) -> ServoState:
         after = step(state, seen, servo)
         if after.measurement is not None and after.phase.runs:
-            found.append((loop.shown, after.measurement))
+            found.append((loop.driven.shown, after.measurement))
         return after
 
     loop.run(control=control)

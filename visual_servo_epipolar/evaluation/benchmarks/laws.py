@@ -152,7 +152,7 @@ POSE_LAWS: dict[str, PoseLaw] = {
 def drive_by_pose(name: str, settings: LoopSettings, view: View, camera: CameraModel) -> RunLog:
     """Drive by a law of POSE_LAWS until the features match, and return the record."""
     loop, law = Loop(settings, view, camera), POSE_LAWS[name]
-    control = as_step(lambda *_: law(loop.pose, settings.servo))
+    control = as_step(lambda *_: law(loop.driven.pose, settings.servo))
     return loop.run(control=control)
 
 
