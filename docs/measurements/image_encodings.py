@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.messages.encodings import ENCODINGS
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
-from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 STARTS = ((0.4, -2.5, 4.0), (-0.8, -3.2, -6.0), (1.0, -3.5, 8.0))
@@ -77,7 +77,7 @@ def end(scenario: Scenario, start: Sequence[float], packing: Packing) -> Pose:
     """Return where a run from ``start`` ends, if it arrives."""
     x, y, heading = start
     view = PackedView(CameraSimulator(scenario.camera), Tracker(scenario.tracker), packing)
-    log = run(scenario.loop((x, y, heading), 0), view, scenario.camera.nominal_camera)
+    log = Loop(scenario.loop((x, y, heading), 0), view, scenario.camera.nominal_camera).run()
     if log.outcome != 'arrived':
         raise SystemExit(f'a run from {start} failed: {log.reason}')
     return log.samples[-1].pose

@@ -49,7 +49,7 @@ def drive(scenario: Scenario, settings: LoopSettings, folder: Path | None = None
 def simulate(scenario: Scenario, settings: LoopSettings) -> RunLog:
     """Let the loop in memory drive."""
     view = view_of(scenario, 'images', settings.seed)
-    return closed_loop.run(settings, view, scenario.camera.nominal_camera)
+    return closed_loop.Loop(settings, view, scenario.camera.nominal_camera).run()
 
 
 def short(name: str = 'one second', **camera: object) -> Scenario:
@@ -113,7 +113,7 @@ def test_nodes_hear_the_same_wheels_as_the_loop_in_memory() -> None:
         states.append(step(*args))
         return states[-1]
 
-    expected = closed_loop.run(settings, view, camera, control=control)
+    expected = closed_loop.Loop(settings, view, camera).run(control=control)
     assert repr(drive(scenario, settings)) == repr(expected)
     assert all(state.identified.odometry.pose is not None for state in states)
     assert states[-1].identified.odometry.proven

@@ -24,7 +24,6 @@ from visual_servo_epipolar.simulation.closed_loop import (
     LoopSettings,
     period_ns,
     published,
-    run,
     RunMonitor,
     SETTLE_FRAMES,
     View,
@@ -48,7 +47,7 @@ def driven(
     """Return the record of one run, driven once for all tests that look at it."""
     servo = ServoSettings(law=law, seed=seed)
     settings = LoopSettings(start=start, seed=seed, max_duration=limit, servo=servo)
-    return run(settings, points(seed), CAMERA)
+    return Loop(settings, points(seed), CAMERA).run()
 
 
 # Far aside, where the goal may lie behind: it backs off by 11 to 13 m first, by less from nearer.
@@ -201,7 +200,7 @@ def test_a_robot_that_sees_nothing_waits_where_it_is() -> None:
 def test_whoever_watches_sees_every_sample() -> None:
     samples: list[Sample] = []
     settings = LoopSettings(start=(1.0, -3.0, 0.0), max_duration=1.0)
-    log = run(settings, points(), CAMERA, watch=samples.append)
+    log = Loop(settings, points(), CAMERA).run(watch=samples.append)
     assert tuple(samples) == log.samples
 
 
@@ -241,7 +240,7 @@ def test_late_images_show_where_the_robot_was_and_carry_the_time_they_came() -> 
 
     receipt = Receipt(0.12, 0.015, 3)
     settings = LoopSettings(start=STARTS[0], max_duration=6.0, receipt=receipt)
-    samples = run(settings, Watched(points()), CAMERA).samples
+    samples = Loop(settings, Watched(points()), CAMERA).run().samples
     stamps = np.array([sample.stamp_ns for sample in samples])
     exposed = np.arange(len(stamps)) * period_ns(settings.frame_rate)
     late = (stamps - exposed) * 1e-9
@@ -301,5 +300,7 @@ def test_features_that_come_into_view_in_time_begin_the_run() -> None:
 
 def test_no_two_images_have_one_stamp_however_their_receipt_jitters() -> None:
     receipt = Receipt(0.1, 0.08, 3)
-    log = run(LoopSettings(start=STARTS[0], max_duration=6.0, receipt=receipt), points(), CAMERA)
+    log = Loop(
+        LoopSettings(start=STARTS[0], max_duration=6.0, receipt=receipt), points(), CAMERA
+    ).run()
     assert np.diff([sample.stamp_ns for sample in log.samples]).min() > 0

@@ -9,7 +9,7 @@ from strategies import CAMERA, pose_with
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run
+from visual_servo_epipolar.simulation.closed_loop import Loop, LoopSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rigs import FixedRig
 
@@ -33,7 +33,7 @@ def concordant(gains: str) -> list[RunLog]:
 def driven(starts: list[tuple[float, float, float]], law: str, gains: str) -> list[RunLog]:
     """Return the runs from ``starts``."""
     return [
-        run(
+        Loop(
             LoopSettings(
                 start=start,
                 seed=seed,
@@ -42,7 +42,7 @@ def driven(starts: list[tuple[float, float, float]], law: str, gains: str) -> li
             ),
             PointWorld(PointSettings(), FixedRig(CAMERA), seed=seed),
             CAMERA,
-        )
+        ).run()
         for seed, start in enumerate(starts)
     ]
 

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.twoview.observation import Observation, observe
-from visual_servo_epipolar.simulation.closed_loop import run, View
+from visual_servo_epipolar.simulation.closed_loop import Loop, View
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import points_of
@@ -77,7 +77,7 @@ def driven(
 
     view, camera = around(points_of(world, SEED)), world.camera.nominal_camera
     loop = replace(world.loop(start, SEED), max_duration=end_s)
-    return summarise(run(loop, view, camera, control=control)), states
+    return summarise(Loop(loop, view, camera).run(control=control)), states
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.twoview.observation import Observation
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run, View
+from visual_servo_epipolar.simulation.closed_loop import Loop, LoopSettings, View
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load, Scenario
 from visual_servo_epipolar.simulation.views import points_of
@@ -65,7 +65,7 @@ class Control:
 
 def driven(seed: int, control: Control, *, odometry: bool = True, end_s: float = 200.0) -> RunLog:
     loop, view, camera = parts(scenario_of(seed, odometry=odometry), seed)
-    return run(replace(loop, max_duration=end_s), view, camera, control=control)
+    return Loop(replace(loop, max_duration=end_s), view, camera).run(control=control)
 
 
 def errors(*, odometry: bool, seeds: tuple[int, ...] = SEEDS) -> np.ndarray:
@@ -103,7 +103,7 @@ def test_odometry_that_is_not_wanted_changes_nothing() -> None:
     """As in a replay with other settings: the pose is there, and nobody looks at it."""
     loop, view, camera = parts(scenario_of(1, odometry=False), 1)
     loop = replace(loop, max_duration=10.0)
-    plain, wheels = run(loop, view, camera), [Pose(1.0, 2.0, 3.0)]
+    plain, wheels = Loop(loop, view, camera).run(), [Pose(1.0, 2.0, 3.0)]
 
     def unwanted(
         state: ServoState, observation: Observation, settings: ServoSettings
@@ -111,7 +111,7 @@ def test_odometry_that_is_not_wanted_changes_nothing() -> None:
         wheels.append(integrate(wheels[-1], state.twist, 1.0 / 11.0))
         return step(state, replace(observation, odometry=wheels[-1]), settings)
 
-    again = run(loop, view, camera, control=unwanted)
+    again = Loop(loop, view, camera).run(control=unwanted)
     assert repr(again) == repr(plain)
 
 

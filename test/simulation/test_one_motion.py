@@ -11,7 +11,7 @@ from strategies import CAMERA
 from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run
+from visual_servo_epipolar.simulation.closed_loop import Loop, LoopSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rigs import FixedRig
 from visual_servo_epipolar.simulation.scenario import load, Scenario
@@ -30,7 +30,7 @@ def driven(start: Start, memory: bool = True, **limits: float) -> RunLog:
     """Return the record of one run, driven once for all tests that look at it."""
     servo = ServoSettings(law='smooth', memory=memory, **limits)
     settings = LoopSettings(start=start, max_duration=120.0, servo=servo)
-    return run(settings, PointWorld(PointSettings(), FixedRig(CAMERA), seed=0), CAMERA)
+    return Loop(settings, PointWorld(PointSettings(), FixedRig(CAMERA), seed=0), CAMERA).run()
 
 
 @pytest.mark.parametrize('start', [FRONT[0], *map(in_long, FRONT[1:])])

@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
-from visual_servo_epipolar.simulation.closed_loop import Loop, run, View
+from visual_servo_epipolar.simulation.closed_loop import Loop, View
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.rigs import FixedRig
@@ -115,7 +115,7 @@ def remounted(tilt: float, roll: float) -> dict[str, Any]:
     scenario = Scenario().seeded(1)
     camera = scenario.camera.nominal_camera
     view = RemountedView(points_of(scenario, 1), camera, tilt, roll)
-    log = run(scenario.loop((0.25, -2.5, 14.8), 1), view, camera)
+    log = Loop(scenario.loop((0.25, -2.5, 14.8), 1), view, camera).run()
     return summarise(log)
 
 

@@ -240,7 +240,11 @@ class Loop:
     def run(
         self, *, watch: Callable[[Sample], None] | None = None, control: Control | None = None
     ) -> RunLog:
-        """Drive until the servo ends, and return the record; arguments are those of ``run``."""
+        """
+        Drive until the servo ends, and return the record.
+
+        ``watch`` is called after each step; another law may stand in for the servo as ``control``.
+        """
         while not self.monitor.done:
             self.decide(control)
             taken = self.record()
@@ -284,19 +288,3 @@ class Loop:
     def drive(self) -> None:
         """Obey for one period."""
         self.driven.drive(self._run.state.command)
-
-
-def run(
-    settings: LoopSettings,
-    view: View,
-    camera: CameraModel,
-    *,
-    watch: Callable[[Sample], None] | None = None,
-    control: Control | None = None,
-) -> RunLog:
-    """
-    Drive from the start until the servo ends, and return the record.
-
-    ``watch`` is called after each step; another law may stand in for the servo as ``control``.
-    """
-    return Loop(settings, view, camera).run(watch=watch, control=control)

@@ -7,7 +7,7 @@ from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.choices import refuse_unknown, SOURCES
-from visual_servo_epipolar.simulation.closed_loop import Control, run, View
+from visual_servo_epipolar.simulation.closed_loop import Control, Loop, View
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.point_world import PointWorld
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -46,6 +46,6 @@ def drive(
     watch: Callable[[Sample], None] | None = None,
     control: Control | None = None,
 ) -> RunLog:
-    """Drive by ``scenario`` from ``start``: x [m], y [m], heading error [deg]; as ``run`` does."""
+    """Drive by ``scenario`` from ``start``: x [m], y [m], heading error [deg]."""
     view, camera = view_of(scenario, source, seed), scenario.camera.nominal_camera
-    return run(scenario.loop(start, seed), view, camera, watch=watch, control=control)
+    return Loop(scenario.loop(start, seed), view, camera).run(watch=watch, control=control)

@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.simulation.choices import refuse_unknown, REGIONS, SOURCES
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run, View
+from visual_servo_epipolar.simulation.closed_loop import Loop, LoopSettings, View
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import view_of
@@ -187,7 +187,7 @@ def result_of(scenario: Scenario, start: Start, seed: int, source: str) -> Resul
     A run that raises counts as failed; its result then has the key ``traceback`` as well.
     """
     try:
-        return summarise(run(*run_of(scenario, start, seed, source)))
+        return summarise(Loop(*run_of(scenario, start, seed, source)).run())
     except Exception as error:  # a defect: one start must not take the other thousands along
         return {
             'outcome': 'failed',

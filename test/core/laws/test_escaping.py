@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.odometry.ranging import (
     look_ahead,
 )
 from visual_servo_epipolar.core.servo.supervisor import classify, switch_phase
-from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import points_of
@@ -119,7 +119,7 @@ def test_a_leaning_camera_far_ahead_of_the_axle_does_not_lead_to_and_fro() -> No
     camera, points = replace(scenario.camera, **arm), replace(scenario.points, noise=0.4)
     scenario = replace(scenario, camera=camera, points=points)
     loop = scenario.loop(start_in('front', 4, 1, scenario), 5)
-    log = run(loop, points_of(scenario, 4), camera.nominal_camera)
+    log = Loop(loop, points_of(scenario, 4), camera.nominal_camera).run()
     phases = [sample.phase for sample in log.samples]
     assert phases[-1] is Phase.ARRIVED
     assert (Phase.ZEROING_EPIPOLES, Phase.DISPLACING) not in pairwise(phases)

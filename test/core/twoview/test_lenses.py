@@ -25,7 +25,7 @@ from visual_servo_epipolar.core.twoview.measures import (
 from visual_servo_epipolar.core.twoview.observation import Observation, observe
 from visual_servo_epipolar.core.twoview.perceive import perceive
 from visual_servo_epipolar.core.twoview.rolling_shutter import base_axes, RollingShutter
-from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
@@ -154,7 +154,7 @@ def driven(
         return after
 
     loop, camera = scenario.loop(START, 0), scenario.camera.camera
-    log = run(loop, in_a_room(scenario), camera, control=control)
+    log = Loop(loop, in_a_room(scenario), camera).run(control=control)
     return shutters[-1], summarise(log)
 
 

@@ -41,8 +41,7 @@ from visual_servo_epipolar.nodes.startup.run import isolated_context, new_execut
 from visual_servo_epipolar.processes import ONE_THREAD
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.cameras import CameraSettings
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings
-from visual_servo_epipolar.simulation.closed_loop import run as drive
+from visual_servo_epipolar.simulation.closed_loop import Loop, LoopSettings
 
 # Its own among benchmarks that run at a time, and above those that people use.
 DOMAIN = 216 + os.getpid() % 16
@@ -235,7 +234,7 @@ def driven(settings: CameraSettings, seconds: float, folder: Path) -> DrivenRun:
             kept += 1
 
     loop = LoopSettings(start=START, seed=settings.seed, frame_rate=rate, max_duration=seconds)
-    drive(loop, view, simulator.camera, watch=keep)
+    Loop(loop, view, simulator.camera).run(watch=keep)
     images.flush()  # nothing is to be written while latencies are measured
     return DrivenRun(simulator.camera, rate, view.desired, tuple(np.asarray(images)[:kept]))
 

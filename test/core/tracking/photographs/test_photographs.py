@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.cameras import CameraSettings
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run
+from visual_servo_epipolar.simulation.closed_loop import Loop, LoopSettings
 from visual_servo_epipolar.simulation.light import LightSettings
 
 TEXTURE = np.random.default_rng(1).uniform(0.7, 1.0, (96, 128))
@@ -272,7 +272,7 @@ def test_arrivals_through_a_day_of_light_do_not_move_the_goal(dusk, lights, time
         tracker.redetect()
         start = rng.uniform(-0.2, 0.2), rng.uniform(-1.0, -0.7), rng.uniform(-4.0, 4.0)
         settings = LoopSettings(start=start, seed=arrival, servo=ServoSettings(law='smooth'))
-        log = run(settings, view, dusk.camera)
+        log = Loop(settings, view, dusk.camera).run()
         end = log.samples[-1].pose
         assert math.hypot(end.x, end.y) < 0.003
         if (now, arrival % times) == ('dusk', 1):

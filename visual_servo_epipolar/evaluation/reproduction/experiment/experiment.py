@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.bases import LEVEL, Nod, PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.cameras import CameraSettings
-from visual_servo_epipolar.simulation.closed_loop import run, View
+from visual_servo_epipolar.simulation.closed_loop import Loop, View
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings, Scenario
 from visual_servo_epipolar.simulation.views import points_of
@@ -152,7 +152,7 @@ def drive(
         say(f'experiment: {sample.stamp_ns / NANOSECONDS:5.1f} s, {sample.phase.value}')
 
     loop = scenario.loop(START, scenario.servo.seed)
-    log = run(loop, sparse_view, scenario.camera.nominal_camera, watch=watch)
+    log = Loop(loop, sparse_view, scenario.camera.nominal_camera).run(watch=watch)
     return Experiment(log, sparse_view.history, desired, scenario.camera)
 
 
@@ -162,4 +162,4 @@ def from_points(
     """Return the result of a run on points; ``changes`` are settings of the servo."""
     scenario = experiment_scenario(seed, **changes)
     loop, camera = scenario.loop(start, seed), scenario.camera.nominal_camera
-    return summarise(run(loop, points_of(scenario, seed), camera))
+    return summarise(Loop(loop, points_of(scenario, seed), camera).run())
