@@ -118,8 +118,7 @@ def test_nobody_is_asked_for_less_than_the_base_can_move(mode, frames) -> None:
     turning = replace(banded, dead_band_angular=0.05)
     sure = replace(exact, heading_deviation=0.0)
     impatient = slowly._replace(time_in_tolerance=PATIENCE_S + 0.1)
-    missed = frames + (0.15 if mode == 'pulse' else 0.0)
-    assert facing_bound(sure, turning, impatient) == pytest.approx(missed * 0.2 * 0.05)
+    assert facing_bound(sure, turning, impatient) == pytest.approx(frames * 0.2 * 0.05)
     # Pulses that are stretched to lead onto the heading end finer than equal ones.
     finer = 0.15 if mode == 'pulse' else frames
     assert facing_bound(sure, turning, slowly) == pytest.approx(finer * 0.2 * 0.05)

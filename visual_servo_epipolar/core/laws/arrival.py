@@ -134,9 +134,7 @@ def _is_patient(trial: Trial) -> bool:
 
 def half_hop(threshold: float, settings: DriveSettings, trial: Trial) -> float:
     """Return half of the least motion of a base with this dead band, all of it if raised to it."""
-    if settings.dead_band_mode == 'raise':
-        return 2.0 * trial.frame_s * threshold
-    frames = 0.5 if _is_patient(trial) else 0.5 + PULSE_MISS
+    frames = 2.0 if settings.dead_band_mode == 'raise' else 0.5
     return frames * trial.frame_s * threshold
 
 
