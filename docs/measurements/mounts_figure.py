@@ -33,7 +33,7 @@ from visual_servo_epipolar.report.style import FIGURE_SETTINGS, text_colour_on
 
 COLOURS, SHARE = colormaps['cividis'], Normalize(0.0, 100.0)
 ALARM = '#D55E00'
-MOST_EXCURSION = 1.2
+MOST_EXCURSION, MOST_WRONG_S = 1.2, 1.0
 
 Row = Mapping[str, Any]
 Columns = Sequence[float]
@@ -57,7 +57,7 @@ def draw(document: Mapping[str, Any]) -> Figure:
     colours = ScalarMappable(SHARE, COLOURS)
     figure.colorbar(colours, ax=[upper, lower], label='arrived [%]', aspect=40.0)
     alarm = Rectangle((0.0, 0.0), 1.0, 1.0, fill=False, edgecolor=ALARM, lw=2.0)
-    alarm.set_label('a run went beyond 1.2 d / d_0')
+    alarm.set_label('a run went beyond 1.2 d / d_0, or drove 1 s on a wrong geometry')
     legend_outside(figure, [alarm], 'upper center', ncols=1)
     return figure
 
@@ -95,8 +95,9 @@ def _cell(axes: Axes, x: int, y: int, row: Row) -> None:
 
 
 def alarming(row: Row) -> bool:
-    """Whether a run went too far away."""
-    return bool(row['excursion']['max'] > MOST_EXCURSION)
+    """Whether a run went too far away, or drove too long on a wrong geometry."""
+    far = row['excursion']['max'] > MOST_EXCURSION
+    return bool(far or row['wrong_geometry_s']['max'] >= MOST_WRONG_S)
 
 
 def main(arguments: Sequence[str]) -> None:

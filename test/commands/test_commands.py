@@ -22,7 +22,7 @@ KEYS = {
     *('outcome', 'reason', 'start', 'seed', 'position_error_m', 'lateral_error_m'),
     *('longitudinal_error_m', 'heading_error_deg', 'duration_s', 'path_length_m'),
     *('max_distance_ratio', 'min_visible_features', 'max_linear_speed', 'max_angular_speed'),
-    *('phases', 'attempts'),
+    *('phases', 'attempts', 'wrong_geometry_s'),
 }
 TINY = """
 camera: {width: 320, height: 240, focal_length: 192.0, principal_u: 159.5, principal_v: 119.5}

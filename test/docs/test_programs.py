@@ -130,8 +130,9 @@ def test_each_camera_has_a_cell_with_arrivals_and_error(mounts_figure: ModuleTyp
     assert frames(mounts_figure, drawn) == 0
 
 
-def test_a_camera_with_an_unsafe_run_is_framed(mounts_figure: ModuleType) -> None:
-    drawn = mounts_figure.draw(document(max_distance_ratio=1.3))
+@pytest.mark.parametrize('unsafe', [{'max_distance_ratio': 1.3}, {'wrong_geometry_s': 1.0}])
+def test_a_camera_with_an_unsafe_run_is_framed(mounts_figure, unsafe) -> None:
+    drawn = mounts_figure.draw(document(**unsafe))
     assert frames(mounts_figure, drawn) == len(texts(drawn))
 
 

@@ -15,12 +15,12 @@ from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
-from visual_servo_epipolar.core.servo.run_log import Sample, summarise
+from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
-from visual_servo_epipolar.simulation.closed_loop import Loop, View
+from visual_servo_epipolar.simulation.closed_loop import Loop, verdict, View
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.rigs import FixedRig
@@ -47,7 +47,7 @@ def test_a_rate_that_falls_from_thirty_to_four_is_no_harm(rig, start, falls) -> 
         if loop.driven.frame > falls:
             loop.driven._period_ns = period_ns(rng.uniform(2.0, 5.0))
 
-    result = summarise(loop.run(watch=fall))
+    result = verdict(loop.run(watch=fall), scenario.camera.rig())
     assert result['outcome'] == 'arrived', result['reason']
     assert result['position_error_m'] < 0.003 and result['max_distance_ratio'] < 1.1
 
@@ -93,6 +93,7 @@ def test_a_camera_mounted_otherwise_arrives_and_never_leads_away(mount, servo, c
         assert result['outcome'] == 'arrived', result
         assert result['position_error_m'] < 0.006, result
         assert result['max_distance_ratio'] <= 1.25, result
+        assert result['wrong_geometry_s'] < 1.0, result
         # What is told is not found out again: neither an attempt nor a detour is lost to it.
         assert result['attempts'] == 1 or not servo, result
 
@@ -116,7 +117,7 @@ def remounted(tilt: float, roll: float) -> dict[str, Any]:
     camera = scenario.camera.nominal_camera
     view = RemountedView(points_of(scenario, 1), camera, tilt, roll)
     log = Loop(scenario.loop((0.25, -2.5, 14.8), 1), view, camera).run()
-    return summarise(log)
+    return verdict(log, scenario.camera.rig())
 
 
 @pytest.mark.parametrize('law', few_of(['smooth', 'full']))

@@ -32,6 +32,7 @@ def result(**changes: Any) -> dict[str, Any]:
         'path_length_m': 3.5,
         'max_distance_ratio': 1.0,
         'attempts': 1,
+        'wrong_geometry_s': 0.0,
         **changes,
     }
 

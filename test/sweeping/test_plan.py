@@ -11,8 +11,8 @@ from sweeps import BRIEF, plan_of
 
 from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.main import parser
-from visual_servo_epipolar.core.servo.run_log import Sample, summarise
-from visual_servo_epipolar.simulation.closed_loop import Loop
+from visual_servo_epipolar.core.servo.run_log import Sample
+from visual_servo_epipolar.simulation.closed_loop import Loop, verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import drive
 from visual_servo_epipolar.sweeping.plan import Chunk, result_of, work
@@ -121,7 +121,7 @@ def test_a_result_is_that_of_the_run_alone() -> None:
     for start, seed in zip(STARTS, [3, 4], strict=True):
         scenario = BRIEF.seeded(seed)
         found = result_of(scenario, start, seed, 'features')
-        assert found == summarise(drive(scenario, start, seed))
+        assert found == verdict(drive(scenario, start, seed), scenario.camera.rig())
 
 
 def test_results_do_not_depend_on_the_chunks() -> None:

@@ -201,11 +201,17 @@ def test_a_run_from_the_goal_has_no_distance_ratio(tmp_path: Path) -> None:
     assert document['max_distance_ratio']['max'] == 1.0
 
 
-def test_excursions_are_those_of_all_runs(tmp_path: Path) -> None:
-    lost = {**FAILED, 'max_distance_ratio': 5.0}
+def test_excursion_and_wrong_geometry_are_those_of_all_runs(tmp_path: Path) -> None:
+    lost = {**FAILED, 'max_distance_ratio': 5.0, 'wrong_geometry_s': 30.0}
     document = summary(tmp_path, [result(), lost])
-    assert document['excursion']['max'] == 5.0
+    assert (document['excursion']['max'], document['wrong_geometry_s']['max']) == (5.0, 30.0)
     assert document['max_distance_ratio']['max'] == 1.0
+
+
+def test_runs_of_before_there_was_a_judge_can_be_summed_up(tmp_path: Path) -> None:
+    unjudged = {key: value for key, value in result().items() if key != 'wrong_geometry_s'}
+    document = summary(tmp_path, [unjudged, result(wrong_geometry_s=0.5)])
+    assert document['wrong_geometry_s']['median'] == 0.5
 
 
 def test_only_the_runs_asked_for_are_judged(tmp_path: Path) -> None:

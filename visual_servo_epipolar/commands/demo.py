@@ -18,11 +18,11 @@ from visual_servo_epipolar.commands.simulate import write_run
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.files import made_folder
 from visual_servo_epipolar.nodes.startup.missing import require
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings, RunMonitor
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, RunMonitor, verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def demo(options: argparse.Namespace) -> int:
         open_to = 'LOCALHOST' if options.visible else 'OFF'
         with Lockstep(scenario, settings, open_to=open_to) as nodes:
             log = _drive(nodes, settings, options, video, progress)
-        result = summarise(log)
+        result = verdict(log, scenario.camera.rig())
         progress.say('drawing figures ...')
         written = write_run(log, scenario, folder)
     written += [VIDEO] * (video is not None) + [BAG] * (options.bag != 'none')

@@ -11,11 +11,12 @@ from typing import Any
 from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.console import Progress, summary, written_to
 from visual_servo_epipolar.commands.outputs import publish, write_json
-from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
+from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.files import made_folder
 from visual_servo_epipolar.messages.settings_text import installed_versions
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.report.run_file import RunFile, save_run
+from visual_servo_epipolar.simulation.closed_loop import verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import drive
 
@@ -29,7 +30,7 @@ def simulate(options: argparse.Namespace) -> int:
         progress.say('preparing the world ...')
         start = tuple(options.start)
         log = drive(scenario, start, options.seed, options.source, watch=progress)
-    result = summarise(log)
+    result = verdict(log, scenario.camera.rig())
     text = summary(result)
     if options.out is not None:
         written = write_run(log, scenario, Path(options.out))
@@ -43,7 +44,7 @@ LIBRARIES = ('opencv-python-headless', 'opencv-python', 'matplotlib', 'rclpy', '
 
 def write_run(log: RunLog, scenario: Scenario, folder: Path) -> list[str]:
     """Write result, samples and figures into ``folder``; return their names."""
-    result = summarise(log)
+    result = verdict(log, scenario.camera.rig())
     with made_folder(folder):
         write_json(result, str(folder / 'result.json'))
         run = save_run(RunFile(log, settings_of(scenario), versions()), folder)

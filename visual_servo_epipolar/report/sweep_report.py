@@ -142,7 +142,8 @@ Documents = Mapping[str, Document]  # law -> what `visual_servo sweep` writes as
 
 NOTE = (
     'Errors over the runs that arrived, against ground truth, without their signs; the interval '
-    "is Wilson's. Wrong: more than 50 mm or 2 deg off."
+    "is Wilson's. Wrong: more than 50 mm or 2 deg off; wrong geometry: time driven on bearings "
+    'more than 10 deg off.'
 )
 
 
@@ -172,6 +173,7 @@ def _rows() -> Mapping[str, Callable[[Document], str]]:
         'heading error [deg]': lambda d: _spread(d, 'heading_error_deg', 1.0),
         'largest distance / start distance': lambda d: _spread(d, 'max_distance_ratio', 1.0),
         'the same, all runs': lambda d: _spread(d, 'excursion', 1.0),
+        'wrong geometry, all runs [s]': lambda d: _spread(d, 'wrong_geometry_s', 1.0),
         'duration [s]': lambda d: _spread(d, 'duration_s', 1.0),
         'duration / least time T_0': lambda d: _spread(d, 'time_ratio', 1.0),
         'standstills on the way': lambda d: _spread(d, 'standstills', 1.0),

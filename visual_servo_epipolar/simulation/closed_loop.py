@@ -1,14 +1,16 @@
-"""One run in memory: world, tracker and servo in one loop, and its end."""
+"""One run in memory: world, tracker and servo in one loop, its end, and the verdict on it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 import math
-from typing import Protocol
+from typing import Any, Protocol
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import (
     Pose,
     quaternion_from_yaw,
+    STANDSTILL,
     Twist,
     yaw_from_quaternion,
 )
@@ -20,6 +22,7 @@ from visual_servo_epipolar.core.servo.run_log import (
     RunLog,
     Sample,
     SETTLE_FRAMES,
+    summarise,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -30,6 +33,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.twoview.observation import Observation, observe
 from visual_servo_epipolar.simulation.bases import LEVEL, Nod, Pioneer, PioneerSettings
 from visual_servo_epipolar.simulation.cameras import HeadSettings, SimulatedHead
+from visual_servo_epipolar.simulation.rigs import FixedRig, true_geometry
 from visual_servo_epipolar.simulation.sensor import BodyState, PoseHistory, Receipt
 
 
@@ -49,6 +53,10 @@ class View(MovingView, Protocol):
 
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the features visible from ``pose`` in frame number ``frame``: 0, 1, ..."""
+
+
+WRONG_BEARING = math.radians(10.0)  # beyond which a geometry is wrong [rad]
+LEAST_BASELINE_M = 0.02  # below which bearings mean little
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +142,32 @@ class RunMonitor:
             MotionLimits.of(self.settings.servo),
             self.settings.field_of_view,
         )
+
+
+def verdict(log: RunLog, rig: FixedRig) -> dict[str, Any]:
+    """Return the verdict on a run: that of ``summarise``, and what only the world can measure."""
+    return summarise(log) | {'wrong_geometry_s': wrong_geometry_s(log, rig)}
+
+
+def wrong_geometry_s(log: RunLog, rig: FixedRig) -> float:
+    """
+    Return the time driven on a geometry more than 10 deg wrong [s].
+
+    That is while the command is no standstill and a bearing of the measurement is so far from that
+    between the true cameras of ``rig``, upright; where the baseline is below 2 cm, or the servo
+    trusted no bearings, nothing counts.
+    """
+    time_ns = 0
+    for frame, (step, after) in enumerate(pairwise(log.samples)):
+        if step.twist != STANDSTILL and _is_wrong(step, rig, frame):
+            time_ns += after.stamp_ns - step.stamp_ns
+    return time_ns / NANOSECONDS
+
+
+def _is_wrong(step: Sample, rig: FixedRig, frame: int) -> bool:
+    truth = true_geometry(rig, step.pose, frame)
+    error = truth.error(step.bearing_current, step.bearing_desired)
+    return truth.baseline > LEAST_BASELINE_M and error > WRONG_BEARING
 
 
 Control = Callable[[ServoState, Observation, ServoSettings], ServoState]

@@ -16,9 +16,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.simulation.choices import refuse_unknown, REGIONS, SOURCES
-from visual_servo_epipolar.simulation.closed_loop import Loop, LoopSettings, View
+from visual_servo_epipolar.simulation.closed_loop import Loop, LoopSettings, verdict, View
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import view_of
@@ -156,7 +155,7 @@ Result = dict[str, Any]
 MISSING = (
     *('position_error_m', 'lateral_error_m', 'longitudinal_error_m', 'heading_error_deg'),
     *('duration_s', 'path_length_m', 'max_distance_ratio', 'min_visible_features'),
-    *('max_linear_speed', 'max_angular_speed', 'least_time_s', 'time_ratio'),
+    *('max_linear_speed', 'max_angular_speed', 'wrong_geometry_s', 'least_time_s', 'time_ratio'),
     *('standstills', 'phase_changes', 'peak_jerk_m_s3', 'peak_jerk_rad_s3'),
     *('standing_s', 'reversals'),
 )
@@ -187,7 +186,8 @@ def result_of(scenario: Scenario, start: Start, seed: int, source: str) -> Resul
     A run that raises counts as failed; its result then has the key ``traceback`` as well.
     """
     try:
-        return summarise(Loop(*run_of(scenario, start, seed, source)).run())
+        log = Loop(*run_of(scenario, start, seed, source)).run()
+        return verdict(log, scenario.seeded(seed).camera.rig())
     except Exception as error:  # a defect: one start must not take the other thousands along
         return {
             'outcome': 'failed',

@@ -21,6 +21,7 @@ SPREADS = (  # of the runs that arrived
 )
 # Of all runs, not of those that arrived: a robot that drives off must not be left out.
 SAFETY = {
+    'wrong_geometry_s': 'wrong_geometry_s',
     'excursion': 'max_distance_ratio',
     'standing_s': 'standing_s',
     'reversals_v': 'v',

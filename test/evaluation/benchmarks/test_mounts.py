@@ -78,6 +78,7 @@ def test_a_level_camera_arrives_and_is_judged(document: dict[str, Any]) -> None:
     level = document['rows'][0]
     assert level['success_rate'] == 1.0
     assert level['arrived_but_wrong'] == 0
+    assert level['wrong_geometry_s']['max'] < 1.0
     assert level['excursion']['max'] < 1.2
 
 
@@ -97,10 +98,10 @@ def test_the_table_has_a_line_for_each_row(document: dict[str, Any]) -> None:
 
 
 def test_a_camera_with_which_no_run_arrived_has_dashes(document: dict[str, Any]) -> None:
-    runs = [{**FAILURE, 'max_distance_ratio': 5.0}]
+    runs = [{**FAILURE, 'max_distance_ratio': 5.0, 'wrong_geometry_s': 30.0}]
     row = document['rows'][0] | summary_of(runs)
     line = mounts.table({**document, 'rows': [row]}).splitlines()[-1]
-    assert line == '| level | 0 % | 0 | - / - | - | 5.00 / 5.00 | - |'
+    assert line == '| level | 0 % | 0 | - / - | - | 5.00 / 5.00 | 30.0 | - |'
 
 
 def test_what_needs_a_folder_runs_only_if_it_is_named(monkeypatch, capsys) -> None:

@@ -117,9 +117,10 @@ def test_the_table_says_what_the_runs_say(documents: dict[str, Any]) -> None:
     assert documents['paper']['sweep']['command'] in text
 
 
-def test_the_table_says_how_far_any_run_went(tmp_path: Path) -> None:
-    lost = result(max_distance_ratio=5.0, **FAILED)
+def test_the_table_says_how_far_any_run_went_and_drove_wrongly(tmp_path: Path) -> None:
+    lost = result(max_distance_ratio=5.0, wrong_geometry_s=30.0, **FAILED)
     plan = plan_of(2)
     with filled(tmp_path, plan, [result(), lost]) as store:
         text = sweep_report.table(summaries(plan, store))
     assert re.search(r'\| the same, all runs +\| 3\.00 / 4\.80 / 5\.00', text)
+    assert re.search(r'\| wrong geometry, all runs \[s\] +\| 15\.0 / 28\.5 / 30\.0', text)

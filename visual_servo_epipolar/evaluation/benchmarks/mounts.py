@@ -1,5 +1,5 @@
 """
-Arrivals, errors and excursions, over mounts, image sizes and lenses.
+Arrivals, errors, excursions and time on a wrong geometry, over mounts, image sizes and lenses.
 
 A cell is one camera on one mount; a new lens or size is a row here.
 """
@@ -16,7 +16,7 @@ from visual_servo_epipolar.evaluation.benchmarks.sweeps import (
     sweep,
     TIME,
 )
-from visual_servo_epipolar.evaluation.tables import cells, Columns, markdown, numbers
+from visual_servo_epipolar.evaluation.tables import cells, Columns, markdown, number, numbers
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 
 TILTS = (-25.0, -15.0, -10.0, -6.0, 0.0, 6.0, 10.0, 15.0, 25.0)  # [deg]
@@ -148,6 +148,7 @@ GROUPS = {
 COLUMNS: Columns = {
     **ARRIVALS,
     'excursion, p95 / max': lambda row: numbers((row['excursion'][q] for q in ('p95', 'max')), 2),
+    'wrong geometry, max [s]': lambda row: number(row['wrong_geometry_s']['max'], 1),
     **TIME,
 }
 
@@ -174,7 +175,8 @@ def table(document: Mapping[str, Any]) -> str:
         f'{document["starts"]} starts in `{document["region"]}`, the same for each camera, '
         f'point features at 0.2 px, at most {document["longest_s"]:g} s a run; the servo is '
         f'without its mount. Seed {document["seed"]}, commit {document["commit"]}.',
-        'Errors of the runs that arrived; excursion: largest distance over the first of all runs.',
+        'Errors of the runs that arrived; excursion (largest distance over the first) and the '
+        'time driven on bearings more than 10 deg wrong of all runs.',
     ]
     for group, title in GROUPS.items():
         rows = [row for row in document['rows'] if row['group'] == group]
