@@ -8,9 +8,11 @@ from weakref import WeakSet
 
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.errors import VisualServoError
@@ -31,12 +33,14 @@ REMEDIES = {
     'finalized': 'start it anew',
 }
 CLOCK = '/clock'
+BEFORE_TIME = '/clock is below 0, it is left out; mend what publishes it'
 
 
 class ParameterNode(Node):
     """
     Node that keeps what it is given until it is declared, by ``parameters.declare``.
 
+    It refuses a parameter of no type, and a /clock below zero, which rclpy raises out of spin.
     ``given`` are the parameters of files and command line, by name, declared or not,
     ``by_program`` the names of those that the program gives that makes the node.
     """
@@ -55,6 +59,20 @@ class ParameterNode(Node):
         self.given = {name: Parameter(name, value=value) for name, value, *_ in parameters}
         return []
 
+    def create_service(self, srv_type: Any, srv_name: str, callback: Callback, **more: Any) -> Any:
+        """Create a service; those of rclpy that change parameters refuse unknown types."""
+        if srv_type in (SetParameters, SetParametersAtomically):
+            callback = _refusing_unknown_types(callback)
+        return super().create_service(srv_type, srv_name, callback, **more)
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Any, qos_profile: Any, **more: Any
+    ) -> Any:
+        """Create a subscription; that of rclpy to /clock leaves times below zero out."""
+        if topic == CLOCK and not more.get('raw'):
+            callback = _refusing_negative_times(self, callback)
+        return super().create_subscription(msg_type, topic, callback, qos_profile, **more)
+
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set all parameters or none; a name that is misspelt is named, which rclpy does not."""
         foreign = [item.name for item in parameter_list if not self.has_parameter(item.name)]
@@ -63,6 +81,38 @@ class ParameterNode(Node):
             reason = f'{self.get_name()} has no parameter {foreign[0]}; {hint(foreign[:1], known)}'
             return SetParametersResult(successful=False, reason=reason)
         return super().set_parameters_atomically(parameter_list)
+
+
+def _refusing_unknown_types(plain: Callback) -> Callback:
+    """Return the callback of a service that changes parameters, which refuses unknown types."""
+    last = max(item.value for item in Parameter.Type)
+
+    def change(request: Any, response: Any) -> Any:
+        unknown = [item for item in request.parameters if item.value.type > last]
+        if not unknown:
+            return plain(request, response)
+        name, number = unknown[0].name, unknown[0].value.type
+        reason = f'{name!r:.40} must have a type from 0 to {last}, got {number}'
+        refusal = SetParametersResult(successful=False, reason=reason)
+        if hasattr(response, 'results'):
+            response.results = [refusal] * len(request.parameters)
+        else:
+            response.result = refusal
+        return response
+
+    return change
+
+
+def _refusing_negative_times(node: Node, plain: Callback) -> Callback:
+    """Return the callback of /clock that leaves times out which rclpy has none for."""
+
+    def tell(message: Clock) -> None:
+        if message.clock.sec >= 0:
+            plain(message)
+        else:
+            node.get_logger().error(BEFORE_TIME, throttle_duration_sec=30.0)
+
+    return tell
 
 
 def in_every_state(callback: CallbackT) -> CallbackT:

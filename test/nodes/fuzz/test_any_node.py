@@ -105,7 +105,7 @@ def asked(node, kind, rng):
         names = [name for name in node.get_parameters_by_prefix('') if name != 'use_sim_time']
         for item in request.parameters:
             item.name = str(rng.choice(names))
-            item.value.type = int(rng.integers(0, 10))
+            item.value.type = int(rng.choice([*range(11), 255]))
     return request
 
 
