@@ -11,9 +11,9 @@ import time
 
 import pytest
 
+from visual_servo_epipolar.commands import simulate
 from visual_servo_epipolar.commands.main import main, terminable, Terminated
 from visual_servo_epipolar.files import write_whole
-from visual_servo_epipolar.simulation import views
 
 ROOT = Path(__file__).parents[2]
 TIMEOUT_SEC = 120.0
@@ -40,7 +40,7 @@ def test_a_signal_ends_a_command_in_one_line(tmp_path, monkeypatch, capsys, numb
     before = [signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)]
     signal.signal(signal.SIGINT, signal.default_int_handler)  # background shells ignore it
     try:
-        monkeypatch.setattr(views, 'run', signalled)
+        monkeypatch.setattr(simulate, 'drive', signalled)
         assert main(['simulate', *START, '--out', str(tmp_path / 'out')]) == code
     finally:
         signal.signal(signal.SIGINT, before[1])
@@ -59,6 +59,20 @@ def test_a_second_sigterm_does_not_cut_off_the_tidying_up() -> None:
             os.kill(os.getpid(), signal.SIGTERM)
             tidied = True
     assert tidied
+
+
+def test_a_sigterm_within_a_destructor_ends_the_command_all_the_same() -> None:
+    class Resource:
+        def __del__(self) -> None:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    hook = sys.unraisablehook
+    with pytest.raises(Terminated), terminable():
+        Resource()
+        time.sleep(TIMEOUT_SEC)  # the signal ends it
+    with pytest.raises(Terminated), terminable():
+        Resource()  # and the command ends before the signal is repeated
+    assert sys.unraisablehook is hook
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,11 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import import_module
+import os
 import re
 import signal
 import sys
+from threading import Timer
 from typing import Any, NoReturn
 
 from visual_servo_epipolar import __version__
@@ -19,6 +21,7 @@ from visual_servo_epipolar.processes import printing
 
 PACKAGE = 'visual_servo_epipolar'
 SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+REPEAT_S = 0.05  # after a signal was dropped: the destructor that it came in has ended by then
 # Tools that no robot needs: each is a module with add_options(parser), imported when it is called.
 EVALUATION: Mapping[str, tuple[str, str]] = {
     'reproduce': ('reproduction.command', "reproduce the paper's figures and statements"),
@@ -90,17 +93,33 @@ def terminable() -> Iterator[None]:
     Raise Terminated in the block at the first SIGTERM.
 
     Those that follow change nothing: timeout(1) sends it twice, and the second one must not cut
-    off the tidying up.
+    off the tidying up. Python drops an exception of a destructor: Terminated is raised again.
     """
+    before, report = signal.getsignal(signal.SIGTERM), sys.unraisablehook
+    again: list[Timer] = []
 
     def terminate(number: int, _: object) -> NoReturn:
         signal.signal(number, signal.SIG_IGN)
         raise Terminated
 
-    before = signal.signal(signal.SIGTERM, terminate)
+    def repeat(dropped: 'sys.UnraisableHookArgs') -> None:
+        if dropped.exc_type is not Terminated:
+            report(dropped)
+            return
+        signal.signal(signal.SIGTERM, terminate)
+        again.append(Timer(REPEAT_S, os.kill, (os.getpid(), signal.SIGTERM)))
+        again[-1].start()
+
+    signal.signal(signal.SIGTERM, terminate)
+    sys.unraisablehook = repeat
     try:
         yield
+        if again:
+            raise Terminated
     finally:
+        for timer in again:
+            timer.cancel()
+        sys.unraisablehook = report
         signal.signal(signal.SIGTERM, before)
 
 
