@@ -56,7 +56,7 @@ def _panel(axes: Axes, rows: list[Mapping[str, Any]]) -> None:
     axes.set_xscale('log')
     axes.set_xticks(calibration.RATIOS, [f'{ratio:g}' for ratio in calibration.RATIOS])
     axes.set_xticks([], minor=True)
-    axes.set(xlabel=r'focal length told over the true one, $\hat f / f$', ylim=(0.0, 11.0))
+    axes.set(xlabel=r'focal length given over the true one, $\hat f / f$', ylim=(0.0, 11.0))
 
 
 def main(target: Path) -> None:

@@ -176,6 +176,15 @@ def test_a_bag_with_broken_metadata_is_replayed_after_repair(bag, tmp_path, caps
     assert 'metadata.yaml is now metadata.yaml.damaged' in capsys.readouterr().out
 
 
+def test_a_repaired_bag_asks_for_no_repair_again(small_run, tmp_path, capsys) -> None:
+    cut = [(t, at, raw[:9] if t == '/camera_info' else raw) for t, at, raw in small_run[:40]]
+    path = str(write_bag(tmp_path / 'run', cut))
+    assert 'try --repair' in refused(capsys, path)
+    error = refused(capsys, path, '--repair')
+    assert 'bag cannot be read' in error
+    assert '--repair' not in error
+
+
 @pytest.mark.parametrize(
     ('where', 'ending'),
     [('replay_bag', KeyboardInterrupt), ('write_json', OSError(28, 'No space left on device'))],

@@ -224,7 +224,8 @@ def replay_bag(
     topics, given = parse(options.topics), changes_of(options.set, options.params)
     report = repair(Path(options.bag)) if options.repair else None
     start_s = time.perf_counter()
-    with Bag(report.path if report else Path(options.bag)) as bag:
+    path = report.path if report else Path(options.bag)
+    with Bag(path, repaired=report is not None) as bag:
         namespace = options.namespace and f'/{options.namespace.strip("/")}'
         run = read_run(bag, assign_roles(bag, topics, namespace), namespace)
         overrides = ReplayOverrides(

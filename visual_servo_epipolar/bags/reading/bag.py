@@ -78,15 +78,17 @@ class Bag(AbstractContextManager['Bag']):
     """
     Bag open for reading: a rosbag2 folder, or one of its files; of them the topics of ROS.
 
-    ``notes`` say which topics are left out.
+    ``notes`` say which topics are left out; of a bag that is ``repaired`` already no error asks
+    for a repair.
 
     Raises InputError here and from every method, if the bag is missing, damaged, or of an unknown
     kind.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, repaired: bool = False) -> None:
+        self._repaired = repaired
         self.path = path.parent if path.name == METADATA and path.is_file() else path
-        with intact(self.path), ExitStack() as stack:
+        with self._intact(), ExitStack() as stack:
             files = _to_open(self.path)
             self._readers = [stack.enter_context(open_file(item)) for item in files]
             self._stack = stack.pop_all()
@@ -99,7 +101,7 @@ class Bag(AbstractContextManager['Bag']):
             raise InputError(f'{self.path}: none of its topics can be read: {self.notes[0]}')
 
     def __exit__(self, *_: object) -> None:
-        with intact(self.path):
+        with self._intact():
             self._stack.close()
 
     def messages(self, names: Collection[str]) -> Iterator[RecordedMessage]:
@@ -108,7 +110,7 @@ class Bag(AbstractContextManager['Bag']):
         for reader in self._readers:
             chosen = [it for it in reader.connections if it.topic in names and _is_readable(it)]
             for item in chosen:
-                with intact(self.path):
+                with self._intact():
                     self._check_definition(item)
             if chosen:
                 streams.append(self._stream(reader, chosen))
@@ -117,13 +119,28 @@ class Bag(AbstractContextManager['Bag']):
     def _stream(self, reader: Reader, chosen: list[Connection]) -> Iterator[RecordedMessage]:
         stored = reader.messages(chosen)
         while True:
-            with intact(self.path):
+            with self._intact():
                 try:
                     topic, log_ns, raw = next(stored)
                 except StopIteration:
                     return
                 message = types_of_ros().deserialize_cdr(raw, topic.msgtype)
             yield RecordedMessage(topic.topic, log_ns, message)
+
+    @contextmanager
+    def _intact(self) -> Iterator[None]:
+        """Turn whatever damage raises into one InputError that names the bag, and what to do."""
+        try:
+            yield
+        except InputError:
+            raise
+        except DAMAGE as error:
+            if isinstance(error, OSError) and error.errno in NO_DAMAGE:
+                raise InputError(f'{self.path}: bag cannot be read: {error.strerror}') from error
+            reason = words_of(error)
+            if advice := ADVICE.get(self.path.suffix, '' if self._repaired else OTHER_ADVICE):
+                reason += f'; {advice.format(name=self.path.name)}'
+            raise InputError(f'{self.path}: bag cannot be read: {reason}') from error
 
     def _check_definition(self, item: Connection) -> None:
         """Refuse a type whose definition in the bag differs from that of ROS."""
@@ -204,20 +221,6 @@ def open_file(path: Path) -> Reader:
                 f'with "sqlite3 {file.name} \'PRAGMA wal_checkpoint(TRUNCATE)\'"'
             )
     return Reader(path)
-
-
-@contextmanager
-def intact(path: Path) -> Iterator[None]:
-    """Turn whatever damage raises into one InputError that names the bag, and what to do."""
-    try:
-        yield
-    except InputError:
-        raise
-    except DAMAGE as error:
-        if isinstance(error, OSError) and error.errno in NO_DAMAGE:
-            raise InputError(f'{path}: bag cannot be read: {error.strerror}') from error
-        advice = ADVICE.get(path.suffix, OTHER_ADVICE).format(name=path.name)
-        raise InputError(f'{path}: bag cannot be read: {words_of(error)}; {advice}') from error
 
 
 def words_of(error: Exception) -> str:
