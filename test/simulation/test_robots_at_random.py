@@ -78,7 +78,7 @@ def robot(seed: int, law: str) -> tuple[dict[str, Any], tuple[float, float, floa
 
 
 @pytest.mark.parametrize('law', ['full', 'smooth'])
-@pytest.mark.parametrize('seed', few_of(range(40), keep=range(5)))
+@pytest.mark.parametrize('seed', few_of([*range(42), 174, 191], keep=(0, 1, 34, 41, 42, 43)))
 def test_a_robot_of_these_ranges_arrives(seed, law) -> None:
     document, start = robot(seed, law)
     summary = summarise(drive(from_document(document, 'robot').seeded(seed), start, seed))

@@ -119,6 +119,8 @@ def test_nobody_is_asked_for_less_than_the_base_can_move(mode, frames) -> None:
     sure = replace(exact, heading_deviation=0.0)
     impatient = slowly._replace(time_in_tolerance=PATIENCE_S + 0.1)
     assert facing_bound(sure, turning, impatient) == pytest.approx(frames * 0.2 * 0.05)
+    weary = slowly._replace(time_in_tolerance=60.0)
+    assert facing_bound(sure, turning, weary) == pytest.approx(2.0 * frames * 0.2 * 0.05)
     # Pulses that are stretched to lead onto the heading end finer than equal ones.
     finer = 0.15 if mode == 'pulse' else frames
     assert facing_bound(sure, turning, slowly) == pytest.approx(finer * 0.2 * 0.05)

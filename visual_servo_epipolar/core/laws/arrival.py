@@ -30,7 +30,7 @@ PULSE_MISS = 0.15  # of a hop, by which stretched pulses miss: a base slips
 FACING = 6e-4  # heading error that two views leave; what a tolerance is less by, too [rad]
 MOST_HYSTERESIS = 4.0
 PATIENCE_S = 0.8  # within the usual bounds, after which they are enough
-WEARY_S = 1.0  # of it for each deviation that a bound has then: no robot stands for ever
+WEARY_S = 2.0  # near its aim, after which bounds grow with time: no robot stands for ever
 STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: see ``fit_rotation``
 ARRIVAL_OFFSET = 2e-3  # of a robot that has arrived, by its memory of views [m]
 
@@ -109,10 +109,8 @@ def ends_by_pulses(goal: GoalEstimate, settings: DriveSettings) -> bool:
 def matched_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
     """Return the largest |D|, at unit focal length, that counts as zero, its noise at least."""
     least, deviation = settings.arrival_difference, goal.difference_deviation
-    # What keeps it from ending for long is noise of which no deviation tells, or longer hops.
-    weary = min(max(NOISE_DEVIATIONS, trial.time_in_tolerance / WEARY_S), SURE_DEVIATIONS)
-    usual = weary * max(least / NOISE_DEVIATIONS, deviation)
-    hop = weary / NOISE_DEVIATIONS * half_hop(settings.dead_band_linear, settings, trial)
+    usual = _growth(trial) * max(least, NOISE_DEVIATIONS * deviation)
+    hop = half_hop(settings.dead_band_linear, settings, trial)
     if goal.offset is None:
         # While its slope is unknown (nan), D tells no hop; none is beyond the owner's tolerance.
         slope = max(0.0, goal.motion.slope.least(deviation))
@@ -135,7 +133,16 @@ def _is_patient(trial: Trial) -> bool:
 def half_hop(threshold: float, settings: DriveSettings, trial: Trial) -> float:
     """Return half of the least motion of a base with this dead band, all of it if raised to it."""
     frames = 2.0 if settings.dead_band_mode == 'raise' else 0.5
-    return frames * trial.frame_s * threshold
+    return frames * _growth(trial) * trial.frame_s * threshold
+
+
+def _growth(trial: Trial) -> float:
+    """
+    Return by how much bounds grow while the robot is near its goal, up to twice.
+
+    What keeps it from ending is noise of which no deviation tells, or hops longer than commanded.
+    """
+    return min(max(1.0, trial.time_in_tolerance / WEARY_S), SURE_DEVIATIONS / NOISE_DEVIATIONS)
 
 
 def _deviation(goal: GoalEstimate) -> float:
