@@ -28,6 +28,7 @@ from visual_servo_epipolar.messages.route_folder import read_route, write_route
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.simulation.bases import PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.closed_loop import published
 from visual_servo_epipolar.simulation.routes import repeat, rounded, route_scenario, Taught, teach
 from visual_servo_epipolar.simulation.scenario import Scenario
 
@@ -171,8 +172,8 @@ def compare(bench, folder: Path, taught: Taught, images: int) -> None:
     base, simulator = scenario.base.base(start, seed=6), CameraSimulator(scenario.camera)
     assert rig.call('repeat')[0]
     for k, (twist, phase) in enumerate(expected):
-        assert base.pose == poses[k], k
-        told = rig.answered(simulator.capture(base.pose, k), base.now_ns)
+        assert published(base.pose) == poses[k], k
+        told = rig.answered(simulator.capture(poses[k], k), base.now_ns)
         assert (told, rig.node.phase) == (twist, phase), k
         base.command(Command(told))
         base.advance(base.now_ns + period_ns(scenario.camera.frame_rate))

@@ -219,8 +219,14 @@ class DeadBand:
         """Return the dead band, a small one at least: slower motions lead back and forth."""
         if self.linear.value or settings.dead_band_linear:
             return self
-        value = min(LEAST_ASKED / dt, _most(settings.max_linear, MOST_HOP[0], dt))
-        return replace(self, linear=replace(self.linear, value=value))
+        least = LEAST_ASKED / dt
+        linear = min(least, _most(settings.max_linear, MOST_HOP[0], dt))
+        angular = self.angular.value or min(least, _most(settings.max_angular, MOST_HOP[1], dt))
+        return replace(
+            self,
+            linear=replace(self.linear, value=linear),
+            angular=replace(self.angular, value=angular),
+        )
 
     def beside(self, settings: SettingsT) -> SettingsT:
         """Return ``settings`` with dead bands at least as wide as those that were learnt."""
