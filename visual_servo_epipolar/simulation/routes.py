@@ -352,7 +352,7 @@ def repeat(
     driven = driven_in(scenario, start or taught.stations[begin], scenario.camera.seed + 1)
     way = None if start else taught.route.views[begin].way
     camera = scenario.camera.nominal_camera
-    servo = replace(scenario.servo, latency=driven.base.settings.command_delay)  # is measured once
+    servo = replace(scenario.servo, latency=scenario.base.command_delay)  # as an owner measures
     run = RouteRun(taught.route, settings, servo, camera=camera, way=way)
     log, near, rest = RepeatLog(), -1, REST_FRAMES
     lap_s = LONGEST * taught.route.length / settings.max_speed + scenario.run.max_duration

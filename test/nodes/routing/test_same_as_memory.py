@@ -28,8 +28,14 @@ from visual_servo_epipolar.messages.route_folder import read_route, write_route
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.simulation.bases import PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.closed_loop import published
-from visual_servo_epipolar.simulation.routes import repeat, rounded, route_scenario, Taught, teach
+from visual_servo_epipolar.simulation.routes import (
+    driven_in,
+    repeat,
+    rounded,
+    route_scenario,
+    Taught,
+    teach,
+)
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 SCENARIO = route_scenario(Scenario(base=PioneerSettings(wheel_ratio=1.01)), 1).with_servo(
@@ -169,12 +175,11 @@ def compare(bench, folder: Path, taught: Taught, images: int) -> None:
         pass
     values = {**asdict(scenario.servo), 'watchdog': False}
     rig = RouteRig(bench, folder / 'hall', scenario.camera.nominal_camera, **values)
-    base, simulator = scenario.base.base(start, seed=6), CameraSimulator(scenario.camera)
+    driven, simulator = driven_in(scenario, start, 6), CameraSimulator(scenario.camera)
     assert rig.call('repeat')[0]
     for k, (twist, phase) in enumerate(expected):
-        assert published(base.pose) == poses[k], k
-        told = rig.answered(simulator.capture(poses[k], k), base.now_ns)
+        assert driven.pose == poses[k], k
+        told = rig.answered(simulator.capture(driven.exposed_at, k), driven.now_ns)
         assert (told, rig.node.phase) == (twist, phase), k
-        base.command(Command(told))
-        base.advance(base.now_ns + period_ns(scenario.camera.frame_rate))
+        driven.drive(Command(told))
     assert len(expected) == images or expected[-1][1] == 'arrived'

@@ -181,8 +181,7 @@ class DeadBand:
             seen = measurement.difference / slope
             deviation = measurement.difference_deviation / slope
             along += seen - self.seen if math.isfinite(seen - self.seen) else 0.0
-        most = _most(settings.max_linear, MOST_HOP[0], dt)
-        turn_most = _most(settings.max_angular, MOST_HOP[1], dt)
+        most, turn_most = _most(settings, dt)
         late = settings.latency
         # Where it stands, moves tell: see ``after_move``.
         linear = self.linear.updated(
@@ -211,7 +210,7 @@ class DeadBand:
         """
         if gone >= OF_PULSES * way or abs(gone) + ERRORS * error >= STANDING * way:
             return self  # it moved, or was pushed back
-        most = _most(settings.max_linear, MOST_HOP[0], dt)
+        most, _ = _most(settings, dt)
         value = max(self.linear.value, min(MARGIN * self.linear.value, most))
         return replace(self, linear=replace(self.linear, value=value))
 
@@ -219,13 +218,11 @@ class DeadBand:
         """Return the dead band, a small one at least: slower motions lead back and forth."""
         if self.linear.value or settings.dead_band_linear:
             return self
-        least = LEAST_ASKED / dt
-        linear = min(least, _most(settings.max_linear, MOST_HOP[0], dt))
-        angular = self.angular.value or min(least, _most(settings.max_angular, MOST_HOP[1], dt))
+        linear, angular = (min(LEAST_ASKED / dt, most) for most in _most(settings, dt))
         return replace(
             self,
             linear=replace(self.linear, value=linear),
-            angular=replace(self.angular, value=angular),
+            angular=replace(self.angular, value=self.angular.value or angular),
         )
 
     def beside(self, settings: SettingsT) -> SettingsT:
@@ -265,9 +262,13 @@ def learns(settings: DriveSettings) -> bool:
     return settings.options.learnt_dead_band and settings.dead_band_mode == 'pulse'
 
 
-def _most(limit: float, hop: float, dt: float) -> float:
-    """Return the largest velocity that may be learnt: of the ``limit``, and half a ``hop``."""
-    return min(largest_dead_band(limit), 2.0 * hop / dt if dt > 0.0 else math.inf)
+def _most(settings: DriveSettings, dt: float) -> tuple[float, float]:
+    """Return the largest velocities that may be learnt [m/s, rad/s]: of the limits, and hops."""
+    linear, angular = (2.0 * hop / dt if dt > 0.0 else math.inf for hop in MOST_HOP)
+    return (
+        min(largest_dead_band(settings.max_linear), linear),
+        min(largest_dead_band(settings.max_angular), angular),
+    )
 
 
 def _way(before: tuple[float, float], now: tuple[float, float], heading: float) -> float:

@@ -113,7 +113,7 @@ def _rest(
     state: ServoState, previous: Measurement | None, settings: ServoSettings
 ) -> dict[str, Any]:
     """Return the mean of what is measured since the robot stands, in the fields of the state."""
-    now, before, swings = state.measurement, state.settling.rest, state.settling.swing_s > 0.0
+    now, before, settling = state.measurement, state.settling.rest, state.settling
     if (
         now is None
         or not math.isfinite(now.difference)
@@ -123,10 +123,11 @@ def _rest(
         moves: dict[str, Any] = {'rest': None, 'rested': 0, 'rest_square': 0.0}
         if not _has_measured(state, settings):
             return moves
-        return moves | {'stood': before, 'scatter': _scatter(state) if swings else 0.0}
+        scatter = _scatter(settling.rest_square, settling.rested) if settling.swing_s else 0.0
+        return moves | {'stood': before, 'scatter': scatter}
     if before is None or (before.offset is None) is not (now.offset is None):
         return {'rest': now, 'rested': 1, 'rest_square': 0.0}
-    rested, change = state.settling.rested + 1, now.difference - before.difference
+    rested, change = settling.rested + 1, now.difference - before.difference
     turn = math.remainder(now.heading_error - before.heading_error, 2.0 * math.pi)
     mean = replace(
         now,
@@ -138,18 +139,17 @@ def _rest(
         mean = replace(
             mean, offset=(last_x + (x - last_x) / rested, last_y + (y - last_y) / rested)
         )
-    square = state.settling.rest_square + change * (now.difference - mean.difference)
-    mean = _swinging(mean, math.sqrt(square / (rested - 1)), state)
+    square = settling.rest_square + change * (now.difference - mean.difference)
+    mean = _swinging(mean, max(SWING * _scatter(square, rested), settling.scatter))
     return {'rest': mean, 'rested': rested, 'rest_square': square}
 
 
-def _swinging(mean: GoalEstimate, scatter: float, state: ServoState) -> GoalEstimate:
+def _swinging(mean: GoalEstimate, swing: float) -> GoalEstimate:
     """
-    Return the ``mean`` of a stand with what it may be wrong by, where D has that ``scatter``.
+    Return the ``mean`` of a stand whose D may be wrong by as much as it swings.
 
-    After a move by the mean of a swing, a moment's D may be off by all of that.
+    That is a part of its scatter; after a move by the mean of a swing, all of that before it.
     """
-    swing = max(SWING * scatter, state.settling.scatter)
     if not swing > mean.difference_deviation:
         return mean
     slope = mean.difference_slope
@@ -157,9 +157,9 @@ def _swinging(mean: GoalEstimate, scatter: float, state: ServoState) -> GoalEsti
     return replace(mean, difference_deviation=swing, offset_deviation=off)
 
 
-def _scatter(state: ServoState) -> float:
-    """Return the deviation by which D varies since the robot stands."""
-    return math.sqrt(state.settling.rest_square / max(state.settling.rested - 1, 1))
+def _scatter(square: float, count: int) -> float:
+    """Return the deviation of values by their sum of squares about the mean, and their count."""
+    return math.sqrt(square / max(count - 1, 1))
 
 
 def _stands(
@@ -300,15 +300,15 @@ def pulsed_move(
     """
     seen, rest = state.settling.rest or state.measurement, state.dead_band_residual
     steers = not turns_in_place(settings.drive)  # on its way alone: it ends by where it drives
-    if seen is None or settings.dead_band_mode != 'pulse' or steers and not state.settling.swing_s:
+    if seen is None or settings.dead_band_mode != 'pulse':
+        return None
+    if steers and not state.settling.swing_s:
         return None
     slope = _slope(seen, state)
     ends_straight = state.phase.straight and slope > 0.0
     if not (ends_straight or state.phase.turns_in_place):
         return None
-    turn = None
-    if not steers:
-        turn = _pulsed_turn(wanted.angular, seen, rest.angular, state, settings)
+    turn = None if steers else _pulsed_turn(wanted.angular, seen, rest.angular, state, settings)
     if not ends_straight:
         return None if turn is None else (Twist(0.0, turn[0]), Twist(0.0, turn[1]))
     left, band = -seen.difference / slope, settings.dead_band_linear

@@ -327,7 +327,7 @@ def _beyond_dead_band(
 ) -> tuple[Twist, Twist]:
     """Return the part of ``limited`` that the motors can follow, and the residual for later."""
     if state.settling.rest is not None and state.settling.settled and state.settling.swing_s:
-        return STANDSTILL, STANDSTILL
+        return STANDSTILL, STANDSTILL  # by the mean of a swing, of which a moment would lead away
     # Where the aim is fulfilled, a small command made larger would only undo it.
     mode = 'zero' if state.settling.settled else settings.dead_band_mode
     if mode == 'pulse' and (move := pulsed_move(limited, state, settings)):
