@@ -244,3 +244,29 @@ def test_a_robot_rests_from_the_first_command_to_stand() -> None:
     assert creeping.rest_s(15 * SECOND, Twist(0.02, 0.03)) == 3.0
     assert creeping.rest_s(15 * SECOND, Twist(0.02, 0.01)) == 0.0
     assert sent().rest_s(14 * SECOND) == 0.0
+
+
+def _sent_by_halves(speeds: list[float]) -> CommandsSent:
+    sent = CommandsSent()
+    for second, speed in enumerate(speeds):
+        sent = sent.after(round(second * 0.5 * S), Twist(speed, 0.0))
+    return sent
+
+
+@pytest.mark.parametrize(
+    ('speeds', 'begin_s', 'pause', 'reversals', 'swing_s'),
+    [
+        pytest.param([0.1, -0.1, -0.1, 0.1], 0.0, math.inf, 2, 1.0, id='two reversals'),
+        pytest.param([0.1, -0.1, -0.1, 0.1], 0.0, math.inf, 3, 0.0, id='fewer than asked for'),
+        pytest.param([0.1, -0.1, -0.1, 0.1], 0.5, math.inf, 2, 0.0, id='one before the begin'),
+        pytest.param([0.1, -0.1, 0.0, 0.0, 0.1], 0.0, math.inf, 2, 1.5, id='a stand between'),
+        pytest.param([0.1, -0.1, 0.0, 0.0, 0.1], 0.0, 1.0, 2, 0.0, id='a pause between'),
+        pytest.param([0.1, -0.01, 0.1, 0.1], 0.0, math.inf, 2, 0.0, id='too slow to count'),
+    ],
+)
+def test_a_swing_is_the_time_between_its_reversals(
+    speeds, begin_s, pause, reversals, swing_s
+) -> None:
+    sent, begin_ns = _sent_by_halves(speeds), round(begin_s * S)
+    seen = sent.swing_s(0.02, begin_ns=begin_ns, pause=pause, reversals=reversals)
+    assert seen == pytest.approx(swing_s)

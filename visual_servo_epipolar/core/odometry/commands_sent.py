@@ -86,16 +86,20 @@ class CommandsSent:
             began = stamp
         return (now_ns - began) / NANOSECONDS
 
-    def swing_s(self, least: float, pause: float = math.inf, reversals: int = 2) -> float:
+    def swing_s(
+        self, least: float, *, begin_ns: int, pause: float = math.inf, reversals: int = 2
+    ) -> float:
         """
         Return the time between the last two reversals of speeds above ``least`` [s].
 
-        It is 0 where there are fewer than so many ``reversals`` since the last ``pause`` [s], in
-        which no such speed was sent.
+        It is 0 where there are fewer than so many ``reversals`` since ``begin_ns``, and since the
+        last ``pause`` [s] in which no such speed was sent.
         """
         turned: list[int] = []
         later: tuple[int, float] | None = None
         for stamp, twist in zip(reversed(self.stamps), reversed(self.twists), strict=True):
+            if stamp < begin_ns:
+                break
             if abs(twist.linear) <= least:
                 continue
             if later is not None and later[0] - stamp > pause * NANOSECONDS:

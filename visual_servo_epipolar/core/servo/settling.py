@@ -207,8 +207,12 @@ def _with_swing(state: ServoState, settings: ServoSettings) -> ServoState:
     bound = matched_bound(goal, settings, trial_of(goal, state, spent=True))
     steers = not turns_in_place(settings.drive)  # its law goes back once
     by_pulses = settings.dead_band_linear > 0.0 and not (measured or steers)
-    pause, turns = seen_after(settings) if by_pulses else math.inf, 3 if steers else 2
-    swing_s = state.motion.sent.swing_s(LEAST_REVERSED['v'], pause, turns)
+    swing_s = state.motion.sent.swing_s(
+        LEAST_REVERSED['v'],
+        begin_ns=state.run.phase_start_ns,  # backing off is none
+        pause=seen_after(settings) if by_pulses else math.inf,
+        reversals=3 if steers else 2,
+    )
     if not swing_s or not abs(goal.difference) > 2.0 * bound:
         return state
     band = state.identified.dead_band.assumed(usual_step(state.view.period), settings)
