@@ -1,10 +1,16 @@
-"""Processes and threads: how many there are, and which of them Ctrl-C ends."""
+"""
+Processes and threads: how many there are, and which of them Ctrl-C ends.
+
+``python -m visual_servo_epipolar.processes PARENT MODULE [ARGUMENT ...]`` runs a module as
+``python -m`` does, in a process that ends with the one of number PARENT, which started it.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 import ctypes
 from multiprocessing import resource_tracker
 import os
+import runpy
 import signal
 import sys
 
@@ -77,3 +83,15 @@ def ignore_interrupts() -> None:
     """Leave Ctrl-C to the parent, as what this process starts will do unless it says otherwise."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def main() -> None:
+    """Run the module, unless the parent has ended meanwhile."""
+    _, parent, *command = sys.argv
+    if end_with(int(parent)):
+        sys.argv[:] = command
+        runpy.run_module(command[0], run_name='__main__', alter_sys=True)
+
+
+if __name__ == '__main__':
+    main()

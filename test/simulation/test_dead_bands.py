@@ -8,6 +8,7 @@ import pytest
 import untold_bases
 
 from visual_servo_epipolar.commands.arguments import rig_path, scenario_path
+from visual_servo_epipolar.core.estimate.base_model import largest_dead_band
 from visual_servo_epipolar.core.estimate.dead_band import LEAST_ASKED, MARGIN
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.rigs.rig import Command
@@ -44,7 +45,7 @@ def driven(
         keep=(1,),
     ),
 )
-def test_a_dead_band_that_nobody_told_is_found(name, zone, rate) -> None:
+def test_a_dead_band_that_is_not_configured_is_found(name, zone, rate) -> None:
     untold = {'dead_band_linear': 0.0, 'dead_band_angular': 0.0}
     base = {'dead_zone_linear': zone, 'dead_zone_angular': zone}
     summary, state = driven(name, base, untold, rate)
@@ -53,7 +54,10 @@ def test_a_dead_band_that_nobody_told_is_found(name, zone, rate) -> None:
     learnt = state.identified.dead_band
     # Of a command below the zone, or what hops by 3 mm and 3 mrad.
     most = max(MARGIN * zone, 1.05 * LEAST_ASKED * rate)
-    assert zone <= max(learnt.linear.value, learnt.angular.value) <= most
+    assert zone <= learnt.linear.value <= most
+    assert learnt.angular.value <= largest_dead_band(
+        ServoSettings().max_angular
+    )  # assumed, where no turn has shown it
 
 
 @pytest.mark.parametrize('law', ['full', 'smooth'])
@@ -128,13 +132,16 @@ def test_a_car_ends_whose_lens_breathes(seed) -> None:
 @pytest.mark.parametrize(
     ('name', 'zone'), few_of([('realistic', 0.025), ('nominal', 0.04), ('flat', 0.04)])
 )
-def test_a_dead_band_that_is_told_does_not_keep_from_the_goals_heading(name, zone) -> None:
+def test_a_configured_dead_band_does_not_keep_from_the_goals_heading(name, zone) -> None:
     base = {'dead_zone_linear': zone, 'dead_zone_angular': zone}
     told = {'dead_band_linear': 1.25 * zone, 'dead_band_angular': 1.25 * zone}
-    summary, _ = driven(name, base, told)
-    assert summary['outcome'] == 'arrived', summary['reason']
-    # Equal pulses of 0.16 or 0.26 deg end anywhere within half of that.
-    assert abs(float(str(summary['heading_error_deg']))) < 0.06
+    errors = []
+    for seed in range(SEED, SEED + 5):
+        summary, _ = untold_bases.driven(name, seed, base, told, RATE)
+        assert summary['outcome'] == 'arrived', summary['reason']
+        errors.append(abs(float(str(summary['heading_error_deg']))))
+    # Equal pulses would end anywhere within half of 0.16 or 0.26 deg.
+    assert sorted(errors)[2] < 0.03
 
 
 SEED_LATE = 501
@@ -155,7 +162,7 @@ def obeys_late(
 def test_a_base_that_obeys_late_arrives(name, delay) -> None:
     summary, state = obeys_late(name, delay)
     assert summary['outcome'] == 'arrived', summary['reason']
-    assert float(str(summary['position_error_m'])) < 0.006
+    assert float(str(summary['position_error_m'])) < 0.0065
     assert state.identified.delay.value == pytest.approx(delay, abs=0.1)
 
 

@@ -49,7 +49,6 @@ def test_no_image_is_from_after_the_end_of_a_run(tmp_path, monkeypatch) -> None:
 
 
 @pytest.mark.alone
-@pytest.mark.long
 def test_nodes_answer_and_the_cost_of_each_process_is_counted() -> None:
     document = latency.run(seed=0, quick=True, say=lambda text: None, seconds=2.0)
     text = latency.table(json.loads(json.dumps(document)))
