@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from typing import Any
 
 import pytest
 
@@ -73,6 +74,27 @@ def test_a_sigterm_within_a_destructor_ends_the_command_all_the_same() -> None:
     with pytest.raises(Terminated), terminable():
         Resource()  # and the command ends before the signal is repeated
     assert sys.unraisablehook is hook
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_while_rclpy_fills_a_message_ends_the_command(request, number) -> None:
+    pytest.importorskip('rclpy')
+    from std_msgs.msg import String
+
+    def signal_within(frame: Any, event: str, _: object) -> None:
+        if event == 'call' and frame.f_code is String.__init__.__code__:
+            sys.setprofile(None)
+            os.kill(os.getpid(), number)
+
+    bench = request.getfixturevalue('bench')
+    heard = bench.listen(String, 'text')
+    publisher = bench.probe.create_publisher(String, 'text', 10)
+    bench.until(publisher.get_subscription_count, 'the subscription to be found')
+    publisher.publish(String(data='text'))
+    with pytest.raises(KeyboardInterrupt) as ended, terminable():
+        sys.setprofile(signal_within)
+        bench.until(lambda: heard, 'the message')
+    assert ended.type is (Terminated if number == signal.SIGTERM else KeyboardInterrupt)
 
 
 @pytest.mark.parametrize(

@@ -87,40 +87,54 @@ class Terminated(KeyboardInterrupt):
     """SIGTERM came: all ends as after Ctrl-C, with its own exit code."""
 
 
+INTERRUPTS = {signal.SIGINT: KeyboardInterrupt, signal.SIGTERM: Terminated}
+
+
 @contextmanager
 def terminable() -> Iterator[None]:
     """
-    Raise Terminated in the block at the first SIGTERM.
+    Raise Terminated in the block at the first SIGTERM, KeyboardInterrupt at SIGINT.
 
-    Those that follow change nothing: timeout(1) sends it twice, and the second one must not cut
-    off the tidying up. Python drops an exception of a destructor: Terminated is raised again.
+    SIGTERMs that follow change nothing: timeout(1) sends two, and the second one must not cut off
+    the tidying up. Python drops an exception of a destructor: it is raised again. rclpy makes a
+    RuntimeError of one that comes while it fills a message: the block ends by the interrupt.
     """
-    before, report = signal.getsignal(signal.SIGTERM), sys.unraisablehook
+    before, report = {it: signal.getsignal(it) for it in INTERRUPTS}, sys.unraisablehook
+    came: list[signal.Signals] = []
     again: list[Timer] = []
 
-    def terminate(number: int, _: object) -> NoReturn:
-        signal.signal(number, signal.SIG_IGN)
-        raise Terminated
+    def interrupt(number: int, _: object) -> NoReturn:
+        came.append(signal.Signals(number))
+        if number == signal.SIGTERM:
+            signal.signal(number, signal.SIG_IGN)
+        raise INTERRUPTS[came[-1]]
 
     def repeat(dropped: 'sys.UnraisableHookArgs') -> None:
-        if dropped.exc_type is not Terminated:
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
             report(dropped)
             return
-        signal.signal(signal.SIGTERM, terminate)
-        again.append(Timer(REPEAT_S, os.kill, (os.getpid(), signal.SIGTERM)))
+        signal.signal(came[-1], interrupt)
+        again.append(Timer(REPEAT_S, os.kill, (os.getpid(), came[-1])))
         again[-1].start()
 
-    signal.signal(signal.SIGTERM, terminate)
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:  # as of a command that a shell has in the background
+            signal.signal(number, interrupt)
     sys.unraisablehook = repeat
     try:
         yield
-        if again:
-            raise Terminated
+        if came:
+            raise INTERRUPTS[came[-1]]
+    except (RuntimeError, SystemError) as error:
+        if came:
+            raise INTERRUPTS[came[-1]] from error
+        raise
     finally:
         for timer in again:
             timer.cancel()
         sys.unraisablehook = report
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _run(options: argparse.Namespace) -> int:
