@@ -32,8 +32,8 @@ from visual_servo_epipolar.simulation.point_world import PointSettings, PointWor
 from visual_servo_epipolar.simulation.rigs import FixedRig  # noqa: E402
 
 ABORTED, CANCELED = GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED
-DOCKED = (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])
-GIVEN_UP = (ABORTED, [0, int(Error.UNKNOWN), 0])
+DOCKED = (GoalStatus.STATUS_SUCCEEDED, [1, 0])
+GIVEN_UP = (ABORTED, [0, int(Error.UNKNOWN)])
 
 
 @pytest.fixture
@@ -67,36 +67,26 @@ def test_it_docks_again_and_again(servo, client) -> None:
         client.feedback.clear()
         _, result = client.ask()
         servo.started(count)
-        servo.say(Phase.RETREATING)
-        client.sees(State.NAV_TO_STAGING_POSE)
         servo.say(Phase.DISPLACING)
         client.sees(State.CONTROLLING)
         servo.say(Phase.ARRIVED)
         assert client.outcome(result) == DOCKED
-        assert client.states() == [2, 1, 3]
+        assert client.states() == [2, 3]
     assert servo.calls == ['stop', 'start'] * 3
 
 
-def test_a_failure_is_tried_again_and_the_last_is_the_error_with_its_reason(
-    bench, servo, client
-) -> None:
+def test_a_failure_of_the_servo_is_the_error_with_its_reason(bench, servo, client) -> None:
     _, result = begun(servo, client)
-    servo.say(Phase.FAILED)
-    servo.started(2)
-    assert State.RETRY in client.states()
-    servo.say(Phase.RETREATING)
-    servo.say(Phase.FAILED, reason='the reason of attempt 2')
-    expected = [0, int(Error.FAILED_TO_STAGE), 1]
-    assert client.outcome(result) == (ABORTED, expected)
-    servo.stopped()
-    assert bench.logged('dock_robot: attempt 2')
-    assert bench.logged('dock_robot: the reason of attempt 2')
+    servo.say(Phase.FAILED, reason='the reason of the servo')
+    assert client.outcome(result) == (ABORTED, [0, int(Error.FAILED_TO_CONTROL)])
+    servo.stopped('stop', 'start', 'stop')
+    assert bench.logged('dock_robot: the reason of the servo')
 
 
 def test_a_cancel_stops_the_servo(servo, client) -> None:
     goal, result = begun(servo, client)
     goal.cancel_goal_async()
-    assert client.outcome(result) == (CANCELED, [0, 0, 0])
+    assert client.outcome(result) == (CANCELED, [0, 0])
     servo.stopped('stop', 'start', 'stop')
 
 
@@ -111,7 +101,7 @@ def test_another_goal_aborts_the_first_and_docks(servo, client) -> None:
 
 def test_what_cannot_be_served_and_a_servo_that_refuses_start_nothing(servo, client) -> None:
     _, result = client.ask(BY_POSE)
-    assert client.outcome(result) == (ABORTED, [0, int(Error.DOCK_NOT_VALID), 0])
+    assert client.outcome(result) == (ABORTED, [0, int(Error.DOCK_NOT_VALID)])
     servo.refuses = True
     _, result = client.ask()
     assert client.outcome(result) == GIVEN_UP
@@ -256,7 +246,7 @@ class Robot:
         self.odometry = bench.talk(Odometry, 'odom')
         info = bench.talk(CameraInfo, 'camera_info')
         self.servo = bench.start(ServoNode, stale_timeout=60.0, max_latency=0.0, **servo)
-        self.node = bench.start(served, serve_action=True, max_retries=2, servo_timeout=60.0)
+        self.node = bench.start(served, serve_action=True, servo_timeout=60.0)
         info(write.camera_info(CAMERA, 0, 'camera'))
         bench.settle()
         self.client = Client(bench)
@@ -325,15 +315,15 @@ def assert_docked(robot) -> None:
     assert abs(robot.pose.heading_error) < math.radians(0.2)
 
 
-def test_it_docks_after_a_failure_and_a_retry_and_detects_the_dock_on_the_way(robot) -> None:
+def test_it_docks_after_a_failed_request_and_detects_the_dock_on_the_way(robot) -> None:
     it = robot(holding_timeout=1.0)
     _, result = it.ask()
     it.drive_half()
     it.blind = True  # something stands before the camera until the servo gives up
-    it.drive_until(lambda: it.client.states()[-1] == State.RETRY)
+    assert it.outcome(result) == (ABORTED, [0, int(Error.FAILED_TO_DETECT_DOCK)])
     it.blind = False
-    it.armed()
-    assert it.outcome(result) == (GoalStatus.STATUS_SUCCEEDED, [1, 0, 1])
+    _, result = it.ask()
+    assert it.outcome(result) == DOCKED
     assert_docked(it)
     it.bench.settle()
     errors = [

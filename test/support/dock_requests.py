@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import diagnostics
 from visual_servo_epipolar.nodes.dock_node import DockNode
 
-SERVED = {'serve_action': True, 'max_retries': 1}
+SERVED = {'serve_action': True}
 
 
 def served(**options):

@@ -8,7 +8,7 @@ BY_POSE = 99  # as order: a request that no photograph can serve
 
 
 class FibonacciWire:
-    """Feedback is the state and the retries, the result success, error and retries."""
+    """Feedback is the state, the result success and error."""
 
     kind = Fibonacci
 
@@ -17,8 +17,7 @@ class FibonacciWire:
 
     def feedback(self, task: Task, seconds: float):
         assert seconds >= 0.0
-        return Fibonacci.Feedback(sequence=[int(task.state), task.retries])
+        return Fibonacci.Feedback(sequence=[int(task.state)])
 
-    def result(self, task: Task, outcome: Outcome):
-        numbers = [int(outcome.success), int(outcome.error), task.retries]
-        return Fibonacci.Result(sequence=numbers)
+    def result(self, outcome: Outcome):
+        return Fibonacci.Result(sequence=[int(outcome.success), int(outcome.error)])

@@ -22,16 +22,15 @@ class DockRobotWire:
     def feedback(self, task: Task, seconds: float) -> Any:
         """Return a task, which has taken ``seconds``, as feedback."""
         message = self.kind.Feedback()
-        message.state, message.num_retries = int(task.state), int(task.retries)
+        message.state = int(task.state)
         whole = round(seconds * NANOSECONDS)
         message.docking_time = Duration(sec=whole // NANOSECONDS, nanosec=whole % NANOSECONDS)
         return message
 
-    def result(self, task: Task, outcome: Outcome) -> Any:
+    def result(self, outcome: Outcome) -> Any:
         """Return the outcome of a task as result."""
         message = self.kind.Result()
         message.success, message.error_code = bool(outcome.success), int(outcome.error)
-        message.num_retries = int(task.retries)
         if hasattr(message, 'error_msg'):  # the first releases of Jazzy have none
             message.error_msg = outcome.message
         return message

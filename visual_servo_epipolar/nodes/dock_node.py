@@ -108,7 +108,7 @@ class DockServer:
             goal.succeed()
         else:
             goal.abort()
-        return self._wire.result(task, task.outcome)
+        return self._wire.result(task.outcome)
 
     def _advance(self, event: Callable[..., Task], *what: Any) -> None:
         """Follow what an event makes of the task, where there is one."""
@@ -126,7 +126,7 @@ class DockServer:
             phase = None if word == ARMED else phase_named(word)
         except ValueError:
             return  # of another program
-        self._advance(tasks.on_report, phase, reason, self._now(), self._settings())
+        self._advance(tasks.on_report, phase, reason, self._now())
 
     def _order(self, order: ServoOrder) -> None:
         """Call the service of an ``order``, in any state of the node; follow its answer."""
@@ -157,8 +157,6 @@ class DockServer:
         """Take over a task: carry out its orders, publish its state, end it if it has ended."""
         before, self._task = self._task, task
         log = self._node.get_logger()
-        if before is not None and task.retries > before.retries:
-            log.info(f'dock_robot: attempt {task.retries + 1}')
         if task.outcome is not None and not self._over.done():
             error = f' ({task.outcome.error.name})' if task.outcome.error else ''
             log.info(f'dock_robot: {task.outcome.message}{error}')
@@ -302,7 +300,7 @@ class DockNode(ManagedNode):
         if warning:
             self._warn(warning)
         frame = self._driven.base_frame or USUAL_BASE
-        if self._search.map is None:  # before anything is seen
+        if not self._search.views:  # before anything is seen
             self._mount.base_frame = frame
             self._settings = self._mount.taken(message.header.frame_id, self._settings)
             if self._mount.trouble:
@@ -316,8 +314,8 @@ class DockNode(ManagedNode):
     def _report(self, search: DockSearch, stamp_ns: int, frame: str) -> None:
         """Publish the pose in the ``frame`` of the base, if it may be, and how far it has come."""
         values: dict[str, object] = {'unpublished_because': search.reason}
-        if search.map is not None:
-            values['views'] = len(search.map.window)
+        if search.views:
+            values['views'] = search.views
         if (dock := search.estimate) is not None:
             values['deviation_m'] = round(dock.deviation, 4)
             values['heading_deviation_rad'] = round(dock.heading_deviation, 5)

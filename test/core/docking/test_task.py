@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.docking.task import (
 )
 from visual_servo_epipolar.core.laws.phase import Phase
 
-SETTINGS = DockTaskSettings(max_retries=1)
+SETTINGS = DockTaskSettings()
 START, STOP = ServoOrder.START, ServoOrder.STOP
 
 
@@ -27,23 +27,19 @@ def asked():
     return accept_request(True, '', 0.0, SETTINGS)
 
 
-def running():
-    """Return a task whose servo has been started."""
-    return again(asked(), 0.0)
-
-
-def again(task, now):
-    """Return the task after an attempt was begun as it asks for."""
+def running(task=None):
+    """Return the task, or a new one, after its servo was stopped and started."""
+    task = task or asked()
     assert task.orders == (STOP,)
-    task = on_report(task, Phase.WAITING, '', now, SETTINGS)
-    task = on_answer(task, STOP, '', now)
+    task = on_report(task, Phase.WAITING, '', 0.0)
+    task = on_answer(task, STOP, '', 0.0)
     assert task.orders == (START,)
-    return on_answer(task, START, '', now)
+    return on_answer(task, START, '', 0.0)
 
 
 def heard(task, *phases, reason='', now=1.0):
     for phase in phases:
-        task = on_report(task, phase, reason, now, SETTINGS)
+        task = on_report(task, phase, reason, now)
     return task
 
 
@@ -89,30 +85,18 @@ def test_a_robot_that_stands_at_the_dock_is_docked_at_once() -> None:
 @pytest.mark.parametrize(
     ('phases', 'error'),
     [
-        ((Phase.RETREATING,), Error.FAILED_TO_STAGE),
         ((Phase.MATCHING_FEATURES,), Error.FAILED_TO_CONTROL),
         ((Phase.DISPLACING, Phase.HOLDING), Error.FAILED_TO_DETECT_DOCK),
         ((), Error.FAILED_TO_DETECT_DOCK),
     ],
-    ids=['backing off', 'approaching', 'lost', 'never seen'],
+    ids=['approaching', 'lost', 'never seen'],
 )
-def test_a_failure_is_tried_again_and_then_is_an_error(phases, error) -> None:
-    task = heard(running(), *phases, Phase.FAILED, reason='of reasons')
-    assert task.outcome is None
-    assert (task.state, task.retries) == (State.RETRY, 1)
-    task = heard(again(task, 2.0), *phases, Phase.FAILED, reason='of reasons', now=3.0)
+def test_a_failure_is_an_error_by_what_the_servo_did_before(phases, error) -> None:
+    task = heard(running(), *phases)
+    assert task.state is (State.CONTROLLING if phases else State.INITIAL_PERCEPTION)
+    task = heard(task, Phase.FAILED, reason='of reasons')
     assert (task.outcome.error, task.outcome.message) == (error, 'of reasons')
-    assert task.retries == 1
-
-
-def test_after_a_retry_it_controls_and_docks() -> None:
-    task = again(heard(running(), Phase.DISPLACING, Phase.FAILED), 2.0)
-    assert task.state is State.RETRY
-    task = heard(task, Phase.RETREATING, now=3.0)
-    assert task.state is State.CONTROLLING
-    task = heard(task, Phase.ARRIVED, now=4.0)
-    assert task.outcome.success
-    assert task.retries == 1
+    assert task.orders == (STOP,)
 
 
 @pytest.mark.parametrize(
@@ -120,7 +104,7 @@ def test_after_a_retry_it_controls_and_docks() -> None:
     [((Phase.DISPLACING,), Error.FAILED_TO_CONTROL), ((), Error.FAILED_TO_DETECT_DOCK)],
     ids=['while it drives', 'before'],
 )
-def test_a_servo_that_falls_silent_is_stopped_and_not_tried_again(phases, error) -> None:
+def test_a_servo_that_falls_silent_is_stopped(phases, error) -> None:
     task = heard(running(), *phases, now=0.0)
     assert on_tick(task, SETTINGS.servo_timeout, SETTINGS).outcome is None
     task = on_tick(task, SETTINGS.servo_timeout + 0.1, SETTINGS)
@@ -178,12 +162,12 @@ def test_a_servo_whose_order_has_lapsed_has_not_seen_the_photograph() -> None:
     task = heard(running(), None)
     assert (task.outcome, task.heard) == (None, 1.0)
     task = heard(task, Phase.WAITING, reason='~/start has expired')
-    assert (task.state, task.retries, task.orders) == (State.RETRY, 1, (STOP,))
+    assert (task.outcome.error, task.orders) == (Error.FAILED_TO_DETECT_DOCK, (STOP,))
 
 
 def test_a_servo_that_waits_before_it_has_been_armed_has_not_lapsed() -> None:
     assert heard(running(), Phase.WAITING).orders == ()
-    task = again(replace(heard(asked(), None), orders=(STOP,)), 0.0)  # armed by an earlier order
+    task = running(replace(heard(asked(), None), orders=(STOP,)))  # armed by an earlier order
     assert heard(task, Phase.WAITING).outcome is None
     assert heard(task, Phase.WAITING).orders == ()
 

@@ -1,51 +1,39 @@
-"""The dock's pose in metres: the map that the servo makes, at the scale of the driven path."""
+"""The dock's pose in metres: the servo's estimate of its goal, at the scale of the driven path."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 import math
 from typing import Any, ClassVar
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimate.goal_estimate import in_base
-from visual_servo_epipolar.core.estimate.map_state import (
-    agrees,
-    filter_pose,
-    FilteredPose,
-    LEAST_NOISE,
-    PLACE,
+from visual_servo_epipolar.core.estimate.extrinsics import (
+    configured_extrinsics,
+    corrected,
+    Extrinsics,
+    YAW,
 )
-from visual_servo_epipolar.core.geometry.motion import (
-    compose,
-    inverse_pose,
-    motion_between,
-    Pose,
-    relative_pose,
-)
-from visual_servo_epipolar.core.goal import Goal, NO_GOAL
-from visual_servo_epipolar.core.mapping.factors import camera_poses
-from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
-from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel, goal_estimate
+from visual_servo_epipolar.core.geometry.motion import motion_between, Pose, relative_pose
+from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.mapping.refinement import Geometry
-from visual_servo_epipolar.core.mapping.window import (
-    FeatureObservations,
-    HEADING,
-    MapSettings,
-    VIEW,
-)
-from visual_servo_epipolar.core.odometry.increments import Motion
+from visual_servo_epipolar.core.mapping.window import HEADING, VIEW
+from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.odometry.path import PathPlace
-from visual_servo_epipolar.core.rigs.fixed_mount import Mount
+from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing, Mount
+from visual_servo_epipolar.core.servo.estimator import fuse, of_the_axle, update_map
+from visual_servo_epipolar.core.servo.run import change_goal
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.settings import fixed, internal, setting
-from visual_servo_epipolar.core.twoview.memory import PerceptionMemory
 from visual_servo_epipolar.core.twoview.observation import Observation
-from visual_servo_epipolar.core.twoview.perceive import perceive, Perception
+from visual_servo_epipolar.core.twoview.perceive import perceive
 from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
-from visual_servo_epipolar.core.twoview.validation import noise_learnt
 
-MOST_CONTRADICTIONS = 8  # in a row: then all is begun anew
-LAG = 0.002  # by which images and odometry may be apart [m]: their stamps are of one clock
+MOST_CONTRADICTIONS = 8  # of views and driven path in a row: then all is begun anew
+SURPRISE = 16.0  # square of what they differ by, in deviations, that is a contradiction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,33 +92,37 @@ class DockPoseSettings(PerceptionSettings):
     @property
     def mount_is_told(self) -> bool:
         """Whether any setting says how the camera is mounted."""
-        return bool(self.camera_place.any() or self.camera_tilt or self.camera_roll)
+        return any(getattr(self, f'camera_{item.name}') for item in fields(Mount))
 
     def mounted(self, mount: Mount) -> 'DockPoseSettings':
         """Return the settings of a camera mounted as in a description of the robot."""
         configured = {f'camera_{item.name}': getattr(mount, item.name) for item in fields(mount)}
         return replace(self, **configured)
 
-    @property
-    def camera_place(self) -> FloatArray:
-        """Place of the camera on the base as configured, (3,): forward, left [m], yaw [rad]."""
-        return np.array([self.camera_forward, self.camera_left, self.camera_yaw])
+    @cached_property
+    def extrinsics(self) -> Extrinsics:
+        """What is known of where the camera sits on the base before the robot moves."""
+        lever = self.camera_forward_deviation
+        return configured_extrinsics(
+            np.array([self.camera_yaw, self.camera_forward, self.camera_left]),
+            np.array([self.camera_yaw_deviation, lever, lever]),
+        )
 
-    @property
-    def map(self) -> MapSettings:
-        """Bounds of the map, whose scale is that of the path."""
-        return MapSettings(scale_deviation=self.path_deviation, lag=LAG)
+    @cached_property
+    def servo(self) -> ServoSettings:
+        """Settings of the servo that estimates: what is driven is that of the odometry."""
+        perception = {item.name: getattr(self, item.name) for item in fields(PerceptionSettings)}
+        return ServoSettings(**perception, path_deviation=self.path_deviation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DockPose:
     """
-    Pose of the dock in axes of the base at ``stamp_ns``: x forward, y left [m], turn [rad].
+    Pose of the dock in axes of the base at an image: x forward, y left [m], turn [rad], (3,).
 
     The dock is the base as it stood at the photograph. ``covariance``, (3, 3), is of all three.
     """
 
-    stamp_ns: int
     pose: FloatArray
     covariance: FloatArray
 
@@ -144,24 +136,35 @@ class DockPose:
         """Deviation of the heading [rad]."""
         return math.sqrt(max(float(self.covariance[2, 2]), 0.0))
 
+    def withheld(self, settings: DockPoseSettings) -> str:
+        """Return why the pose may not be published, or ''."""
+        if self.deviation > settings.publish_deviation:
+            return f'its place is uncertain by {self.deviation:.3f} m; drive on'
+        if self.heading_deviation > settings.publish_heading:
+            return f'its heading is uncertain by {math.degrees(self.heading_deviation):.1f} deg'
+        return ''
+
+    def contradicts(self, other: 'DockPose') -> bool:
+        """Return whether the ``other`` pose is farther away than chance explains."""
+        off = self.pose - other.pose
+        off[2] = math.remainder(off[2], 2.0 * math.pi)
+        covariance = self.covariance + other.covariance
+        return bool(off @ np.linalg.solve(covariance, off) > SURPRISE)
+
 
 @dataclass(frozen=True, eq=False)
 class DockSearch:
     """
     Search for the dock along the driven path; a new one begins from ``DockSearch()``.
 
-    ``map`` is the servo's, of photograph ``goal``, with what was driven up to ``mapped``;
-    ``place`` the base in it at ``last``. ``estimate`` follows from it; for a ``reason`` it is not
-    to be published.
+    ``servo`` has the servo's map, and ``last`` is where the base was. ``expected`` is the dock by
+    the last view that was believed, and what was driven since. ``estimate`` is that of this image;
+    for a ``reason`` it is not to be published.
     """
 
-    map: KeyframeMap | None = None
-    place: FilteredPose | None = None
+    servo: ServoState = ServoState()
     last: PathPlace | None = None
-    mapped: PathPlace | None = None
-    goal: int = NO_GOAL
-    memory: PerceptionMemory | None = None
-    frame: int = 0
+    expected: DockPose | None = None
     contradictions: int = 0
     estimate: DockPose | None = None
     reason: str = 'nothing was seen yet'
@@ -170,6 +173,11 @@ class DockSearch:
     def dock(self) -> DockPose | None:
         """The pose that may be published, or None."""
         return None if self.reason else self.estimate
+
+    @property
+    def views(self) -> int:
+        """The number of keyframes of the map."""
+        return 0 if self.servo.map.views is None else len(self.servo.map.views.window)
 
 
 def update_search(
@@ -181,117 +189,79 @@ def update_search(
     goal: int = NO_GOAL,
 ) -> DockSearch:
     """Return the search after an ``observation`` of photograph ``goal`` from a ``place``."""
-    if Goal(search.goal).differs(goal) or (search.last and search.last.epoch != place.epoch):
-        search = DockSearch(frame=search.frame)
-    perception = perceive(observation, settings, search.frame, search.memory)
-    memory, frame = noise_learnt(perception.memory), search.frame + 1
-    before, motion = search.place, _motion(search.last or place, place)
-    at = None if before is None else before.after(motion)
-    search = replace(search, memory=memory, frame=frame, place=at, last=place, estimate=None)
-    if len(observation) < settings.min_features:
-        return replace(search, reason=perception.measurement.reason)
-    views, said = _localized(search, perception, place, settings)
-    if said.reason:
-        trouble = '' if views.geometry else 'the robot has not moved yet, or sees no bearings: '
-        search = replace(search, reason=trouble + said.reason)
-    else:
-        said = at_base(said, settings.camera_place)
-        if at is not None and not agrees(said, at):
-            count = search.contradictions + 1
-            if count > MOST_CONTRADICTIONS:
-                search = DockSearch(memory=memory, frame=frame)
-            reason = 'views and driven path contradict each other'
-            return replace(search, contradictions=count, reason=reason)
-        said, at = filter_pose(said, before, motion)
-        assert views.geometry is not None  # it was localized in it
-        dock = dock_of(said, views.geometry, place.stamp_ns, settings)
-        reason = _unpublished(dock, settings)
-        search = replace(search, place=at, contradictions=0, estimate=dock, reason=reason)
-    return replace(search, map=views.update_map(), mapped=place, goal=goal)
+    if search.servo.goal.differs(goal) or (search.last and search.last.epoch != place.epoch):
+        search = DockSearch()
+    last = place.pose if search.last is None else search.last.pose
+    driven = motion_between(Pose(*last.tolist()), Pose(*place.pose.tolist()))
+    motion = Motion(*driven, measured=True)
+    servo = change_goal(search.servo, goal)
+    servo, estimate, reason = _estimated(servo, observation, motion, settings)
+    expected = search.expected and _after(search.expected, relative_pose(last, place.pose), motion)
+    search = replace(search, servo=servo, last=place, expected=expected)
+    if estimate is None:
+        return replace(search, estimate=None, reason=reason)
+    if expected is not None and estimate.contradicts(expected):
+        if search.contradictions == MOST_CONTRADICTIONS:
+            search = DockSearch()
+        reason, count = 'views and driven path contradict each other', search.contradictions + 1
+        return replace(search, contradictions=count, estimate=None, reason=reason)
+    reason = estimate.withheld(settings)
+    return replace(search, expected=estimate, contradictions=0, estimate=estimate, reason=reason)
 
 
-def _localized(
-    search: DockSearch, perception: Perception, place: PathPlace, settings: DockPoseSettings
-) -> tuple[KeyframeMap, MapLocalization]:
-    """Return the servo's map after a view from ``place``, and the camera in it."""
-    observation, measurement, memory = (
-        perception.observation,
-        perception.measurement,
-        perception.memory,
+def _estimated(
+    state: ServoState,
+    observation: Observation,
+    motion: Motion,
+    settings: DockPoseSettings,
+) -> tuple[ServoState, DockPose | None, str]:
+    """Return the servo's state after an image, and where the dock is; None, and why, if unsure."""
+    perception = perceive(observation, settings.servo, state.view.frame, state.view.memory)
+    increment = OdometryIncrement(motion, motion, trusted=True)
+    fusion = fuse(state, perception, increment, 0.0, settings.servo)
+    reason = fusion.measurement.reason
+    reason = reason or 'the robot has not moved yet, or sees no bearings'
+    dock = None
+    views = fusion.map.views
+    if fusion.reading is not None and views is not None and views.geometry is not None:
+        mounted = _mounted(settings.extrinsics, views.geometry)
+        measurement = of_the_axle(fusion.measurement, mounted)
+        goal_pose = goal_estimate(measurement, fusion.reading, mounted, BaseModel()).in_base()
+        dock = None if goal_pose is None else DockPose(*goal_pose)
+    state = state.changed(
+        goal=replace(state.goal, map=fusion.map), memory=fusion.memory, frame=state.view.frame + 1
     )
-    assert observation is not None and observation.ids is not None  # tracks have both
-    attitude = memory.mount_by(settings)
-    views = search.map or KeyframeMap(attitude, settings.map)
-    if views.mount.jitter < attitude.jitter:
-        views = views.with_mount(attitude)
-    mount, last = settings.camera_place, search.mapped or place
-    ahead, left, _ = relative_pose(compose(last.pose, mount), compose(place.pose, mount))
-    noise = np.maximum(memory.noise * observation.resolution, LEAST_NOISE)
-    return views.after(
-        FeatureObservations(observation.ids, observation.current, observation.desired, noise),
-        np.array([-left, ahead]),
-        bearings=measurement.rivals or tuple(filter(None, [measurement.bearings])),
-        attitude=memory.attitude,
-    )
+    return update_map(state), dock, reason
 
 
-def _motion(last: PathPlace, place: PathPlace) -> Motion:
-    before, after = Pose(*last.pose.tolist()), Pose(*place.pose.tolist())
-    return Motion(*motion_between(before, after), measured=True)
-
-
-def at_base(said: MapLocalization, mount: FloatArray) -> MapLocalization:
-    """Return the localization of the base, to which its camera is a ``mount``, (3,)."""
-    camera, lever = camera_poses(said.pose[None])[0], inverse_pose(mount)
-    base = compose(compose(mount, camera), lever)
-    pose, slope = said.pose.copy(), np.eye(VIEW)
-    pose[:PLACE] = -base[1], base[0], base[2]
-    cosine, sine = math.cos(mount[2]), math.sin(mount[2])
-    slope[:2, :2] = [[cosine, -sine], [sine, cosine]]
-    swing = compose(np.array([0.0, 0.0, mount[2] + camera[2]]), lever)
-    slope[:2, HEADING] = -swing[0], -swing[1]
-    covariance, own = (slope @ each @ slope.T for each in (said.covariance, said.own))
-    return replace(said, pose=pose, covariance=covariance, own=own, shift=slope @ said.shift)
-
-
-def dock_of(
-    said: MapLocalization, geometry: Geometry, stamp_ns: int, settings: DockPoseSettings
-) -> DockPose:
-    """Return the dock by a localization of the base, with what the mount is uncertain by."""
-    right, ahead, heading = said.pose[:PLACE].tolist()
-    yaw, variance = _yaw_error(geometry, settings.camera_yaw_deviation)
-    covariance = said.covariance[:PLACE, :PLACE].copy()
-    by_yaw = np.array([-ahead, right])
-    lever = settings.camera_forward_deviation * 2.0 * math.sin(0.5 * heading)
-    covariance[:2, :2] += variance * np.outer(by_yaw, by_yaw) + lever * lever * np.eye(2)
-    place = np.array([right - yaw * ahead, ahead + yaw * right, heading])
-    return DockPose(stamp_ns, *in_base(place, covariance))
-
-
-def _yaw_error(geometry: Geometry, deviation: float) -> tuple[float, float]:
+def _mounted(configured: Extrinsics, geometry: Geometry) -> Extrinsics:
     """
-    Return by how much the camera looks to the left of its configured yaw [rad], and the variance.
+    Return how the camera sits on the base, by where it was driven.
 
     A camera that looks aside of where it is driven has the driven places of its keyframes turned
-    against those of the images. ``deviation`` is that of the configured yaw.
+    against those of the images.
     """
-    seen, driven = geometry.unknowns.views[:, :2], geometry.window.driven_places
+    yaw, *_ = configured.mount.tolist()
+    swings = [camera_swing(0.0, it) @ configured.mount[1:] for it in geometry.unknowns.views[:, 2]]
+    seen, driven = geometry.unknowns.views[:, :HEADING] - swings, geometry.window.driven_places
     seen, driven = seen - seen.mean(0), driven - driven.mean(0)
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    driven = driven @ np.array([[cosine, -sine], [sine, cosine]])
     across, along = np.column_stack([-seen[:, 1], seen[:, 0]]), float((seen * driven).sum())
     if along <= 0.0:
-        return 0.0, deviation**2
+        return replace(configured, believed=True)
     turn = math.atan2(float((across * driven).sum()), along)
     slope = np.zeros((len(seen), VIEW))
-    slope[:, :2] = across / along
+    slope[:, :HEADING] = across / along
     errors = slope.ravel() @ geometry.root[: slope.size]
-    variance, prior = float(errors @ errors), deviation**2
-    return turn * prior / (prior + variance), variance * prior / (prior + variance)
+    return replace(corrected(configured, YAW, turn, float(errors @ errors)), believed=True)
 
 
-def _unpublished(dock: DockPose, settings: DockPoseSettings) -> str:
-    """Return why the pose may not be published, or ''."""
-    if dock.deviation > settings.publish_deviation:
-        return f'its place is uncertain by {dock.deviation:.3f} m; drive on'
-    if dock.heading_deviation > settings.publish_heading:
-        return f'its heading is uncertain by {math.degrees(dock.heading_deviation):.1f} deg'
-    return ''
+def _after(dock: DockPose, driven: FloatArray, motion: Motion) -> DockPose:
+    """Return the ``dock`` from where a ``motion`` has ``driven``, (3,), as far as wheels grip."""
+    share, way, turn = motion.noise, abs(motion.way), abs(motion.turn)
+    walk = share.noise**2 * np.array([way, way + turn])
+    doubt = walk + np.array([share.way * way, share.turn * turn]) ** 2
+    pose = relative_pose(driven, dock.pose)
+    slope = np.array([[-1.0, pose[1]], [0.0, -pose[0]], [0.0, -1.0]])
+    return DockPose(pose, dock.covariance + slope * doubt @ slope.T)

@@ -2,8 +2,8 @@
 A request to dock, from acceptance to result: states and errors of the action DockRobot.
 
 Pure functions take the servo's reports and the time [s], and return the task after them with the
-orders that follow; a node carries them out. Each attempt stops the servo first: its phases before
-``waiting`` belong to an earlier run.
+orders that follow; a node carries them out. It stops the servo first: phases before ``waiting``
+belong to an earlier run.
 """
 
 from collections.abc import Mapping
@@ -26,10 +26,10 @@ class DockTaskSettings(Settings):
         'wait_charge_timeout': 5.0,
         'initial_perception_timeout': 5.0,
         'dock_approach_timeout': 300.0,
+        'max_retries': 3,
     }
 
     dock_id: str = fixed('', 'Name of the dock of the photograph; empty: that of every request')
-    max_retries: int = internal(3, 'Further attempts after one that failed', low=0, high=100)
     servo_timeout: float = internal(
         5.0, 'Longest silence of the servo while it should drive [s]', low=0.2, high=600.0
     )
@@ -38,10 +38,8 @@ class DockTaskSettings(Settings):
 class State(IntEnum):
     """State of docking, as nav2_msgs/action/DockRobot numbers them in its feedback."""
 
-    NAV_TO_STAGING_POSE = 1  # backing off to where the approach can begin
     INITIAL_PERCEPTION = 2
     CONTROLLING = 3
-    RETRY = 5
 
 
 class Error(IntEnum):
@@ -50,7 +48,6 @@ class Error(IntEnum):
     NONE = 0
     DOCK_NOT_IN_DB = 901
     DOCK_NOT_VALID = 902
-    FAILED_TO_STAGE = 903
     FAILED_TO_DETECT_DOCK = 904
     FAILED_TO_CONTROL = 905
     UNKNOWN = 999
@@ -64,7 +61,7 @@ class ServoOrder(Enum):
 
 
 class Stage(Enum):
-    """Stage of an attempt: the servo is being stopped, is being started, drives."""
+    """Stage of a task: the servo is being stopped, is being started, drives."""
 
     CLEARING = 'clearing'
     STARTING = 'starting'
@@ -87,23 +84,26 @@ class Task:
     A request under way; ``orders`` are those of the last event, ``outcome`` ends it.
 
     Times [s] are those at which it began, the ``step`` began and the servo was heard. ``armed``
-    and ``driven`` are whether the servo reported it in this attempt, ``last_phase`` what it did
-    before it ended.
+    and ``driven`` are whether the servo has reported it, ``last_phase`` what it did before it
+    ended.
     """
 
     began: float
     step_began: float
     heard: float
     step: Stage = Stage.CLEARING
-    state: State = State.INITIAL_PERCEPTION
     cleared: bool = False
     stopped: bool = False
     armed: bool = False
     driven: bool = False
     last_phase: Phase = Phase.WAITING
-    retries: int = 0
     orders: tuple[ServoOrder, ...] = ()
     outcome: Outcome | None = None
+
+    @property
+    def state(self) -> State:
+        """State of docking: the servo looks for the photograph until it drives."""
+        return State.CONTROLLING if self.driven else State.INITIAL_PERCEPTION
 
 
 def accept_request(by_id: bool, dock_id: str, now: float, settings: DockTaskSettings) -> Task:
@@ -136,9 +136,7 @@ def on_answer(task: Task, order: ServoOrder, refusal: str, now: float) -> Task:
     return task
 
 
-def on_report(
-    task: Task, phase: Phase | None, reason: str, now: float, settings: DockTaskSettings
-) -> Task:
+def on_report(task: Task, phase: Phase | None, reason: str, now: float) -> Task:
     """Return the task after a report of the servo: its ``phase`` and why; None while armed."""
     task = replace(task, orders=(), heard=now)
     if task.outcome is not None:
@@ -151,18 +149,18 @@ def on_report(
     if task.step is Stage.STARTING and phase is Phase.WAITING:
         return task
     if phase.drives:
-        backs_off = phase is Phase.RETREATING and not task.retries
-        state = State.NAV_TO_STAGING_POSE if backs_off else State.CONTROLLING
-        return replace(task, state=state, driven=True, last_phase=phase)
+        return replace(task, driven=True, last_phase=phase)
     if phase is Phase.ARRIVED:
         return replace(task, outcome=Outcome(success=True, message='docked'))
     if phase is Phase.FAILED:
-        return _retry(task, _error_of(task), reason or 'the servo failed', now, settings)
+        lost = task.last_phase in (Phase.HOLDING, Phase.WAITING)
+        error = Error.FAILED_TO_DETECT_DOCK if lost else Error.FAILED_TO_CONTROL
+        return end(task, error, reason or 'the servo failed')
     if phase is Phase.WAITING and task.driven:
         return end(task, Error.FAILED_TO_CONTROL, 'the servo was stopped from elsewhere')
     if phase is Phase.WAITING and task.armed and task.step is Stage.RUNNING:
         why = reason or 'the servo has not begun to drive'
-        return _retry(task, Error.FAILED_TO_DETECT_DOCK, why, now, settings)
+        return end(task, Error.FAILED_TO_DETECT_DOCK, why)
     return replace(task, last_phase=phase)
 
 
@@ -192,20 +190,3 @@ def _start(task: Task, now: float) -> Task:
     if not (task.cleared and task.stopped):
         return task
     return replace(task, step=Stage.STARTING, step_began=now, orders=(ServoOrder.START,))
-
-
-def _error_of(task: Task) -> Error:
-    """Return the error of a servo that failed, by what it did before."""
-    if task.last_phase is Phase.RETREATING:
-        return Error.FAILED_TO_STAGE
-    if task.last_phase in (Phase.HOLDING, Phase.WAITING):
-        return Error.FAILED_TO_DETECT_DOCK
-    return Error.FAILED_TO_CONTROL
-
-
-def _retry(task: Task, error: Error, reason: str, now: float, settings: DockTaskSettings) -> Task:
-    """Return the task after an attempt that failed: the next one, or the end."""
-    if task.retries >= settings.max_retries:
-        return end(task, error, reason)
-    again = Task(task.began, now, now, state=State.RETRY, retries=task.retries + 1)
-    return replace(again, orders=(ServoOrder.STOP,))

@@ -45,7 +45,7 @@ PREFERENCE = 3.0  # deviations of two views that one of the memory may have
 LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
 # Of views that show too little for two: what must agree with one place, which is where they drove.
 LEAST_CARRIED, CARRIED_SHARE = 6, 0.6
-BY_COMMANDS, BY_WHEELS = MapSettings(), MapSettings(scale_deviation=0.03)
+BY_COMMANDS = MapSettings()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,7 +192,8 @@ def localize(
     observation, motion = perception.observation, increment.motion
     if not settings.remembers:
         return MapState(), None
-    views = _views_of(before.views, perception.memory.mount_by(settings), increment.trusted)
+    bounds = settings.map_by_wheels if increment.trusted else BY_COMMANDS
+    views = _views_of(before.views, perception.memory.mount_by(settings), bounds)
     if views is not before.views:
         before = replace(before, place=None)  # it was of another scale, or floor
     if observation is None or observation.ids is None:
@@ -220,15 +221,13 @@ def localize(
     return MapState(after, place, few_s), reading_in_view(said, observation)
 
 
-def _views_of(views: KeyframeMap | None, mount: Attitude, by_wheels: bool) -> KeyframeMap:
+def _views_of(views: KeyframeMap | None, mount: Attitude, bounds: MapSettings) -> KeyframeMap:
     """Return the map by the motion that counts, and on the floor as rough as it has become."""
     if views is None:
-        views = KeyframeMap(mount, BY_COMMANDS)
+        return KeyframeMap(mount, bounds)
     if views.mount.jitter < mount.jitter:
         views = views.with_mount(mount)
-    if by_wheels == (views.settings == BY_WHEELS):
-        return views
-    return views.with_alternative(BY_WHEELS if by_wheels else BY_COMMANDS)
+    return views if views.settings == bounds else views.with_alternative(bounds)
 
 
 def _localized(
@@ -243,8 +242,8 @@ def _localized(
     bearings = () if measurement.bearings is None else (measurement.bearings,)
     return views.after(
         observations,
-        np.array([0.0, motion.way]),
-        alternative_motion=None if other is motion else np.array([0.0, other.way]),
+        motion.chord,
+        alternative_motion=None if other is motion else other.chord,
         bearings=measurement.rivals or bearings,
         attitude=perception.memory.attitude,
         learns=learns,

@@ -16,12 +16,14 @@ from visual_servo_epipolar.core.bases.base import Base, BaseLimits, turns_in_pla
 from visual_servo_epipolar.core.bases.registry import base_of, DEFAULT_BASE
 from visual_servo_epipolar.core.estimate.extrinsics import configured_extrinsics, Extrinsics
 from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.mapping.window import MapSettings
 from visual_servo_epipolar.core.rigs.fixed_mount import Mount
 from visual_servo_epipolar.core.rigs.registry import DEFAULT_RIG, rig_of
 from visual_servo_epipolar.core.rigs.rig import HeadLimits, Joints, Rig
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
+WHEELS_LAG = 0.002  # by which images and odometry may be apart [m]: their stamps are of one clock
 LEAST_EXCURSION = 1.05  # start distances: below it noise alone would fail the run
 MOUNT = tuple(f'camera_{item.name}' for item in fields(Mount))
 DEFAULT_LAW = 'full'
@@ -365,6 +367,9 @@ class DriveSettings(PerceptionSettings, ControlSettings, ABC):
         False,
         'Use odom instead of commands for the motion between images, unless images contradict it',
     )
+    path_deviation: float = internal(
+        0.03, 'Deviation of the scale of the way by odometry: of a metre [m]', low=1e-4, high=1.0
+    )
     autostart: bool = fixed(False, 'Start by itself once there are tracks; false: on ~/start')
     latch_engage: float = internal(
         0.002, 'Step 1: bearing of e_du that counts as zero [rad]', low=0.0, high=0.2
@@ -479,6 +484,11 @@ class DriveSettings(PerceptionSettings, ControlSettings, ABC):
     def remembers(self) -> bool:
         """Whether views are remembered: a lens that is being learnt would move what they hold."""
         return self.options.memory and self.calibrated
+
+    @cached_property
+    def map_by_wheels(self) -> MapSettings:
+        """Bounds of a map whose scale is that of the odometry."""
+        return MapSettings(scale_deviation=self.path_deviation, lag=WHEELS_LAG)
 
     @property
     def mount_is_told(self) -> bool:

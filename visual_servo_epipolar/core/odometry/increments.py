@@ -1,7 +1,12 @@
 """Increments: the motion of the base between two images, with its covariance."""
 
 from dataclasses import dataclass
+import math
 from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
 
 
 class MotionNoise(NamedTuple):
@@ -29,6 +34,11 @@ class Motion:
     way: float = 0.0
     turn: float = 0.0
     measured: bool = False
+
+    @property
+    def chord(self) -> FloatArray:
+        """Where it leads, (2,): right and ahead in axes of before [m]."""
+        return self.way * np.array([-math.sin(0.5 * self.turn), math.cos(0.5 * self.turn)])
 
     @property
     def noise(self) -> MotionNoise:

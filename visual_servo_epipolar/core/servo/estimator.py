@@ -268,7 +268,7 @@ def identify(
     if state.phase.straight:
         leg = before.straight, fusion.reading, drive.travel
         straight, extrinsics = straight_on(*leg, extrinsics)
-    measurement = _of_the_axle(fusion.measurement, extrinsics)
+    measurement = of_the_axle(fusion.measurement, extrinsics)
     odometry, bias = drive.odometry.judge(measurement), _rotation_bias(state, measurement)
     measurement = _without_bias(measurement, bias)
     fusion = fusion._replace(measurement=measurement, rotation_bias=bias)
@@ -290,7 +290,7 @@ def identify(
     )
 
 
-def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measurement:
+def of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measurement:
     """Return ``measurement`` with the bearings of the axle, where the camera is not on it."""
     mount = extrinsics.mount
     if not mount.any():
