@@ -71,7 +71,7 @@ def simulate(
     scenario : Scenario, optional
         World, robot and settings; the nominal ones by default.
     law : str, optional
-        Name of a law with departures, such as ``full`` or ``full-retreat``.
+        Name of a law: ``paper``, ``corrected``, ``full``, ``smooth``, or of another package.
     source : {'features', 'images'}
         Input of the servo: noisy point features, or rendered images through the tracker.
     seed : int

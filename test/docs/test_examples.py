@@ -48,17 +48,6 @@ def test_the_example_drives_the_robot_to_the_goal(environment: dict[str, str]) -
 
 
 @pytest.mark.long
-def test_departures_are_left_out_of_it_as_of_any_law(environment: dict[str, str]) -> None:
-    start = ('--start', '0.5', '-3', '5')
-    laws = ('bounded', 'bounded-line_following', 'full-line_following')
-    bounded, changed, full = (run(environment, 'simulate', *start, '--law', law) for law in laws)
-    assert changed['law'] == 'bounded-line_following'
-    # It differs from both: the departure is out of it, and its controls are its own still.
-    assert changed['path_length_m'] != bounded['path_length_m']
-    assert changed['path_length_m'] != full['path_length_m']
-
-
-@pytest.mark.long
 def test_a_sweep_compares_it(environment: dict[str, str], tmp_path: Path) -> None:
     options = ('--region', 'front', '--runs', '2', '--jobs', '1', '--out', str(tmp_path))
     documents = run(environment, 'sweep', *options, '--compare', 'bounded,full')

@@ -13,7 +13,6 @@ import yaml
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.docking.pose import DockPoseSettings
 from visual_servo_epipolar.core.docking.task import DockTaskSettings
-from visual_servo_epipolar.core.laws.registry import law_named
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings, StationSettings
 from visual_servo_epipolar.core.settings import parameters_of, range_of
@@ -213,27 +212,11 @@ def test_a_good_change_reaches_what_it_is_for(bench, name, key, value, current) 
     assert current(node) == value
 
 
-@pytest.mark.parametrize(
-    ('values', 'expression'),
-    [
-        ({'law': 'full-retreat'}, 'full-retreat'),
-        ({'retreat': False}, 'full-retreat'),
-        ({'law': 'full-speed_ramps', 'retreat': False}, 'full-speed_ramps-retreat'),
-        ({'law': 'paper+speed_ramps', 'retreat': False}, 'paper+speed_ramps'),
-    ],
-    ids=['expression', 'departure', 'both', 'added'],
-)
-def test_a_law_is_changed_by_an_expression_and_by_its_departures(values, expression) -> None:
-    settings = ServoSettings(**values)
-    assert settings.options == law_named(expression) != law_named('full')
-    assert settings.law_expression == expression
-
-
-def test_a_misspelt_departure_is_refused_while_the_node_runs(bench) -> None:
+def test_an_expression_with_a_departure_is_refused_and_its_setting_named(bench) -> None:
     servo = bench.start(ServoNode, law='full')
-    result = change(bench, 'servo_node', law='full-retreet')
+    result = change(bench, 'servo_node', law='full-retreat')
     assert not result.successful
-    assert 'names no departure retreet; there are true_sigma' in result.reason
+    assert "got 'full-retreat'; a departure is left out by its setting" in result.reason
     assert servo.get_parameter('law').value == 'full'
 
 

@@ -65,8 +65,8 @@ seed = whole(0, MAX_SEED)
 count, count_or_none = whole(1, MAX_RUNS), whole(0, MAX_RUNS)  # of runs, or of processes
 
 
-def law_expression(text: str) -> str:
-    """Parse the expression that names a law."""
+def law(text: str) -> str:
+    """Parse the name of a law."""
     from visual_servo_epipolar.core.laws.registry import law_named  # noqa: PLC0415 numpy, late
 
     try:
@@ -78,7 +78,7 @@ def law_expression(text: str) -> str:
 
 def laws(text: str) -> tuple[str, ...]:
     """Parse a list of laws, each once."""
-    names = tuple(law_expression(name) for name in text.split(','))
+    names = tuple(law(name) for name in text.split(','))
     if len(set(names)) < len(names):
         raise argparse.ArgumentTypeError(f'{text!r} must list each law once')
     return names
@@ -161,11 +161,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add what every closed loop takes: law, estimator, scenario, scene, seed, --json."""
-    law = (
-        f'control law: {", ".join(law_names())}; + adds a departure from the paper, - removes '
-        'one, as in paper+true_sigma or full-retreat'
-    )
-    add_words(parser, {'--law LAW': law}, type=law_expression)
+    add_words(parser, {'--law LAW': f'control law: {", ".join(law_names())}'}, type=law)
     words = {
         '--estimator NAME': 'estimator of the epipoles',
         '--scenario FILE': 'scenario file, or the name of an installed one',

@@ -138,7 +138,7 @@ class RunMonitor:
             'arrived' if phase is Phase.ARRIVED else 'failed',
             reason,
             self._attempts,
-            self.settings.servo.law_expression,
+            self.settings.servo.law,
             MotionLimits.of(self.settings.servo),
             self.settings.field_of_view,
         )

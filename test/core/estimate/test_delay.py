@@ -168,7 +168,7 @@ def test_what_is_learnt_is_gone_by_unless_a_longer_one_is_told() -> None:
     assert felt_latency(late) == BORNE
     told = replace(SETTINGS, latency=0.8)
     assert known.beside(told) is told
-    alone = replace(told, law='full-anticipation')
+    alone = replace(told, anticipation=False)
     assert known.beside(alone) is alone
     assert not is_late(alone)
     assert felt_latency(alone) == 0.8

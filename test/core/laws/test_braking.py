@@ -86,7 +86,7 @@ def landed(angle: float, late: float) -> tuple[float, FloatArray, list[float]]:
 @pytest.mark.parametrize('delay', [0, 1, 2, 3])
 def test_a_turn_ends_soon_whatever_the_base_delays_it_by(angle: float, delay: int) -> None:
     time, left = turned(angle, FULL, delay=delay)
-    exponential, _ = turned(angle, replace(FULL, law='full-speed_ramps'), delay=delay)
+    exponential, _ = turned(angle, replace(FULL, speed_ramps=False), delay=delay)
     assert time < (0.65 if delay < 3 else 0.9) * exponential
     over = max(-each * (1.0 if angle > 0.0 else -1.0) for each in left)
     assert over <= (TOLERANCE if delay < 2 else 0.3 * abs(angle))
@@ -135,7 +135,7 @@ def test_turns_in_place_of_step_1_brake(phase: Phase) -> None:
     assert twist.linear == 0.0
     assert twist.angular == pytest.approx(braked_turn(-0.2, state.measurement, FULL))
     assert FULL.turn_gain * 0.2 < -twist.angular
-    own = replace(FULL, law='full-speed_ramps')
+    own = replace(FULL, speed_ramps=False)
     assert (
         FULL.turn_gain * 0.2
         > -own.machine.row(phase).command(goal(seen, state), state, own).angular

@@ -107,7 +107,7 @@ def test_once_latched_only_the_delay_limits_k1() -> None:
 
 
 def test_law_full_turns_no_faster_than_a_late_image_allows() -> None:
-    late = replace(DERIVED, law='full-anticipation', latency=1.0, turn_gain=5.0, max_angular=0.2)
+    late = replace(DERIVED, anticipation=False, latency=1.0, turn_gain=5.0, max_angular=0.2)
     state = after(late, 0.32, -0.3, frames=2)
     assert state.law.gains is not None
     landed = advance(state, sight(2, 0.01, 0.0), replace(late, max_angular_acceleration=90.0))
@@ -152,13 +152,13 @@ def test_what_turns_illegal_in_the_last_moment_turns_the_robot_after_all() -> No
 def test_who_looks_ahead_feels_no_more_delay_than_laws_bear() -> None:
     late, soon = (replace(DERIVED, law='full', latency=it) for it in (1.0, BORNE))
     assert after(late, 0.32, -0.3).law.gains == after(soon, 0.32, -0.3).law.gains is not None
-    alone = replace(late, law='full-anticipation')
+    alone = replace(late, anticipation=False)
     assert after(alone, 0.32, -0.3).law.gains != after(soon, 0.32, -0.3).law.gains
 
 
-@pytest.mark.parametrize('law', ['paper', 'corrected', 'full-anticipation'])
-def test_where_no_turn_helps_the_run_fails_with_the_reason(law: str) -> None:
-    hasty = replace(DERIVED, law=law, latency=2.0, max_angular=1.0)
+@pytest.mark.parametrize('law', [{'law': 'paper'}, {'law': 'corrected'}, {'anticipation': False}])
+def test_where_no_turn_helps_the_run_fails_with_the_reason(law) -> None:
+    hasty = replace(DERIVED, **law, latency=2.0, max_angular=1.0)
     state = after(hasty, 0.35, -0.3, frames=1)
     assert state.phase is Phase.FAILED
     assert 'one period must be short for the limits' in state.reason
@@ -221,12 +221,9 @@ def test_the_second_step_closes_in_at_its_rate_once_the_slope_of_d_is_known() ->
     assert closing.twist.linear == pytest.approx(0.01 * rate / 0.4, rel=1e-3)
 
 
-STEEP = 'full-speed_ramps'
-
-
 def speed_in_step_2(difference: float, **changes: Any) -> float:
     """Return the speed in step 2 [m/s] of who need not brake, D rising by 0.4 in a metre."""
-    settings = replace(ServoSettings(law=STEEP, line_following=False), **changes)
+    settings = replace(ServoSettings(speed_ramps=False, line_following=False), **changes)
     state = ServoState().changed(
         phase=Phase.MATCHING_FEATURES, distance=2.0, slope=Slope(0.4, 1e6)
     )
@@ -248,13 +245,13 @@ def test_it_rises_no_further_than_the_delay_lets_it_not_overshoot() -> None:
     limit = 1.0 / math.e / (PERIOD + 0.1)
     assert speed_in_step_2(-0.01, latency=0.1, **brisk) == pytest.approx(limit * 0.01 / 0.4)
     # A delay beyond that leaves the rate as it was set.
-    alone = {'law': f'{STEEP}-anticipation', **brisk}
+    alone = {'anticipation': False, **brisk}
     assert speed_in_step_2(-0.01, latency=1.0, **alone) == pytest.approx(0.01 / 0.4)
 
 
 @pytest.mark.parametrize('way', [0.5, 0.1, 0.02])
 def test_whose_accelerations_are_limited_brakes_at_a_constant_deceleration(way: float) -> None:
-    braking = {'law': 'full', 'max_acceleration': 20.0, 'latency': 0.0}
+    braking = {'speed_ramps': True, 'max_acceleration': 20.0, 'latency': 0.0}
     deceleration = BRAKING * 20.0
     speed = speed_in_step_2(-0.4 * way, max_linear=5.0, **braking)
     delay = math.e * PERIOD

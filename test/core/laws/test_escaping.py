@@ -52,9 +52,11 @@ def test_what_step_2_takes_up_does_not_begin_step_1_anew(chi: float) -> None:
     assert classify(seeing(STATE, measurement=away), SETTINGS) is Event.ESCAPED
 
 
-@pytest.mark.parametrize('law', ['paper', 'corrected', 'full-line_following'])
-def test_laws_that_follow_no_line_have_to_zero_it(law: str) -> None:
-    settings = replace(SETTINGS, law=law)
+@pytest.mark.parametrize(
+    'law', [{'law': 'paper'}, {'law': 'corrected'}, {'line_following': False}]
+)
+def test_laws_that_follow_no_line_have_to_zero_it(law) -> None:
+    settings = replace(SETTINGS, **law)
     assert asked(escape_bound, STATE, REMEMBERED, settings) == settings.latch_release
     there = replace(REMEMBERED, bearings=behind(0.06, 0.1))
     assert classify(seeing(STATE, measurement=there), settings) is Event.ESCAPED

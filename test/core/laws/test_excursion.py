@@ -46,9 +46,9 @@ def test_the_bound_holds_while_tracks_are_lost() -> None:
     assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
 
 
-@pytest.mark.parametrize('law', ['paper', 'corrected', 'full-retreat'])
-def test_a_law_that_leads_away_by_itself_may_drive_half_as_far_again_backward(law: str) -> None:
-    settings = replace(SETTINGS, law=law)
+@pytest.mark.parametrize('law', [{'law': 'paper'}, {'law': 'corrected'}, {'retreat': False}])
+def test_a_law_that_leads_away_by_itself_may_drive_half_as_far_again_backward(law) -> None:
+    settings = replace(SETTINGS, **law)
     assert (
         asked(excursion_limit, in_phase(Phase.ZEROING_EPIPOLES, reversed=29.9), sight(), settings)
         == ''
@@ -195,7 +195,7 @@ def test_without_bearings_nobody_is_astray() -> None:
 
 def test_a_law_that_leads_away_by_itself_may_do_so() -> None:
     # Without retreat a law begins with concordant epipoles as well, and backs away.
-    assert asked(excursion_limit, off(2.0), sight(), replace(SETTINGS, law='full-retreat')) == ''
+    assert asked(excursion_limit, off(2.0), sight(), replace(SETTINGS, retreat=False)) == ''
 
 
 def test_near_the_goal_the_excursion_refers_to_half_a_metre() -> None:

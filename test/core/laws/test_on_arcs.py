@@ -115,7 +115,7 @@ def test_its_transitions_are_those_of_one_motion_less_turns() -> None:
     assert not any(event is Event.TURNED for _, event in shared)
 
 
-@pytest.mark.parametrize('law', ['paper', 'corrected', 'full', 'full-retreat'])
+@pytest.mark.parametrize('law', ['paper', 'corrected', 'full'])
 def test_a_law_that_turns_in_place_is_refused_and_the_one_that_does_not_is_named(law: str) -> None:
     with pytest.raises(ValueError, match=r'choose a law that drives arcs \(smooth\)'):
         ServoSettings(**{**CAR, 'law': law})

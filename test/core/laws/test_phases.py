@@ -1,6 +1,8 @@
 """Phases of one motion: when it ends, is given up, and what goes on without a memory of views."""
 
+from dataclasses import replace
 import math
+from typing import Any
 
 import pytest
 from servo_states import behind, in_phase, seeing, sight
@@ -15,10 +17,10 @@ from visual_servo_epipolar.core.twoview.measurement import Measurement
 SETTINGS = ServoSettings(law='smooth')
 
 
-def event(measurement: Measurement, settled: int = 0, law: str = 'smooth') -> Event:
+def event(measurement: Measurement, settled: int = 0, **changes: Any) -> Event:
     """Return the event of a measurement on the way."""
     state = seeing(in_phase(APPROACHING.phase), measurement=measurement, settled=settled)
-    return classify(state, ServoSettings(law=law))
+    return classify(state, replace(SETTINGS, **changes))
 
 
 def test_by_two_views_a_small_difference_ends_it_on_the_axis_alone() -> None:
@@ -62,11 +64,11 @@ def test_it_begins_as_far_aside_as_the_least_way_does(chi: float, begun: Event) 
     assert classify(state, SETTINGS) is begun
 
 
-def test_who_may_not_retreat_never_backs_off() -> None:
+def test_without_retreat_the_robot_never_backs_off() -> None:
     aside = sight(bearings=behind(1.2, 0.3), offset=(1.5, -0.6), offset_deviation=0.01)
     passed = sight(offset=(0.0, 0.08), offset_deviation=1e-3)
-    assert event(aside, law='smooth-retreat') is Event.NOTHING
-    assert event(passed, law='smooth-retreat') is Event.EXHAUSTED
+    assert event(aside, retreat=False) is Event.NOTHING
+    assert event(passed, retreat=False) is Event.EXHAUSTED
 
 
 def test_on_the_last_way_each_settled_frame_asks_for_less() -> None:

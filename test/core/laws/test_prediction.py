@@ -79,7 +79,7 @@ def test_without_an_offset_bearings_turn_all_the_same() -> None:
 
 
 @pytest.mark.parametrize(
-    'settings', [ServoSettings(latency=BORNE), replace(LATE, law='full-anticipation')]
+    'settings', [ServoSettings(latency=BORNE), replace(LATE, anticipation=False)]
 )
 def test_who_obeys_soon_or_has_another_law_looks_not_ahead(settings) -> None:
     state = seen_from_here()

@@ -245,10 +245,10 @@ def test_a_base_that_comes_no_nearer_than_the_tolerance_has_missed() -> None:
         assert classify(ending(short), coarse) is event
 
 
-@pytest.mark.parametrize('law', ['paper', 'corrected', 'full-final_turn'])
-def test_a_law_without_a_final_turn_has_missed_where_it_is_turned(law: str) -> None:
+@pytest.mark.parametrize('law', [{'law': 'paper'}, {'law': 'corrected'}, {'final_turn': False}])
+def test_a_law_without_a_final_turn_has_missed_where_it_is_turned(law) -> None:
     turned = near(heading_error=0.02)
-    owners = replace(OWNERS, law=law)
+    owners = replace(OWNERS, **law)
     assert classify(ending(turned), owners) is Event.MISSED
     last = ending(turned, attempts=SETTINGS.max_attempts)
     assert classify(last, owners) is Event.EXHAUSTED
@@ -256,7 +256,7 @@ def test_a_law_without_a_final_turn_has_missed_where_it_is_turned(law: str) -> N
         'turned by 1.15 deg (arrival_heading)'
         in switch_phase(last, turned, Event.EXHAUSTED, owners).reason
     )
-    assert classify(ending(turned), replace(SETTINGS, law=law)) is Event.MATCHED
+    assert classify(ending(turned), replace(SETTINGS, **law)) is Event.MATCHED
     # Within the tolerance of the place alone it goes on: line following may still turn it.
     short = near(y=-3e-3, heading_error=0.02)
     assert not is_settled(ending(short), owners)

@@ -105,7 +105,7 @@ def test_too_near_the_goal_step_1_backs_off_before_it_begins_anew() -> None:
     near = sight(difference=-0.9 * SETTINGS.retreat_difference)
     zeroing = in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(1.6), target=NEAR_ZERO)
     assert then(zeroing, near).phase is Phase.RETREATING
-    bare = replace(SETTINGS, law='full-retreat')
+    bare = replace(SETTINGS, retreat=False)
     assert then(zeroing, near, bare).phase is Phase.DISPLACING
 
 
@@ -165,7 +165,7 @@ def test_a_camera_on_the_axle_keeps_its_bearings_to_the_bit() -> None:
     ('latency', 'travel'), [(0.0, 0.03), (0.05, 0.02), (0.1, 0.01), (0.4, 0.01)]
 )
 def test_travel_is_that_of_commands_which_act_late(latency: float, travel: float) -> None:
-    settings = replace(SETTINGS, latency=latency, law='full-anticipation')
+    settings = replace(SETTINGS, latency=latency, anticipation=False)
     state = in_phase(
         Phase.ZEROING_EPIPOLES, command=Command(Twist(0.3, 0.0)), last_linear=0.1, travel=1.0
     )

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.estimate.settings import DEFAULT_LAW
-from visual_servo_epipolar.core.laws.registry import law_named, machine_of
+from visual_servo_epipolar.core.laws.registry import LAWS, machine_of
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings, updated
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -237,7 +237,7 @@ def late_start_notes(
 ) -> list[str]:
     """Return notes on what was at work before; ``settings`` are of the first step, if any."""
     notes = [TRACKER] if run.first_age and not from_tracks else []
-    machine = machine_of(law_named(DEFAULT_LAW)) if settings is None else settings.machine
+    machine = machine_of(LAWS[DEFAULT_LAW]) if settings is None else settings.machine
     first = min(run.telemetry)[0] if run.telemetry else 0
     phase = run.diagnoses.get(first, {}).get('phase')
     if phase is not None and phase not in {item.value for item in machine.first_phases}:

@@ -281,7 +281,7 @@ def record(run: Recording, steps: Sequence[ReplayedStep], plan: Plan) -> RunLog:
     """Return the replay by a ``plan`` as a record, with law and limits of its last settings."""
     servo = plan.servo[-1][1]
     limits = MotionLimits.of(servo)
-    return run_log(run, steps, seed=servo.seed, law=servo.law_expression, limits=limits)
+    return run_log(run, steps, seed=servo.seed, law=servo.law, limits=limits)
 
 
 def document(log: RunLog, *, truth: bool) -> dict[str, Any]:

@@ -2,9 +2,7 @@
 A law and its state machine: one row for each of its phases, and the events that lead between them.
 
 A row holds what a step asks of a phase, as functions of goal, memory and settings. Every
-machine stops, loses its tracks and fails in the same way, whatever phases a law brings. A law is
-chosen by an expression: a name of ``registry.LAWS``, then departures to add or to leave out, such
-as ``full-retreat`` or ``paper+true_sigma+speed_ramps``.
+machine stops, loses its tracks and fails in the same way, whatever phases a law brings.
 """
 
 from collections.abc import Callable, Iterable, Mapping

@@ -1,10 +1,7 @@
 """Registry of laws, by name; those of other packages join by an entry point."""
 
 from contextlib import suppress
-from functools import lru_cache
-import re
 
-from visual_servo_epipolar.core.estimate.settings import DEPARTURES
 from visual_servo_epipolar.core.laws.machine import Law, PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.on_arcs import SMOOTH
 from visual_servo_epipolar.core.laws.phase import Event, LAW_GROUP, OWN_LAWS, Phase
@@ -19,37 +16,15 @@ LAWS: Registry[Law] = Registry(
 GREY = '#5A5A5A'
 
 
-@lru_cache(maxsize=256)
-def law_named(expression: str) -> Law:
-    """
-    Return the law that ``expression`` names: ``name``, then ``+departure`` or ``-departure``.
-
-    Raises
-    ------
-    ValueError
-        If there is no such law or departure; says which there are.
-
-    """
-    name = _name_in(expression)
-    _, *changes = re.split(r'(?=[+-])', expression[len(name) :])
-    unknown = [change[1:] for change in changes if change[1:] not in DEPARTURES]
-    if unknown:
+def law_named(name: str) -> Law:
+    """Return the law of that name; ValueError if there is none, with all that there are."""
+    try:
+        return LAWS[name]
+    except KeyError:
         raise ValueError(
-            f'law {expression!r} names no departure {", ".join(unknown)}; there are '
-            f'{", ".join(DEPARTURES)}'
-        )
-    return LAWS[name].changed({change[1:]: change[0] == '+' for change in changes})
-
-
-def _name_in(expression: str) -> str:
-    """Return the longest name of a law that ``expression`` begins with; names may hold + and -."""
-    names = [name for name in LAWS if re.match(rf'{re.escape(name)}(?![^+-])', expression)]
-    if not names:
-        raise ValueError(
-            f'law must be one of {", ".join(LAWS)}, got {expression!r}; departures are added and '
-            'left out as in full-retreat'
-        )
-    return max(names, key=len)
+            f'law must be one of {", ".join(LAWS)}, got {name!r}; a departure is left out by its '
+            'setting, as retreat: false in section servo of a scenario'
+        ) from None
 
 
 def machine_of(law: Law, *, on_arcs: bool = False) -> StateMachine:

@@ -44,17 +44,6 @@ class ServoSettings(DriveSettings):
             )
         return machine
 
-    @property
-    def law_expression(self) -> str:
-        """
-        Expression of the law that drives: ``law``, less what other settings leave out of it.
-
-        It is ``law`` as written, then ``-departure`` for each departure that ``law`` takes and
-        the setting of that name leaves out: ``full-retreat`` for law full and retreat False.
-        """
-        taken = (name for name in DEPARTURES if getattr(self._named_law, name))
-        return self.law + ''.join(f'-{name}' for name in taken if not getattr(self, name))
-
 
 @dataclass(frozen=True, kw_only=True)
 class StationSettings(ServoSettings):

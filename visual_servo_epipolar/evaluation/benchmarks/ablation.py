@@ -1,10 +1,10 @@
 """The ablation table: each departure from the paper left out of law full, and each alone."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES
-from visual_servo_epipolar.core.laws.registry import law_named
+from visual_servo_epipolar.core.laws.registry import LAWS
 from visual_servo_epipolar.evaluation.benchmarks.sweeps import (
     ARRIVALS,
     measure,
@@ -18,10 +18,9 @@ from visual_servo_epipolar.simulation.scenario import Scenario
 REGIONS = ('front', 'beside', 'anywhere')
 STARTS, QUICK_STARTS = 100, 1
 LONGEST_S = 120.0  # of a run: law full needs 30 s in front and at most 100 s beside [s]
-NAMES = ('paper', 'corrected', 'full')  # laws of other packages have no row, and need not load
-QUICK_LAWS = ('full', 'full-retreat', 'paper')
+QUICK_LAWS = ('full', 'full without retreat', 'paper')
 COLUMNS: Columns = {
-    'law': lambda row: f'`{row["law"]}`',
+    'law': lambda row: str(row['law']),
     'region': lambda row: str(row['region']),
     **ARRIVALS,
     'd / d_0 p95': lambda row: number(row['max_distance_ratio']['p95'], 2),
@@ -29,34 +28,34 @@ COLUMNS: Columns = {
 }
 
 
-def laws() -> tuple[str, ...]:
-    """Return the expressions of all laws that are compared, each once."""
-    return tuple(dict.fromkeys(_laws()))
-
-
-def _laws() -> Iterator[str]:
-    yield 'full'
-    yield from (f'full-{name}' for name in DEPARTURES)
-    yield 'paper'
-    paper = law_named('paper')
-    for name in DEPARTURES:
-        yield _known(f'paper{"-" if getattr(paper, name) else "+"}{name}')
-
-
-def _known(expression: str) -> str:
-    """Return the name of our law that is the same as ``expression``, or the expression."""
-    same = (name for name in NAMES if law_named(name) == law_named(expression))
-    return next(same, expression)
+def laws() -> dict[str, dict[str, bool]]:
+    """Return the departures that each law of a row takes, by its name."""
+    full, paper = (
+        {name: getattr(LAWS[law], name) for name in DEPARTURES} for law in ('full', 'paper')
+    )
+    return {
+        'full': full,
+        **{f'full without {name}': full | {name: False} for name in DEPARTURES},
+        'paper': paper,
+        **{
+            f'paper {"without" if taken else "with"} {name}': paper | {name: not taken}
+            for name, taken in paper.items()
+        },
+    }
 
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Drive every law from the same starts in each region, and return a row for each."""
-    starts, names = (QUICK_STARTS, QUICK_LAWS) if quick else (STARTS, laws())
-    scenario = within(Scenario(), LONGEST_S)
+    starts, names = (QUICK_STARTS, QUICK_LAWS) if quick else (STARTS, (*laws(),))
+    # Law full with every departure left out that the law of a row does not take.
+    scenarios = {law: within(Scenario(), LONGEST_S).with_servo(laws()[law]) for law in names}
     rows = [
-        ({'law': law, 'region': region}, sweep(region, starts, law, scenario, seed + 100 * place))
+        (
+            {'law': law, 'region': region},
+            sweep(region, starts, 'full', scenario, seed + 100 * place),
+        )
         for place, region in enumerate(REGIONS[: 1 if quick else None])
-        for law in names
+        for law, scenario in scenarios.items()
     ]
     facts: dict[str, Any] = {'starts': starts, 'seed': seed, 'longest_s': LONGEST_S}
     return measure(rows, say, departures=dict(DEPARTURES), **facts)

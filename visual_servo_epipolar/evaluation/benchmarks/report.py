@@ -41,8 +41,6 @@ COMMANDS: Mapping[str, str] = {
         name: f'sweep --region front --scenario {name} --runs 24 --seed 21 {BOTH} --out {{out}}'
         for name in ('cheap', 'rough', 'nearwall', 'nearwall_boxes')
     },
-    'memory': 'sweep --region front --scenario realistic --runs 64 --seed 21 '
-    '--compare full,full-memory --out {out}',
     **{
         f'bench_{name}': f'bench {name}'
         for name in (
