@@ -17,7 +17,7 @@ from visual_servo_epipolar.commands.arguments import rig_path
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.report.images.map_view import MapBounds, MapView
+from visual_servo_epipolar.report.images.map_view import MapView
 from visual_servo_epipolar.report.images.video import HEIGHT, picture, view_size
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import Loop
@@ -60,9 +60,7 @@ def film(rig: str) -> list[Image]:
     view = ImageView(CameraSimulator(scenario.camera), Tracker(scenario.tracker, camera))
     settings = scenario.loop(start, SEED)
     loop = Loop(settings, view, camera)
-    plane = MapView(
-        MapBounds.around(Pose.from_start(*start)), HEIGHT, settings.field_of_view or 0.0
-    )
+    plane = MapView(Pose.from_start(*start), HEIGHT, settings.field_of_view or 0.0)
     size, frames = view_size((camera.width, camera.height)), []
     while not loop.monitor.done:
         loop.decide_by(None)

@@ -89,7 +89,6 @@ def _drive(
 
 def _video(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'VideoWriter | None':
     """Return the video to write; None without PyAV."""
-    from visual_servo_epipolar.report.images.map_view import MapBounds
     from visual_servo_epipolar.report.images.video import pyav, VideoWriter, WHAT_TO_INSTALL
 
     if pyav() is None:
@@ -98,7 +97,7 @@ def _video(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'VideoWr
     return VideoWriter(
         folder / VIDEO,
         scenario.camera.frame_rate,
-        bounds=MapBounds.around(Pose.from_start(*settings.start)),
+        start=Pose.from_start(*settings.start),
         camera=scenario.camera.nominal_camera,
     )
 

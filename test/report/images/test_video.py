@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.report.images.map_view import HEADER, MapBounds, MapView, WIDTH
+from visual_servo_epipolar.report.images.map_view import MapView, WIDTH
 from visual_servo_epipolar.report.images.video import HEIGHT, pyav, VideoWriter
 from visual_servo_epipolar.report.style import rgb
 from visual_servo_epipolar.simulation.cameras import CameraSettings
@@ -30,7 +30,7 @@ needs_pyav = pytest.mark.skipif(pyav() is None, reason='PyAV is not installed')
 
 
 def writer(path: Path, pose: Pose = DESIRED_POSE) -> VideoWriter:
-    return VideoWriter(path, 11.0, bounds=MapBounds.around(pose), camera=CAMERA)
+    return VideoWriter(path, 11.0, start=pose, camera=CAMERA)
 
 
 def write(path: Path, samples: Sequence[Sample]) -> VideoWriter:
@@ -60,7 +60,7 @@ def test_video_can_be_read_again(log: RunLog, tmp_path: Path) -> None:
     assert video.size[0] % 2 == 0
     # Camera left, map right; codecs keep flat colours to some grey levels.
     assert np.abs(read[-1][400, 300].astype(int) - 90).max() < 25
-    assert read[-1][HEADER + 4, -60:].min() > 200
+    assert read[-1][60, -60:].min() > 200
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -86,7 +86,7 @@ def test_file_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
 
 
 def test_map_shows_the_path_in_the_colour_of_the_phase(log: RunLog) -> None:
-    view = MapView(MapBounds.around(log.samples[0].pose), HEIGHT)
+    view = MapView(log.samples[0].pose, HEIGHT)
     for sample in log.samples:
         view.add(sample)
     passed = log.samples[70]
@@ -95,18 +95,15 @@ def test_map_shows_the_path_in_the_colour_of_the_phase(log: RunLog) -> None:
     assert np.abs(drawn[::-1] - rgb(phase_colour(passed.phase.value))).max() < 30
 
 
-def test_map_grows_to_hold_a_robot_that_leaves_it(log: RunLog) -> None:
-    view = MapView(MapBounds.around(log.samples[0].pose), HEIGHT)
-    view.add(log.samples[0])
-    away = Sample(stamp_ns=10**9, pose=Pose(4.0, -9.0, 0.0))
-    view.add(away)
-    corners = view.pixels(np.array([(4.0, -9.0), (0.0, 0.0), (-0.6, -3.0)]))
-    assert (corners > (0, HEADER)).all()
+def test_map_holds_start_and_goal() -> None:
+    view = MapView(Pose(4.0, -9.0, 0.0), HEIGHT)
+    corners = view.pixels(np.array([(4.3, -9.3), (-0.3, 0.3)]))
+    assert (corners > 0).all()
     assert (corners < (WIDTH, HEIGHT)).all()
 
 
 def test_map_is_true_to_scale_with_y_up() -> None:
-    view = MapView(MapBounds(-1.0, 1.0, -3.0, 0.0), HEIGHT)
+    view = MapView(Pose(1.0, -3.0, 0.0), HEIGHT)
     origin, right, up = view.pixels(np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]))
     assert right[0] - origin[0] == pytest.approx(origin[1] - up[1])
     assert origin[1] > up[1]
@@ -149,8 +146,8 @@ def views() -> list[Image]:
 
 
 def film(path: Path, log: RunLog) -> VideoWriter:
-    bounds = MapBounds.around(log.samples[0].pose)
-    with VideoWriter(path, 11.0, bounds=bounds, camera=CAMERA_VIDEO_CODECS) as video:
+    start = log.samples[0].pose
+    with VideoWriter(path, 11.0, start=start, camera=CAMERA_VIDEO_CODECS) as video:
         for view, sample in zip(views(), log.samples, strict=False):
             video.add(view, Features(), sample)
     return video

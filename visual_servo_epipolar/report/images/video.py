@@ -18,11 +18,11 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     fundamental_from_bearings,
     in_pixels,
 )
-from visual_servo_epipolar.core.geometry.motion import HALF_PI, wrap_angle
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.report.images.map_view import MapBounds, MapView, WIDTH
+from visual_servo_epipolar.report.images.map_view import MapView, WIDTH
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 from visual_servo_epipolar.report.style import phase_label
 
@@ -112,16 +112,16 @@ class VideoWriter(AbstractContextManager['VideoWriter']):
     Writer of an MP4 of H.264 by PyAV, a frame a control step; it appears when the run is complete.
 
     Use it as a context manager: if the block ends by an exception, or without a frame, there is no
-    file. The map shows ``bounds`` at first, and grows if the robot leaves it. Raises InputError if
-    it cannot be written, or the disk is full.
+    file. The run begins at ``start``. Raises InputError if it cannot be written, or the disk is
+    full.
     """
 
-    def __init__(self, path: Path, fps: float, *, bounds: MapBounds, camera: CameraModel) -> None:
+    def __init__(self, path: Path, fps: float, *, start: Pose, camera: CameraModel) -> None:
         self.path, self._camera, self._av = path, camera, pyav()
         self._part = path.with_name(f'.{path.stem}.part{path.suffix}')
         self._view = view_size((camera.width, camera.height))
         self.size = self._view[0] + WIDTH, HEIGHT
-        self._map, self.frames = MapView(bounds, HEIGHT, field_of_view(camera)), 0
+        self._map, self.frames = MapView(start, HEIGHT, field_of_view(camera)), 0
         if self._av is None:
             raise InputError(f'{path} needs PyAV; {WHAT_TO_INSTALL}')
         rate = Fraction(fps).limit_denominator(1000)
