@@ -94,39 +94,12 @@ def test_result_and_figure_are_written(bag, tmp_path, capsys) -> None:
     assert sorted(path.name for path in out.iterdir()) == ['replay.json', 'replay.png']
 
 
-def test_a_parameter_file_of_a_node_is_taken_and_overruled(bag, tmp_path, capsys) -> None:
-    path = tmp_path / 'parameters.yaml'
-    path.write_text(
-        '/**:\n  ros__parameters: {max_features: 50, k1: 0.2, use_sim_time: true}\n'
-        'servo_node:\n  ros__parameters: {max_angular_acceleration: 0.4, watchdog: false}\n'
-    )
-    _, result = shown_json(
-        capsys,
-        bag,
-        '--tracks',
-        '--params',
-        str(path),
-        '--set',
-        'servo.max_angular_acceleration=1.2',
-    )
-    assert result['changes'] == {
-        'servo': {'k1': 0.2, 'max_angular_acceleration': 1.2},
-        'tracker': {'max_features': 50},
-    }
-
-
-def test_only_settings_that_were_recorded_otherwise_are_shown(bag, tmp_path, capsys) -> None:
-    everything = tmp_path / 'parameters.yaml'
-    text = (ROOT / 'config/servo_node.yaml').read_text()
-    everything.write_text(
-        text.replace('max_angular_acceleration: 1.2', 'max_angular_acceleration: 0.4')
-    )
-    assert main(['replay', bag, '--tracks', '--params', str(everything)]) == 1
+def test_only_settings_that_were_recorded_otherwise_are_shown(bag, capsys) -> None:
+    acceleration = 'servo.max_angular_acceleration=1.2'
+    assert main(['replay', bag, '--tracks', '--set', acceleration, 'servo.turn_gain=0.4']) == 1
     shown = capsys.readouterr().out
-    assert [line for line in shown.splitlines() if ' = ' in line] == [
-        '  servo.max_angular_acceleration = 0.4'
-    ]
-    assert main(['replay', bag, '--tracks', '--set', 'servo.max_angular_acceleration=1.2']) == 0
+    assert [line for line in shown.splitlines() if ' = ' in line] == ['  servo.turn_gain = 0.4']
+    assert main(['replay', bag, '--tracks', '--set', acceleration]) == 0
     shown = capsys.readouterr().out
     assert ' = ' not in shown
     assert 'all settings given are those that were recorded' in shown
@@ -206,12 +179,6 @@ def test_nothing_is_left_of_a_replay_cut(
     assert (kept / 'replay.json').read_text() == 'of before'
 
 
-def test_the_files_that_come_with_the_package_are_the_defaults(bag, capsys) -> None:
-    for name in ('servo_node', 'tracker_node'):
-        assert main(['replay', bag, '--params', str(ROOT / f'config/{name}.yaml')]) == 0
-    capsys.readouterr()
-
-
 def test_a_driver_with_a_photograph_in_a_file(driver, small_run, tmp_path, capsys) -> None:
     path = tmp_path / 'goal.png'
     photograph = next(decoded(item) for item in small_run if item[0] == '/desired/image_raw')
@@ -262,12 +229,6 @@ def test_a_bag_cut_short_is_refused_and_replayed_once_repaired(bag, tmp_path, ca
         (['--set', 'servo.k1=-1'], 'k1 must lie in [0, 5], got -1'),
         (['--set', 'servo.k1={a'], 'k1 must be float'),
         (['--set', 'tracker.min_features=500'], 'min_features must not exceed max_features'),
-        (['--params', 'nowhere.yaml'], 'nowhere.yaml: parameters cannot be read'),
-        (
-            ['--params', str(ROOT / 'config/camera_node_640x480.yaml')],
-            'no parameters of servo_node or',
-        ),
-        (['--params', str(ROOT / 'setup.py')], 'parameters'),
         (['--topics', 'picture=/image_raw'], '--topics takes ROLE=NAME with a role of image'),
         (['--desired', 'nowhere.png'], "--desired must be an image file or a stamp [s], got 'now"),
         (['--desired', 'nan'], '--desired must be'),
@@ -279,14 +240,6 @@ def test_a_bag_cut_short_is_refused_and_replayed_once_repaired(bag, tmp_path, ca
 )
 def test_bad_input_is_one_line(bag, capsys, arguments, reason) -> None:
     assert reason in refused(capsys, bag, *arguments)
-
-
-@pytest.mark.parametrize('node', ['servo_node', '/**'])
-def test_a_misspelt_parameter_in_a_file_is_refused(node, bag, tmp_path, capsys) -> None:
-    path = tmp_path / 'parameters.yaml'
-    path.write_text(f'{node}:\n  ros__parameters: {{turn_gian: 0.4}}\n')
-    complaint = refused(capsys, bag, '--params', str(path))
-    assert f'{node} has no parameter turn_gian; did you mean turn_gain' in complaint
 
 
 def two_cameras(small_run, folder, image_frame: str, info_frame: str) -> str:

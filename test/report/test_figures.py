@@ -128,6 +128,15 @@ def test_velocities_show_the_log(log: RunLog, label: str, field: str) -> None:
     np.testing.assert_array_equal(drawn.get_ydata(), expected)
 
 
+def test_recorded_commands_stand_behind_those_of_a_replay(log: RunLog) -> None:
+    recorded = np.full((len(log.samples), 2), (2.0, math.nan))
+    axes = panel(signals(log, recorded), 'linear velocity [m/s]')
+    line = labelled_lines(axes)['recorded']
+    assert set(line.get_ydata()) == {2.0}
+    assert line.get_zorder() < axes.get_lines()[0].get_zorder()
+    assert axes.get_ylim()[1] > 2.0
+
+
 @pytest.mark.parametrize(
     ('first', 'last', 'ticks'),
     [

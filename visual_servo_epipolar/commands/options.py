@@ -265,7 +265,6 @@ def _add_bag(parser: ArgumentParser, metavar: str, kinds: str) -> None:
     }
     add_lists(parser, lists)
     words = {
-        '--params FILE': 'replay with the settings in a ROS parameter file',
         '--namespace NAME': 'robot to replay, such as /bot1, if the bag has several',
         '--desired FILE|STAMP': 'photograph of the goal: an image file, or the stamp [s] of an '
         'image in the bag; +S counts from the first image',

@@ -8,7 +8,7 @@ from functools import cached_property
 import math
 from pathlib import Path
 import time
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import yaml
@@ -25,6 +25,7 @@ from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_notes
 from visual_servo_epipolar.bags.repair import repair
 from visual_servo_epipolar.bags.replaying.comparison import (
     as_document,
+    COMMANDS,
     compare,
     Comparison,
     recorded_steps,
@@ -42,28 +43,22 @@ from visual_servo_epipolar.bags.replaying.replay import (
     record,
     replay,
     ReplayedStep,
-    TrackedImage,
     Watch,
 )
 from visual_servo_epipolar.commands.camera_files import read_camera, read_photograph
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.outputs import publish, write_json
-from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.settings import FollowSettings
-from visual_servo_epipolar.core.servo.run_log import end_s, RunLog
+from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import hint, names_of, Settings
+from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.files import all_at_once
-from visual_servo_epipolar.messages.settings_text import installed_versions, sections
-from visual_servo_epipolar.nodes.startup import table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+from visual_servo_epipolar.messages.settings_text import installed_versions
 
 Changes = dict[str, dict[str, Any]]
 
@@ -72,14 +67,14 @@ KINDS: Kinds = {'servo': ServoSettings, 'tracker': TrackerSettings}
 OF_ROUTES: Kinds = {'follow': FollowSettings, 'servo': ServoSettings}
 
 
-def changes_of(words: Sequence[str], params: str | None = None, kinds: Kinds = KINDS) -> Changes:
+def changes_of(words: Sequence[str], kinds: Kinds = KINDS) -> Changes:
     """
-    Return settings by section; what is set by a word overrules the file.
+    Return settings by section.
 
-    Raises InputError if a word is not SECTION.NAME=VALUE, with a section of ``kinds``, or the file
-    is none of parameters. The values are not checked.
+    Raises InputError if a word is not SECTION.NAME=VALUE, with a section of ``kinds``. The values
+    are not checked.
     """
-    changes: Changes = {} if params is None else _from_file(Path(params))
+    changes: Changes = {}
     for word in words:
         name, equals, value = word.partition('=')
         section, dot, setting = name.partition('.')
@@ -114,50 +109,6 @@ def _value(text: str) -> Any:
     return value
 
 
-def _from_file(path: Path) -> Changes:
-    try:
-        nodes = sections(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise InputError(f'{path}: parameters cannot be read: {error.strerror}') from None
-    except ValueError as error:
-        raise InputError(f'{path}: {error}') from None
-    changes: Changes = {}
-    for key, values in nodes.items():
-        heard = _nodes_of(key, values)
-        for section, kind in KINDS.items():
-            if f'{section}_node' not in heard:
-                continue
-            accepted = table.accepted_names(*heard)
-            if unknown := _unknown(values, accepted):
-                raise InputError(
-                    f'{path}: {key} has no parameter {", ".join(unknown)}; '
-                    f'{hint(unknown, sorted(accepted))}'
-                )
-            names = names_of(kind)
-            fitting = {name: value for name, value in values.items() if name in names}
-            changes.setdefault(section, {}).update(fitting)
-    if not any(changes.values()):
-        raise InputError(f'{path}: no parameters of servo_node or tracker_node in this file')
-    return changes
-
-
-def _nodes_of(key: str, values: Mapping[str, Any]) -> list[str]:
-    """
-    Return the nodes that a section is for.
-
-    Under /** it is for those that know all of its names, as it was written for one of them, or
-    for every node: servo and tracker both have a min_features, with different meanings.
-    """
-    if key != '/**':
-        return [key.rpartition('/')[2]]
-    whole = [node for node in table.NODES if not _unknown(values, table.accepted_names(node))]
-    return whole or list(table.NODES)
-
-
-def _unknown(values: Mapping[str, Any], names: set[str]) -> list[str]:
-    return sorted(values.keys() - names - {'use_sim_time'})
-
-
 @dataclass(frozen=True, kw_only=True)
 class ReplayedBag:
     """
@@ -187,6 +138,12 @@ class ReplayedBag:
         return happenings(self.run, self.steps[0].key[0])
 
     @property
+    def recorded_commands(self) -> FloatArray:
+        """The recorded command of each sample of the log, shape (N, 2), nan where none is."""
+        rows = recorded_steps(self.run, self.steps)[: len(self.log.samples)]
+        return np.array([[row.get(it, math.nan) for it in COMMANDS] for row in rows], np.float64)
+
+    @property
     def recorded_s(self) -> float:
         """Time from the first step to the last, however early the run ended [s]."""
         return seconds_between(self.steps[0].key[0], self.steps[-1].key[0])
@@ -208,10 +165,10 @@ def replay_and_report(options: argparse.Namespace) -> int:
         replayed = replay_bag(options, tolerance=options.tolerance, watch=progress_watch(progress))
     result = result_of(replayed, options)
     if options.out is not None:
-        from visual_servo_epipolar.report.figures import save
+        from visual_servo_epipolar.report.figures import save, signals
 
         with all_at_once(Path(options.out)) as folder:
-            save(figure_of(replayed), folder / 'replay.png')
+            save(signals(replayed.log, replayed.recorded_commands), folder / 'replay.png')
             write_json(result, str(folder / 'replay.json'))
     publish(result, in_words(result), options.json)
     return 0 if replayed.comparison.equal else 1
@@ -221,7 +178,7 @@ def replay_bag(
     options: argparse.Namespace, *, tolerance: float | None = None, watch: Watch | None = None
 ) -> ReplayedBag:
     """Replay the bag in ``options``; by default recorded telemetry must be met exactly."""
-    topics, given = parse(options.topics), changes_of(options.set, options.params)
+    topics, given = parse(options.topics), changes_of(options.set)
     report = repair(Path(options.bag)) if options.repair else None
     start_s = time.perf_counter()
     path = report.path if report else Path(options.bag)
@@ -281,29 +238,6 @@ def result_of(replayed: ReplayedBag, options: argparse.Namespace) -> dict[str, A
     }
 
 
-def figure_of(replayed: ReplayedBag) -> 'Figure':
-    """Return the figure of the recorded and the replayed run."""
-    from visual_servo_epipolar.report.figures import columns, comparison, PANELS, Signals
-
-    names = [name for name, _ in PANELS]
-    first = replayed.steps[0].key[0]
-    times = np.array([seconds_between(first, item.key[0]) for item in replayed.steps])
-    recorded_rows = recorded_steps(replayed.run, replayed.steps)
-    recorded = Signals(
-        times, [str(row.get('phase', '')) for row in recorded_rows], columns(recorded_rows, names)
-    )
-    replayed_rows = [item.telemetry for item in replayed.steps]
-    phases = [item.phase.value for item in replayed.steps]
-    divergence = replayed.comparison.divergence
-    end = end_s(replayed.log)
-    return comparison(
-        recorded,
-        Signals(times, phases, columns(replayed_rows, names)),
-        None if divergence is None else divergence.time_s,
-        end if replayed.steps[-1].phase.ended else None,
-    )
-
-
 def _notes_on_topics(bag: Bag, run: Recording, options: argparse.Namespace) -> Iterator[str]:
     """Yield which topics are taken; raises InputError for the camera_info of another camera."""
     if options.camera is None:
@@ -326,7 +260,7 @@ def _goal_of(text: str | None) -> Image | Moment | None:
 def progress_watch(progress: Progress) -> Watch:
     """Return a callback that shows the progress of a replay."""
 
-    def watch(step: ReplayedStep, tracked: TrackedImage) -> None:
+    def watch(step: ReplayedStep) -> None:
         progress.say(f'{step.key[0] / NANOSECONDS:.1f} s  {step.phase.value}')
 
     return watch

@@ -12,30 +12,25 @@ from typing import Any
 from urllib.parse import quote
 
 from visual_servo_epipolar.bags.reading.run import Happening
-from visual_servo_epipolar.bags.replaying.comparison import as_document
-from visual_servo_epipolar.bags.replaying.replay import has_truth, ReplayedStep, TrackedImage
+from visual_servo_epipolar.bags.replaying.replay import has_truth
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.outputs import OutputFolder
 from visual_servo_epipolar.commands.replay import (
     compared_words,
-    figure_of,
     progress_watch,
     replay_bag,
-    ReplayedBag,
     result_of,
 )
 from visual_servo_epipolar.commands.simulate import versions
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.laws.registry import phase_words
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.telemetry import sample
 from visual_servo_epipolar.core.settings import range_of, Settings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.files import made_folder
 from visual_servo_epipolar.report import figures
-from visual_servo_epipolar.report.images.video import picture
 from visual_servo_epipolar.report.page import (
     Cell,
     embedded,
@@ -43,16 +38,13 @@ from visual_servo_epipolar.report.page import (
     FILE,
     film,
     Headline,
-    jpeg,
     paragraph,
     Section,
-    strip,
     table,
     write_page,
 )
 from visual_servo_epipolar.report.run_file import FILE as RUN_FILE
 from visual_servo_epipolar.report.run_file import load_run
-from visual_servo_epipolar.report.style import phase_label
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 
@@ -84,7 +76,7 @@ def _default_folder(source: Path, is_run: bool) -> Path:
 
 
 def _refuse_bag_options(options: argparse.Namespace) -> None:
-    names = ('set', 'params', 'topics', 'namespace', 'desired', 'camera', 'tracks', 'repair')
+    names = ('set', 'topics', 'namespace', 'desired', 'camera', 'tracks', 'repair')
     given = [f'--{name}' for name in names if getattr(options, name)]
     if given:
         raise InputError(
@@ -93,7 +85,6 @@ def _refuse_bag_options(options: argparse.Namespace) -> None:
         )
 
 
-MOST_PICTURES = 12
 VIDEO = 'video.mp4'
 SIGNALS = 'What was measured and commanded. A dashed line marks where the run ended.'
 FOOTER = (
@@ -110,7 +101,8 @@ def report_run(folder: Path, path: Path) -> None:
     result = summarise(log)
     sections = [
         Section('Result', result_table(result)),
-        *path_sections(log),
+        path_section(log),
+        signals_section(log),
         *_video_section(folder / VIDEO, path),
         Section('Phases', phase_table(result)),
         parameter_section(run_file.settings),
@@ -133,12 +125,14 @@ def verdict_of(result: Mapping[str, Any]) -> Headline:
     return Headline(text, arrived, '' if arrived else result['reason'])
 
 
-def path_sections(log: RunLog) -> list[Section]:
-    """Return the map and the signals of a run with ground truth."""
-    return [
-        Section('Path', figure_html(figures.trajectory(log), 'The path seen from above.')),
-        Section('Signals', figure_html(figures.signals(log), SIGNALS)),
-    ]
+def path_section(log: RunLog) -> Section:
+    """Return the map of a run with ground truth."""
+    return Section('Path', figure_html(figures.trajectory(log), 'The path seen from above.'))
+
+
+def signals_section(log: RunLog, recorded: FloatArray | None = None) -> Section:
+    """Return the signals of a run; of a replay beside the ``recorded`` commands."""
+    return Section('Signals', figure_html(figures.signals(log, recorded), SIGNALS))
 
 
 def _video_section(video: Path, page: Path) -> list[Section]:
@@ -157,28 +151,17 @@ def _video_section(video: Path, page: Path) -> list[Section]:
 
 def report_bag(options: argparse.Namespace, path: Path) -> None:
     """Write the page on a bag to ``path``; raises InputError if that fails."""
-    pictures: list[tuple[bytes, str]] = []
     with closing(Progress()) as progress:
-        show, shown = progress_watch(progress), ''
-
-        def watch(step: ReplayedStep, tracked: TrackedImage) -> None:
-            nonlocal shown
-            show(step, tracked)
-            begins, camera = step.phase.value != shown, tracked.camera
-            if begins and tracked.image is not None and not isinstance(camera, str):
-                shown = step.phase.value
-                state = sample(step.key[0], DESIRED_POSE, step.phase, step.telemetry)
-                drawn = picture(tracked.image, tracked.features, state, camera)
-                pictures.append((jpeg(drawn), phase_label(shown)))
-
-        replayed = replay_bag(options, watch=watch)
+        replayed = replay_bag(options, watch=progress_watch(progress))
     result = result_of(replayed, options)
-    log, has_ground_truth = replayed.log, has_truth(replayed.run, replayed.steps)
+    log = replayed.log
+    lines = [*replayed.notes, *compared_words(result['comparison'])]
+    compared = '\n'.join(lines)
     sections = [
         Section('Result', result_table(result)),
-        *(path_sections(log) if has_ground_truth else []),
-        _comparison(replayed),
-        *([Section('Phases begin', strip(pictures[:MOST_PICTURES]))] if pictures else []),
+        *([path_section(log)] if has_truth(replayed.run, replayed.steps) else []),
+        Section('Recorded and replayed', f'<pre>{escape(compared)}</pre>'),
+        signals_section(log, replayed.recorded_commands),
         Section('Phases', phase_table(result)),
         history_section(replayed.history),
         parameter_section(
@@ -193,14 +176,6 @@ def report_bag(options: argparse.Namespace, path: Path) -> None:
     name = bag.name if bag.name != 'bag' else '/'.join(bag.parts[-2:])  # that of a demo
     title = f'Bag {name}, {len(replayed.steps)} steps from {result["source"]}'
     write_page(path, title, verdict_of(result), sections, footer=FOOTER)
-
-
-def _comparison(replayed: ReplayedBag) -> Section:
-    compared = compared_words(as_document(replayed.comparison))
-    lines = [*replayed.notes, *compared]
-    words = f'<pre>{escape(chr(10).join(lines))}</pre>'
-    caption = 'Phases, epipoles and commands as recorded, and as replayed with these parameters.'
-    return Section('Recorded and replayed', words + figure_html(figure_of(replayed), caption))
 
 
 def history_section(history: Sequence[Happening]) -> Section:

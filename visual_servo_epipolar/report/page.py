@@ -8,18 +8,14 @@ import io
 from pathlib import Path
 from string import Template
 
-import cv2
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS
 
 FILE = 'report.html'
-PICTURE_WIDTH = 800  # [px]
-QUALITY = 80  # of a JPEG
 RIGHT = ' class="number"'  # of cells
 Cell = str | float | int | None
 
@@ -70,12 +66,6 @@ def figure_html(figure: Figure, caption: str) -> str:
     return _figure('image/svg+xml', buffer.getvalue(), caption)
 
 
-def strip(pictures: Sequence[tuple[bytes, str]]) -> str:
-    """Return JPEGs with their captions, three beside each other."""
-    figures = [_figure('image/jpeg', data, caption) for data, caption in pictures]
-    return '<div class="strip">' + '\n'.join(figures) + '</div>'
-
-
 def film(source: str, caption: str) -> str:
     """Return a video with controls; ``source`` is a link, or ``embedded`` in the page."""
     return (
@@ -87,15 +77,6 @@ def film(source: str, caption: str) -> str:
 def embedded(kind: str, data: bytes) -> str:
     """Return ``data`` of a MIME type as a link that holds it."""
     return f'data:{kind};base64,{base64.b64encode(data).decode("ascii")}'
-
-
-def jpeg(picture: Image) -> bytes:
-    """Return ``picture`` as JPEG, no wider than it is shown."""
-    scale = PICTURE_WIDTH / picture.shape[1]
-    if scale < 1.0:
-        picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    _, encoded = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-    return bytes(encoded)
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:

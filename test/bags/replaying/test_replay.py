@@ -456,15 +456,9 @@ def test_the_end_of_the_run_is_told_from_that_of_the_bag(small_run, tmp_path, ca
 
 
 def test_figures_mark_the_end_of_the_run() -> None:
-    import numpy as np
-
-    from visual_servo_epipolar.report.figures import comparison, Signals, signals
+    from visual_servo_epipolar.report.figures import signals
 
     steps = steps_of(displacing=20, failed=300)
     log = run_log(driving_away(steps), steps, seed=0, law='full')
     panel = signals(log).axes[1]
     assert 2.0 in [line.get_xdata()[0] for line in panel.lines if line.get_linestyle() == '--']
-    both = Signals(np.array([0.0, 2.0, 32.0]), ['displacing', 'failed', 'failed'], {})
-    marked = comparison(both, both, None, 2.0).axes[2]
-    assert 'end of the run' in [text.get_text() for text in marked.get_legend().get_texts()]
-    assert marked.get_xlim()[1] == 32.0

@@ -86,7 +86,7 @@ def test_a_page_loads_nothing_from_anywhere(kind, request) -> None:
 
 
 @needs_browser
-@pytest.mark.parametrize(('kind', 'figures'), [('run_page', 2), ('bag_page', 4)])
+@pytest.mark.parametrize(('kind', 'figures'), [('run_page', 2), ('bag_page', 2)])
 def test_a_browser_shows_it_without_errors_or_network(kind, figures, request, tmp_path) -> None:
     page = request.getfixturevalue(kind)
     _, logged = open_in_browser(page, tmp_path)
@@ -115,11 +115,10 @@ def test_the_page_on_a_run_says_first_how_it_ended(run_page) -> None:
     assert 'visual_servo_epipolar' in text
 
 
-def test_the_page_on_a_bag_compares_and_shows_what_was_seen(bag_page) -> None:
+def test_the_page_on_a_bag_compares(bag_page) -> None:
     text = bag_page.read_text(encoding='utf-8')
     assert 'the same to the last bit' in text
     assert 'Bag run &lt;b&gt;&amp;, ' in text  # a name is no markup
-    assert text.count('data:image/jpeg') == 2  # one a phase
     assert 'Not arrived' not in text
 
 
@@ -130,7 +129,6 @@ def test_a_bag_can_be_reported_with_other_parameters(bag, tmp_path) -> None:
     )
     text = (tmp_path / 'report.html').read_text(encoding='utf-8')
     assert '<td>servo.k1</td><td>0.2</td>' in text
-    assert 'data:image/jpeg' not in text
 
 
 def refused(capsys, *arguments: str) -> str:
@@ -226,7 +224,7 @@ def test_nothing_is_left_of_a_cut(bag, run_page, tmp_path, monkeypatch, capsys, 
         raise ending
 
     monkeypatch.setattr(command, 'write_page', end)
-    monkeypatch.setattr(command, 'path_sections', lambda log: [])
+    monkeypatch.setattr(command.figures, 'signals', lambda *_: command.figures.new_figure(1, 1))
     for source in (bag, run_page.parents[1] / 'run'):
         options = ('--tracks',) if source == bag else ()
         out = tmp_path / 'made' / 'out'

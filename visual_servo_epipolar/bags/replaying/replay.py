@@ -80,7 +80,7 @@ class ReplayedStep:
     telemetry: Mapping[str, float]
 
 
-Watch = Callable[[ReplayedStep, TrackedImage], None]
+Watch = Callable[[ReplayedStep], None]
 
 
 def replay(
@@ -127,7 +127,7 @@ def replay(
         steps.append(outcome)
         refusal = refusal or (tracked.warning if not len(tracked.features) else '')
         if watch is not None:
-            watch(outcome, tracked)
+            watch(outcome)
     if not any(item.telemetry['features'] for item in steps):
         raise InputError(f'{bag.path}: nothing in it can be used: {refusal or "it is empty"}')
     return steps
