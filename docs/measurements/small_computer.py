@@ -16,9 +16,10 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.evaluation.benchmarks.tracking import (
     approach,
     QUICK,
-    RenderedWorld,
     start_of,
+    TrueFeatures,
 )
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 
 SCENES, FRAMES, STANDING = (101, 102, 103), 100, 5
 SIZES, FEATURES = ((320, 240), (640, 480)), (30, 60)
@@ -55,19 +56,20 @@ def _approach(size: tuple[int, int], scene: int, rows: dict[int, tuple[list, lis
         scene_seed=scene,
         seed=scene,
     )
-    world = RenderedWorld(camera)
+    world = CameraSimulator(camera)
+    truth = TrueFeatures(world.renderer)
     trackers = {}
     for count in rows:
         trackers[count] = Tracker(TrackerSettings(max_features=count, min_features=2 * count // 3))
         trackers[count].set_desired(world.photograph())
     for frame, pose in enumerate(approach(start_of(scene, FRAMES), FRAMES)):
-        image = world.capture(world.renderer.render(pose), frame, None)
+        image = world.capture(pose, frame)
         for count, (seconds, route, goal) in rows.items():
             began, matchings = process_time(), trackers[count].matchings
             features = trackers[count].track(image)
             if trackers[count].matchings == matchings:
                 seconds.append(process_time() - began)
-            errors = world.truth.errors(features, pose, None, frame)
+            errors = truth.errors(features, pose)
             kept = goal if frame >= FRAMES - STANDING else route
             kept += errors.distances[errors.trackable].tolist()
 

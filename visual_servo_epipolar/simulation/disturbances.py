@@ -69,8 +69,8 @@ class Occluder:
         return np.asarray(hidden)
 
 
-def board(size: tuple[int, int], share: float, slides: bool, rng: np.random.Generator) -> Occluder:
-    """Return a textured board over a ``share`` of the image; it stands, or slides in and out."""
+def board(size: tuple[int, int], share: float, rng: np.random.Generator) -> Occluder:
+    """Return a textured board over a ``share`` of the image, which slides in and out."""
     width, height = size
     # Three quarters of the height, unless that makes it wider than the image.
     tall = max(0.75, share)
@@ -82,8 +82,6 @@ def board(size: tuple[int, int], share: float, slides: bool, rng: np.random.Gene
     mask: Image = np.full((high, wide), 255, np.uint8)
 
     def place(progress: float) -> tuple[int, int]:
-        if not slides:
-            return left, top
         out = 1.0 - min(progress, 1.0 - progress, SLIDE) / SLIDE
         return round(left + out * (width - left)), top
 
@@ -183,14 +181,14 @@ class DisturbanceSettings(Settings):
     light_wave: float = internal(
         0.0, 'Amplitude of a change of light in 120 frames', low=0.0, high=0.9
     )
-    occlusion: float = internal(0.0, 'Share of the image behind an obstacle', low=0.0, high=0.9)
-    occlusion_from: str = internal(
-        'nowhere', 'Whence the obstacle comes: at once, or slides in', choices=('nowhere', 'side')
+    occlusion: float = internal(
+        0.0, 'Share of the image behind an obstacle that slides in', low=0.0, high=0.9
     )
     person: float = internal(
         0.0, 'Height of a passer-by, share of the image; a third as wide', low=0.0, high=1.5
     )
     GONE: ClassVar[Mapping[str, Any]] = {
+        'occlusion_from': 'nowhere',
         'light_period': 120.0,
         'shadow': 0.0,
         'shadow_width': 0.3,
@@ -215,8 +213,7 @@ class Disturbances:
         self.settings, self._size, self._seed = settings, size, seed
         self._occluders: list[Occluder] = []
         if settings.occlusion > 0.0:
-            slides = settings.occlusion_from == 'side'
-            self._occluders.append(board(size, settings.occlusion, slides, self._generator(0)))
+            self._occluders.append(board(size, settings.occlusion, self._generator(0)))
         if settings.person > 0.0:
             self._occluders.append(person(size, settings.person, self._generator(1)))
 

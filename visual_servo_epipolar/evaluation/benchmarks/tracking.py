@@ -1,5 +1,5 @@
 """
-Tracking benchmark: errors of features along rendered approaches, calm and disturbed, and time.
+Tracking benchmark: errors of features along rendered approaches, and time.
 
 Errors are those of trackable features. A gross error is a feature reported as good, off the edges
 of depth, more than GROSS from its place, whether or not that place is hidden: nothing flagged it.
@@ -7,7 +7,7 @@ Those on edges of depth are counted apart, for they have no single true place.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 import math
 from time import perf_counter
 from typing import Any
@@ -19,13 +19,10 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
+from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, numbers
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
-from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
-from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
-from visual_servo_epipolar.simulation.rooms.scene import room
-from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME, Sensor
 
 STANDING = 5  # last frames, at the goal
 BRAKING = 20  # frames before those
@@ -58,30 +55,6 @@ def start_of(seed: int, frames: int) -> tuple[float, float]:
     return side * rng.uniform(0.3, 0.6) * shorter, -rng.uniform(3.0, 5.5) * shorter
 
 
-class RenderedWorld:
-    """A room and a camera in it: perfect images, images of the sensor, and ground truth."""
-
-    def __init__(self, settings: CameraSettings) -> None:
-        self.settings = settings
-        mount = CameraMount(settings.mount_height, settings.mount_forward)
-        rig = FixedRig(settings.camera, mount)
-        self.renderer = Renderer(room(settings.scene_seed), rig)
-        self.size = settings.width, settings.height
-        degrees = {'noise': settings.noise, 'gain_drift': settings.gain_drift}
-        self._sensor = Sensor(self.size, settings.seed, **degrees)
-        self.truth = TrueFeatures(self.renderer)
-
-    def photograph(self) -> Image:
-        """Return the desired image, shape (H, W)."""
-        return self._sensor.capture(self.renderer.render(DESIRED_POSE), DESIRED_FRAME)
-
-    def capture(self, perfect: Image, frame: int, disturbances: Disturbances | None) -> Image:
-        """Return ``perfect``, shape (H, W), through ``disturbances`` and the sensor."""
-        if disturbances is not None:
-            perfect = disturbances.apply(perfect, frame)
-        return self._sensor.capture(perfect, frame)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameErrors:
     """
@@ -102,21 +75,17 @@ class TrueFeatures:
     """Ground truth: where the features of the desired view are, by the geometry of the room."""
 
     def __init__(self, renderer: Renderer) -> None:
-        self._renderer = renderer
+        self.renderer = renderer
         self._points: dict[tuple[float, float], tuple[FloatArray, bool]] = {}
 
-    def errors(
-        self, features: Features, pose: Pose, disturbances: Disturbances | None, frame: int
-    ) -> FrameErrors:
-        """Return the errors of ``features``, tracked from ``pose`` in ``frame``."""
+    def errors(self, features: Features, pose: Pose) -> FrameErrors:
+        """Return the errors of ``features``, tracked from ``pose``."""
         points, on_edge = self.points(features.desired)
-        pixels, inside = self._renderer.project(points, pose)
+        pixels, inside = self.renderer.project(points, pose)
         ahead = np.asarray(np.isfinite(pixels).all(axis=1))
         shift = np.where(ahead[:, None], features.current - np.nan_to_num(pixels), np.inf)
         visible = inside.copy()
-        visible[inside] = self._renderer.unhidden(points[inside], pixels[inside], pose)
-        if disturbances is not None:
-            visible &= ~disturbances.hides(pixels, frame)
+        visible[inside] = self.renderer.unhidden(points[inside], pixels[inside], pose)
         distances = np.asarray(np.hypot(shift[:, 0], shift[:, 1]))
         return FrameErrors(features, distances, on_edge, ~on_edge & visible)
 
@@ -126,7 +95,7 @@ class TrueFeatures:
         new = [key for key in dict.fromkeys(keys) if key not in self._points]
         if new:
             pixels = np.array(new)
-            traced, edges = self._renderer.trace(pixels, DESIRED_POSE), self._on_edge(pixels)
+            traced, edges = self.renderer.trace(pixels, DESIRED_POSE), self._on_edge(pixels)
             self._points |= dict(zip(new, zip(traced, edges.tolist(), strict=True), strict=True))
         points = np.array([self._points[key][0] for key in keys]).reshape(-1, 3)
         return points, np.array([self._points[key][1] for key in keys], bool)
@@ -141,8 +110,8 @@ class TrueFeatures:
         return on_edge
 
     def _inverse_depth(self, pixels: FloatArray) -> FloatArray:
-        axes, centre = self._renderer.rig.camera_pose(DESIRED_POSE)
-        away = self._renderer.trace(pixels, DESIRED_POSE) - centre
+        axes, centre = self.renderer.rig.camera_pose(DESIRED_POSE)
+        away = self.renderer.trace(pixels, DESIRED_POSE) - centre
         return np.asarray(1.0 / (away @ axes[:, 2]))
 
 
@@ -151,21 +120,12 @@ CONFIGURATIONS: Mapping[str, Mapping[str, Any]] = {
     'anchored': {},
     'frame to frame': {'anchor_period': 0},
 }
-DISTURBANCES: Mapping[str, Mapping[str, Any]] = {
-    'light -30 %': {'light_step': -0.3},
-    'light +30 %': {'light_step': 0.3},
-    'slow light': {'light_wave': 0.3},
-    'occluder at once': {'occlusion': 0.3},
-    'occluder slides in': {'occlusion': 0.3, 'occlusion_from': 'side'},
-    'person': {'person': 0.8, 'disturbed_for': 45},
-}
 GROSS = 3.0  # a feature farther than this from its place is a wrong one [px]
 ENOUGH = 26  # features of the paper's experiments
 COLUMNS: Columns = {
     'scene': lambda row: str(row['scene']),
-    'tracker, or its disturbance': lambda row: str(row['name']),
+    'tracker': lambda row: str(row['name']),
     'en route med / p95': lambda row: numbers((row['route_px'], row['route_p95_px']), 3),
-    'disturbed': lambda row: number(row['during_px'], 3),
     'at goal med / p95': lambda row: numbers((row['goal_px'], row['goal_p95_px']), 3),
     'gross share': lambda row: f'{row["gross"]} {100 * row["gross_share"]:.2f} %',
     'fewest': lambda row: str(row['fewest']),
@@ -174,53 +134,17 @@ COLUMNS: Columns = {
 }
 
 
-@dataclass(slots=True)
-class TrackerRun:
-    """One tracker on an approach: its disturbances, errors and time [s] frame by frame."""
-
-    name: str
-    tracker: Tracker
-    disturbances: Disturbances | None = None
-    errors: list[FrameErrors] = field(default_factory=list)
-    seconds: list[float] = field(default_factory=list)
-
-    def track(self, image: Image, truth: TrueFeatures, pose: Pose, frame: int) -> None:
-        """Track one image, shape (H, W), and note the errors."""
-        began = perf_counter()
-        features = self.tracker.track(image)
-        self.seconds.append(perf_counter() - began)
-        self.errors.append(truth.errors(features, pose, self.disturbances, frame))
-
-    def figures(self) -> dict[str, Any]:
-        """Return the figures of the run, of the frames of its disturbance as well."""
-        during: list[FrameErrors] = []
-        if self.disturbances is not None:
-            it = self.disturbances.settings
-            during = self.errors[it.disturbed_from : it.disturbed_from + it.disturbed_for]
-        milliseconds = 1e3 * np.array(self.seconds[1:])
-        return {
-            'name': self.name,
-            **scores(self.errors),
-            'during_px': _percentile(during, 50.0),
-            'frame_ms': float(np.median(milliseconds)),
-            'slowest_ms': float(milliseconds.max()),
-        }
-
-
 @dataclass(frozen=True, slots=True)
 class TrackingPlan:
-    """How much is done: scenes, how many of them disturbed and how, frames, camera."""
+    """How much is done: scenes, frames, camera."""
 
     scenes: Sequence[int] = SCENES
-    disturbed: int = 2
     frames: int = 200
     camera: CameraSettings = CameraSettings(noise=2.0, gain_drift=0.05)
-    disturbances: Sequence[str] = tuple(DISTURBANCES)
 
 
 QUICK = TrackingPlan(
     scenes=SCENES[:1],
-    disturbed=1,
     frames=40,
     camera=CameraSettings(
         width=640,
@@ -231,7 +155,6 @@ QUICK = TrackingPlan(
         noise=2.0,
         gain_drift=0.05,
     ),
-    disturbances=('light -30 %', 'occluder at once'),
 )
 
 
@@ -243,34 +166,38 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
 def measure(plan: TrackingPlan, seed: int, say: Callable[[str], None]) -> dict[str, Any]:
     """Carry out ``plan``: a row for each tracker of each scene."""
     rows: list[dict[str, Any]] = []
-    for index, scene in enumerate(plan.scenes):
-        names = plan.disturbances if index < plan.disturbed else ()
-        rows += [{'scene': scene, **it} for it in _scene(plan, scene, seed, names, say)]
+    for scene in plan.scenes:
+        rows += [{'scene': scene, **it} for it in _scene(plan, scene, seed, say)]
     size = [plan.camera.width, plan.camera.height]
     return {'seed': seed, 'frames': plan.frames, 'size': size, 'rows': rows}
 
 
 def _scene(
-    plan: TrackingPlan, scene: int, seed: int, names: Sequence[str], say: Callable[[str], None]
+    plan: TrackingPlan, scene: int, seed: int, say: Callable[[str], None]
 ) -> list[dict[str, Any]]:
-    """Return the figures of all configurations and disturbances in one scene."""
-    world = RenderedWorld(replace(plan.camera, scene_seed=scene, seed=seed + scene))
-    desired = world.photograph()
-    runs = [TrackerRun(name, _tracker(desired, **how)) for name, how in CONFIGURATIONS.items()]
-    # From three tenths of the approach on, for three seconds at most.
-    timing = {'disturbed_from': 3 * plan.frames // 10, 'disturbed_for': min(33, plan.frames // 4)}
-    for name in names:
-        settings = DisturbanceSettings(**{**timing, **DISTURBANCES[name]})
-        runs.append(TrackerRun(name, _tracker(desired), Disturbances(world.size, settings, seed)))
+    """Return the figures of all configurations in one scene."""
+    world = CameraSimulator(replace(plan.camera, scene_seed=scene, seed=seed + scene))
+    truth, desired = TrueFeatures(world.renderer), world.photograph()
+    trackers = {name: _tracker(desired, **how) for name, how in CONFIGURATIONS.items()}
+    errors: dict[str, list[FrameErrors]] = {name: [] for name in trackers}
+    seconds: dict[str, list[float]] = {name: [] for name in trackers}
     for frame, pose in enumerate(approach(start_of(seed + scene, plan.frames), plan.frames)):
-        say(f'scene {scene}: frame {frame + 1} of {plan.frames}, {len(runs)} trackers')
-        perfect = world.renderer.render(pose)
-        calm = world.capture(perfect, frame, None)
-        for tracked in runs:
-            rough = tracked.disturbances
-            image = calm if rough is None else world.capture(perfect, frame, rough)
-            tracked.track(image, world.truth, pose, frame)
-    return [tracked.figures() for tracked in runs]
+        say(f'scene {scene}: frame {frame + 1} of {plan.frames}')
+        image = world.capture(pose, frame)
+        for name, tracker in trackers.items():
+            began = perf_counter()
+            features = tracker.track(image)
+            seconds[name].append(perf_counter() - began)
+            errors[name].append(truth.errors(features, pose))
+    return [
+        {
+            'name': name,
+            **scores(errors[name]),
+            'frame_ms': 1e3 * float(np.median(seconds[name][1:])),
+            'slowest_ms': 1e3 * max(seconds[name][1:]),
+        }
+        for name in trackers
+    ]
 
 
 def _tracker(desired: Image, **changes: Any) -> Tracker:
