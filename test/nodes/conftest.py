@@ -1,4 +1,7 @@
-"""A small camera in the room, and what it sees; the bodies of messages for the nodes."""
+"""A small camera in the room, and what it sees; a clock set by hand; room for processes."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
 
 import pytest
 from small_cameras import SMALL
@@ -25,6 +28,14 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> HandSetClock:
     hand = HandSetClock()
     monkeypatch.setattr(steady, 'now_ns', lambda: hand.now_ns)
     return hand
+
+
+@pytest.fixture
+def stack(monkeypatch: pytest.MonkeyPatch) -> Iterator[ExitStack]:
+    """Yield what ends processes and benches, which hear each other on this machine alone."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    with ExitStack() as entered:
+        yield entered
 
 
 @pytest.fixture(scope='session')

@@ -10,6 +10,7 @@ import subprocess
 import sys
 
 from durations import few_of
+from node_process import node_class
 import pytest
 
 from visual_servo_epipolar.core.settings import range_of
@@ -180,9 +181,7 @@ def test_the_page_of_nodes_names_what_each_is_connected_to(
     name, bench, tmp_path, monkeypatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # the recorder begins a bag where it is started
-    module = import_module(f'visual_servo_epipolar.nodes.{name}')
-    kind = getattr(module, ''.join(map(str.capitalize, name.split('_'))))
-    node = bench.start(kind, **ASKED_FOR.get(name, {}))
+    node = bench.start(node_class(name), **ASKED_FOR.get(name, {}))
     page = (ROOT / 'docs/ros.md').read_text().splitlines()
     row = next(line for line in page if line.startswith(f'| `{name}` |'))
     services = {it.srv_name for it in node.services if 'std_srvs' in it.srv_type.__module__}

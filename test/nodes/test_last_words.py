@@ -1,13 +1,17 @@
-"""The last word of a node: it waits until that is acknowledged, but not for who hangs."""
+"""The last word of a node: it waits until that is acknowledged, not for a listener that hangs."""
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
+import signal
+import sys
+import time
 from typing import Any
 
 from bench import Bench, next_domain
 from durations import few_of
-from frozen_listener import assert_waits, FrozenListener
 from geometry_msgs.msg import Twist as TwistMessage
+from node_process import started
 import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from servo_rig import Rig
@@ -16,29 +20,49 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.route_node import RouteNode
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 
+# What is acknowledged takes milliseconds; one that hangs is given up by DDS after 20 s.
+SOON_SEC, LATE_SEC = 0.1, 5.0
+LISTEN = """
+from importlib import import_module
+import sys
+import rclpy
+
+module, kind, topic = sys.argv[1:]
+rclpy.init(args=[])
+node = rclpy.create_node('listener')
+node.create_subscription(getattr(import_module(module), kind), topic, lambda message: None, 1)
+rclpy.spin(node)
+"""
+
 
 class Hall:
     """A bench that other processes can listen to, and one that does."""
 
-    def __init__(self, stack: ExitStack) -> None:
-        self._stack, self._domain = stack, next_domain()
+    def __init__(self, stack: ExitStack, folder: Path) -> None:
+        self._stack, self._log, self._domain = stack, folder / 'log', next_domain()
         self.bench = stack.enter_context(Bench(self._domain))
 
     def freeze(self, kind: type[Any], topic: str, node: Any) -> None:
-        """Let somebody listen to what ``node`` publishes, and hang from then on."""
+        """Let a process listen to what ``node`` publishes, and hang from then on."""
         (publisher,) = (it for it in node.publishers if it.topic_name == f'/{topic}')
         before = publisher.get_subscription_count()
-        listener = FrozenListener(self._stack, self._domain, kind, topic)
+        command = [sys.executable, '-c', LISTEN, kind.__module__, kind.__name__, topic]
+        listener = started(self._stack, self._domain, command, self._log)
         found = lambda: publisher.get_subscription_count() > before  # noqa: E731
         self.bench.until(found, 'the listener to be found')
-        listener.freeze()
+        listener.send_signal(signal.SIGSTOP)
 
 
 @pytest.fixture
-def hall(monkeypatch: pytest.MonkeyPatch) -> Iterator[Hall]:
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    with ExitStack() as stack:
-        yield Hall(stack)
+def hall(stack: ExitStack, tmp_path: Path) -> Hall:
+    return Hall(stack, tmp_path)
+
+
+def assert_waits(last_word: Callable[[], object]) -> None:
+    """Let a node publish its last word to one that hangs: it waits, but not for ever."""
+    began = time.monotonic()
+    last_word()
+    assert SOON_SEC < time.monotonic() - began < LATE_SEC
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,10 @@
 """The SROS 2 policy lets each node do what it does, and an operator what the pages say."""
 
-from importlib import import_module
 from pathlib import Path
 import xml.etree.ElementTree as ElementTree
 
 from bench import Bench
+from node_process import node_class
 import pytest
 
 POLICY = Path(__file__).parents[2] / 'config' / 'sros2' / 'visual_servo.policy.xml'
@@ -29,10 +29,8 @@ def allowed(node: str, part: str, how: str) -> set[str]:
 
 @pytest.mark.parametrize('name', NODES)
 def test_a_node_is_allowed_all_that_it_uses(name: str, bench: Bench, tmp_path: Path) -> None:
-    kind = ''.join(map(str.capitalize, name.split('_')))
     values = NODES[name] | ({'bag': str(tmp_path / 'bag')} if name == 'recorder_node' else {})
-    module = import_module(f'visual_servo_epipolar.nodes.{name}')
-    node = bench.start(getattr(module, kind), **values)
+    node = bench.start(node_class(name), **values)
     for part, how, used in (
         ('topics', 'publish', node.get_publisher_names_and_types_by_node),
         ('topics', 'subscribe', node.get_subscriber_names_and_types_by_node),

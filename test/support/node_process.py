@@ -1,10 +1,20 @@
-"""A node as a process of its own, on this machine alone."""
+"""A node by its name: its class, and its process, which talks on this machine alone."""
 
+from contextlib import ExitStack
+from importlib import import_module
 import os
 from pathlib import Path
+import subprocess
 import sys
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
+
+
+def node_class(name: str) -> Any:
+    """Return the class of a node: ServoNode of servo_node."""
+    kind = ''.join(map(str.capitalize, name.split('_')))
+    return getattr(import_module(f'visual_servo_epipolar.nodes.{name}'), kind)
 
 
 def environment(domain: int) -> dict[str, str]:
@@ -20,3 +30,18 @@ def environment(domain: int) -> dict[str, str]:
 def arguments(name: str, *more: str) -> list[str]:
     """Return the command line of a node, with ROS arguments."""
     return [sys.executable, '-m', f'visual_servo_epipolar.nodes.{name}', '--ros-args', *more]
+
+
+def started(stack: ExitStack, domain: int, command: list[str], log: Path) -> Any:
+    """Start a process whose errors go to ``log``; it is killed at the end of the stack."""
+    process = stack.enter_context(
+        subprocess.Popen(
+            command,
+            env=environment(domain),
+            stderr=stack.enter_context(log.open('w')),
+            cwd=log.parent,
+            start_new_session=True,  # it must not inherit an ignored SIGINT
+        )
+    )
+    stack.callback(process.kill)
+    return process

@@ -9,12 +9,12 @@ import random
 import re
 import signal
 import subprocess
-import sys
 import time
 
 from bag_reading import read_back, size_of
 from bench import Bench, next_domain
 from durations import few_of
+from node_process import arguments, started
 import pytest
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
@@ -22,15 +22,11 @@ from std_msgs.msg import String
 from visual_servo_epipolar.bags.repair import repair
 from visual_servo_epipolar.messages import write
 
-ROOT = Path(__file__).parents[3]
 KILLS = int(os.environ.get('RECORDER_KILLS', '2'))  # `make faults` asks for 20
 START_SEC, END_SEC = 60.0, 30.0
 LOSS_S = 1.0  # what a kill -9 may cost
 ALL = 10_000  # messages that the publisher keeps for a recorder which the machine holds up
-KINDS = (
-    ('-p', 'storage:=mcap'),
-    ('-p', 'compression:=zstd'),
-)
+KINDS = (('-p', 'storage:=mcap'), ('-p', 'compression:=zstd'))
 
 
 class Stand:
@@ -44,15 +40,9 @@ class Stand:
 
     def record(self, bag: Path, *more: str) -> 'subprocess.Popen[bytes]':
         """Start a recorder of ``words``."""
-        command = [sys.executable, '-m', 'visual_servo_epipolar.nodes.recorder_node']
-        command += ['--ros-args', '-p', 'topics:=[words]', '-p', f'bag:={bag}', *more]
-        log = self._stack.enter_context((self._folder / f'{bag.name}.log').open('w'))
-        process = self._stack.enter_context(
-            subprocess.Popen(
-                command, env=environment(self._domain), stderr=log, start_new_session=True
-            )
-        )
-        self._stack.callback(process.kill)
+        command = arguments('recorder_node', '-p', 'topics:=[words]', '-p', f'bag:={bag}', *more)
+        log = self._folder / f'{bag.name}.log'
+        process: subprocess.Popen[bytes] = started(self._stack, self._domain, command, log)
         return process
 
     def until_heard_by(self, count: int) -> None:
@@ -76,25 +66,14 @@ class Stand:
         return (self._folder / f'{bag.name}.log').read_text()
 
 
-def environment(domain: int) -> dict[str, str]:
-    return {
-        **os.environ,
-        'PYTHONPATH': os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')])),
-        'ROS_DOMAIN_ID': str(domain),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }
-
-
 def sequence_numbers(bag: Path) -> list[int]:
     texts = (deserialize_message(data, String).data for _, _, data in read_back(bag))
     return [int(text[-9:]) for text in texts]
 
 
 @pytest.fixture
-def stand(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Stand]:
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    with ExitStack() as stack:
-        yield Stand(stack, tmp_path)
+def stand(stack: ExitStack, tmp_path: Path) -> Stand:
+    return Stand(stack, tmp_path)
 
 
 @pytest.mark.parametrize('first', range(0, KILLS, len(KINDS)))
@@ -144,20 +123,22 @@ def test_a_recorder_that_was_suspended_goes_on(stand, tmp_path) -> None:
     assert sequence_numbers(bag)[-1] > before
 
 
-def test_a_bag_that_exists_ends_the_recorder_with_one_line(stand, tmp_path) -> None:
+@pytest.mark.parametrize(
+    ('exists', 'more', 'reason'),
+    [
+        (True, (), r'recorder_node.*: .*bag exists already; name another bag\n'),
+        (False, ('-p', 'storage:=sqlite3'), '.*convert the bag with "ros2 bag convert".*\n'),
+    ],
+)
+def test_what_cannot_be_ends_the_recorder_with_one_line(
+    stand, tmp_path, exists, more, reason
+) -> None:
     bag = tmp_path / 'bag'
-    bag.mkdir()
-    assert stand.record(bag).wait(END_SEC) == 2
-    line = r'recorder_node.*: .*bag exists already; name another bag\n'
-    assert re.fullmatch(line, stand.output(bag))
-
-
-def test_sqlite3_ends_the_recorder_with_one_line_that_says_what_to_do(stand, tmp_path) -> None:
-    bag = tmp_path / 'bag'
-    assert stand.record(bag, '-p', 'storage:=sqlite3').wait(END_SEC) == 2
-    assert stand.output(bag).count('\n') == 1
-    assert 'record mcap and convert the bag with "ros2 bag convert"' in stand.output(bag)
-    assert not bag.exists()
+    if exists:
+        bag.mkdir()
+    assert stand.record(bag, *more).wait(END_SEC) == 2
+    assert re.fullmatch(reason, stand.output(bag))
+    assert bag.exists() == exists
 
 
 @pytest.fixture

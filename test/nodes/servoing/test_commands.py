@@ -6,7 +6,6 @@ from servo_rig import AWAY, GOAL, Rig
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.supervisor import LATE_S
-from visual_servo_epipolar.nodes.servo_node import ServoNode
 
 ACCELERATION = ServoSettings().max_angular_acceleration
 
@@ -38,12 +37,6 @@ def test_where_time_waits_for_the_servo_stamps_alone_count(bench, clock) -> None
     assert rise(Rig(bench, watchdog=False).drive(), 0) == pytest.approx(
         ACCELERATION * 0.0909, rel=0.01
     )
-
-
-def test_the_parameter_that_asked_for_it_is_answered_by_the_base(bench) -> None:
-    with pytest.raises(ValueError, match='ackermann -> base: car'):
-        bench.start(ServoNode, ackermann=True)
-    bench.start(ServoNode, ackermann=False)  # as files of earlier versions have it
 
 
 IMAGES = 4

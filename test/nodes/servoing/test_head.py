@@ -12,8 +12,6 @@ from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.servo.telemetry import joints_of
 from visual_servo_epipolar.messages.joints import joint_states
 from visual_servo_epipolar.messages.write import header
-from visual_servo_epipolar.nodes.camera_node import CameraNode
-from visual_servo_epipolar.nodes.servo_node import ServoNode
 
 NAMES = 'pan_joint', 'tilt_joint'
 
@@ -129,13 +127,6 @@ def test_degrees_and_ticks_are_asked_about(bench, angle: float) -> None:
         rig.see()
     assert rig.phase == 'waiting'
     assert f'within -1.745 to 1.745 rad, got {angle:g}: degrees, or ticks?' in rig.trouble
-
-
-@pytest.mark.parametrize('values', [{'pan_joint': ''}, {'pan_joint': 'a', 'tilt_joint': 'a'}])
-@pytest.mark.parametrize('kind', [ServoNode, CameraNode])
-def test_names_that_are_no_two_joints_are_refused_at_start(bench, kind, values) -> None:
-    with pytest.raises(ValueError, match='pan_joint must be the name of a joint other than'):
-        bench.start(kind, **values)
 
 
 def test_the_other_usual_names_and_a_trajectory(bench) -> None:

@@ -3,13 +3,14 @@
 from collections.abc import Iterator
 from contextlib import ExitStack
 import os
+from pathlib import Path
 import signal
 import subprocess
 import sys
 
 from bench import Bench, next_domain
 from geometry_msgs.msg import Twist as TwistMessage
-from node_process import arguments, environment
+from node_process import arguments, environment, started
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from servo_rig import CAMERA, tracks
@@ -24,32 +25,33 @@ DRIVING = ('-p', 'autostart:=true', '-p', 'stale_timeout:=60.0')
 class Process:
     """A servo in a process of its own, and a bench that is its tracker and its base."""
 
-    def __init__(self, stack: ExitStack, *command: str) -> None:
-        domain = next_domain()
+    def __init__(self, stack: ExitStack, folder: Path, *prefix: str) -> None:
+        domain, self._log = next_domain(), folder / 'log'
         self.bench = stack.enter_context(Bench(domain))
         self.commands = self.bench.listen(TwistMessage, 'cmd_vel')
         self._send = self.bench.talk(PointCloud2, 'tracks')
         self._calibrate = self.bench.talk(CameraInfo, 'camera_info')
-        self.process = stack.enter_context(
-            subprocess.Popen(
-                command or arguments('servo_node', *DRIVING),
-                env=environment(domain),
-                stderr=subprocess.PIPE,
-                text=True,
-                start_new_session=True,  # it must not inherit an ignored SIGINT
-            )
-        )
-        stack.callback(self.process.kill)
+        command = [*prefix, *arguments('servo_node', *DRIVING)]
+        self.process = started(stack, domain, command, self._log)
+        self.bench.until(self.moves, 'a command to move', START_SEC)
 
-    def drive(self) -> None:
-        """Show tracks until the robot is told to move."""
-        self.bench.until(self._moves, 'the robot to be told to move', START_SEC)
-
-    def _moves(self) -> bool:
+    def moves(self) -> bool:
+        """Show tracks; return whether a command to move has come."""
         stamp_ns = self.bench.probe.get_clock().now().nanoseconds
         self._calibrate(write.camera_info(CAMERA, stamp_ns, 'camera'))
         self._send(tracks(stamp_ns=stamp_ns))
         return any(read.twist(item) != STANDSTILL for item in self.commands)
+
+    def end_by(self, number: signal.Signals) -> None:
+        """Send a signal, and insist on a clean end with a zero twist."""
+        self.process.send_signal(number)
+        assert self.process.wait(END_SEC) == 0, self._log.read_text()
+        assert 'Traceback' not in self._log.read_text()
+        self.until_it_stands()
+
+    def until_it_stands(self) -> None:
+        last = lambda: read.twist(self.commands[-1]) == STANDSTILL  # noqa: E731
+        self.bench.until(last, 'the zero twist', END_SEC)
 
 
 @pytest.fixture(autouse=True)
@@ -61,13 +63,6 @@ def _heard() -> Iterator[None]:
         signal.signal(number, handler)
 
 
-@pytest.fixture
-def stack(monkeypatch: pytest.MonkeyPatch) -> Iterator[ExitStack]:
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    with ExitStack() as entered:
-        yield entered
-
-
 @pytest.mark.parametrize(
     'number',
     [
@@ -75,38 +70,24 @@ def stack(monkeypatch: pytest.MonkeyPatch) -> Iterator[ExitStack]:
         *(pytest.param(each, marks=pytest.mark.long) for each in ('SIGINT', 'SIGHUP', 'SIGQUIT')),
     ],
 )
-def test_a_servo_that_is_ended_stops_the_robot(stack: ExitStack, number: str) -> None:
-    servo = Process(stack)
-    servo.drive()
-    servo.process.send_signal(signal.Signals[number])
-    _, said = servo.process.communicate(timeout=END_SEC)
-    assert servo.process.returncode == 0, said
-    assert 'Traceback' not in said
-    servo.bench.until(
-        lambda: read.twist(servo.commands[-1]) == STANDSTILL, 'the last zero twist', END_SEC
-    )
+def test_a_servo_that_is_ended_stops_the_robot(stack: ExitStack, tmp_path, number: str) -> None:
+    Process(stack, tmp_path).end_by(signal.Signals[number])
 
 
-def test_a_servo_that_is_suspended_stops_the_robot_first(stack: ExitStack) -> None:
-    servo = Process(stack)
-    servo.drive()
+def test_a_servo_that_is_suspended_stops_the_robot_first(stack: ExitStack, tmp_path) -> None:
+    servo = Process(stack, tmp_path)
     servo.process.send_signal(signal.SIGTSTP)
-    servo.bench.until(
-        lambda: read.twist(servo.commands[-1]) == STANDSTILL, 'the zero twist', END_SEC
-    )
+    servo.until_it_stands()
     assert os.waitid(os.P_PID, servo.process.pid, os.WSTOPPED).si_status == signal.SIGSTOP
     servo.process.send_signal(signal.SIGCONT)
     del servo.commands[:]
-    assert servo.bench.call('servo_node/reset').success  # it goes on, and drives by nobody's order
-    assert not servo._moves()
-    servo.process.send_signal(signal.SIGTERM)
-    _, said = servo.process.communicate(timeout=END_SEC)
-    assert (servo.process.returncode, 'Traceback' in said) == (0, False)
+    assert servo.bench.call('servo_node/reset').success  # it goes on, and waits for an order
+    assert not servo.moves()
+    servo.end_by(signal.SIGTERM)
 
 
-def test_a_servo_started_by_nohup_outlives_its_terminal(stack: ExitStack) -> None:
-    servo = Process(stack, 'nohup', *arguments('servo_node', *DRIVING))
-    servo.drive()
+def test_a_servo_started_by_nohup_outlives_its_terminal(stack: ExitStack, tmp_path) -> None:
+    servo = Process(stack, tmp_path, 'nohup')
     servo.process.send_signal(signal.SIGHUP)
     for _ in range(3):  # one that ends answers what it has heard already, and no more
         assert servo.bench.call('servo_node/reset').success

@@ -138,25 +138,33 @@ def test_one_that_comes_in_mid_run_is_warned_of(bench) -> None:
     bench.until(lambda: bool(bench.logged(text)), 'the warning')
 
 
-def button_of(rig) -> watching.StopButton:
-    """Return the button as the servo knows it, whatever its topics say yet."""
-    return rig.node._stop_button
-
-
 VOLATILE = qos.STREAM
-SECOND_S = 0.3  # of patience in these tests
+RELEASE_S = 0.3  # in these tests
+
+
+class Pair(Rig):
+    """A servo that drives, beside two stop buttons: ``press`` and ``other``."""
+
+    def __init__(self, bench, first=qos.LATCHED, second=qos.LATCHED) -> None:
+        super().__init__(bench)
+        self.press, self.other = (bench.talk(Bool, 'stop_button', it) for it in (first, second))
+        bench.until(lambda: self.node.count_publishers('stop_button') == 2, 'both buttons')
+        self.drive()
+        self.before = self.entities()
+
+    def entities(self) -> tuple[int, int]:
+        return len(list(self.node.subscriptions)), len(list(self.node.timers))
+
+    def decided(self) -> None:
+        """Wait until a doubtful release has been decided on, which takes entities of its own."""
+        self.bench.settle()
+        self.bench.until(lambda: self.entities() == self.before, 'the decision on the release')
+        self.bench.settle()
 
 
 @pytest.fixture
 def hasty(monkeypatch) -> None:
-    monkeypatch.setattr(watching, 'RELEASE_S', SECOND_S)
-
-
-def asked(rig) -> None:
-    """Wait until a doubtful release has been decided on."""
-    button = button_of(rig)
-    rig.bench.until(lambda: button._asking is None, 'the decision on the release')
-    rig.bench.settle()
+    monkeypatch.setattr(watching, 'RELEASE_S', RELEASE_S)
 
 
 @pytest.mark.parametrize(
@@ -164,47 +172,24 @@ def asked(rig) -> None:
 )
 @pytest.mark.parametrize('first', [qos.LATCHED, VOLATILE], ids=['latched', 'repeated'])
 def test_a_second_button_does_not_release_the_first(bench, hasty, first, second) -> None:
-    rig = Rig(bench)
-    press, other = (bench.talk(Bool, 'stop_button', profile) for profile in (first, second))
-    bench.until(lambda: rig.node.count_publishers('stop_button') == 2, 'both buttons')
-    rig.drive()
-    press(Bool(data=True))
-    bench.until(lambda: button_of(rig).pressed, 'the press')
+    rig = Pair(bench, first, second)
+    rig.press(Bool(data=True))
     for _ in range(4):
-        other(Bool(data=False))
+        rig.other(Bool(data=False))
         if first is VOLATILE:
-            press(Bool(data=True))  # again, as it does
-        bench.settle()
-        asked(rig)
-    assert button_of(rig).pressed
+            rig.press(Bool(data=True))  # again, as it does
+        rig.decided()
     answer = bench.call('servo_node/start')
     assert (answer.success, answer.message) == (False, TEXT)
-    press(Bool(data=False))
-    other(Bool(data=False))
-    bench.until(lambda: not button_of(rig).pressed, 'the release of the first')
+    rig.press(Bool(data=False))
+    rig.other(Bool(data=False))
+    bench.until(lambda: bench.logged('the stop button is released'), 'the release of the first')
     assert bench.call('servo_node/start').success
 
 
 @pytest.mark.parametrize('profile', [qos.LATCHED, VOLATILE], ids=['latched', 'repeated'])
 def test_a_press_is_not_lost_by_a_false_of_another_button_after_it(bench, profile) -> None:
-    rig = Rig(bench)
-    press, other = (bench.talk(Bool, 'stop_button', profile) for _ in range(2))
-    bench.until(lambda: rig.node.count_publishers('stop_button') == 2, 'both buttons')
-    rig.drive()
-    press(Bool(data=True))
-    other(Bool(data=False))
+    rig = Pair(bench, profile, profile)
+    rig.press(Bool(data=True))
+    rig.other(Bool(data=False))
     bench.until(lambda: rig.phase == 'waiting', 'the robot to be stopped')
-
-
-def test_after_a_release_in_doubt_nothing_is_left_over(bench, hasty) -> None:
-    rig = Rig(bench)
-    press, other = (bench.talk(Bool, 'stop_button', qos.LATCHED) for _ in range(2))
-    bench.until(lambda: rig.node.count_publishers('stop_button') == 2, 'both buttons')
-    before = len(list(rig.node.subscriptions)), len(list(rig.node.timers))
-    for pressed in (True, False):
-        press(Bool(data=pressed))
-        bench.until(lambda pressed=pressed: button_of(rig).pressed == pressed, 'a word')
-        other(Bool(data=False))
-        bench.settle()
-        asked(rig)
-    assert (len(list(rig.node.subscriptions)), len(list(rig.node.timers))) == before
