@@ -8,6 +8,7 @@ import pytest
 from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
+from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.evaluation.faults import campaign
 from visual_servo_epipolar.evaluation.faults.fault import Fault, StruckRun
@@ -62,6 +63,11 @@ def strikes_far_from_the_goal(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def driven(name: str, fault: Fault) -> dict[str, object]:
     return campaign.drive_one(name, replace(fault, stages=Fault.stages), SEED)
+
+
+def test_a_fault_that_there_is_not_is_refused_before_any_run() -> None:
+    with pytest.raises(InputError, match='unknown fault nune; did you mean none'):
+        campaign.plan(['nune'], 1, 0)
 
 
 def test_a_run_in_which_nothing_is_wrong_arrives() -> None:

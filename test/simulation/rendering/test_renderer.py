@@ -11,8 +11,12 @@ import pytest
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.simulation.rendering.drawing import draw_textures, smooth_edges
-from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
+from visual_servo_epipolar.simulation.rendering.raster import (
+    draw_textures,
+    PinholeView,
+    rasterize,
+    smooth_edges,
+)
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface, Texture
 from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig

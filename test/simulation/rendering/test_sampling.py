@@ -8,8 +8,9 @@ import pytest
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.simulation.rendering.drawing import _averaged, draw
 from visual_servo_epipolar.simulation.rendering.raster import (
+    _averaged,
+    draw,
     PinholeView,
     rasterize,
     Strip,

@@ -15,7 +15,6 @@ import numpy as np
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.laws.registry import phase_named
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint
 from visual_servo_epipolar.evaluation.faults.fault import (
     BASE,
@@ -128,13 +127,12 @@ class FaultDrive:
         return quiet_s >= (2.0 if calm else REST_S)
 
 
-def drive_one(name: str, fault: Fault, seed: int, law: str = ServoSettings.law) -> dict[str, Any]:
-    """Drive by a law with a fault, and return what became of it as a JSON object."""
+def drive_one(name: str, fault: Fault, seed: int) -> dict[str, Any]:
+    """Drive with a fault, and return what became of it as a JSON object."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng((seed, zlib.crc32(name.encode())))
     beside = bool(rng.random() < 0.25)  # from there it turns and backs off first
     settings = _world(seed, rng, beside=beside)
-    settings = replace(settings, servo=replace(settings.servo, law=law))
     stage = fault.stages[int(rng.integers(len(fault.stages)))]
     delay_s = rng.uniform(0.0, WHOLE_WAY_S if stage is RunStage.DRIVING else AFTERWARDS_S)
     if not fault.base_alone and bool(rng.random() < 0.5):
@@ -147,7 +145,6 @@ def drive_one(name: str, fault: Fault, seed: int, law: str = ServoSettings.law) 
         drive.scene.witness.record,
         fault=name,
         seed=seed,
-        law=settings.servo.law,
         start=list(settings.start),
         base_stops_by_itself=settings.base.command_timeout > 0.0,
         moment={'stage': stage.value, 'delay_s': float(delay_s)},
@@ -177,29 +174,23 @@ def _bounds(world: World) -> SafetyBounds:
 
 
 class FaultRun(NamedTuple):
-    """A run: the name of its fault, the seed that all else is drawn from, and the law."""
+    """A run: the name of its fault, and the seed that all else is drawn from."""
 
     fault: str
     seed: int
-    law: str = ServoSettings.law
 
 
-def plan(names: Sequence[str], runs: int, seed: int, law: str = '') -> list[FaultRun]:
+def plan(names: Sequence[str], runs: int, seed: int) -> list[FaultRun]:
     """
     Return the runs of a campaign: each fault in turn, and again with the next seed.
 
-    Without a ``law`` it is the default. Raises InputError for a fault or law that there is not.
+    Raises InputError for a fault that there is not.
     """
-    law = law or ServoSettings.law
-    try:
-        ServoSettings(law=law)
-    except ValueError as error:
-        raise InputError(str(error)) from None
     unknown = sorted(set(names) - set(FAULTS))
     if unknown:
         raise InputError(f'unknown fault {", ".join(unknown)}; {hint(unknown, [*FAULTS])}')
     chosen = list(dict.fromkeys(names)) or list(FAULTS)
-    return [FaultRun(chosen[k % len(chosen)], seed + k // len(chosen), law) for k in range(runs)]
+    return [FaultRun(chosen[k % len(chosen)], seed + k // len(chosen)) for k in range(runs)]
 
 
 def drive(runs: Sequence[FaultRun], jobs: int, watch: Callable[[Result], None]) -> list[Result]:
@@ -218,7 +209,7 @@ def drive(runs: Sequence[FaultRun], jobs: int, watch: Callable[[Result], None]) 
 def one(run: FaultRun) -> Result:
     """Drive one run, in this process; if it raises, that is its result."""
     try:
-        return drive_one(run.fault, FAULTS[run.fault], run.seed, run.law)
+        return drive_one(run.fault, FAULTS[run.fault], run.seed)
     except Exception as error:  # the other runs of a night shall not be lost
         nothing = Judgement(RunVerdict.UNJUDGED, f'{type(error).__name__}: {error}')
         facts = {'fault': run.fault, 'seed': run.seed, 'notes': [], 'struck_in': ''}

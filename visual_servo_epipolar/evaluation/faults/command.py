@@ -31,11 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     }
     add_words(parser, numbers, type=count)
     add_seed(parser)
-    words = {
-        '--only NAME,...': 'inject these faults only',
-        '--law LAW': 'law of the runs (default full)',
-    }
-    add_words(parser, words)
+    add_words(parser, {'--only NAME,...': 'inject these faults only'})
     add_flags(parser, {'--list': 'list the faults, and run nothing'})
     add_json(parser)
     parser.set_defaults(run=faults)
@@ -54,7 +50,7 @@ def faults(options: argparse.Namespace) -> int:
         return 0
     names = options.only.split(',') if options.only is not None else []
     number = options.runs or len(names or FAULTS)
-    runs = campaign.plan(names, number, options.seed, options.law or '')
+    runs = campaign.plan(names, number, options.seed)
     with closing(Progress()) as progress:
         progress.say('starting workers ...')
         ended: list[bool] = []  # whether each was safe

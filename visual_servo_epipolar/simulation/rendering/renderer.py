@@ -14,8 +14,7 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.simulation.bases import LEVEL, Nod
-from visual_servo_epipolar.simulation.rendering.drawing import draw
-from visual_servo_epipolar.simulation.rendering.raster import NEAR, PinholeView
+from visual_servo_epipolar.simulation.rendering.raster import draw, NEAR, PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rigs import FixedRig, pitched
 from visual_servo_epipolar.simulation.sensor import Shutter
