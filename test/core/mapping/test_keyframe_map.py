@@ -17,7 +17,6 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping import keyframe_map
-from visual_servo_epipolar.core.mapping.fitting import correspondences_of
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap, MOST_REFUSED
 from visual_servo_epipolar.core.mapping.localization import MapLocalization, seen_rays
 from visual_servo_epipolar.core.mapping.refinement import Geometry
@@ -226,7 +225,7 @@ def test_predicted_rays_are_where_features_are_seen(drive, memory) -> None:
     _, said = memory.after(observations)
     rows = {number: row for row, number in enumerate(said.ids.tolist())}
     at = [rows[number] for number in observations.ids[said.inliers].tolist()]
-    structure = correspondences_of(memory.geometry, said.ids).everything.structure
+    structure = memory.geometry.evaluation.structure
     rays = seen_rays(structure, said.pose)
     angle = np.linalg.norm(rays[at] - observations.current[said.inliers], axis=1)
     assert np.median(angle) < 2.0 * np.median(observations.noise)
@@ -409,4 +408,4 @@ def test_whatever_is_seen_it_stays_within_bounds_and_never_raises(seed, count, s
             observations, rng.normal(size=2), bearings=(Bearings(*rng.uniform(-3, 3, 2)),)
         )
         assert len(memory.window) <= 4
-        assert bool(said) == np.isfinite(said.pose).all()
+        assert (not said.reason) == np.isfinite(said.pose).all()

@@ -58,7 +58,7 @@ def test_features_as_if_independent_would_be_too_sure(exact_drive, last) -> None
     # What keyframes have in common, first of all the scale, does not average out over features.
     geometry, anchors, seen = last
     far = np.array([0.3, -2.5, 0.0, 0.0, 0.0])
-    fit = fit_pose(anchors, seen, exact_drive.views[14])._replace(pose=far, slopes=None)
+    fit = fit_pose(anchors, seen, exact_drive.views[14])._replace(pose=far)
     assert resect(geometry, anchors, seen, fit, NOTHING).covariance[1, 1] > (0.04 * 2.5) ** 2
 
 

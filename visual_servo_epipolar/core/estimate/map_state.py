@@ -324,11 +324,10 @@ def reading_in_view(said: MapLocalization, observation: Observation) -> MapMeasu
     """Return what is said, with D over features in view, or over all where none of them is."""
     if said.reason or observation.ids is None:
         return None
-    which = len(observation), observation.wide
-    if which not in said.slopes:
-        counted = said.counted
-        in_view = counted & are_among(said.ids, observation.ids)
-        counted = in_view if in_view.any() else counted
-        desired, inverse_depth = said.photograph[counted], said.inverse_depth[counted]
-        said.slopes[which] = difference_slope(desired, inverse_depth, wide=observation.wide)
-    return map_measurement_of(said, said.slopes[which])
+    counted = said.counted
+    in_view = counted & are_among(said.ids, observation.ids)
+    counted = in_view if in_view.any() else counted
+    slope = difference_slope(
+        said.photograph[counted], said.inverse_depth[counted], wide=observation.wide
+    )
+    return map_measurement_of(said, slope)

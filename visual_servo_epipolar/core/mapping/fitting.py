@@ -2,11 +2,10 @@
 Fitting: the pose of one view on the structure, by features as if independent of each other.
 
 A few steps, each with the features' own covariance; resection takes the last one, with that of
-the whole structure: what features share (errors of keyframes) does not average out over them. What
-is known of features is the same for all views of them, and looked up once.
+the whole structure: what features share (errors of keyframes) does not average out over them.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 import math
 from typing import NamedTuple
@@ -27,7 +26,6 @@ from visual_servo_epipolar.core.mapping.projection import (
     is_ahead,
     OPPOSITE,
     project,
-    Projection,
     slopes,
     squares_of,
     Structure,
@@ -47,9 +45,6 @@ from visual_servo_epipolar.core.mapping.window import (
 
 STEPS = 8
 LEAST_STEP = 0.1  # squared, in deviations, below which the last step does the rest
-FAR = 1e3  # squared, likewise, from which slopes are taken anew
-NEAR = 1e2  # squared, likewise, up to which slopes are those of the last step as well
-EVERY = VIEW + 1  # element of a matrix, (5, 5), is one of its diagonal
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,12 +80,11 @@ class Anchors:
 
 
 class PoseFit(NamedTuple):
-    """Pose, (5,), squared residuals, (n,), their widening; ``slopes``, (11, 2, n), if near."""
+    """Pose, (5,), squared residuals, (n,), and their widening."""
 
     pose: FloatArray
     squares: FloatArray
     widening: float
-    slopes: FloatArray | None = None
 
     @property
     def inliers(self) -> BoolArray:
@@ -133,83 +127,41 @@ class FeatureErrors(NamedTuple):
 
 def errors_of(geometry: Geometry, rows: IntArray) -> FeatureErrors:
     """Return the errors of the features in ``rows``, (n,), of a geometry."""
-    covariance_root, count = geometry.covariance_root, len(rows)
-    shared = np.empty((count, 6, covariance_root.shape[1]))
-    shared[:, :3], shared[:, 3:] = (
-        geometry.feature_covariance_root[rows],
-        covariance_root[-SHARED:-2],
-    )
+    root = geometry.root
+    shared = np.empty((len(rows), 6, len(root)))
+    shared[:, :3], shared[:, 3:] = geometry.feature_roots[rows], root[-SHARED:-2]
     jitter = geometry.evaluation.factors.jitter
     return FeatureErrors(
         geometry.system.roots[rows],
         shared,
-        covariance_root[-2:] / jitter,
+        root[-2:] / jitter,
         geometry.unknowns.offsets[:, None, rows],
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Correspondences:
-    """
-    Correspondences of a view of features ``ids``, (N,), with a ``geometry``.
+class _Linearised(NamedTuple):
+    """A view at some pose: residuals, (2, n), squared in deviations, (n,), slopes, (5, 2, n)."""
 
-    ``rows``, (N,), of the features there, -1 for others; ``known``, (N,), says which are trusted
-    and have a place. Of those, n, are ``chosen`` rows, (n,), ``anchors`` and ``errors``;
-    ``everything`` are the anchors of all features of the geometry. ``slopes`` of D [1/m] are those
-    that readings of such views asked for, by the number of features that the photograph shows, and
-    whether the lens is wide.
-    """
+    residuals: FloatArray
+    squares: FloatArray
+    slopes: FloatArray
+    weighted: FloatArray  # slopes times the information of residuals
 
-    geometry: Geometry
-    ids: IntArray
-    rows: IntArray
-    known: BoolArray
-    chosen: IntArray
-    everything: Anchors
-    anchors: Anchors
-    errors: FeatureErrors
-    slopes: dict[tuple[int, bool], float] = field(default_factory=dict)
-
-    def are_of(self, geometry: Geometry, ids: IntArray) -> bool:
-        """Return whether they are those of a view of features ``ids``, (N,)."""
-        alike = geometry is self.geometry and len(ids) == len(self.ids)
-        return alike and bool((ids == self.ids).all())
+    def equations(self, weight: FloatArray, prior: FloatArray) -> Equations:
+        """Return the equations of the view by a ``weight``, (n,), and a ``prior``, (5,)."""
+        rows = (self.weighted * weight).reshape(VIEW, -1)
+        matrix = rows @ self.slopes.reshape(VIEW, -1).T + np.diag(prior)
+        return Equations(matrix, rows @ self.residuals.ravel())
 
 
-def correspondences_of(geometry: Geometry, ids: IntArray) -> Correspondences:
-    """Return the correspondences of a view of features ``ids``, (N,)."""
-    rows = geometry.window.rows_of(ids)
-    known = rows >= 0
-    known[known] = geometry.trusted[rows[known]]
-    chosen, everything = rows[known], anchors_of(geometry)
-    return Correspondences(
-        geometry,
-        ids,
-        rows,
-        known,
-        chosen,
-        everything,
-        everything.of(chosen),
-        errors_of(geometry, chosen),
-    )
-
-
-class _Slopes(NamedTuple):
-    """Slopes of residuals by the view, (5, 2, n), and what those tell, at some pose."""
-
-    every: FloatArray  # by all unknowns, (11, 2, n)
-    own: FloatArray
-    information: FloatArray  # inverted covariances of residuals, (2, 2, n)
-    weighted: FloatArray  # slopes times those
-
-
-def _slopes(
-    anchors: Anchors, seen: MatchedFeatures, pose: FloatArray, projection: Projection
-) -> _Slopes:
+def _linearised(anchors: Anchors, seen: MatchedFeatures, pose: FloatArray) -> _Linearised:
+    projection = project(anchors.structure, pose, seen.tangent_basis)
     found = slopes(anchors.structure, pose, seen.tangent_basis, projection)
     information = _information(found[BY_FEATURE], anchors.covariance)
-    weighted = _times(information, found[BY_VIEW])
-    return _Slopes(found, found[BY_VIEW], information, weighted)
+    residuals = projection.residuals
+    squares = np.add.reduce(_times(information, residuals) * residuals, axis=0)
+    squares = np.where(is_ahead(projection, seen.rays), squares, OPPOSITE)
+    return _Linearised(residuals, squares, found[BY_VIEW], _times(information, found[BY_VIEW]))
 
 
 class _Step(NamedTuple):
@@ -225,38 +177,21 @@ class _Step(NamedTuple):
 
 def fit_pose(anchors: Anchors, seen: MatchedFeatures, start: FloatArray) -> PoseFit:
     """Return the pose that fits best, from ``start``, (5,), by features as if independent."""
-    at: _Slopes | None = None
-    farthest = 0.0  # since slopes were taken
-    known, ridge = anchors.known
+    known, prior = anchors.known
 
     def linearise(pose: FloatArray, number: int) -> _Step:
-        nonlocal at, farthest
-        projection = project(anchors.structure, pose, seen.tangent_basis)
-        residuals = projection.residuals
-        if at is None:
-            at, farthest = _slopes(anchors, seen, pose, projection), 0.0
-        products = _times(at.information, residuals)
-        products *= residuals
-        squares = np.where(is_ahead(projection, seen.rays), products[0] + products[1], OPPOSITE)
-        widening = max(1.0, median(squares) / USUAL_SQUARES)
-        weight = robust_weight(squares if widening == 1.0 else squares / widening)
-        rows = (at.weighted * weight).reshape(VIEW, -1)
-        matrix = rows @ at.own.reshape(VIEW, -1).T
-        matrix.ravel()[::EVERY] += ridge
-        vector = rows @ residuals.ravel()
-        vector[TILT:] += known * (pose[TILT:] - anchors.attitude)
-        return _Step(Equations(matrix, vector), squares, widening)
+        at = _linearised(anchors, seen, pose)
+        widening = max(1.0, median(at.squares) / USUAL_SQUARES)
+        equations = at.equations(robust_weight(at.squares / widening), prior)
+        equations.pull[TILT:] += known * (pose[TILT:] - anchors.attitude)
+        return _Step(equations, at.squares, widening)
 
     def moved(pose: FloatArray, step: _Step, change: FloatArray) -> tuple[FloatArray, bool]:
-        nonlocal at, farthest
         way = float(change @ step.equations.pull)
-        farthest, last = max(farthest, way), way < LEAST_STEP * step.widening
-        at = at if last or way < FAR else None
-        return pose - change, last
+        return pose - change, way < LEAST_STEP * step.widening
 
     pose, step = least_squares(start, linearise, moved, STEPS)
-    every = at.every if at is not None and farthest < NEAR else None
-    return PoseFit(pose, step.squares, step.widening, every)
+    return PoseFit(pose, step.squares, step.widening)
 
 
 def _information(own: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -308,13 +243,9 @@ def nearest_view(anchors: Anchors, seen: MatchedFeatures, views: FloatArray) -> 
 
 def pose_covariance(anchors: Anchors, seen: MatchedFeatures, fit: PoseFit) -> FloatArray:
     """Return the covariance of a fitted pose, (5, 5), by features as if independent."""
-    projection = project(anchors.structure, fit.pose, seen.tangent_basis)
-    at = _slopes(anchors, seen, fit.pose, projection)
     weight = robust_weight(fit.squares / fit.widening) / fit.widening
-    rows = (at.weighted * weight).reshape(VIEW, -1)
-    matrix = rows @ at.own.reshape(VIEW, -1).T
-    matrix.ravel()[::EVERY] += anchors.known[1]
-    return np.asarray(np.linalg.inv(matrix))
+    equations = _linearised(anchors, seen, fit.pose).equations(weight, anchors.known[1])
+    return np.asarray(np.linalg.inv(equations.information))
 
 
 OFFSETS = slice(BY_FEATURE.start, INVERSE_DEPTH)  # of the slopes by a feature's unknowns
@@ -381,15 +312,11 @@ def resect(
     seen: MatchedFeatures,
     fit: PoseFit,
     shrinkage: Shrinkage,
-    *,
-    errors: FeatureErrors | None = None,
 ) -> Resection:
     """Return the pose and its covariance, after one step with the whole structure's errors."""
-    errors = errors_of(geometry, seen.rows) if errors is None else errors
+    errors = errors_of(geometry, seen.rows)
     projection = project(anchors.structure, fit.pose, seen.tangent_basis)
-    found = fit.slopes
-    if found is None:
-        found = slopes(anchors.structure, fit.pose, seen.tangent_basis, projection)
+    found = slopes(anchors.structure, fit.pose, seen.tangent_basis, projection)
     # Rows: by the five unknowns of the view and the shrinkage, and the residual; by errors of the
     # window.
     own = np.empty((len(seen.rows), 2, VIEW + 2))

@@ -95,7 +95,7 @@ def initial_geometry(
     # Of bearings without a rival two views show that they are true, as well.
     margin = LIKELY if len(tried) == 1 and best is found[0] else DECISIVE
     decided = best.converged and not any(is_rival(best, other, margin) for other in others)
-    return best if decided else None
+    return refine(best.evaluation, 0, best.damping) if decided else None  # at the driven scale
 
 
 def _cost(geometry: Geometry) -> float:

@@ -14,8 +14,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping.fitting import (
-    Correspondences,
-    correspondences_of,
+    anchors_of,
     fit_pose_near,
     MatchedFeatures,
     NOTHING,
@@ -61,8 +60,8 @@ class KeyframeMap:
     the camera is by the motion that counts and by the alternative [m]; ``pose``, (5,), that of the
     last view. ``trial`` is the geometry with one more keyframe, half refined: the other half is
     for the next view, so that none takes the time of both. ``refused`` counts unsound trials in a
-    row. ``correspondences`` are those of the last view that was localized, ``pending`` is that
-    view until the map is updated with it: no localization waits for that.
+    row. ``pending`` is the last view that was localized, until the map is updated with it: no
+    localization waits for that.
     """
 
     mount: Attitude
@@ -76,7 +75,6 @@ class KeyframeMap:
     refused: int = 0
     shrinkage: Shrinkage = NOTHING
     pending: PendingKeyframe | None = None
-    correspondences: Correspondences | None = None
 
     def with_alternative(self, settings: MapSettings) -> 'KeyframeMap':
         """Return the same map by the alternative motion: at another scale."""
@@ -151,13 +149,9 @@ class KeyframeMap:
             after = replace(self, pending=None)._with_keyframe(self.geometry, self.pending)
         else:
             return self
-        geometry, before = after.geometry, after.correspondences
-        if geometry is None:
-            return after
-        geometry.prepare()
-        if before is None or before.geometry is geometry:
-            return after
-        return replace(after, correspondences=correspondences_of(geometry, before.ids))
+        if after.geometry is not None:
+            after.geometry.prepare()
+        return after
 
     def _begin(
         self, observations: FeatureObservations, bearings: Sequence[Bearings], attitude: Attitude
@@ -193,37 +187,35 @@ class KeyframeMap:
         self, geometry: Geometry, observations: FeatureObservations, learns: bool
     ) -> 'tuple[KeyframeMap, MapLocalization]':
         """Return the map after a view that is localized in its geometry."""
-        it = self.correspondences
-        if it is None or not it.are_of(geometry, observations.ids):
-            it = correspondences_of(geometry, observations.ids)
-        count = len(it.chosen)
+        rows = geometry.window.rows_of(observations.ids)
+        known = rows >= 0
+        known[known] = geometry.trusted[rows[known]]
+        count = int(known.sum())
         if count < MIN_AGREEING:
             reason = f'{count} remembered features in view, {MIN_AGREEING} needed'
             return self, MapLocalization(reason, ids=self.window.ids)
-        rays = observations.current[it.known]
-        seen = MatchedFeatures(
-            it.chosen, rays.T, tangent_basis_of(rays, observations.noise[it.known, 0])
-        )
-        fit = fit_pose_near(geometry.unknowns.views, it.anchors, seen, self.pose)
+        rays, noise = observations.current[known], observations.noise[known, 0]
+        seen = MatchedFeatures(rows[known], rays.T, tangent_basis_of(rays, noise))
+        anchors = anchors_of(geometry).of(seen.rows)
+        fit = fit_pose_near(geometry.unknowns.views, anchors, seen, self.pose)
         agree = int(fit.inliers.sum())
         if agree < max(MIN_AGREEING, LEAST_AGREEING * count):
             reason = f'{agree} of {count} remembered features agree with one place'
             return self, MapLocalization(reason, ids=self.window.ids)
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
-        resection = resect(geometry, it.anchors, seen, fit, shrinkage, errors=it.errors)
-        said = localization_of(resection, it)
+        resection = resect(geometry, anchors, seen, fit, shrinkage)
+        new = int((rows < 0).sum())
         after = replace(
             self,
             pose=resection.pose,
             shrinkage=resection.shrinkage,
-            correspondences=it,
-            pending=PendingKeyframe(observations, resection, it) if learns else None,
+            pending=PendingKeyframe(observations, resection.pose, new) if learns else None,
         )
-        return after, said
+        return after, localization_of(resection, geometry, known)
 
     def _with_keyframe(self, geometry: Geometry, view: PendingKeyframe) -> 'KeyframeMap':
         """Return the map with the view as a keyframe where it is one, or refined."""
-        settings, observations, pose = self.settings, view.observations, view.resection.pose
+        settings, observations, pose = self.settings, view.observations, view.pose
         if self.trial is not None:
             return self._with_trial(self.trial)
         if is_keyframe(

@@ -10,8 +10,9 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 from visual_servo_epipolar.core.geometry.rays import LEAST_FORWARD
 from visual_servo_epipolar.core.mapping.factors import LEAST_WAY
-from visual_servo_epipolar.core.mapping.fitting import Correspondences, Resection
+from visual_servo_epipolar.core.mapping.fitting import Resection
 from visual_servo_epipolar.core.mapping.projection import points_of, Structure, turns_of
+from visual_servo_epipolar.core.mapping.refinement import Geometry
 from visual_servo_epipolar.core.mapping.window import HEADING, VIEW, X, Y
 
 
@@ -32,8 +33,7 @@ class MapLocalization:
     wrong matches. Of all features of the map: ``ids``, (M,), ``inverse_depth`` along the
     photograph's rays [1/m] and ``photograph``, (M, 3), those rays. Those
     ``counted``, (M,), are no wrong matches. ``depth`` is the median
-    one [m]; ``seen`` are the features and the pose, (5,), that they are seen from. ``slopes`` are
-    those of its correspondences.
+    one [m].
     """
 
     reason: str = ''
@@ -48,10 +48,6 @@ class MapLocalization:
     photograph: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     counted: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     depth: float = math.nan
-    slopes: dict[tuple[int, bool], float] = field(default_factory=dict)
-
-    def __bool__(self) -> bool:
-        return not self.reason
 
     @property
     def distance(self) -> float:
@@ -103,10 +99,10 @@ def seen_rays(structure: Structure, pose: FloatArray) -> FloatArray:
     return np.asarray((points / np.sqrt((points * points).sum(0))).T)
 
 
-def localization_of(resection: Resection, by: Correspondences) -> MapLocalization:
-    """Return the localization of a view that was resected ``by`` its correspondences."""
-    geometry, inliers = by.geometry, by.known.copy()
-    inliers[by.known] = resection.inliers
+def localization_of(resection: Resection, geometry: Geometry, known: BoolArray) -> MapLocalization:
+    """Return the localization of a view that was resected by the features ``known``, (N,)."""
+    inliers = known.copy()
+    inliers[known] = resection.inliers
     return MapLocalization(
         pose=resection.pose,
         covariance=resection.covariance,
@@ -119,7 +115,6 @@ def localization_of(resection: Resection, by: Correspondences) -> MapLocalizatio
         photograph=geometry.window.photograph,
         counted=geometry.trusted,
         depth=geometry.depth,
-        slopes=by.slopes,
     )
 
 

@@ -28,7 +28,6 @@ from visual_servo_epipolar.core.mapping.window import (
     KeyframeWindow,
     MapSettings,
     MOUNT,
-    SHARED,
     Unknowns,
     VIEW,
 )
@@ -36,7 +35,6 @@ from visual_servo_epipolar.core.mapping.window import (
 DAMPING = 1e-4
 LEAST_GAIN = 0.05  # of the cost, below which nothing changes that matters
 LEAST_INVERSE_DEPTH = 1e-6  # [1/m]
-NEGLIGIBLE = 1e-2  # square of what an error of keyframes does to all features, in deviations
 WRONG_SHARE = 0.4  # of the observations that are outliers, from which the whole feature is one
 WRONG_OFFSET = 16.0  # square of what the photograph's ray is off by, in deviations
 # Times nearer than the median feature, by so few views: wrong matches near the photograph are.
@@ -242,37 +240,10 @@ class Geometry:
         return np.asarray(scale[:, None] * np.linalg.inv(lower).T)
 
     @cached_property
-    def _coupled(self) -> FloatArray:
-        """The coupling of features with errors of views in units of their own, (N, 3, D)."""
-        return _times(self.system.coupled, self.root)
-
-    @cached_property
     def feature_roots(self) -> FloatArray:
         """What the errors of views make of features, (N, 3, D): covariance by the transpose."""
-        return np.asarray(-(self.system.roots @ self._coupled))
-
-    @cached_property
-    def covariance_root(self) -> FloatArray:
-        """
-        Root of the covariance, (D, r), but for directions in which it shows nowhere.
-
-        In those an error of the keyframes displaces no feature by enough to be seen. The
-        root is taken along axes of what it does to all features, in deviations of their own; of
-        75 directions 30 are left, and a view is resected on as many unknowns less.
-        """
-        window, root = self.window, self.root
-        features = self._coupled[self.trusted].reshape(-1, len(root))
-        count, noise = max(2 * int(self.trusted.sum()), 1), float(window.photograph_noise.min())
-        photograph = root[-SHARED:-2] * (math.sqrt(count) / noise)
-        mount = root[-2:] / self.evaluation.factors.jitter
-        rows = np.concatenate([features, photograph, mount])
-        squares, axes = np.linalg.eigh(rows.T @ rows)
-        return np.asarray(root @ axes[:, squares > NEGLIGIBLE])
-
-    @cached_property
-    def feature_covariance_root(self) -> FloatArray:
-        """What the errors of ``covariance_root`` make of features, (N, 3, r)."""
-        return np.asarray(-(self.system.roots @ _times(self.system.coupled, self.covariance_root)))
+        coupled = self.system.coupled.reshape(-1, len(self.root)) @ self.root  # in one product
+        return np.asarray(-(self.system.roots @ coupled.reshape(self.system.coupled.shape)))
 
     @cached_property
     def feature_covariance(self) -> FloatArray:
@@ -297,14 +268,8 @@ class Geometry:
 
     def prepare(self) -> None:
         """Compute what the next view will ask for, while no caller waits."""
-        asked = self.feature_covariance, self.feature_covariance_root, self.wrong, self.depth
+        asked = self.feature_covariance, self.wrong, self.depth
         assert all(value is not None for value in asked)
-
-
-def _times(coupled: FloatArray, root: FloatArray) -> FloatArray:
-    """Return the coupling of features, (N, 3, D), times a root, (D, r), in one product."""
-    size, count = root.shape
-    return np.asarray((coupled.reshape(-1, size) @ root).reshape(-1, 3, count))
 
 
 def refine(

@@ -10,7 +10,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, MIN_MATCHES
 from visual_servo_epipolar.core.mapping.factors import factors_of
-from visual_servo_epipolar.core.mapping.fitting import Correspondences, Resection
 from visual_servo_epipolar.core.mapping.initialization import Start, triangulate
 from visual_servo_epipolar.core.mapping.refinement import Evaluation, Geometry
 from visual_servo_epipolar.core.mapping.window import (
@@ -31,16 +30,11 @@ MOST_STARTS = 2  # that are tried at one view
 
 
 class PendingKeyframe(NamedTuple):
-    """View that was localized, by its ``correspondences`` with the geometry before it."""
+    """View that was localized at a ``pose``, (5,); ``new`` of its features are not in the map."""
 
     observations: FeatureObservations
-    resection: Resection
-    correspondences: Correspondences
-
-    @property
-    def new(self) -> int:
-        """Number of features that are not in the map."""
-        return int(np.count_nonzero(self.correspondences.rows < 0))
+    pose: FloatArray
+    new: int
 
 
 def is_keyframe(
