@@ -2,40 +2,14 @@
 
 import math
 
-from hypothesis import assume, given
-from hypothesis import strategies as st
 import pytest
 
 from visual_servo_epipolar.core.estimate.base_model import Curvature
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.laws import equations
-from visual_servo_epipolar.core.odometry.ranging import Leg, MIN_TURN
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import compensate_curvature
-
-
-@given(
-    x=st.floats(-2.0, 2.0),
-    y=st.floats(-6.0, -0.5),
-    heading=st.floats(-0.8, 0.8),
-    travel=st.floats(0.1, 2.0),
-)
-def test_two_bearings_and_the_path_between_give_the_distance(x, y, heading, travel) -> None:
-    start = Pose(x, y, math.pi / 2 + heading)
-    end = integrate(start, Twist(travel, 0.0), 1.0)
-    assume(end.distance > 0.05)  # at the goal there are no bearings
-    before, after = Bearings.from_pose(start), Bearings.from_pose(end)
-    assume(abs(wrap_angle(after.psi - before.psi)) > 1.01 * MIN_TURN)
-    assume(abs(wrap_angle(after.psi - before.psi)) < 3.0)
-    leg = Leg(before.psi).extended(before, travel)
-    assert leg.distance(after.psi) == pytest.approx(end.distance, abs=1e-9)
-
-
-def test_a_straight_approach_says_nothing_about_the_distance() -> None:
-    bearings = Bearings.from_pose(Pose(0.0, -3.0, math.pi / 2))
-    assert Leg(bearings.psi).extended(bearings, 1.0).distance(bearings.psi) is None
 
 
 @pytest.mark.parametrize('speed', [0.4, -0.4])

@@ -213,7 +213,7 @@ def test_an_excursion_refers_to_half_a_metre_at_least(first: float, led: bool) -
     ratio = 1.6 if led else 1.8
     distance = first * ratio
     psi = BEARINGS.psi
-    leg = Leg(psi, (distance - first) * math.cos(psi), (distance - first) * math.sin(psi))
+    leg = Leg((distance - first) * math.cos(psi), (distance - first) * math.sin(psi))
     state = in_phase(Phase.ZEROING_EPIPOLES, leg=leg, extrinsics=ranged(distance))
     settings = type(SETTINGS)(max_excursion=1.5)
     assert bool(asked(excursion_limit, state, sight(), settings)) == led
@@ -231,7 +231,7 @@ def test_an_excursion_refers_to_half_a_metre_at_least(first: float, led: bool) -
 )
 def test_what_the_leg_leads_backward_is_no_excursion(away, travel, led) -> None:
     psi = BEARINGS.psi
-    leg = Leg(psi, away * math.cos(psi), away * math.sin(psi), travel)
+    leg = Leg(away * math.cos(psi), away * math.sin(psi), travel)
     state = in_phase(Phase.MATCHING_FEATURES, leg=leg, extrinsics=ranged(1.0 + away))
     assert bool(asked(excursion_limit, state, sight(), type(SETTINGS)(max_excursion=1.5))) == led
 

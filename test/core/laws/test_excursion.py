@@ -144,7 +144,7 @@ def off(ratio: float, phase: Phase = Phase.ZEROING_EPIPOLES, **changes: Any) -> 
     """Return a state that is ``ratio`` times as far off as where its leg began."""
     distance = 3.0
     x, y = (distance * (1.0 - 1.0 / ratio) * f(BEARINGS.psi) for f in (math.cos, math.sin))
-    leg = Leg(BEARINGS.psi, x, y)
+    leg = Leg(x, y)
     return in_phase(phase, **{'leg': leg, 'extrinsics': ranged(distance), **changes})
 
 
@@ -200,7 +200,7 @@ def test_a_law_that_leads_away_by_itself_may_do_so() -> None:
 
 def test_near_the_goal_the_excursion_refers_to_half_a_metre() -> None:
     near = ranged(0.3)
-    at_first = Leg(BEARINGS.psi, 0.29 * math.cos(BEARINGS.psi), 0.29 * math.sin(BEARINGS.psi))
+    at_first = Leg(0.29 * math.cos(BEARINGS.psi), 0.29 * math.sin(BEARINGS.psi))
     state = off(2.0, leg=at_first, extrinsics=near)
     assert asked(excursion_limit, state, sight(), SETTINGS) == ''
 

@@ -82,7 +82,7 @@ def test_who_does_not_know_the_offset_does_not_know_the_line() -> None:
 
 
 def test_the_look_ahead_is_shorter_where_the_offset_is_known() -> None:
-    near = in_phase(Phase.MATCHING_FEATURES, range=0.1)
+    near = in_phase(Phase.MATCHING_FEATURES, distance=0.1)
     assert line_look_ahead(goal(sight(), near), SETTINGS) == LEAST_LOOK_AHEAD
     assert line_look_ahead(goal(at(0.0, -0.3), near), SETTINGS) == LEAST_REMEMBERED
     assert line_look_ahead(goal(at(0.0, -0.1), near), SETTINGS) == pytest.approx(0.05)

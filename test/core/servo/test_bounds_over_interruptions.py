@@ -30,7 +30,7 @@ def test_backing_off_goes_on_counting_after_tracks_were_lost() -> None:
 
 def test_who_backs_off_begins_a_way_of_his_own() -> None:
     aside = sight(bearings=replace(BEARINGS, psi=-0.1, phi=-0.1 - math.pi / 2.0))
-    leg = Leg(BEARINGS.psi, 0.3, 1.0)
+    leg = Leg(0.3, 1.0)
     state = then(in_phase(Phase.ZEROING_EPIPOLES, leg=leg), aside)
     assert state.phase is Phase.RETREATING
     assert state.law.leg is None

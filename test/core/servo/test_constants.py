@@ -17,8 +17,6 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.arrival import has_parallax
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.odometry.ranging import Leg
-from visual_servo_epipolar.core.servo.dead_reckoning import measured_range
 from visual_servo_epipolar.core.servo.supervisor import _beyond_dead_band, _limited
 
 
@@ -47,27 +45,6 @@ def test_who_is_in_doubt_allows_for_no_such_luck_at_first() -> None:
     assert not asked(has_parallax, first.changed(attempts=2), still, exact)
     lens = replace(exact, focal_deviation=1.0)  # nothing is remembered through it
     assert not asked(has_parallax, first, still, lens)
-
-
-@pytest.mark.parametrize(('degrees', 'known'), [(2.2, False), (2.4, True)])
-def test_a_distance_shows_once_the_line_of_sight_has_turned_enough(degrees, known) -> None:
-    # 0.04 rad are 2.29 deg.
-    leg = Leg(BEARINGS.psi, 0.1, 0.1)
-    turned = (leg.distance(BEARINGS.psi + math.radians(s * degrees)) for s in (-1, 1))
-    assert any(value is not None for value in turned) == known
-
-
-@pytest.mark.parametrize(('deviation', 'known'), [(0.004, True), (0.02, False)])
-def test_an_uncertain_line_of_sight_has_to_turn_farther(deviation: float, known: bool) -> None:
-    # By 0.1 rad: eight deviations of 0.0125.
-    there = sight(bearings=BEARINGS, deviation=deviation)
-    state = in_phase(Phase.ZEROING_EPIPOLES).changed(last_linear=0.4)
-    moving = state.changed(command=replace(state.command, twist=Twist(0.4, 0.0)))
-    ranges = [
-        measured_range(moving, there, Leg(BEARINGS.psi + turn, 0.1, 0.1), 0.4)
-        for turn in (-0.1, 0.1)
-    ]
-    assert any(value is not None for value in ranges) == known
 
 
 def learnt_turn(*, unrest: float, frames: int = 1) -> float:

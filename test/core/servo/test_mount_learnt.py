@@ -175,21 +175,16 @@ def test_travel_is_that_of_commands_which_act_late(latency: float, travel: float
     assert after.motion.last_linear == 0.3
 
 
-def test_what_was_ranged_by_another_mount_is_forgotten() -> None:
+def test_a_leg_by_another_mount_is_forgotten() -> None:
     mean = ranged(2.0).mean.copy()
     mean[YAW] = 0.2
     covariance = np.diag([1e-6, 0.01, 1e-4, 1e-4, 1e-4])
     known = ranged(mean=mean, covariance=covariance, travel=0.05)
-    state = in_phase(
-        Phase.DISPLACING, extrinsics=known, range=5.0, leg=Leg(BEARINGS.psi, 0.3, 0.4)
-    )
+    state = in_phase(Phase.DISPLACING, extrinsics=known, leg=Leg(0.3, 0.4))
     after = then(state)
     assert after.identified.extrinsics is not None
     assert after.identified.extrinsics.believed
     assert after.law.leg is None
-    assert after.motion.range == pytest.approx(after.identified.extrinsics.distance)
-    again = then(after.changed(range=5.0), sight(2))
-    assert again.motion.range == pytest.approx(5.0)
 
 
 def test_a_belief_survives_where_nothing_is_seen() -> None:

@@ -41,8 +41,7 @@ def speed(seconds: float, since_command: float, command: Command = DRIVEN) -> fl
         ServoState(),
         phase=Phase.MATCHING_FEATURES,
         measurement=SEEN,
-        distance=8.0,
-        range=3.0,
+        distance=3.0,
         period=0.1,
         command=command,
     )

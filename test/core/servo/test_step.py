@@ -471,8 +471,8 @@ def test_the_latch_does_not_take_noise_for_an_escape() -> None:
 
 def test_what_line_following_makes_up_for_is_no_escape() -> None:
     outside = measurement(0.1, desired=2.0 * SETTINGS.latch_release)
-    far = in_phase(Phase.ZEROING_EPIPOLES, latched=True, range=2.0)
-    near = in_phase(Phase.ZEROING_EPIPOLES, latched=True, range=0.25)
+    far = in_phase(Phase.ZEROING_EPIPOLES, latched=True, distance=2.0)
+    near = in_phase(Phase.ZEROING_EPIPOLES, latched=True, distance=0.25)
     assert after(outside, state=far).phase is Phase.ZEROING_EPIPOLES
     assert after(outside, state=near).phase is Phase.DISPLACING
 

@@ -55,16 +55,14 @@ class MotionState:
     ``command``, the last one, of those ``sent``, and ``last_linear``, the speed of the one before
     it [m/s].
 
-    ``distance`` to the goal, d_hat of eq. (13) [m], nan before the first image; ``range``, the
-    distance measured over the leg of step 1 [m], nan while unknown; ``slope`` of D in step 2;
-    ``reversed``, the most that was driven backward in the run [m].
+    ``distance`` to the goal, d_hat of eq. (13) [m], nan before the first image; ``slope`` of D in
+    step 2; ``reversed``, the most that was driven backward in the run [m].
     """
 
     command: Command = HALT
     sent: CommandsSent = CommandsSent()
     last_linear: float = 0.0
     distance: float = math.nan
-    range: float = math.nan
     slope: Slope = Slope()
     reversed: float = 0.0
 
@@ -111,8 +109,7 @@ class GoalEstimate(Measurement):
         """Return the distance from the goal [m]; ``most`` of d_hat where none was measured."""
         if self.offset is not None:
             return math.hypot(*self.offset)
-        measured = self.range if self.range > 0.0 else self.motion.range
-        return measured if measured > 0.0 else min(self.motion.distance, most)
+        return self.range if self.range > 0.0 else min(self.motion.distance, most)
 
     def in_base(self) -> tuple[FloatArray, FloatArray] | None:
         """

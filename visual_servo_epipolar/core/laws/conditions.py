@@ -148,7 +148,7 @@ def with_new_leg(goal: GoalEstimate, memory: Memory) -> Memory:
     if goal.bearings is None:
         return memory
     side = math.copysign(1.0, goal.bearings.chi)
-    return memory.changed(side=side, latched=False, leg=Leg(goal.bearings.psi))
+    return memory.changed(side=side, latched=False, leg=Leg())
 
 
 def line_look_ahead(goal: GoalEstimate, settings: DriveSettings) -> float:

@@ -30,8 +30,7 @@ class Phase:
     ``drives``: the base moves. ``ended``: the run is over. ``turns_in_place``: it turns to the
     heading of the photograph, no more. ``backs_off``: it drives away from the goal.
     ``closes_in``: the distance to the goal hardly grows, so that the limits of way and excursion
-    hold. ``ranges``: the line of sight turns enough to range the goal. ``straight``: it drives
-    straight at the goal, so that D shows its slope.
+    hold. ``straight``: it drives straight at the goal, so that D shows its slope.
     """
 
     value: str
@@ -40,7 +39,6 @@ class Phase:
     turns_in_place: bool = False
     backs_off: bool = False
     closes_in: bool = False
-    ranges: bool = False
     straight: bool = False
 
     known: ClassVar[dict[str, 'Phase']] = {}  # by word, those of laws in use at the end
@@ -82,7 +80,7 @@ Phase.WAITING = Phase('waiting')
 Phase.ORIENTING = Phase('orienting', drives=True, turns_in_place=True)
 Phase.RETREATING = Phase('retreating', drives=True, backs_off=True)
 Phase.DISPLACING = Phase('displacing', drives=True)
-Phase.ZEROING_EPIPOLES = Phase('zeroing_epipoles', drives=True, closes_in=True, ranges=True)
+Phase.ZEROING_EPIPOLES = Phase('zeroing_epipoles', drives=True, closes_in=True)
 Phase.MATCHING_FEATURES = Phase('matching_features', drives=True, closes_in=True, straight=True)
 Phase.ARRIVED = Phase('arrived', ended=True)
 Phase.HOLDING = Phase('holding')

@@ -472,7 +472,7 @@ def surveyed(row: PhaseRow) -> PhaseRow:
 
 
 APPROACHING = PhaseRow(
-    phase=Phase('approaching', drives=True, closes_in=True, ranges=True, straight=True),
+    phase=Phase('approaching', drives=True, closes_in=True, straight=True),
     words='drives to the goal in one motion',
     colour='#117733',
     classify=approaching,

@@ -156,7 +156,7 @@ RETREATING = PhaseRow(
     colour='#E69F00',
     classify=_retreated,
     command=_retreat,
-    begin=lambda _, memory, __: memory.changed(leg=None),  # which ranges the goal in step 1
+    begin=lambda _, memory, __: memory.changed(leg=None),  # an excursion of step 1 begins after it
 )
 
 

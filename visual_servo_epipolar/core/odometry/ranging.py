@@ -1,22 +1,10 @@
-"""
-Ranging: the distance to the goal from two bearings and the path between them.
-
-The servo has no odometry, but its commands: between two images the robot went u_1 dt
-along its heading, and the heading is measured. The goal is at the origin, and the bearing is psi_0
-where the leg began, psi at its end; hence, with r the displacement and p the unit vector of psi,
-
-    (d_0 p_0 + r) x p = 0,    d_0 = -(r x p) / (p_0 x p),    d = (d_0 p_0 + r) . p.
-
-Unlike d_hat of eq. (13) this needs no upper bound to begin with.
-"""
+"""Legs of the path by commands and headings, the slope of D over a way, look-aheads."""
 
 from dataclasses import dataclass
 import math
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 
-MIN_TURN = 0.04  # of the line of sight, below which the distance is not observable [rad]
-LEAST_LEG = 0.02  # way from which a turn of it is not that of a second lens, or of the mount [m]
 UNKNOWN_RANGE = 2.0  # largest use of d_hat where the distance was never measured [m]
 LOOK_AHEADS = 4.0  # look-ahead distances in the remaining distance, at least
 LEAST_LOOK_AHEAD, LEAST_REMEMBERED = 0.25, 0.12  # by two views, by a memory of views [m]
@@ -34,9 +22,8 @@ def look_ahead(distance: float, largest: float, *, least: float = LEAST_LOOK_AHE
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """Leg of the path: bearing ``psi`` at its start [rad], displacement, ``travel`` since [m]."""
+    """Leg of the path: displacement from its start in axes of the goal, and ``travel`` [m]."""
 
-    psi: float
     x: float = 0.0
     y: float = 0.0
     travel: float = 0.0
@@ -45,22 +32,10 @@ class Leg:
         """Return the leg after ``travel`` [m] along the heading theta = psi - phi."""
         theta = bearings.psi - bearings.phi
         return Leg(
-            self.psi,
             self.x + travel * math.cos(theta),
             self.y + travel * math.sin(theta),
             self.travel + travel,
         )
-
-    def distance(self, psi: float, *, min_turn: float = MIN_TURN) -> float | None:
-        """Return the distance to the goal [m] at the end, where ``psi`` [rad]; None if unknown."""
-        cos_0, sin_0 = math.cos(self.psi), math.sin(self.psi)
-        cos_1, sin_1 = math.cos(psi), math.sin(psi)
-        sine = cos_0 * sin_1 - sin_0 * cos_1
-        if abs(sine) < math.sin(min_turn) or math.hypot(self.x, self.y) < LEAST_LEG:
-            return None
-        first = -(self.x * sin_1 - self.y * cos_1) / sine
-        last = (first * cos_0 + self.x) * cos_1 + (first * sin_0 + self.y) * sin_1
-        return last if last > 0.0 else None
 
 
 @dataclass(frozen=True, slots=True)

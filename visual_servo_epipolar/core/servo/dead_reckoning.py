@@ -1,4 +1,4 @@
-"""Dead reckoning: travel, distance, range and rates between two images, by commands."""
+"""Dead reckoning: travel, distance and rates between two images, by commands."""
 
 from dataclasses import replace
 import math
@@ -10,17 +10,14 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.prediction import is_late
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
-from visual_servo_epipolar.core.odometry.ranging import Leg, MIN_TURN, Slope
+from visual_servo_epipolar.core.odometry.ranging import Leg, Slope
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Identification, ServoState, ViewState
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.perceive import Perception
 
-RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next two
-RANGE_SMOOTHING = 0.2
+RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next one
 PERIOD_SMOOTHING = 0.1
-MIN_SPEED = 0.05  # below which the path says nothing about the range [m/s]
-TURN_DEVIATIONS = 8.0  # least turn of the line of sight, in deviations of a bearing
 
 
 class Actuation(NamedTuple):
@@ -86,16 +83,15 @@ def reckon(
     drive: DrivenInterval,
     settings: ServoSettings,
 ) -> tuple[Leg | None, MotionState]:
-    """Return leg and motion after a ``drive``; a range by other extrinsics is forgotten."""
+    """Return leg and motion after a ``drive``; a leg by another mount is forgotten."""
     extrinsics, acted = identified.extrinsics, drive.acted
-    known, leg, ranged = state.identified.extrinsics, state.law.leg, state.motion.range
+    known, leg = state.identified.extrinsics, state.law.leg
     if extrinsics is not None and extrinsics.believed != (known is not None and known.believed):
-        leg, ranged = None, extrinsics.distance
+        leg = None
     leg = _leg(leg, state.measurement, acted)
     return leg, replace(
         state.motion,
         distance=_distance(state, acted, settings),
-        range=_range(state, ranged, measurement, leg, acted),
         slope=_slope(state, measurement, acted),
         last_linear=state.twist.linear,
         reversed=state.motion.reversed + _backward(state, acted.dt),
@@ -127,38 +123,6 @@ def _leg(leg: Leg | None, previous: Measurement | None, acted: Actuation) -> Leg
     if leg is None or previous is None or previous.bearings is None:
         return leg
     return leg.extended(previous.bearings, acted.twist.linear * acted.dt)
-
-
-def _range(
-    state: ServoState,
-    predicted: float,
-    measurement: Measurement,
-    leg: Leg | None,
-    acted: Actuation,
-) -> float:
-    """Return the distance to the goal [m]: predicted by the command, corrected by the ``leg``."""
-    previous, linear = state.measurement, acted.twist.linear
-    if previous is not None and previous.bearings is not None:
-        predicted += linear * math.cos(previous.bearings.phi) * acted.dt
-    measured = measured_range(state, measurement, leg, linear)
-    if measured is None:
-        return predicted if math.isnan(predicted) else max(predicted, 0.0)
-    if math.isnan(predicted):
-        return measured
-    return predicted + RANGE_SMOOTHING * (measured - predicted)
-
-
-def measured_range(
-    state: ServoState, measurement: Measurement, leg: Leg | None, linear: float
-) -> float | None:
-    """Return the distance that the ``leg`` shows [m]; None outside step 1, or at a standstill."""
-    if leg is None or measurement.bearings is None or not state.phase.ranges:
-        return None
-    if abs(linear) < MIN_SPEED:  # noise alone would move the estimate
-        return None
-    deviation = 0.0 if math.isnan(measurement.deviation) else measurement.deviation
-    min_turn = max(MIN_TURN, TURN_DEVIATIONS * deviation)
-    return leg.distance(measurement.bearings.psi, min_turn=min_turn)
 
 
 def _slope(state: ServoState, measurement: Measurement, acted: Actuation) -> Slope:

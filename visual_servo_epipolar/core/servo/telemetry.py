@@ -80,9 +80,8 @@ def joints_of(values: Mapping[str, float]) -> Joints | None:
 
 def _distance(state: ServoState, measurement: GoalEstimate) -> float:
     """Return d_hat as its law uses it [m]: law smooth takes it from the memory, or as ranged."""
-    if not (state.phase.ranges and state.phase.straight):
-        return state.motion.distance
-    return measurement.distance(UNKNOWN_RANGE)
+    one_motion = state.phase.straight and state.phase is not Phase.MATCHING_FEATURES
+    return measurement.distance(UNKNOWN_RANGE) if one_motion else state.motion.distance
 
 
 def _epipoles(measurement: Measurement) -> dict[str, float]:
