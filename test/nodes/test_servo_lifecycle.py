@@ -55,9 +55,11 @@ def test_a_servo_that_is_not_active_commands_nothing(bench) -> None:
     assert rig.drive().words
 
 
-def test_deactivated_in_mid_run_it_stops_the_robot_and_is_silent(rig) -> None:
+@pytest.mark.parametrize('way', [('deactivate',), ('shutdown',), ('deactivate', 'cleanup')])
+def test_led_away_in_mid_run_it_stops_the_robot_and_is_silent(rig, way) -> None:
     rig.drive()
-    go(rig.bench, rig.node, 'deactivate')
+    for label in way:
+        assert change(rig.bench, rig.node, label=label)
     rig.bench.until(lambda: not rig.moving, 'the zero twist')
     told, phases = len(rig.commands), len(rig.words)
     rig.see()
@@ -73,17 +75,6 @@ def test_deactivated_while_it_holds_it_tells_the_base_once_more_to_stand(rig) ->
     go(rig.bench, rig.node, 'deactivate')
     rig.bench.until(lambda: len(rig.commands) > told, 'another zero twist')
     assert not rig.moving
-
-
-@pytest.mark.parametrize('way', [('shutdown',), ('deactivate', 'cleanup')])
-def test_the_last_twist_of_a_life_is_zero(rig, way) -> None:
-    rig.drive()
-    for label in way:
-        assert change(rig.bench, rig.node, label=label)
-    rig.bench.until(lambda: not rig.moving, 'the zero twist')
-    told = len(rig.commands)
-    rig.see()
-    assert len(rig.commands) == told
 
 
 def test_a_run_never_goes_on_by_itself(bench) -> None:
@@ -108,17 +99,27 @@ def test_with_autostart_a_new_run_begins(rig, way) -> None:
     rig.drive()
 
 
-@pytest.mark.parametrize('way', [(), ('cleanup', 'configure')])
-def test_a_stop_is_heard_in_every_state_and_lasts(rig, way) -> None:
+@pytest.mark.parametrize(
+    'way',
+    [
+        ('stop', 'deactivate', 'activate'),
+        ('deactivate', 'stop', 'activate'),
+        ('deactivate', 'cleanup', 'stop', 'configure', 'activate'),
+    ],
+)
+def test_a_stop_is_heard_in_every_state_and_lasts_until_a_start(rig, way) -> None:
     rig.drive()
-    go(rig.bench, rig.node, 'deactivate', *way[:1])
-    assert rig.bench.call('servo_node/stop').success
-    assert not rig.bench.call('servo_node/start').success
-    go(rig.bench, rig.node, *way[1:], 'activate')
+    for step in way:
+        if step == 'stop':
+            assert rig.bench.call('servo_node/stop').success
+            assert rig.node.is_active or not rig.bench.call('servo_node/start').success
+        else:
+            go(rig.bench, rig.node, step)
     for _ in range(3):
         rig.see()
     assert not rig.moving
     assert rig.bench.call('servo_node/start').success
+    go(rig.bench, rig.node, 'deactivate', 'activate')
     rig.drive()
 
 
@@ -179,15 +180,3 @@ def test_led_about_at_random_in_mid_run_it_moves_while_active_alone(rig) -> None
             before = before or entities(rig.node)
             assert entities(rig.node) == before
     assert runs >= 3
-
-
-def test_a_stop_lasts_beyond_an_inactive_time_and_a_start_as_well(rig) -> None:
-    rig.drive()
-    assert rig.bench.call('servo_node/stop').success
-    go(rig.bench, rig.node, 'deactivate', 'activate')
-    for _ in range(3):
-        rig.see()
-    assert not rig.moving
-    assert rig.bench.call('servo_node/start').success
-    go(rig.bench, rig.node, 'deactivate', 'activate')
-    rig.drive()

@@ -80,6 +80,8 @@ def test_no_run_begins_by_an_untimely_image(bench, age, text) -> None:
     rig.see(age=age)
     assert (rig.commands, rig.phase) == ([], 'waiting')
     bench.until(lambda: bench.logged(text), 'the reason')
+    rig.run.report()
+    assert text in rig.reason
 
 
 @pytest.mark.parametrize(('age', 'text'), UNTIMELY)
