@@ -1,11 +1,10 @@
 """The way of one feature, as docs/architecture.md tells it: as the imports have it, and short."""
 
 import ast
-from collections.abc import Callable
 from pathlib import Path
 import re
-from typing import TypeAlias
 
+from node_process import row_of
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -24,8 +23,6 @@ THROUGH = {
     'twoview/soft_planar.py': 'twoview/registry.py',
     'laws/two_steps.py': 'laws/standing.py',
 }
-
-Topics: TypeAlias = Callable[[Path], set[str]]
 
 
 def imports(path: Path) -> set[Path]:
@@ -66,7 +63,7 @@ def returns(path: Path) -> dict[str, str]:
     }
 
 
-def test_the_way_has_its_files_and_no_more_than_one_sits_down_to_read() -> None:
+def test_the_way_has_its_files_and_is_short_enough_to_be_read() -> None:
     assert [int(number) for number, _ in ROWS] == list(range(1, len(ROWS) + 1))
     assert 10 <= len(WAY) <= LONGEST
     assert all(path.is_file() for path in WAY)
@@ -75,42 +72,31 @@ def test_the_way_has_its_files_and_no_more_than_one_sits_down_to_read() -> None:
 
 
 @pytest.mark.parametrize('place', range(1, len(WAY)))
-def test_each_file_calls_or_is_called_by_one_above_it(place, published, subscribed) -> None:
+def test_each_file_calls_or_is_called_by_one_above_it(place: int) -> None:
     path, above = WAY[place], WAY[:place]
     assert any(
         reaches(other, path)
         or reaches(path, other)
-        or TOPIC in published(other) & subscribed(path)
+        or TOPIC in row_of(other.stem)[1] & row_of(path.stem)[0]
         for other in above
     ), path
 
 
-def test_the_way_begins_with_an_image_and_ends_with_a_twist(published, subscribed) -> None:
+def test_the_way_begins_with_an_image_and_ends_with_a_twist() -> None:
     tracker, servo = (path for path in WAY if path.parts[-2] == 'nodes')
     assert tracker == WAY[0]
-    assert 'image_raw' in subscribed(tracker)
-    assert 'cmd_vel' in published(servo)
+    assert 'image_raw' in row_of(tracker.stem)[0]
+    assert 'cmd_vel' in row_of(servo.stem)[1]
     supervisor, laws = ORDERING[0], WAY[-1]
     assert returns(supervisor)['nominal_twist'] == 'Twist'
     assert returns(laws)['linearizing_control'] == returns(laws)['match_features'] == 'Twist'
 
 
-def test_four_files_order_the_others() -> None:
-    assert tuple(path.name for path in ORDERING) == ORDER
-
-
-@pytest.mark.parametrize('path', ORDERING, ids=lambda path: path.name)
-def test_what_such_a_file_imports_is_on_the_way_or_a_leaf(path: Path) -> None:
+def test_what_the_four_files_import_that_order_the_others_is_on_the_way_or_a_leaf() -> None:
     # Whatever is new there: list it if it hands the row on, else name it among the leaves.
-    others = {file for file in imports(path) if file not in WAY and not is_leaf(file)}
-    assert others == set()
-
-
-def test_a_leaf_is_a_file_or_folder_that_one_of_them_uses() -> None:
+    assert tuple(path.name for path in ORDERING) == ORDER
     used = {file for path in ORDERING for file in imports(path)}
+    assert {file for file in used if file not in WAY and not is_leaf(file)} == set()
     unused = [leaf for leaf in LEAVES if not any(leaf in (file, *file.parents) for file in used)]
     assert unused == []
-
-
-def test_nothing_is_both_on_the_way_and_a_leaf() -> None:
     assert [path for path in WAY if is_leaf(path)] == []

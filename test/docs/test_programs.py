@@ -1,16 +1,16 @@
 """What the programs of docs/ write: the pages of parameters, pictures of data flow and mounts."""
 
-from collections.abc import Callable
 from dataclasses import asdict, fields
 import importlib.util
 import inspect
 import json
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeAlias
+from typing import Any
 
 from loaded import loaded
 from matplotlib.figure import Figure
+from node_process import row_of
 import pytest
 from sweeps import result
 
@@ -48,7 +48,7 @@ def test_every_group_of_settings_of_a_node_is_on_the_page(generator: ModuleType)
 
 
 LARGEST_BYTES = 150_000
-# The arrows from node to node: topic, who publishes it, who subscribes to it.
+# The arrows from node to node: topic, its publisher, its subscribers.
 LOOP = {
     'ground_truth': ('unicycle_node', ['camera_node']),
     'image_raw': ('camera_node', ['tracker_node']),
@@ -59,31 +59,18 @@ LOOP = {
 }
 FILE = 'a bag'  # drawn as a topic is
 
-Topics: TypeAlias = Callable[[Path], set[str]]
-
 
 @pytest.fixture(scope='module')
 def figure() -> ModuleType:
     return loaded(DOCS / 'data_flow_figure.py')
 
 
-def source(node: str) -> Path:
-    return ROOT / 'visual_servo_epipolar' / 'nodes' / f'{node}.py'
-
-
-def test_what_a_node_is_drawn_to_publish_it_publishes(figure, published) -> None:
+def test_every_topic_that_is_drawn_leads_from_its_publisher_to_its_subscribers(figure) -> None:
     for node, topics in figure.OUTPUTS.items():
-        assert set(topics.split()) <= published(source(node)), node
-
-
-@pytest.mark.parametrize('topic', LOOP)
-def test_an_arrow_leads_from_a_publisher_to_its_subscribers(topic, published, subscribed) -> None:
-    start, ends = LOOP[topic]
-    assert topic in published(source(start))
-    assert [node for node in ends if topic not in subscribed(source(node))] == []
-
-
-def test_every_topic_that_is_drawn_is_tested_here(figure: ModuleType) -> None:
+        assert set(topics.split()) <= row_of(node)[1], node
+    for topic, (start, ends) in LOOP.items():
+        assert topic in row_of(start)[1]
+        assert [node for node in ends if topic not in row_of(node)[0]] == []
     (axes,) = figure.draw().axes
     texts = (text for text in axes.texts if text.get_fontfamily() == ['monospace'])
     drawn = {line for text in texts for line in text.get_text().split('\n')}

@@ -1,16 +1,16 @@
-"""The launch files: executables, files, topics and parameters in them exist, and do as told."""
+"""The launch files: executables, files, topics and parameters in them exist, and are used."""
 
 import ast
-from dataclasses import fields
-from importlib import import_module
-import inspect
 from pathlib import Path
 import re
 import sys
 
 from launch_stub import Launch, load, modules, ROOT
+from node_process import row_of
 import pytest
 import yaml
+
+from visual_servo_epipolar.nodes.startup.table import NODES, parameter_names
 
 PACKAGE = 'visual_servo_epipolar'
 FILES = sorted(path.name for path in (ROOT / 'launch').glob('*.py'))
@@ -20,7 +20,6 @@ EVERYTHING = {
     'route.launch.py': {'record': '/bags/one', 'simulate': 'true'},
 }
 OTHERS = {'rviz2': 'rviz2', 'lifecycle_manager': 'nav2_lifecycle_manager'}  # by executable
-DECLARATION = re.compile(r'parameters\.declare\(self, (\w+)\)')
 RVIZ = yaml.safe_load((ROOT / 'config/visual_servo.rviz').read_text(encoding='utf-8'))
 
 
@@ -31,23 +30,6 @@ def stub(monkeypatch, tmp_path) -> None:
         Path(file).touch()
     for name, module in modules().items():
         monkeypatch.setitem(sys.modules, name, module)
-
-
-def entry_points() -> set[str]:
-    for node in ast.parse((ROOT / 'setup.py').read_text(encoding='utf-8')).body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'NODES':
-            return set(ast.literal_eval(node.value))
-    raise AssertionError('setup.py has no NODES')
-
-
-def source(node) -> str:
-    return inspect.getsource(import_module(f'{PACKAGE}.nodes.{node.executable}'))
-
-
-def parameters(node) -> set[str]:
-    module = import_module(f'{PACKAGE}.nodes.{node.executable}')
-    kinds = [getattr(module, name) for name in DECLARATION.findall(source(node))]
-    return {item.name for kind in kinds for item in fields(kind)} | {'use_sim_time'}
 
 
 def ours(launch: Launch):
@@ -71,7 +53,7 @@ def test_each_launch_file_is_tested_here() -> None:
 @pytest.mark.parametrize('name', FILES)
 def test_nodes_are_entry_points_and_their_files_exist(name) -> None:
     launch = Launch(name, **EVERYTHING[name])
-    assert {node.executable for node in ours(launch)} <= entry_points()
+    assert {node.executable for node in ours(launch)} <= NODES.keys()
     assert {node.package for node in launch.nodes} <= {PACKAGE, *OTHERS.values()}
     for node in launch.nodes:
         paths = [item for item in (*node.parameters, *node.arguments) if '/' in str(item)]
@@ -104,9 +86,8 @@ def test_a_recorder_has_time_to_complete_its_bag(name) -> None:
 @pytest.mark.parametrize('name', FILES)
 def test_remapped_topics_are_topics_of_the_nodes(name) -> None:
     for node in ours(Launch(name)):
-        page = (ROOT / 'docs/ros.md').read_text().splitlines()
-        row = next(line for line in page if line.startswith(f'| `{node.executable}` |'))
-        assert {topic for topic, _ in node.remappings} <= set(re.findall('`([^`]+)`', row))
+        subscribed, published, _ = row_of(node.executable)
+        assert {topic for topic, _ in node.remappings} <= subscribed | published
 
 
 @pytest.mark.parametrize('name', FILES)
@@ -128,21 +109,25 @@ def test_parameters_are_parameters_of_the_nodes(name) -> None:
         'route.launch.py': {'route': 'hall', 'autostart': 'true', 'start': '[1, -2, 3]'},
     }
     for node in ours(Launch(name, **EVERYTHING[name], **given.get(name, {}))):
-        assert values(node).keys() <= parameters(node), node.executable
+        known = parameter_names(node.executable) | {'use_sim_time'}
+        assert values(node).keys() <= known, node.executable
 
 
-def test_the_simulation_is_four_nodes_and_more_only_if_asked_for() -> None:
-    four = ['unicycle_node', 'camera_node', 'tracker_node', 'servo_node']
-    assert [node.executable for node in Launch('simulation.launch.py').nodes] == four
-    launch = Launch('simulation.launch.py', record='/bags/one', rviz='true')
-    assert [node.executable for node in launch.nodes] == [*four, 'recorder_node', 'rviz2']
-    assert values(by_name(launch)['recorder_node'])['bag'] == '/bags/one'
+SIMULATED = ['unicycle_node', 'camera_node', 'tracker_node', 'servo_node']
+REAL = ['tracker_node', 'servo_node']
 
 
-def test_on_a_real_robot_run_tracker_and_servo_alone() -> None:
-    nodes = Launch('robot.launch.py').nodes
-    assert [node.executable for node in nodes] == ['tracker_node', 'servo_node']
-    launch = Launch('robot.launch.py', record='/bags/one')
+@pytest.mark.parametrize(
+    ('name', 'usual', 'more', 'others'),
+    [
+        ('simulation.launch.py', SIMULATED, {'rviz': 'true'}, ['recorder_node', 'rviz2']),
+        ('robot.launch.py', REAL, {}, ['recorder_node']),
+    ],
+)
+def test_its_nodes_run_and_more_only_if_asked_for(name, usual, more, others) -> None:
+    assert [node.executable for node in Launch(name).nodes] == usual
+    launch = Launch(name, record='/bags/one', **more)
+    assert sorted(node.executable for node in launch.nodes) == sorted([*usual, *others])
     assert values(by_name(launch)['recorder_node']) == {'bag': '/bags/one'}
 
 
@@ -168,13 +153,34 @@ def test_a_rig_is_a_file_of_ours_or_a_name_and_own_parameters_win_over_it(name) 
     assert by_name(Launch(name, rig='mine.yaml'))['servo_node'].parameters[1:] == ['mine.yaml']
 
 
-@pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
-def test_a_misspelt_rig_is_refused_in_one_line(name) -> None:
-    with pytest.raises(RuntimeError, match=r"one of car, .*got 'fishey'; did you mean fisheye"):
-        Launch(name, rig='fishey')
+REFUSED = [
+    *(
+        (name, arguments, reason)
+        for name in ('simulation.launch.py', 'robot.launch.py')
+        for arguments, reason in (
+            ({'rig': 'fishey'}, r"one of car, .*got 'fishey'; did you mean fisheye"),
+            # launch itself warns, and starts the robot with the limits of ours.
+            ({'params_file': '/robto.yaml'}, 'there is no parameter file /robto.yaml; give the p'),
+        )
+    ),
+    *(
+        (
+            'simulation.launch.py',
+            {'start': start},
+            rf'three numbers, .*got {re.escape(repr(start))};',
+        )
+        for start in ('home', '[1.0, 2.0]')
+    ),
+]
 
 
-def test_own_parameters_reach_those_alone_whom_they_are_meant_for() -> None:
+@pytest.mark.parametrize(('name', 'arguments', 'reason'), REFUSED)
+def test_a_wrong_argument_is_refused_in_one_line(name, arguments, reason) -> None:
+    with pytest.raises(RuntimeError, match=reason):
+        Launch(name, **arguments)
+
+
+def test_own_parameters_reach_those_nodes_alone_that_they_are_for() -> None:
     # Under /**: servo and base would share max_linear, servo and recorder autostart.
     launch = Launch(
         'simulation.launch.py', params_file='servo.yaml', world_file='base.yaml', record='/bag'
@@ -187,10 +193,8 @@ def test_own_parameters_reach_those_alone_whom_they_are_meant_for() -> None:
         'servo_node': 'servo.yaml',
         'recorder_node': {'bag': '/bag'},
     }
-    recorder = by_name(Launch('robot.launch.py', params_file='servo.yaml', record='/bag'))[
-        'recorder_node'
-    ]
-    assert recorder.parameters[1:] == [{'bag': '/bag'}]
+    robot = by_name(Launch('robot.launch.py', params_file='servo.yaml', record='/bag'))
+    assert robot['recorder_node'].parameters[1:] == [{'bag': '/bag'}]
 
 
 @pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
@@ -234,7 +238,7 @@ def test_nodes_that_are_led_by_hand_have_no_manager() -> None:
 
 
 @pytest.mark.parametrize(('dock', 'serves'), [('pose', False), ('serve', True)])
-def test_a_dock_node_is_told_what_tracker_and_servo_are(dock, serves) -> None:
+def test_a_dock_node_takes_files_and_topics_of_tracker_and_servo(dock, serves) -> None:
     topics = {'camera_info': '/cam/info', 'odom': '/base/odom', 'cmd_vel': '/base/cmd'}
     launch = Launch('robot.launch.py', namespace='r', dock=dock, params_file='mine.yaml', **topics)
     node = by_name(launch)['dock_node']
@@ -249,21 +253,6 @@ def test_start_and_seed_reach_base_and_camera() -> None:
     assert values(nodes['unicycle_node']) == {'start': [1.0, -2.5, 30.0], 'seed': 7}
     assert values(nodes['camera_node']) == {'seed': 7}
     assert all(type(number) is float for number in values(nodes['unicycle_node'])['start'])
-
-
-@pytest.mark.parametrize('start', ['home', '[1.0, 2.0]'])
-def test_a_start_that_is_no_three_numbers_is_refused_in_one_line(start) -> None:
-    message = re.escape(f'[deg], got {start!r}; write ')
-    with pytest.raises(RuntimeError, match=f'start must be three numbers, .*{message}'):
-        Launch('simulation.launch.py', start=start)
-
-
-@pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
-def test_a_parameter_file_that_is_not_there_is_refused(name, tmp_path) -> None:
-    # launch itself warns, and starts the robot with the limits of ours.
-    path = tmp_path / 'robto.yaml'
-    with pytest.raises(RuntimeError, match=f'there is no parameter file {path}; give the path'):
-        Launch(name, params_file=str(path))
 
 
 def test_the_small_camera_is_the_large_one_and_a_file_after_it() -> None:
@@ -290,14 +279,13 @@ def test_robots_in_namespaces_have_a_tree_of_frames_each() -> None:
 
 
 def test_a_recorder_in_a_namespace_records_that_robot_alone() -> None:
-    node = by_name(Launch('simulation.launch.py', namespace='/r', record='/bags/one'))[
-        'recorder_node'
-    ]
-    assert values(node)['topics'] == ['/r/*', '/diagnostics', '/clock']
-    sent = Launch('simulation.launch.py', namespace='r', record='/bags/one', image='/cam/image')
-    assert values(by_name(sent)['recorder_node'])['topics'][-1] == '/cam/image'
-    alone = by_name(Launch('simulation.launch.py', record='/bags/one'))['recorder_node']
-    assert 'topics' not in values(alone)
+    def topics(**arguments: str) -> object:
+        launch = Launch('simulation.launch.py', record='/bags/one', **arguments)
+        return values(by_name(launch)['recorder_node']).get('topics')
+
+    assert topics(namespace='/r') == ['/r/*', '/diagnostics', '/clock']
+    assert topics(namespace='r', image='/cam/image')[-1] == '/cam/image'
+    assert topics() is None
 
 
 def test_rviz_finds_every_topic_of_its_layout_in_the_namespace() -> None:

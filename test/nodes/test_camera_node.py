@@ -63,71 +63,75 @@ def test_image_and_camera_info_carry_the_stamp_of_the_truth(camera) -> None:
     assert camera.images[0].header.frame_id.endswith('_optical_frame')
 
 
-def test_the_image_is_what_the_simulation_sees_from_there(camera) -> None:
+@pytest.mark.parametrize(('encoding', 'step'), [('mono8', 64), ('bgr8', 3 * 64)])
+def test_the_image_is_what_the_simulation_sees_from_there(bench, encoding, step) -> None:
+    camera = Camera(bench, encoding=encoding)
     camera.see(0)
+    assert (camera.images[0].encoding, camera.images[0].step) == (encoding, step)
     expected = camera.simulator.capture(published(POSE), 0)
     np.testing.assert_array_equal(read.gray(camera.images[0]), expected)
-
-
-def test_intrinsics_are_those_of_the_settings(bench) -> None:
-    distortion = (0.1, -0.01, 0.001, 0.002, 0.0)
-    camera = Camera(bench, distortion=distortion)
-    camera.see(0)
-    info = camera.infos[0]
-    assert (info.width, info.height) == (64, 48)
-    assert list(info.k) == [40.0, 0.0, 31.25, 0.0, 40.0, 23.5, 0.0, 0.0, 1.0]
-    assert list(info.p) == [40.0, 0.0, 31.25, 0.0, 0.0, 40.0, 23.5, 0.0, 0.0, 0.0, 1.0, 0.0]
-    assert (info.distortion_model, tuple(info.d)) == ('plumb_bob', distortion)
-    assert (camera.images[0].width, camera.images[0].height) == (64, 48)
 
 
 @pytest.mark.parametrize(
     ('model', 'distortion'),
     [
+        ('plumb_bob', (0.1, -0.01, 0.001, 0.002, 0.0)),
         ('equidistant', (-0.01, 0.002, 0.0, 0.0)),
         ('rational_polynomial', (0.2, 0.02, 0.001, -0.002, 0.001, 0.3, 0.05, 0.002)),
     ],
 )
-def test_every_lens_is_told_as_it_is_simulated(bench, model, distortion) -> None:
+def test_every_lens_is_published_as_it_is_simulated(bench, model, distortion) -> None:
     camera = Camera(bench, distortion_model=model, distortion=distortion)
     camera.see(0)
     info = camera.infos[0]
+    assert (info.width, info.height) == (64, 48)
+    assert list(info.k) == [40.0, 0.0, 31.25, 0.0, 40.0, 23.5, 0.0, 0.0, 1.0]
+    assert list(info.p) == [40.0, 0.0, 31.25, 0.0, 0.0, 40.0, 23.5, 0.0, 0.0, 0.0, 1.0, 0.0]
     assert (info.distortion_model, tuple(info.d)) == (model, distortion)
     assert read.camera(info) == camera.simulator.camera
+    assert (camera.images[0].width, camera.images[0].height) == (64, 48)
 
 
-def test_who_comes_late_still_gets_the_photograph(camera) -> None:
+def test_a_late_listener_still_gets_the_photograph(camera) -> None:
     camera.see(0)
     photographs = camera.bench.listen(Image, 'desired/image_raw', qos.LATCHED)
     camera.bench.until(lambda: bool(photographs), 'the photograph')
     np.testing.assert_array_equal(read.gray(photographs[0]), camera.simulator.photograph())
 
 
-def test_an_image_is_taken_only_when_a_frame_has_passed(camera) -> None:
-    for stamp_ns in (0, 10_000_000, PERIOD_NS - 1, PERIOD_NS, PERIOD_NS + 1, 2 * PERIOD_NS):
+LATE_NS = 7_000_000
+ON_TIME = [0, PERIOD_NS + LATE_NS, 2 * PERIOD_NS + LATE_NS // 2, 3 * PERIOD_NS]
+
+
+@pytest.mark.parametrize(
+    ('delay', 'truth_ns', 'image_ns'),
+    [
+        pytest.param(
+            0.0,
+            [0, 10_000_000, PERIOD_NS - 1, PERIOD_NS, PERIOD_NS + 1, 2 * PERIOD_NS],
+            [0, PERIOD_NS, 2 * PERIOD_NS],
+            id='only when a frame has passed',
+        ),
+        pytest.param(0.0, ON_TIME, ON_TIME, id='lateness does not add up'),
+        pytest.param(
+            0.0,
+            [100 * PERIOD_NS, 0, PERIOD_NS],
+            [100 * PERIOD_NS, 0, PERIOD_NS],
+            id='time runs backwards',
+        ),
+        pytest.param(
+            1.5,
+            [0, PERIOD_NS, 2 * PERIOD_NS, 3 * PERIOD_NS],
+            [2 * PERIOD_NS, 3 * PERIOD_NS],
+            id='one that is late is stamped when it comes',
+        ),
+    ],
+)
+def test_images_are_taken_frame_by_frame(bench, delay, truth_ns, image_ns) -> None:
+    camera = Camera(bench, stamp_delay=delay * PERIOD_NS * 1e-9)
+    for stamp_ns in truth_ns:
         camera.see(stamp_ns)
-    assert camera.stamps() == [0, PERIOD_NS, 2 * PERIOD_NS]
-
-
-def test_lateness_does_not_add_up(camera) -> None:
-    late_ns = 7_000_000
-    stamps = [0, PERIOD_NS + late_ns, 2 * PERIOD_NS + late_ns // 2, 3 * PERIOD_NS]
-    for stamp_ns in stamps:
-        camera.see(stamp_ns)
-    assert camera.stamps() == stamps
-
-
-def test_it_goes_on_when_time_runs_backwards(camera) -> None:
-    for stamp_ns in (100 * PERIOD_NS, 0, PERIOD_NS):
-        camera.see(stamp_ns)
-    assert camera.stamps() == [100 * PERIOD_NS, 0, PERIOD_NS]
-
-
-def test_an_image_that_is_late_is_stamped_when_it_comes(bench) -> None:
-    camera = Camera(bench, stamp_delay=1.5 * PERIOD_NS * 1e-9)
-    for number in range(4):
-        camera.see(number * PERIOD_NS)
-    assert camera.stamps() == [2 * PERIOD_NS, 3 * PERIOD_NS]
+    assert camera.stamps() == image_ns
 
 
 def test_the_image_leans_with_the_body_of_the_truth(camera) -> None:
@@ -139,14 +143,6 @@ def test_the_image_leans_with_the_body_of_the_truth(camera) -> None:
         images.append(simulator.capture(published(POSE), 0))
     np.testing.assert_array_equal(read.gray(camera.images[0]), images[1])
     assert (images[0] != images[1]).mean() > 0.3
-
-
-def test_bgr8_is_the_same_picture_in_colour(bench) -> None:
-    camera = Camera(bench, encoding='bgr8')
-    camera.see(0)
-    assert (camera.images[0].encoding, camera.images[0].step) == ('bgr8', 3 * 64)
-    expected = camera.simulator.capture(published(POSE), 0)
-    np.testing.assert_array_equal(read.gray(camera.images[0]), expected)
 
 
 def test_a_pose_that_is_not_finite_is_refused_and_the_next_one_seen(camera) -> None:
@@ -238,7 +234,7 @@ def test_with_the_real_tf2_msgs_the_tree_is_on_tf_and_tf_static(bench) -> None:
     moving = bench.listen(kind, '/tf', qos.TRANSFORMS)
     bench.start(UnicycleNode)
     bench.start(CameraNode, **MINUTE)
-    fixed = bench.listen(kind, '/tf_static', qos.LATCHED)  # who comes late hears it, too
+    fixed = bench.listen(kind, '/tf_static', qos.LATCHED)  # also a late listener
     bench.until(lambda: bool(moving and fixed), 'both topics')
     assert [item.child_frame_id for item in moving[0].transforms] == ['odom', 'base_link']
     assert [item.child_frame_id for item in fixed[0].transforms] == ['camera_optical_frame']

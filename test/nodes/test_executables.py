@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 from durations import few_of
-from node_process import node_class
+from node_process import node_class, row_of
 import pytest
 
 from visual_servo_epipolar.core.settings import range_of
@@ -182,14 +182,15 @@ def test_the_page_of_nodes_names_what_each_is_connected_to(
 ) -> None:
     monkeypatch.chdir(tmp_path)  # the recorder begins a bag where it is started
     node = bench.start(node_class(name), **ASKED_FOR.get(name, {}))
-    page = (ROOT / 'docs/ros.md').read_text().splitlines()
-    row = next(line for line in page if line.startswith(f'| `{name}` |'))
-    services = {it.srv_name for it in node.services if 'std_srvs' in it.srv_type.__module__}
-    ends = [*node.publishers, *node.subscriptions]
-    used = {*services, *(it.topic_name for it in ends)}
-    used = {it.removeprefix('/').replace(f'{name}/', '~/') for it in used} - OF_EVERY_NODE
-    named = {it.removeprefix('/') for it in re.findall('`([^`]+)`', row)}
-    assert used <= named
+    services = [it.srv_name for it in node.services if 'std_srvs' in it.srv_type.__module__]
+    used = (
+        [it.topic_name for it in node.subscriptions],
+        [it.topic_name for it in node.publishers],
+        services,
+    )
+    for names, named in zip(used, row_of(name), strict=True):
+        short = {it.removeprefix('/').replace(f'{name}/', '~/') for it in names}
+        assert short - OF_EVERY_NODE <= {it.removeprefix('/') for it in named}
 
 
 def test_a_parameter_is_known_by_its_node_and_by_its_former_name() -> None:

@@ -55,7 +55,7 @@ class Parrot(ManagedNode):
 
     def activate(self) -> None:
         self._live('activate')
-        for _ in range(2):  # the first is what somebody replaces in mid-life
+        for _ in range(2):  # the first is replaced in mid-life
             more = self.create_subscription(String, 'more', self._hear, qos.STREAM)
             if self.later is not None:
                 self.destroy_subscription(self.later)
@@ -98,7 +98,7 @@ class Parrot(ManagedNode):
 
 @pytest.fixture
 def parrot(bench) -> Callable[..., Parrot]:
-    """Return how to start one; unconfigured unless told otherwise."""
+    """Return how to start one, unconfigured unless ``autostart_node``."""
 
     def start(*, autostart_node: bool = False, **values: Any) -> Parrot:
         node: Parrot = bench.start(Parrot, autostart_node=autostart_node, **values)
@@ -111,13 +111,15 @@ def words(heard: list[String]) -> list[str]:
     return [message.data for message in heard]
 
 
-def test_a_node_is_active_at_once_unless_told_otherwise(bench, parrot) -> None:
+def test_a_node_is_active_at_once_unless_its_parameter_leaves_that_to_others(
+    bench, parrot
+) -> None:
     node = parrot(autostart_node=True)
     assert (node.state, node.calls) == ('active', ['configure', 'activate'])
     assert bench.call('parrot/talk').success
 
 
-def test_a_node_that_is_left_to_others_says_what_to_do(bench, parrot) -> None:
+def test_services_answer_what_to_do_but_for_those_of_every_state(bench, parrot) -> None:
     node = parrot()
     assert (node.state, node.calls) == ('unconfigured', [])
     expected = (
@@ -125,21 +127,13 @@ def test_a_node_that_is_left_to_others_says_what_to_do(bench, parrot) -> None:
         'call ros2 lifecycle set /parrot configure, then activate'
     )
     bench.until(lambda: bench.logged(expected), 'what to do in the log')
-
-
-def test_services_answer_what_to_do(bench, parrot) -> None:
-    node = parrot()
     for state, way in (('unconfigured', 'configure, then activate'), ('inactive', 'activate')):
         answer, text = bench.call('parrot/talk'), f'call ros2 lifecycle set /parrot {way}'
         assert (answer.success, answer.message) == (False, f'/parrot is {state}; {text}')
+        assert bench.call('parrot/hush').message == 'silent'
         go(bench, node, *['configure'][: state == 'unconfigured'])
     go(bench, node, 'activate')
     assert bench.call('parrot/talk').message == 'hello'
-
-
-@pytest.mark.parametrize('way', [(), ('configure',), ('configure', 'activate')])
-def test_what_is_marked_answers_in_every_state(bench, parrot, way) -> None:
-    go(bench, parrot(), *way)
     assert bench.call('parrot/hush').message == 'silent'
 
 
@@ -347,17 +341,16 @@ def test_a_clock_below_zero_is_left_out(bench, from_the_start) -> None:
     bench.until(lambda: bool(bench.logged(BEFORE_TIME)), 'what is wrong')
 
 
-def test_a_complaint_hides_its_repetitions_and_no_other(bench) -> None:
-    complain = Complaints(bench.probe, 60.0)
-    for text in ('3 of nan, 12 needed', 'too dark', '7.5 of 1e-3, 12 needed', 'too dark'):
+REPEATED = ['3 of nan, 12 needed', 'too dark', '7.5 of 1e-3, 12 needed', 'too dark']
+
+
+@pytest.mark.parametrize(('period_s', 'logged'), [(60.0, REPEATED[:2]), (0.0, REPEATED)])
+def test_a_complaint_hides_its_repetitions_for_a_while_and_no_other(
+    bench, period_s, logged
+) -> None:
+    complain = Complaints(bench.probe, period_s)
+    for text in REPEATED:
         complain(text)
-    bench.until(lambda: len(bench.logged('')) >= 2, 'the complaints')
+    bench.until(lambda: len(bench.logged('')) >= len(logged), 'the complaints')
     bench.settle()
-    assert bench.logged('') == ['3 of nan, 12 needed', 'too dark']
-
-
-def test_a_complaint_that_lasts_is_said_again(bench) -> None:
-    complain = Complaints(bench.probe, 0.0)
-    complain('too dark')
-    complain('too dark')
-    bench.until(lambda: len(bench.logged('too dark')) == 2, 'both complaints')
+    assert bench.logged('') == logged

@@ -11,6 +11,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.parameter import Parameter
 import yaml
 
+from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import parameters_of, range_of
 from visual_servo_epipolar.nodes.startup.table import NODES, settings_of
@@ -162,6 +163,12 @@ def test_a_good_change_reaches_what_it_is_for(bench, name, key, value, current) 
 REFUSED = [
     ('unicycle_node', {'max_linaer': 0.3}, 'no parameter max_linaer; did you mean max_linear'),
     ('unicycle_node', {'zzz': 1.0}, 'no parameter zzz; it knows '),
+    ('recorder_node', {'topics': ('',)}, "topics must name what to record, got .*; '\\*' is all"),
+    (
+        'recorder_node',
+        {'topics': ('a b',)},
+        "topics and exclude must be names or patterns, got 'a b'",
+    ),
     ('servo_node', {'latency': 1}, "'INTEGER', expecting type 'DOUBLE'"),
     ('servo_node', {'latency': 99.0}, 'out of range'),
     ('servo_node', {'latch_engage': 0.1}, 'latch_engage must not exceed latch_release'),
@@ -183,7 +190,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(('name', 'values', 'reason'), REFUSED)
 def test_what_cannot_be_is_refused_at_the_start(bench, name, values, reason) -> None:
-    with pytest.raises((ValueError, ParameterException), match=reason):
+    with pytest.raises((ValueError, ParameterException, InputError), match=reason):
         bench.start(node_class(name), **values)
 
 

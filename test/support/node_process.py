@@ -1,9 +1,10 @@
-"""A node by its name: its class, and its process, which talks on this machine alone."""
+"""A node by its name: its class, its row in docs/ros.md, its process on this machine alone."""
 
 from contextlib import ExitStack
 from importlib import import_module
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 from typing import Any
@@ -15,6 +16,13 @@ def node_class(name: str) -> Any:
     """Return the class of a node: ServoNode of servo_node."""
     kind = ''.join(map(str.capitalize, name.split('_')))
     return getattr(import_module(f'visual_servo_epipolar.nodes.{name}'), kind)
+
+
+def row_of(name: str) -> list[set[str]]:
+    """Return what docs/ros.md names of a node: topics in, topics out, services; none of others."""
+    rows = (ROOT / 'docs/ros.md').read_text(encoding='utf-8').splitlines()
+    row = next((line for line in rows if line.startswith(f'| `{name}` |')), '|||||')
+    return [set(re.findall('`([^`]+)`', cell)) for cell in row.split('|')[2:5]]
 
 
 def environment(domain: int) -> dict[str, str]:

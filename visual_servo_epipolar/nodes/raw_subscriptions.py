@@ -79,7 +79,7 @@ class RawSubscription:
 
 class RawSubscriptions:
     """
-    Raw subscriptions of ``node``: one for every selected topic once somebody publishes it.
+    Raw subscriptions of ``node``: one for every selected topic once it is published.
 
     ``on_topic`` is called for each topic before its first message, and may raise InputError to
     refuse it; ``on_message`` with a topic and the bytes of a message.
@@ -97,11 +97,6 @@ class RawSubscriptions:
         self._subscriptions: dict[str, RawSubscription] = {}
         self.refused: dict[str, str] = {}  # topics that cannot be subscribed, and why
         self.lost: Counter[str] = Counter()  # messages that never arrived, by topic
-
-    @property
-    def topics(self) -> frozenset[str]:
-        """The topics that are subscribed, by their full names."""
-        return frozenset(self._subscriptions)
 
     @property
     def missing(self) -> frozenset[str]:
@@ -244,7 +239,13 @@ def _full(node: Node, name: str) -> str:
         return name
     if _is_pattern(name):
         return f'{node.get_namespace().rstrip("/")}/{name}'
-    return node.resolve_topic_name(name)
+    try:
+        return node.resolve_topic_name(name)
+    except (RuntimeError, ValueError) as error:  # InvalidTopicNameException, of rcl
+        text = str(error).partition(', at ')[0]
+        raise InputError(
+            f'topics and exclude must be names or patterns, got {name!r}: {text}'
+        ) from None
 
 
 def _qos_entry(profile: QoSProfile) -> dict[str, Any]:

@@ -364,41 +364,22 @@ def test_one_view_follows_an_arrival_that_was_seen() -> None:
         assert not renewal.is_due()
 
 
-class Asked(tracker_rig.Rig):
-    """A tracker that has seen an image, and can be asked for a photograph."""
-
-    def __init__(self, bench, simulator, view, **values) -> None:
-        super().__init__(bench, simulator, **values)
-        self._view = view
-        self.calibrated().see()
-
-    def see(self) -> None:
-        self.send(message(self._view, 7))
-        self.bench.settle()
-
-    def capture(self) -> str:
-        answer = self.bench.call('tracker_node/capture_desired')
-        return '' if answer.success else answer.message
-
-
-@pytest.fixture
-def rig(bench, simulator, view):
-    return Asked(bench, simulator, view)
-
-
-def test_no_photograph_is_captured_while_the_camera_is_uncalibrated(rig) -> None:
+def test_no_photograph_is_captured_while_the_camera_is_uncalibrated(bench, simulator) -> None:
+    rig = Rig(bench, simulator)
+    rig.see()
     uncalibrated = write.camera_info(rig.camera, 0, 'camera')
     uncalibrated.k[0] = 0.0
     rig.calibrate(uncalibrated)
-    rig.bench.settle()
-    assert rig.capture() == NO_IMAGE
+    bench.settle()
+    answer = rig.capture()
+    assert (answer.success, answer.message) == (False, NO_IMAGE)
 
 
-def test_one_of_elsewhere_is_of_this_camera(bench, simulator, view, photograph, tmp_path) -> None:
+def test_one_of_elsewhere_is_of_this_camera(bench, simulator, view, tmp_path) -> None:
     path, other = tmp_path / 'goal.yaml', replace(simulator.camera, fx=150.0, fy=150.0)
     keep(path, Photograph(view, other))
-    rig = Asked(bench, simulator, view, photograph=str(path))
-    assert rig.node._photographer.complaint(rig.camera)
-    bench.talk(Image, 'desired/image_raw', qos.LATCHED)(write.image(photograph, 'mono8', 7, 'c'))
+    rig = Rig(bench, simulator, photograph=str(path))
+    assert len(rig.see()) == 0
+    rig.teach(message(simulator.photograph()))
     bench.until(lambda: bench.logged('px taken'), 'the photograph')
-    assert rig.node._photographer.complaint(rig.camera) == ''
+    assert len(rig.see()) >= 40

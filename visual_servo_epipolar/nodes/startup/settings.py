@@ -249,6 +249,11 @@ class RecorderNodeSettings(LifecycleSettings):
     autostart: bool = fixed(True, 'Begin as soon as the node is active, not on ~/start')
     report: bool = internal(True, 'Publish /diagnostics once a second')
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not any(self.topics):
+            raise ValueError(f"topics must name what to record, got {self.topics}; '*' is all")
+
 
 @dataclass(frozen=True, kw_only=True)
 class DockNodeSettings(CalibrationSettings):
