@@ -185,17 +185,15 @@ class Light:
 
 CEILING = 'ceiling'  # the usual one: the lamps of the room
 NOON_WINDOW = Window((-5.5, 0.2, 1.75), (3.4, 1.6), sky=30.0, sun=1.2, sun_from=(-1.0, -0.7, 0.5))
-LAMP_RIGHT, LAMP_SIDE = Lamp((3.8, -0.8, 2.2), 17.0), Lamp((-5.2, 3.0, 2.3), 16.6)
-LAMP_BEHIND = Lamp((0.0, -9.0, 2.4), 30.0)
 OPENED = Window((-0.6, 8.0, 2.0), (3.6, 1.4), sky=20.0, normal=(0.0, -1.0, 0.0))
 DUSK_WINDOW = Window((-5.5, 0.2, 1.75), (3.4, 1.6), sky=27.9)
 ROWS = (
     Light(CEILING, 1.0, 0.75, ceiling=1.9),
     Light('noon', 1.0, 0.55, sources=(NOON_WINDOW,)),  # daylight, and the sun
     Light('dusk', 1.0, 0.093, sources=(DUSK_WINDOW,)),
-    Light('lamp_right', 1.0, 0.07, sources=(LAMP_RIGHT,)),
-    Light('lamp_side', 1.0, 0.055, sources=(LAMP_SIDE,)),
-    Light('dark', 0.25, 0.15, sources=(LAMP_BEHIND,)),
+    Light('lamp_right', 1.0, 0.07, sources=(Lamp((3.8, -0.8, 2.2), 17.0),)),
+    Light('lamp_side', 1.0, 0.055, sources=(Lamp((-5.2, 3.0, 2.3), 16.6),)),
+    Light('dark', 0.25, 0.15, sources=(Lamp((0.0, -9.0, 2.4), 30.0),)),
     Light('window', 1.0, 0.75, ceiling=1.9, sources=(OPENED,)),  # bright, ahead
 )
 LIGHTS: Mapping[str, Light] = MappingProxyType({light.name: light for light in ROWS})

@@ -27,12 +27,12 @@ from visual_servo_epipolar.simulation.sensor import (
     DESIRED_FRAME,
     INSTANT,
     interpolated,
+    MAX_RAY,
     Shutter,
 )
 
 MIN_DEPTH_M = 0.3
 BLOCK = 32  # frames drawn at once: starting a random generator costs more than drawing
-MAX_RAY = 4.0  # farther from the axis no pinhole sees anything (76 deg)
 TRIES = 200
 ROUNDS = 3  # to find the row that a point is read out with
 

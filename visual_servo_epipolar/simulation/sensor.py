@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.simulation.bases import LEVEL, Nod
 
 DESIRED_FRAME = -1  # frame index of the desired photograph
+MAX_RAY = 4.0  # farther from the axis no pinhole sees anything (76 deg)
 MAX_NOISE = 50.0  # standard deviation [grey levels]
 SPARE = 64  # how far the noise field may be shifted [px]
 # Codes of cv2.flip for how a field of noise may be mirrored: rows, columns.

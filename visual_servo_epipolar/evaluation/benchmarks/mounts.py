@@ -17,6 +17,7 @@ from visual_servo_epipolar.evaluation.benchmarks.sweeps import (
     TIME,
 )
 from visual_servo_epipolar.evaluation.tables import cells, Columns, markdown, number, numbers
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 
 TILTS = (-25.0, -15.0, -10.0, -6.0, 0.0, 6.0, 10.0, 15.0, 25.0)  # [deg]
@@ -24,7 +25,6 @@ ROLLS = (0.0, 8.0)
 YAWS = (0.0, 3.0, 5.0, 10.0)
 AHEADS, ASIDES = (0.0, 0.2, 0.3), (0.0, 0.1)  # [m]
 
-WIDTH, FOCAL = 1280, 769.2307692307693  # of the default camera [px]
 SIZES = ((320, 240), (320, 256), (640, 480), (1280, 1024), (1920, 1080))
 FISHEYE = {'distortion_model': 'equidistant', 'distortion': [0.0, 0.0, 0.0, 0.0]}
 # Settings of the camera by the name of the lens.
@@ -111,7 +111,7 @@ def camera_of_size(width: int, height: int) -> dict[str, Any]:
     return {
         'width': width,
         'height': height,
-        'focal_length': FOCAL * width / WIDTH,
+        'focal_length': CameraSettings.focal_length * width / CameraSettings.width,
         'principal_u': 0.5 * (width - 1),
         'principal_v': 0.5 * (height - 1),
     }

@@ -11,7 +11,6 @@ from visual_servo_epipolar.commands.outputs import OutputFolder, publish
 from visual_servo_epipolar.files import all_at_once
 
 PARTS = ('sim1', 'sim2', 'experiment')
-SUCCESS, FAILURE = 0, 1
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -38,4 +37,4 @@ def reproduce(options: argparse.Namespace) -> int:
         draw(chapters, folder)
     words = f'{text(chapters)}\nfigures and table in {options.out}'
     publish({'version': __version__, **document(chapters)}, words, options.json)
-    return SUCCESS if all(chapter.succeeded for chapter in chapters.values()) else FAILURE
+    return int(not all(chapter.succeeded for chapter in chapters.values()))

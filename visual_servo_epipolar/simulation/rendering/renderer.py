@@ -17,9 +17,8 @@ from visual_servo_epipolar.simulation.bases import LEVEL, Nod
 from visual_servo_epipolar.simulation.rendering.raster import draw, NEAR, PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rigs import FixedRig, pitched
-from visual_servo_epipolar.simulation.sensor import Shutter
+from visual_servo_epipolar.simulation.sensor import MAX_RAY, Shutter
 
-MAX_RAY = 4.0  # what a distorting lens shows farther from the axis stays black (76 deg)
 SAME_PLACE = 0.01  # deviation of a traced point still on its surface, relative to depth
 BORDER = 5.0  # beyond what is shown: the sampling reaches four pixels out [px]
 # Axes right, down, forward of each face in those of the camera, as columns.

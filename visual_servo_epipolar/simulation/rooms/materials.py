@@ -420,6 +420,9 @@ def noticeboard(sheet: Painting, grey: float) -> None:
     sheet.roughen(3.0)
 
 
+FRONTS = (bookcase, cupboard, crate, noticeboard)  # of furniture along walls
+
+
 def pillar(sheet: Painting, grey: float) -> None:
     """Cast a concrete pillar and stick a few notices to it."""
     sheet.fill(grey)

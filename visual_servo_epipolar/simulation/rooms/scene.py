@@ -66,7 +66,6 @@ BOXES_BEFORE_WALL: Sequence[Piece] = (
 )
 NEAR_DENSITY = 700.0  # of a wall that fills the image from 0.7 m: texels a metre
 PLAIN_WALLS = {'front': 'bbpbdbb', 'left': 'bbbpbbdbbbpb', 'right': 'bbpbbbbbbdbb', 'rear': 'bdb'}
-ASIDE = (m.bookcase, m.cupboard, m.crate, m.noticeboard)  # fronts along the side walls
 
 
 def room(seed: int, kind: str = 'room', light: str = CEILING) -> Scene:
@@ -205,7 +204,7 @@ def _along_the_sides(rng: np.random.Generator) -> list[Furniture]:
     for side, x in ((1.0, LEFT), (-1.0, RIGHT)):
         for k, y in enumerate((-11.3, -9.0, -6.8, -4.5, -2.2, 0.0, 2.3)):
             width, depth, height = rng.uniform((0.8, 0.35, 0.6), (1.5, 0.5, 2.1))
-            front = ASIDE[int(rng.integers(len(ASIDE)))]
+            front = m.FRONTS[int(rng.integers(len(m.FRONTS)))]
             at = x + side * (depth + 0.02), y + float(rng.uniform(-0.25, 0.25))
             size = (float(width), float(depth), float(height))
             name = f'{"left" if side > 0 else "right"} piece {k}'

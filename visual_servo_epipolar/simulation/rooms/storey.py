@@ -244,7 +244,6 @@ CORRIDORS = ('south', 'north', 'west', 'east')
 LAMP_SPACING = 3.6  # at most [m]
 PITCH = 1.75  # from one piece of furniture along a wall to the next [m]
 CLEAR, FROM_CORNER = 0.85, 1.05  # of furniture beside an opening, and in corners [m]
-FRONTS = (m.bookcase, m.cupboard, m.crate, m.noticeboard)
 
 
 def storey_builder(seed: int) -> Builder:
@@ -347,7 +346,7 @@ def _along_walls(cell: FloorCell, rng: np.random.Generator) -> list[Furniture]:
         for along in np.arange(start + FROM_CORNER, end - FROM_CORNER, PITCH).tolist():
             along += float(rng.uniform(-0.15, 0.15))
             width, depth, height = rng.uniform((0.8, 0.3, 0.6), (1.4, 0.5, 2.1)).tolist()
-            front = FRONTS[int(rng.integers(len(FRONTS)))]
+            front = m.FRONTS[int(rng.integers(len(m.FRONTS)))]
             is_left_out = float(rng.uniform()) > (0.25 if is_corridor else 0.75)
             depth = 0.22 if is_corridor else depth
             at, turn = _beside(cell, side, along, depth + 0.5 * THICKNESS + 0.02)
