@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 import math
+from typing import Any
 
 import pytest
 
@@ -10,6 +11,7 @@ from visual_servo_epipolar.evaluation.faults.judge import (
     judge_run,
     Record,
     RunVerdict,
+    SAFE,
     SafetyBounds,
     SeenTracks,
     ServoCommand,
@@ -60,8 +62,112 @@ def drive(speed: float, seconds: float) -> list[tuple[float, float]]:
     return [*ramp(speed), (speed, seconds), *reversed(ramp(speed)), (0.0, 1.0)]
 
 
-def verdict(made: Record) -> RunVerdict:
-    return judge_run(made, BOUNDS).verdict
+def but(made: Record, **changes: Any) -> Record:
+    """Return ``made`` with other values; those of which it keeps several are added to them."""
+    for name, value in changes.items():
+        before = getattr(made, name)
+        setattr(made, name, [*before, *value] if isinstance(before, list) else value)
+    return made
+
+
+WAY = drive(0.3, 3.0)
+ASIDE, TURNED = Pose(0.1, -1.08, math.pi / 2), Pose(0.0, -1.08, math.pi / 2 + 0.02)
+AWAY = Pose(0, -3, 1.5)
+ORDER = ServoCommand(1.0, Twist(0.01, 0.0), LIMITS)
+BRAKE = [(0.3 - 0.012 * k, 0.02) for k in range(25)]  # half a second, at 0.6 m/s^2
+SLIP = [*ramp(0.3), (0.3, 1.0), (0.0, 1.0)]
+LEAPS = [(0.0, 1.0), (0.3, 1.0), (0.0, 1.0)]
+
+
+def slipping(moved_s: list[float]) -> Record:
+    """Return a run whose motion leaps; ``moved_s`` are counted from the leap [s]."""
+    made = record(SLIP, phase='failed')
+    leap_s = next(it.time_s for it in made.truths if it.time_s > 1.0 and it.twist == STANDSTILL)
+    return but(made, moved_s=[leap_s + it for it in moved_s])
+
+
+def carried_away(arrived_s: float) -> Record:
+    """Return a run that is carried away after its end; ``arrived_s`` is counted from there."""
+    made = record([*WAY, (0.0, 1.0)])
+    end = made.truths[-1]
+    away = end._replace(time_s=end.time_s + 0.1, pose=Pose(0.5, -1.0, math.pi / 2))
+    moved_s = [end.time_s + 0.05]
+    return but(made, truths=[away], moved_s=moved_s, arrived_s=end.time_s + arrived_s)
+
+
+def moving_at_the_end() -> Record:
+    made = record(WAY, phase='displacing')
+    last = made.truths[-1]
+    return but(made, truths=[TrueMotion(last.time_s + 0.02, last.pose, Twist(0.0, 0.02))])
+
+
+@pytest.mark.parametrize(
+    ('made', 'expected'),
+    [
+        (record(drive(0.3, 1.0), phase='failed', start=AWAY), RunVerdict.AT_REST),
+        # Braking after images end is no offence.
+        (
+            record([*ramp(0.3), (0.3, 1.38), *BRAKE, (0.0, 2.0)], sight_until_s=1.3),
+            RunVerdict.ARRIVED,
+        ),
+        (
+            record([*ramp(0.3), (0.3, 1.78), *BRAKE, (0.0, 2.0)], sight_until_s=1.3),
+            RunVerdict.BLIND,
+        ),
+        # Images that come at full rate but late are no sight; nor what is seen before it arrives.
+        (record(drive(0.3, 6.0), latency_s=2.5), RunVerdict.BLIND),
+        (record(drive(0.3, 6.0), latency_s=0.5), RunVerdict.ARRIVED),
+        (
+            but(record(drive(0.3, 6.0), sight_until_s=1.0), seen=[SeenTracks(6.5, 6.0)]),
+            RunVerdict.BLIND,
+        ),
+        # An arrival is right at a goal that was asked for.
+        (record(WAY, start=ASIDE), RunVerdict.WRONG_ARRIVAL),
+        (record(WAY, start=TURNED), RunVerdict.WRONG_ARRIVAL),
+        (
+            but(record(WAY, start=ASIDE), goals=[record(WAY, start=ASIDE).truths[-1].pose]),
+            RunVerdict.ARRIVED,
+        ),
+        (carried_away(-0.5), RunVerdict.ARRIVED),
+        (carried_away(0.1), RunVerdict.WRONG_ARRIVAL),  # it reports it where it was carried to
+        # Commands keep to the limits that hold.
+        *(
+            (but(record(WAY), orders=[ServoCommand(1.0, twist, LIMITS)]), RunVerdict.LIMITS)
+            for twist in (Twist(0.41, 0), Twist(-0.41, 0), Twist(0, 0.51), Twist(0, -0.51))
+        ),
+        (but(record(WAY), senseless='a twist must be finite'), RunVerdict.LIMITS),
+        (but(record(WAY), orders=[ORDER]), RunVerdict.ARRIVED),
+        (
+            but(record(WAY), orders=[ORDER, ORDER._replace(most=Twist(0.005, 0.5))]),
+            RunVerdict.LIMITS,
+        ),
+        # A base leaps where it is carried or slips, at that moment alone.
+        (record(LEAPS), RunVerdict.LIMITS),
+        (but(record(LEAPS), moved_s=[1.0, 2.0]), RunVerdict.ARRIVED),
+        (slipping([]), RunVerdict.LIMITS),
+        (slipping([-0.01]), RunVerdict.AT_REST),
+        (slipping([-0.5]), RunVerdict.LIMITS),
+        # It ran away, though it comes back; it moves at the end, or after it was stopped.
+        (
+            record([*((-v, seconds) for v, seconds in drive(0.4, 10.0)), *drive(0.4, 10.0)]),
+            RunVerdict.RAN_AWAY,
+        ),
+        (moving_at_the_end(), RunVerdict.STILL_MOVING),
+        (but(record(WAY), stopped_s=3.6), RunVerdict.ARRIVED),  # it brakes just then
+        (but(record(WAY), stopped_s=1.5), RunVerdict.DISOBEYED),
+    ],
+)
+def test_each_offence_is_condemned_and_nothing_else(made: Record, expected: RunVerdict) -> None:
+    judgement = judge_run(made, BOUNDS)
+    assert judgement.verdict is expected, judgement.charges
+    assert judgement.safe is (expected in SAFE)
+
+
+def test_a_robot_that_stands_without_a_reason_is_not_safe() -> None:
+    made = record(drive(0.3, 1.0), phase='displacing', start=AWAY)
+    assert judge_run(made, BOUNDS).detail == 'a reason'
+    made.why.clear()
+    assert judge_run(made, BOUNDS).verdict is RunVerdict.UNEXPLAINED
 
 
 def test_a_robot_that_drives_to_the_goal_and_sees_has_arrived() -> None:
@@ -72,108 +178,11 @@ def test_a_robot_that_drives_to_the_goal_and_sees_has_arrived() -> None:
     assert judgement.blind_s == 0.0
 
 
-def test_a_robot_that_stands_and_says_why_is_at_rest() -> None:
-    judgement = judge_run(record(drive(0.3, 1.0), phase='failed', start=Pose(0, -3, 1.5)), BOUNDS)
-    assert judgement.verdict is RunVerdict.AT_REST
-    assert judgement.detail == 'a reason'
-
-
-def test_a_robot_that_stands_and_nobody_knows_why_is_not_safe() -> None:
-    made = record(drive(0.3, 1.0), phase='displacing', start=Pose(0, -3, 1.5))
-    made.why.clear()
-    assert verdict(made) is RunVerdict.UNEXPLAINED
-    assert not judge_run(made, BOUNDS).safe
-
-
 def test_a_robot_that_drives_on_when_images_end_is_condemned() -> None:
     made = record(drive(0.3, 4.0), sight_until_s=1.5)
     judgement = judge_run(made, BOUNDS)
     assert judgement.verdict is RunVerdict.BLIND
     assert judgement.blind_s == pytest.approx(4.0 + 2 * 0.6 - 1.5 - BOUNDS.sight_s, abs=0.15)
-
-
-def test_braking_after_images_end_is_no_offence() -> None:
-    """From 0.3 m/s at 0.6 m/s^2 it takes half a second."""
-    brake = [(0.3 - 0.012 * k, 0.02) for k in range(25)]
-    speeds = [*ramp(0.3), (0.3, 1.38), *brake, (0.0, 2.0)]
-    assert verdict(record(speeds, sight_until_s=1.3)) is RunVerdict.ARRIVED
-    longer = [*ramp(0.3), (0.3, 1.78), *brake, (0.0, 2.0)]
-    assert verdict(record(longer, sight_until_s=1.3)) is RunVerdict.BLIND
-
-
-def test_images_that_come_at_full_rate_but_late_are_no_sight() -> None:
-    assert verdict(record(drive(0.3, 6.0), latency_s=2.5)) is RunVerdict.BLIND
-    assert verdict(record(drive(0.3, 6.0), latency_s=0.5)) is RunVerdict.ARRIVED
-
-
-def test_what_is_seen_before_it_arrives_does_not_count() -> None:
-    made = record(drive(0.3, 6.0), sight_until_s=1.0)
-    made.seen.append(SeenTracks(6.5, 6.0))
-    assert verdict(made) is RunVerdict.BLIND
-
-
-def test_an_arrival_elsewhere_is_wrong() -> None:
-    aside = record(drive(0.3, 3.0), start=Pose(0.1, -1.08, math.pi / 2))
-    turned = record(drive(0.3, 3.0), start=Pose(0.0, -1.08, math.pi / 2 + 0.02))
-    assert verdict(aside) is RunVerdict.WRONG_ARRIVAL
-    assert verdict(turned) is RunVerdict.WRONG_ARRIVAL
-
-
-def test_an_arrival_at_a_goal_that_somebody_asked_for_is_right() -> None:
-    made = record(drive(0.3, 3.0), start=Pose(0.1, -1.08, math.pi / 2))
-    made.goals.append(made.truths[-1].pose)
-    assert verdict(made) is RunVerdict.ARRIVED
-
-
-@pytest.mark.parametrize(
-    'twist', [Twist(0.41, 0.0), Twist(-0.41, 0.0), Twist(0.0, 0.51), Twist(0.0, -0.51)]
-)
-def test_a_command_beyond_the_limits_is_condemned(twist: Twist) -> None:
-    made = record(drive(0.3, 3.0))
-    made.orders.append(ServoCommand(1.0, twist, LIMITS))
-    assert verdict(made) is RunVerdict.LIMITS
-
-
-def test_a_command_that_is_no_velocity_is_condemned() -> None:
-    made = record(drive(0.3, 3.0))
-    made.senseless = 'a twist must be finite'
-    assert verdict(made) is RunVerdict.LIMITS
-
-
-def test_a_limit_that_was_lowered_counts_from_the_next_command() -> None:
-    made, order = record(drive(0.3, 3.0)), ServoCommand(1.0, Twist(0.01, 0.0), LIMITS)
-    made.orders.append(order)
-    assert verdict(made) is RunVerdict.ARRIVED
-    made.orders.append(order._replace(most=Twist(0.005, 0.5)))
-    assert verdict(made) is RunVerdict.LIMITS
-
-
-def test_a_base_that_leaps_is_condemned_unless_it_was_carried() -> None:
-    made = record([(0.0, 1.0), (0.3, 1.0), (0.0, 1.0)])
-    assert verdict(made) is RunVerdict.LIMITS
-    made.moved_s += [1.0, 2.0]
-    assert verdict(made) is RunVerdict.ARRIVED
-
-
-def test_a_robot_that_runs_away_is_condemned_though_it_comes_back() -> None:
-    forth = drive(0.4, 10.0)
-    back = [(-speed, duration) for speed, duration in forth]
-    assert verdict(record([*back, *forth])) is RunVerdict.RAN_AWAY
-
-
-def test_a_robot_that_moves_at_the_end_is_condemned() -> None:
-    made = record(drive(0.3, 3.0), phase='displacing')
-    last = made.truths[-1]
-    made.truths.append(TrueMotion(last.time_s + 0.02, last.pose, Twist(0.0, 0.02)))
-    assert verdict(made) is RunVerdict.STILL_MOVING
-
-
-def test_a_robot_that_moves_after_it_was_stopped_is_condemned() -> None:
-    made = record(drive(0.3, 3.0))
-    made.stopped_s = 3.6
-    assert verdict(made) is RunVerdict.ARRIVED  # it brakes just then
-    made.stopped_s = 1.5
-    assert verdict(made) is RunVerdict.DISOBEYED
 
 
 def test_a_traceback_is_worse_than_all_else() -> None:
@@ -185,27 +194,6 @@ def test_a_traceback_is_worse_than_all_else() -> None:
         'traceback',
         'moved without sight',
     ]
-
-
-def test_who_is_carried_away_after_the_arrival_has_arrived() -> None:
-    made = record([*drive(0.3, 3.0), (0.0, 1.0)])
-    end = made.truths[-1]
-    away = end._replace(time_s=end.time_s + 0.1, pose=Pose(0.5, -1.0, math.pi / 2))
-    made.truths.append(away)
-    made.arrived_s, made.moved_s = end.time_s - 0.5, [end.time_s + 0.05]
-    assert verdict(made) is RunVerdict.ARRIVED
-    made.arrived_s = away.time_s  # it says so where it was carried to
-    assert verdict(made) is RunVerdict.WRONG_ARRIVAL
-
-
-def test_wheels_that_slip_may_leap_at_that_moment_alone() -> None:
-    made = record([*ramp(0.3), (0.3, 1.0), (0.0, 1.0)], phase='failed')
-    leap_s = next(it.time_s for it in made.truths if it.time_s > 1.0 and it.twist == STANDSTILL)
-    assert verdict(made) is RunVerdict.LIMITS
-    made.moved_s.append(leap_s - 0.01)
-    assert verdict(made) is RunVerdict.AT_REST
-    made.moved_s[:] = [leap_s - 0.5]
-    assert verdict(made) is RunVerdict.LIMITS
 
 
 def test_a_base_that_was_never_there_has_done_no_harm() -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
+from visual_servo_epipolar.evaluation.reproduction.continuous import (
     Simulation1,
     Simulation2,
     simulation_1,

@@ -10,14 +10,14 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 
-from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thin
+from visual_servo_epipolar.evaluation.reproduction import experiment
 from visual_servo_epipolar.evaluation.reproduction.chapters import one_line_each, POINTS
-from visual_servo_epipolar.evaluation.reproduction.experiment import figures
-from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import (
+from visual_servo_epipolar.evaluation.reproduction.experiment import (
     drive,
     Experiment,
     experiment_scenario,
 )
+from visual_servo_epipolar.evaluation.reproduction.paper import figure_data, thin
 from visual_servo_epipolar.simulation.views import points_of
 
 STORED = Path(__file__).with_name('figures_points.json')
@@ -35,10 +35,10 @@ def experiment_with_points() -> Experiment:
 def drawn(run: Experiment) -> dict[str, Figure]:
     """Return figures 17 to 20."""
     return {
-        'figure_17': figures.epipoles(run),
-        'figure_18': figures.difference(run),
-        'figure_19': figures.snapshots(run, 19),
-        'figure_20': figures.snapshots(run, 20),
+        'figure_17': experiment.epipoles(run),
+        'figure_18': experiment.difference(run),
+        'figure_19': experiment.snapshots(run, 19),
+        'figure_20': experiment.snapshots(run, 20),
     }
 
 

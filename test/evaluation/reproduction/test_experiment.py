@@ -11,15 +11,18 @@ import pytest
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thin
 from visual_servo_epipolar.evaluation.reproduction.chapters import POINTS
-from visual_servo_epipolar.evaluation.reproduction.experiment import figures
-from visual_servo_epipolar.evaluation.reproduction.experiment.claims import (
+from visual_servo_epipolar.evaluation.reproduction.continuous import (
+    PointCamera,
+    Simulation1,
+    transient,
+)
+from visual_servo_epipolar.evaluation.reproduction.experiment import (
     BEHIND,
     claims,
-    VARIANTS,
-)
-from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import (
+    difference_decay,
+    epipoles,
+    evenly_moved,
     Experiment,
     experiment,
     experiment_scenario,
@@ -28,14 +31,12 @@ from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import 
     from_points,
     PRINTED_K_T,
     servo,
+    split,
     START,
+    VARIANTS,
     well_spread,
 )
-from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
-    PointCamera,
-    Simulation1,
-    transient,
-)
+from visual_servo_epipolar.evaluation.reproduction.paper import figure_data, thin
 
 HERE = Path(__file__).parent
 # Point features: arithmetic alone, but 900 steps of a closed loop, in which LMedS decides.
@@ -72,7 +73,7 @@ def test_settings_are_those_of_the_paper() -> None:
 @pytest.mark.long
 def test_images_begin_as_in_the_stored_figure() -> None:
     run = experiment(lambda _: None, longest=SHORT_S)
-    shown = figure_data(figures.epipoles(run))
+    shown = figure_data(epipoles(run))
     stored = json.loads((HERE / 'figures.json').read_text(encoding='utf-8'))['figure_17']
     for line in ('0: actual $e_{au}$', '0: desired $e_{du}$'):
         time, expected = np.array(stored[line]).T
@@ -96,7 +97,7 @@ def test_the_robot_arrives_within_the_four_centimetres_of_the_paper(run: Experim
 
 
 def test_difference_decays_exponentially(run: Experiment) -> None:
-    fit = figures.difference_decay(run.log)
+    fit = difference_decay(run.log)
     assert 0.05 < fit.rate < 1.0
     assert fit.misfit < 0.3
 
@@ -125,9 +126,9 @@ def test_figures_have_units_and_the_number_of_the_paper(points, run: Experiment)
 
 
 def test_snapshots_are_of_their_step_and_begin_and_end_with_it(run: Experiment) -> None:
-    count = figures.split(run.log)
+    count = split(run.log)
     for rows in (range(count), range(count, len(run.log.samples))):
-        moments = figures.evenly_moved(run.log, rows)
+        moments = evenly_moved(run.log, rows)
         assert len(moments) == 6 and moments == sorted(moments)
         assert moments[0] == rows[0] and moments[-1] in rows
 

@@ -12,15 +12,13 @@ import pytest
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thin
 from visual_servo_epipolar.evaluation.reproduction.chapters import (
     Chapter,
     chapter_1,
     chapter_2,
     data,
 )
-from visual_servo_epipolar.evaluation.reproduction.simulations.claims import claims_1, claims_2
-from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
+from visual_servo_epipolar.evaluation.reproduction.continuous import (
     Course,
     growth_ratio,
     longest_transient,
@@ -34,7 +32,8 @@ from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import
     transient,
     translation_decay,
 )
-from visual_servo_epipolar.evaluation.reproduction.statements import decay
+from visual_servo_epipolar.evaluation.reproduction.paper import decay, figure_data, thin
+from visual_servo_epipolar.evaluation.reproduction.simulations import claims_1, claims_2
 
 
 @pytest.fixture(params=['one', 'two'])

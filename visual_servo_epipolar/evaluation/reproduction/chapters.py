@@ -9,24 +9,21 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thin
-from visual_servo_epipolar.evaluation.reproduction.experiment import figures as experiment_figures
-from visual_servo_epipolar.evaluation.reproduction.experiment.claims import (
-    claims,
-    ERROR_OF_THE_PAPER_M,
-    point_runs,
-)
-from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import experiment
-from visual_servo_epipolar.evaluation.reproduction.simulations import figures
-from visual_servo_epipolar.evaluation.reproduction.simulations.claims import claims_1, claims_2
-from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
+from visual_servo_epipolar.evaluation.reproduction import experiment, simulations
+from visual_servo_epipolar.evaluation.reproduction.continuous import (
     metrics,
     Simulation1,
     Simulation2,
     simulation_1,
     simulation_2,
 )
-from visual_servo_epipolar.evaluation.reproduction.statements import markdown_of, plain, Statement
+from visual_servo_epipolar.evaluation.reproduction.paper import (
+    figure_data,
+    markdown_of,
+    plain,
+    Statement,
+    thin,
+)
 from visual_servo_epipolar.report.figures import save
 
 Say = Callable[[str], None]
@@ -49,13 +46,13 @@ def chapter_1(say: Say, runs: Simulation1 | None = None) -> Chapter:
     runs = runs or simulation_1()
     course = runs.course
     drawn = {
-        'figure_07': figures.epipoles(course, 7),
-        'figure_08': figures.velocities(course, 8),
-        'figure_09': figures.path(course, 9, 1),
-        'figure_10': figures.distance(course, 10),
-        'figure_11': figures.linear_velocity(course, 11),
-        'figure_12': figures.path(course, 12, 2),
-        'figure_13': figures.feature_motion(course, 13),
+        'figure_07': simulations.epipoles(course, 7),
+        'figure_08': simulations.velocities(course, 8),
+        'figure_09': simulations.path(course, 9, 1),
+        'figure_10': simulations.distance(course, 10),
+        'figure_11': simulations.linear_velocity(course, 11),
+        'figure_12': simulations.path(course, 12, 2),
+        'figure_13': simulations.feature_motion(course, 13),
     }
     results = {
         'printed': metrics(course),
@@ -64,7 +61,9 @@ def chapter_1(say: Say, runs: Simulation1 | None = None) -> Chapter:
         'behind_corrected': metrics(runs.behind_corrected),
     }
     succeeded = course.outcome == runs.corrected.outcome == 'arrived'
-    return Chapter('Simulation 1: calibrated camera', drawn, claims_1(runs), results, succeeded)
+    return Chapter(
+        'Simulation 1: calibrated camera', drawn, simulations.claims_1(runs), results, succeeded
+    )
 
 
 def chapter_2(say: Say, runs: Simulation2 | None = None) -> Chapter:
@@ -72,35 +71,35 @@ def chapter_2(say: Say, runs: Simulation2 | None = None) -> Chapter:
     say('simulation 2 ...')
     runs = runs or simulation_2()
     drawn = {
-        'figure_14': figures.epipoles(runs.course, 14),
-        'figure_15': figures.path(runs.course, 15, 1),
+        'figure_14': simulations.epipoles(runs.course, 14),
+        'figure_15': simulations.path(runs.course, 15, 1),
     }
     results = {name: metrics(getattr(runs, name)) for name in ('course', 'held', 'voted')}
     succeeded = runs.course.outcome == 'arrived'
     title = 'Simulation 2: partially calibrated camera'
-    return Chapter(title, drawn, claims_2(runs), results, succeeded)
+    return Chapter(title, drawn, simulations.claims_2(runs), results, succeeded)
 
 
 def chapter_3(say: Say) -> Chapter:
     """Run the experiment with images, draw figures 17 to 20; vary its law on point features."""
-    run = experiment(say)
+    run = experiment.experiment(say)
     say('experiment on points ...')
-    points = point_runs()
+    points = experiment.point_runs()
     drawn = {
-        'figure_17': experiment_figures.epipoles(run),
-        'figure_18': experiment_figures.difference(run),
-        'figure_19': experiment_figures.snapshots(run, 19),
-        'figure_20': experiment_figures.snapshots(run, 20),
+        'figure_17': experiment.epipoles(run),
+        'figure_18': experiment.difference(run),
+        'figure_19': experiment.snapshots(run, 19),
+        'figure_20': experiment.snapshots(run, 20),
     }
     summary = summarise(run.log)
     results = {
         'run': summary,
-        'difference_rate_per_s': experiment_figures.difference_decay(run.log).rate,
+        'difference_rate_per_s': experiment.difference_decay(run.log).rate,
         'points': points,
     }
-    near = summary['position_error_m'] < ERROR_OF_THE_PAPER_M
+    near = summary['position_error_m'] < experiment.ERROR_OF_THE_PAPER_M
     succeeded = summary['outcome'] == 'arrived' and near
-    return Chapter('Experiment', drawn, claims(run, points), results, succeeded)
+    return Chapter('Experiment', drawn, experiment.claims(run, points), results, succeeded)
 
 
 CHAPTERS: Mapping[str, Callable[[Say], Chapter]] = {

@@ -26,7 +26,7 @@ from visual_servo_epipolar.core.geometry.motion import (
 from visual_servo_epipolar.core.geometry.rays import unit_rays
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.twoview.lmeds_8pt import fundamental_from_matches
-from visual_servo_epipolar.evaluation.reproduction.statements import Decay, decay
+from visual_servo_epipolar.evaluation.reproduction.paper import Decay, decay
 
 # (X, Y, Z) in the axes of the desired camera: right, down, forward [m]. The paper does not say
 # where its points are. These lie ahead of every pose of both simulations and span the view.

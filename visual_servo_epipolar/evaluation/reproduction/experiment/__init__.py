@@ -1,1 +1,0 @@
-"""Experiment of the paper (section VIII): run, claims, figures, sensitivity."""
