@@ -27,6 +27,7 @@ def as_points(points: Any, name: str) -> FloatArray:
 
 
 TINY = 1e-30  # that is added to what is divided by
+ROUNDING = 1e-9  # of lengths [m], angles [rad] and ratios
 NORMAL = 1.4826  # standard deviation over the median of absolute values of normal noise
 
 

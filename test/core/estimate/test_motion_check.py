@@ -7,10 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.estimate.base_model import Curvature, MOST_CURVATURE
+from visual_servo_epipolar.core.estimate.base_model import (
+    Curvature,
+    MOST_CONTRADICTIONS,
+    MOST_CURVATURE,
+)
 from visual_servo_epipolar.core.estimate.motion_check import (
     Evidence,
-    MOST_CONTRADICTIONS,
     MotionCheck,
     QUIET_S,
 )

@@ -6,8 +6,8 @@ import math
 import pytest
 from servo_states import SETTINGS, sight
 
+from visual_servo_epipolar.core.estimate.base_model import MOST_CONTRADICTIONS
 from visual_servo_epipolar.core.estimate.odometry import (
-    MOST_CONTRADICTIONS,
     NO_LONGER,
     Odometry,
 )

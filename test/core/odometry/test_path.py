@@ -18,10 +18,11 @@ from visual_servo_epipolar.core.geometry.motion import (
     Twist,
 )
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent, KEPT_S, WITHDRAWN_S
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent, WITHDRAWN_S
 from visual_servo_epipolar.core.odometry.path import Path
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.run import interrupted, Interruption
+from visual_servo_epipolar.core.stamps import KEPT_S
 
 S = 1_000_000_000
 

@@ -25,6 +25,7 @@ from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 MOST_CURVATURE = 0.3  # of wheels that shall roll straight on: unequal by a tenth [rad/m]
 MOST_DELAY_S = 1.5  # from an image to the motion that it causes [s]
+MOST_CONTRADICTIONS = 3  # of commands or odometry, less the times that they agreed since
 MOST_TURN_RATIO = 1.6  # of a turn over that commanded
 # Way by the wheels over that commanded: no base drives farther, and many drive less.
 FASTER, SLOWER = 1.25, 0.5

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import are_among, FloatArray, IntArray
+from visual_servo_epipolar.core.arrays import are_among, FloatArray, IntArray, ROUNDING
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.localization import (
@@ -38,11 +38,9 @@ SLIP, UNKNOWNS = PLACE, PLACE + 1
 FIRST_SLIP, SLIP_WALK = 0.05, 0.02  # its deviation at first, and its change after a metre
 TURN_OF_WAY, ASIDE = 0.1, 0.003  # turn that a way may add [rad/m], and what it leads aside by
 SURPRISE = 16.0  # square of a leap, in deviations, after which what was known counts no more
-LEAST_DEVIATION = 1e-9  # [m], [rad]
-LEAST = LEAST_DEVIATION**2 * np.eye(PLACE)
+LEAST = ROUNDING**2 * np.eye(PLACE)
 IDENTITY = np.eye(UNKNOWNS)
 PREFERENCE = 3.0  # deviations of two views that one of the memory may have
-LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
 # Of views that show too little for two: what must agree with one place, which is where they drove.
 LEAST_CARRIED, CARRIED_SHARE = 6, 0.6
 BY_COMMANDS = MapSettings()
@@ -201,7 +199,7 @@ def localize(
     is_few = perception.measurement.features < settings.min_features
     few_s = max(before.few_s + (dt if is_few else -dt), 0.0)
     few_s = min(few_s, settings.few_features_timeout)
-    noise = np.maximum(perception.memory.noise * observation.resolution, LEAST_NOISE)
+    noise = np.maximum(perception.memory.noise * observation.resolution, ROUNDING)
     observations = FeatureObservations(
         observation.ids, observation.current, observation.desired, noise
     )

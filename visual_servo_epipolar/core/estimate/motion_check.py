@@ -19,9 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, IntArray
+from visual_servo_epipolar.core.arrays import FloatArray, IntArray, ROUNDING
 from visual_servo_epipolar.core.estimate.base_model import (
     largest_dead_band,
+    MOST_CONTRADICTIONS,
     MOST_CURVATURE,
     MOST_DELAY_S,
     MOST_TURN_RATIO,
@@ -29,12 +30,11 @@ from visual_servo_epipolar.core.estimate.base_model import (
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
-from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+from visual_servo_epipolar.core.stamps import MOST_GAP_S, NANOSECONDS, seconds_between
 from visual_servo_epipolar.core.twoview.observation import Observation
 
 COMMON, COMMON_SHARE = 8, 0.4  # features that two views must have in common, of the first one's
 NOISE_OF_PARALLAX = 1.2  # of two views of one place, in deviations of a coordinate
-LEAST_NOISE = 1e-9  # [rad]
 STANDING_TURN, STANDING_PARALLAX = 0.015, 2.5  # of a standing robot at most [rad], [deviations]
 TURN_DEVIATIONS = 6.0  # that a turn between two views may be wrong by, of a parallax
 DELAYS: FloatArray = np.linspace(0.0, MOST_DELAY_S, 16)  # [s]
@@ -50,7 +50,6 @@ AGAINST = 0.4, 2.5  # turns seen over turns commanded, of an image that turns ag
 SOON_S, TOLD_TURN = 0.5, 0.01  # in which a base usually follows, and a turn that counts [rad]
 MOVED_PARALLAX = 12.0  # of a robot moved while it was to stand [deviations]
 TURNED_BACK = 0.3  # of a turn, after a single wrong reading
-LONGEST_S = 1.0  # between two images that are compared
 LEAST_SLIP = 0.02  # that ends a run [rad]
 STAMPS_S = 0.02  # by which stamps of joints and images may be apart
 LATELY = 0.9  # of the fastest rate, one image later
@@ -60,7 +59,6 @@ TURN_RATIOS = 0.5, 1.2  # of turns over those commanded; of worse wheels the noi
 NOISE, SMOOTHING = 0.004, 0.05  # of an unknown encoder [rad], weight of the newest
 LASTING_S = 1.0  # of a reference, if anything moved since
 QUIET_S = 1.0  # after a contradiction, before the run may go on
-MOST_CONTRADICTIONS = 3  # in a run
 
 
 class Reference(NamedTuple):
@@ -96,7 +94,7 @@ def view_motion(reference: Reference, here: Reference, noise: float) -> ViewMoti
     if len(now) < max(COMMON, COMMON_SHARE * len(reference.ids)):
         return None
     fit = fit_rotation(here.rays[now], reference.rays[before])
-    return ViewMotion(fit.heading_error, fit.parallax, max(NOISE_OF_PARALLAX * noise, LEAST_NOISE))
+    return ViewMotion(fit.heading_error, fit.parallax, max(NOISE_OF_PARALLAX * noise, ROUNDING))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -312,7 +310,7 @@ class HeadCheck:
         if self.previous is None or self.slip:
             return anew
         window = CommandWindow(self.previous.stamp_ns, here.stamp_ns, sent)
-        seen = view_motion(self.previous, here, ray_noise) if window.seconds < LONGEST_S else None
+        seen = view_motion(self.previous, here, ray_noise) if window.seconds < MOST_GAP_S else None
         if seen is None:
             return anew
         rate = (pan - self.pan) / window.seconds

@@ -10,10 +10,16 @@ once it is not used, and never again in this run once it has been contradicted s
 from dataclasses import dataclass, replace
 import math
 
-from visual_servo_epipolar.core.estimate.base_model import FASTER, heading_deviation, SLOWER
+from visual_servo_epipolar.core.estimate.base_model import (
+    FASTER,
+    heading_deviation,
+    MOST_CONTRADICTIONS,
+    SLOWER,
+)
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import motion_between, Pose
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
+from visual_servo_epipolar.core.stamps import MOST_GAP_S
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 SEEN_TURN, SEEN_WAY = 0.12, 0.3  # motion after which it is held against images [rad, m]
@@ -22,8 +28,6 @@ DEVIATIONS = 5.0  # of a turn that is seen
 # by what a view has [rad, m].
 TURN_SHARE, WAY_SHARE, TURN_OF_WAY, LEAST_TURN, LEAST_WAY = 0.15, 0.1, 0.12, 0.01, 0.003
 BETTER = 0.5  # of its error, that commands must have: else they are wrong as well
-MOST_CONTRADICTIONS = 3  # less the times that it agreed since
-GAP_S = 1.0  # without images, over which the robot may have been moved
 JUMP_SPEEDS, JUMP_WAY, JUMP_TURN = 2.0, 0.03, 0.05  # over the largest speeds, and beyond [m, rad]
 MOST_DEVIATION = 0.02  # of a heading that tells a turn [rad]
 COMMANDED_WAY = 0.4  # commanded, after which it is held against that [m]
@@ -148,7 +152,7 @@ class Odometry:
             return self, by_commands
         if self.refuted:
             return replace(self, pose=pose), by_commands
-        if self.pose is None or pose is None or not 0.0 < dt < GAP_S:
+        if self.pose is None or pose is None or not 0.0 < dt < MOST_GAP_S:
             return replace(self, pose=pose, check=None), by_commands
         motion = Motion(*motion_between(self.pose, pose), measured=True)
         trouble = _jump(motion, dt, settings)

@@ -7,6 +7,7 @@ far a run may lead away from the goal, and backward.
 
 import math
 
+from visual_servo_epipolar.core.arrays import ROUNDING
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
@@ -27,7 +28,6 @@ from visual_servo_epipolar.core.reasons import Reason
 TURNED = 1.0  # more than a robot turns between two images, or while it stands [rad]
 ROOM = 0.18  # behind a goal whose place is known, to begin step 1 [m]
 KNOWN = 0.009  # deviation of its bearing from there [rad]
-LEAST_RATIO = 1e-9  # part of the distance that a law without retreat keeps
 RESIDUAL_OFFSET = 5e-4  # that line following may leave [m]
 LAST_SHARE, LAST_LOOK_AHEAD = 0.5, 0.03  # of the way that is left, and at least [m]
 LAST_TURN = 0.05  # that it may take [rad]
@@ -118,7 +118,7 @@ def discordant_bearing(goal: GoalEstimate, settings: DriveSettings) -> float:
     A law without retreat takes what the field of view allows, however near the goal the spiral
     ends: it has no other way to begin.
     """
-    least_ratio = None if settings.options.retreat else LEAST_RATIO
+    least_ratio = None if settings.options.retreat else ROUNDING
     return displacement(goal, settings, least_ratio=least_ratio) or 0.0
 
 

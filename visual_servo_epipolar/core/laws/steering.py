@@ -28,8 +28,9 @@ from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
+from visual_servo_epipolar.core.laws.braking import NEAR
 
-NEAR_LINE, TURNED = 0.35, 0.7  # [m], [rad]: within both the line to the goal is followed,
+TURNED = 0.7  # [rad]: within it and NEAR the line to the goal is followed,
 LINE_SLOPE = 0.7  # from behind it and no farther aside than that share
 AT_GOAL_AROUND = 0.12  # nearer no direction to it is worth a turn [m]
 BEHIND_IT = 2.6  # |phi| beyond which either side leads around as well [rad]
@@ -131,7 +132,7 @@ def goes_around(x: float, y: float, heading: float, goal: GoalEstimate) -> bool:
     distance = math.hypot(x, y)
     if not sees_all_round(goal) or distance < AT_GOAL_AROUND:
         return False
-    return distance > NEAR_LINE or abs(heading) > TURNED or abs(x) > -LINE_SLOPE * y
+    return distance > NEAR or abs(heading) > TURNED or abs(x) > -LINE_SLOPE * y
 
 
 def line_share(x: float, y: float) -> float:

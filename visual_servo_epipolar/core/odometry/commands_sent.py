@@ -8,9 +8,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.core.stamps import KEPT_S, NANOSECONDS
 
-KEPT_S = 3.0  # longer than any delay that is configured or learnt, with the images between
 WITHDRAWN_S = 0.5  # after which a command is withdrawn at the latest, if no image comes
 
 

@@ -15,10 +15,14 @@ from visual_servo_epipolar.core.geometry.motion import (
     STANDSTILL,
     Twist,
 )
-from visual_servo_epipolar.core.stamps import NANOSECONDS, OTHER_CLOCK_S, seconds_between
+from visual_servo_epipolar.core.stamps import (
+    KEPT_S,
+    MOST_GAP_S,
+    NANOSECONDS,
+    OTHER_CLOCK_S,
+    seconds_between,
+)
 
-KEPT_S = 3.0  # of the path: no image is older
-LONGEST_STEP_S = 1.0  # between two messages of odometry, else the path begins anew
 FASTEST, FASTEST_TURN = 5.0, 12.0  # [m/s, rad/s] what is faster is a leap
 LEAST_SWING, MOST_ACCELERATION = 0.01, 5.0  # [m, m/s^2] of a base; what swings faster is two
 
@@ -133,8 +137,8 @@ class Path:
         dt = seconds_between(last.stamp_ns, stamp_ns)
         if dt <= 0.0:
             return f'the stamps on {self.topic} do not advance'
-        if dt > LONGEST_STEP_S:
-            return f'{self.topic} was silent for {dt:.2f} s, at most {LONGEST_STEP_S:g} s can be'
+        if dt > MOST_GAP_S:
+            return f'{self.topic} was silent for {dt:.2f} s, at most {MOST_GAP_S:g} s can be'
         x, y, turn = relative_pose(last.pose, here).tolist()
         step = math.hypot(x, y)
         if step > FASTEST * dt or abs(turn) > FASTEST_TURN * dt:

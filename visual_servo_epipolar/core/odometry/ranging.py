@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 import math
 
+from visual_servo_epipolar.core.arrays import ROUNDING
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 
 UNKNOWN_RANGE = 2.0  # largest use of d_hat where the distance was never measured [m]
 LOOK_AHEADS = 4.0  # look-ahead distances in the remaining distance, at least
 LEAST_LOOK_AHEAD, LEAST_REMEMBERED = 0.25, 0.12  # by two views, by a memory of views [m]
-LEAST_TRAVEL = 1e-9  # over which D may show a slope; its square must not vanish [m]
 LIKELY = 2.0  # deviations of the slope
 MEMORY_LENGTH = 0.5  # travel in which the weight of past slopes falls to 1/e [m]
 
@@ -53,7 +53,7 @@ class Slope:
 
     def updated(self, change: float, travel: float) -> 'Slope':
         """Return the slope after D changed by ``change`` over ``travel`` [m]."""
-        if not math.isfinite(change) or abs(travel) < LEAST_TRAVEL:
+        if not math.isfinite(change) or abs(travel) < ROUNDING:
             return self
         weight = self.weight * math.exp(-abs(travel) / MEMORY_LENGTH) + travel * travel
         value = 0.0 if math.isnan(self.value) else self.value

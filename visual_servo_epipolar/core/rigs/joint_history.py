@@ -4,10 +4,10 @@ from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 import math
 
+from visual_servo_epipolar.core.arrays import ROUNDING
 from visual_servo_epipolar.core.rigs.rig import Joints
-from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.stamps import KEPT_S, seconds_between
 
-KEPT_S = 3.0  # no image is older
 LONGEST_GAP_S = 0.25  # between two readings, over which angles are interpolated
 AHEAD_S = 0.1  # by which an image may be newer than the last reading: joints go on as they did
 BEHIND_S = 0.5  # by which it may be older: later it is of no use, or the clocks are apart
@@ -119,7 +119,7 @@ class JointHistory:
             early = seconds_between(stamp_ns, self._stamps[0])
             return f'begin {early:.2f} s after the image; look at when the head starts'
         after = min(bisect_left(self._stamps, stamp_ns), len(self._stamps) - 1)
-        gap = 1e-9 * (self._stamps[after] - self._stamps[max(after - 1, 0)])
+        gap = ROUNDING * (self._stamps[after] - self._stamps[max(after - 1, 0)])
         if gap <= LONGEST_GAP_S or self._stamps[after] == stamp_ns:
             return ''
         limit = f'{LONGEST_GAP_S:g} s can be; look at the rate of the head'

@@ -6,7 +6,7 @@ import math
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import motion_between, Pose
-from visual_servo_epipolar.core.odometry.path import LONGEST_STEP_S, Path
+from visual_servo_epipolar.core.odometry.path import Path
 from visual_servo_epipolar.core.routes.teaching import LEAST_STEP, LEAST_TURN
 from visual_servo_epipolar.core.servo.admission import (
     Arrival,
@@ -15,7 +15,12 @@ from visual_servo_epipolar.core.servo.admission import (
     Repetition,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.stamps import NOT_ADVANCING, OTHER_CLOCK_S, seconds_between
+from visual_servo_epipolar.core.stamps import (
+    MOST_GAP_S,
+    NOT_ADVANCING,
+    OTHER_CLOCK_S,
+    seconds_between,
+)
 
 MOST_WAITING = 60  # images that are kept until odometry comes: seconds of them
 MOST_BACKWARD = 0.05  # that a base may roll back where it stops [m]
@@ -55,7 +60,7 @@ class DrivenImages:
     def notes(self) -> list[str]:
         """What is left out of the way."""
         late = seconds_between(self._stamps[0], self._placed[0]) if self._placed else 0.0
-        early = self._early if late > LONGEST_STEP_S else 0
+        early = self._early if late > MOST_GAP_S else 0
         left_out = {
             f'before {self._path.topic} begins, {late:.1f} s after the first': early,
             'not newer than the one before': self._unordered,
@@ -78,7 +83,7 @@ class DrivenImages:
         repeats = self._repetition.see(image)
         oldest_ns = self._waiting[0][1].stamp_ns if self._waiting else stamp_ns
         full = len(self._waiting) >= MOST_WAITING
-        if not full or seconds_between(oldest_ns, stamp_ns) <= LONGEST_STEP_S:
+        if not full or seconds_between(oldest_ns, stamp_ns) <= MOST_GAP_S:
             back = self._repetition.back
             self._waiting.append((image, Arrival(stamp_ns, stamp_ns, repeats=repeats, back=back)))
 
@@ -109,7 +114,7 @@ class DrivenImages:
         newest_ns, placed, unplaced = self._stamps[-1], len(self._placed), self.unplaced
         if self.missing:
             self._refuse(self.missing)
-        elif unplaced and seconds_between(self._placed[-1], newest_ns) > LONGEST_STEP_S:
+        elif unplaced and seconds_between(self._placed[-1], newest_ns) > MOST_GAP_S:
             self._refuse(
                 f'{self._path.missing(newest_ns)}; the last {unplaced} of {len(self._stamps)} '
                 'images have no place'

@@ -13,6 +13,7 @@ from dataclasses import replace
 import math
 from typing import Any, NamedTuple
 
+from visual_servo_epipolar.core.arrays import ROUNDING
 from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.estimate.dead_band import learns, STANDING
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
@@ -39,7 +40,6 @@ from visual_servo_epipolar.core.twoview.observation import Observation
 SEEN_S = 0.4  # after which a motion has acted and was seen, of a base that obeys in time
 STAND_S = 1.5  # longest look where what it sees swings: two and a move take less than 5 s
 SWING = 0.25  # of the scatter of a stand, that its mean may be wrong by
-ROUNDING = 1e-9  # of a sum of hops
 
 
 def row_of(state: ServoState, settings: ServoSettings) -> PhaseRow:

@@ -13,10 +13,14 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING, seconds_between
+from visual_servo_epipolar.core.stamps import (
+    MOST_GAP_S,
+    NANOSECONDS,
+    NOT_ADVANCING,
+    seconds_between,
+)
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 
-MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 HALF_TURNS = 3.0  # at full speed, that no turn in place takes
 
 
@@ -24,7 +28,7 @@ def time_step(state: ServoState, stamp_ns: int) -> float:
     """Return the time from the last image to ``stamp_ns`` to integrate over [s]."""
     if state.measurement is None:
         return 0.0
-    return min(max(seconds_between(state.measurement.stamp_ns, stamp_ns), 0.0), MAX_STEP_S)
+    return min(max(seconds_between(state.measurement.stamp_ns, stamp_ns), 0.0), MOST_GAP_S)
 
 
 def clock_jump(state: ServoState, stamp_ns: int, settings: ServoSettings) -> str:
@@ -39,7 +43,7 @@ def clock_jump(state: ServoState, stamp_ns: int, settings: ServoSettings) -> str
     gap = seconds_between(state.measurement.stamp_ns, stamp_ns)
     if gap <= 0.0:
         return NOT_ADVANCING
-    if not state.phase.drives or gap <= max(settings.stale_timeout, MAX_STEP_S):
+    if not state.phase.drives or gap <= max(settings.stale_timeout, MOST_GAP_S):
         return ''
     return Reason.STAMPS_LEAPT.of(gap)
 
