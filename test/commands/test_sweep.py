@@ -15,10 +15,9 @@ from typing import Any
 import cv2
 import psutil
 import pytest
-from sweeps import plan_of, result
+from sweeps import plan_of
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.commands.sweep import SweepProgress
 from visual_servo_epipolar.sweeping.plan import Chunk, work
 from visual_servo_epipolar.sweeping.store import FILE
 
@@ -252,24 +251,3 @@ def test_bad_usage_is_refused(tmp_path, capsys, options, reason, monkeypatch) ->
     monkeypatch.chdir(tmp_path)
     assert reason in refused(capsys, *SWEEP, *options)
     assert list(tmp_path.iterdir()) == []
-
-
-FAILED = result(outcome='failed')
-
-
-def test_it_counts_and_reckons() -> None:
-    now = [100.0]
-    progress = SweepProgress(100, [result()] * 40, clock=lambda: now[0])
-    now[0] += 5.0
-    progress.add([result(), FAILED] * 5)
-    assert progress.line() == '50/100  45 arrived  5 failed  2 runs/s  0:00:25 left'
-
-
-def test_it_names_what_must_not_be_overlooked() -> None:
-    progress = SweepProgress(3)
-    progress.add([result(position_error_m=0.06), result(outcome='failed', traceback='x')])
-    assert '1 arrived  1 failed  1 wrong  1 raised' in progress.line()
-
-
-def test_it_does_not_guess_before_the_first_result() -> None:
-    assert SweepProgress(3, [result()]).line().endswith('0 runs/s  ? left')

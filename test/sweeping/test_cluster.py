@@ -169,9 +169,3 @@ def test_an_address_without_answer_is_refused(tmp_path, capsys, monkeypatch, add
     said = capsys.readouterr().err
     assert said.startswith(f'visual_servo sweep: no Dask scheduler answers at {address!r}')
     assert len(said.splitlines()) == 1, said
-
-
-def test_without_dask_the_way_to_install_it_is_said(tmp_path, monkeypatch) -> None:
-    monkeypatch.setitem(sys.modules, 'distributed', None)
-    with pytest.raises(InputError, match=r'pip install "visual_servo_epipolar\[dask\]"'):
-        swept_on('tcp://127.0.0.1:1', tmp_path)

@@ -2,8 +2,8 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, closing
 from datetime import timedelta
 import hashlib
 import json
@@ -25,7 +25,7 @@ from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.provenance import digest
 from visual_servo_epipolar.sweeping.store import drive, FILE, Store
-from visual_servo_epipolar.sweeping.summary import ARRIVALS, summaries
+from visual_servo_epipolar.sweeping.summary import summaries
 from visual_servo_epipolar.sweeping.workers import cluster_workers, local_workers, Workers
 
 SHOWN = 3  # runs to look into that are named
@@ -85,19 +85,20 @@ def _work(plan: SweepPlan, store: Store, options: argparse.Namespace) -> None:
         )
     if len(earlier) == len(keys):
         return
-    progress = Progress()
-    progress.say('starting workers ...')
-    try:
+    with closing(Progress()) as progress:
+        progress.say('starting workers ...')
         with _workers(options) as workers:
-            sweep_progress = SweepProgress(len(keys), earlier)
+            kinds, began = Counter(map(kind, earlier)), time.monotonic()
 
             def watch(results: Sequence[Mapping[str, Any]]) -> None:
-                sweep_progress.add(results)
-                progress.say(sweep_progress.line())
+                kinds.update(map(kind, results))
+                ended, total = kinds.total(), len(keys)
+                rate = (ended - len(earlier)) / (time.monotonic() - began)
+                left = timedelta(seconds=round((total - ended) / rate))
+                counts = '  '.join(f'{count} {name}' for name, count in kinds.items())
+                progress.say(f'{ended}/{total}  {counts}  {rate:.2g} runs/s  {left} left')
 
             drive(plan, store, workers, watch)
-    finally:
-        progress.close()
 
 
 def _workers(options: argparse.Namespace) -> AbstractContextManager[Workers]:
@@ -135,39 +136,3 @@ def _name_suspect_runs(plan: SweepPlan, documents: Mapping[str, Mapping[str, Any
                 file=sys.stderr,
             )
     return 1 if any(kind(run) == 'raised' for *_, run in runs) else 0
-
-
-class SweepProgress:
-    """
-    Progress of a sweep out of ``total`` runs; ``clock`` gives seconds.
-
-    ``before`` are results of an earlier session: they count, but say nothing about the speed.
-    """
-
-    def __init__(
-        self,
-        total: int,
-        before: Iterable[Mapping[str, Any]] = (),
-        *,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._total, self._clock, self._began = total, clock, clock()
-        self._counts: Counter[str] = Counter()
-        self.add(before)
-        self._before = self._counts['runs']
-
-    def add(self, results: Iterable[Mapping[str, Any]]) -> None:
-        """Count results."""
-        for result in results:
-            it = kind(result)
-            self._counts.update(('runs', 'arrived' if it in ARRIVALS else 'failed'))
-            self._counts.update([it] if it in ('wrong', 'raised') else [])
-
-    def line(self) -> str:
-        """Return counts, runs a second, and remaining time."""
-        runs = self._counts['runs']
-        rate = (runs - self._before) / max(self._clock() - self._began, 1e-3)
-        left = timedelta(seconds=round((self._total - runs) / rate)) if rate else '?'
-        counts = [f'{self._counts[name]} {name}' for name in ('arrived', 'failed')]
-        counts += [f'{n} {name}' for name in ('wrong', 'raised') if (n := self._counts[name])]
-        return f'{runs}/{self._total}  {"  ".join(counts)}  {rate:.2g} runs/s  {left} left'

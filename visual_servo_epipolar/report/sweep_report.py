@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import kind
 from visual_servo_epipolar.report.canvas import (
@@ -30,8 +30,7 @@ COLOURS = 'viridis_r'
 FAILED_COLOUR = phase_colour('failed')
 WRONG_COLOUR = '#CC79A7'
 WEDGE_REACH = 1.0  # [m]
-PANEL_HEIGHT, PANEL_WIDTHS = 4.6, (2.5, 6.0)  # [in]; narrower ones have no room for a title
-LEAST_WIDTH = 5.0  # of the figure [in]: so wide is the key
+PANEL = 4.6  # side of a map [in]
 
 
 @rc_context(FIGURE_SETTINGS)
@@ -44,7 +43,7 @@ def starts(
     ``documents`` are law -> document as `visual_servo sweep` writes it, one panel each, in their
     order, before the colour bar. ``field_of_view`` is the camera's horizontal angle [rad].
     """
-    figure = new_figure(*_size(documents))
+    figure = new_figure(1.6 + PANEL * len(documents), 1.3 + PANEL)
     panels = figure.subplots(1, len(documents), sharex=True, sharey=True, squeeze=False)[0]
     for axes, (law, document) in zip(panels, documents.items(), strict=True):
         coloured = _draw_starts(axes, document['runs'], field_of_view)
@@ -57,15 +56,6 @@ def starts(
     return figure
 
 
-def _size(documents: Mapping[str, Mapping[str, Any]]) -> tuple[float, float]:
-    """Return width and height [in] that leave little white around panels of equal scale."""
-    places = np.concatenate([_places(of['runs']) for of in documents.values()])
-    low, high = places.min(axis=0), places.max(axis=0)
-    wide, tall = np.maximum(high, WEDGE_REACH) - np.minimum(low, -WEDGE_REACH)
-    panel = float(np.clip(PANEL_HEIGHT * wide / tall, *PANEL_WIDTHS))
-    return max(1.6 + panel * len(documents), LEAST_WIDTH), PANEL_HEIGHT + 1.3
-
-
 def _draw_starts(axes: Axes, runs: Sequence[Run], field_of_view: float) -> PathCollection:
     draw_field_of_view(axes, DESIRED_POSE, field_of_view, WEDGE_REACH)
     draw_robot(axes, DESIRED_POSE, dashed=True)
@@ -76,12 +66,10 @@ def _draw_starts(axes: Axes, runs: Sequence[Run], field_of_view: float) -> PathC
     }
     arrived = groups['arrived']
     errors = [1e3 * run['position_error_m'] for run in arrived]
-    _draw_headings(axes, groups['failed'], FAILED_COLOUR)
     x, y = _places(arrived).T
     coloured = axes.scatter(
         x, y, s=size, c=errors, cmap=COLOURS, norm=LogNorm(*ERRORS_MM), zorder=3
     )
-    _draw_headings(axes, arrived, coloured.to_rgba(np.array(errors)))
     x, y = _places(groups['failed']).T
     axes.scatter(x, y, s=size, marker='x', c=FAILED_COLOUR, lw=0.9, zorder=4)
     x, y = _places(groups['wrong']).T
@@ -89,27 +77,6 @@ def _draw_starts(axes: Axes, runs: Sequence[Run], field_of_view: float) -> PathC
     x, y = _places(groups['raised']).T
     axes.scatter(x, y, s=6 * size, marker='*', c=INK, zorder=6)
     return coloured
-
-
-def _draw_headings(axes: Axes, runs: Sequence[Run], colour: Any) -> None:
-    if not runs:
-        return
-    theta = HALF_PI + np.radians([run['start'][2] for run in runs])
-    wide, tall = np.maximum(np.ptp(_places(runs), axis=0), 2.0 * WEDGE_REACH)
-    length = 0.6 * math.sqrt(wide * tall / (len(runs) + 40.0))  # [m], shorter if they are dense
-    axes.quiver(
-        *_places(runs).T,
-        length * np.cos(theta),
-        length * np.sin(theta),
-        color=colour,
-        angles='xy',
-        scale_units='xy',
-        scale=1.0,
-        units='xy',
-        width=0.05 * length,
-        headwidth=4.0,
-        zorder=2,
-    )
 
 
 def _places(runs: Sequence[Run]) -> FloatArray:

@@ -77,8 +77,6 @@ def _spread(runs: Sequence[Result], name: str) -> dict[str, Any]:
         'median': quantile(values, 0.5),
         'p95': quantile(values, 0.95),
         'max': quantile(values, 1.0),
-        'median_interval': list(quantile_interval(values, 0.5)),
-        'p95_interval': list(quantile_interval(values, 0.95)),
     }
 
 
@@ -111,18 +109,3 @@ def wilson(successes: int, trials: int) -> Interval:
 def quantile(values: Sequence[float] | FloatArray, share: float) -> float:
     """Return the quantile of ``values``, shape (N,), linear between two; nan if N is 0."""
     return float(np.quantile(values, share)) if len(values) else math.nan
-
-
-def quantile_interval(values: Sequence[float] | FloatArray, share: float) -> Interval:
-    """
-    Return the 95 % interval of a quantile of ``values``, shape (N,); nan if N is 0.
-
-    It is from one value to another: how many are below a quantile is binomial, here by its normal
-    approximation.
-    """
-    count = len(values)
-    if not count:
-        return math.nan, math.nan
-    ordered, reach = np.sort(values), Z * math.sqrt(count * share * (1.0 - share))
-    low, high = math.floor(count * share - reach), math.ceil(count * share + reach)
-    return float(ordered[max(low, 0)]), float(ordered[min(high, count - 1)])

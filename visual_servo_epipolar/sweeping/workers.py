@@ -105,7 +105,6 @@ def _environment() -> Iterator[None]:
 
 
 CONNECT_S = 10.0  # for a scheduler to answer
-NO_DASK = 'Dask cannot be imported ({}); pip install "visual_servo_epipolar[dask]"'
 
 
 class ClusterWorkers:
@@ -146,8 +145,8 @@ def cluster_workers(address: str) -> Iterator[ClusterWorkers]:
     """
     Yield the workers of the cluster whose scheduler is at ``address``.
 
-    Raises InputError if Dask is not installed, no scheduler answers, there are no workers, or they
-    lack this package or this version of it; VisualServoError if they are lost on the way.
+    Raises InputError if no scheduler answers, there are no workers, or they lack this package or
+    this version of it; VisualServoError if they are lost on the way.
     """
     client = _client(address)
     try:
@@ -166,11 +165,9 @@ def cluster_workers(address: str) -> Iterator[ClusterWorkers]:
 
 
 def _client(address: str) -> Any:
-    try:
-        from distributed import Client
-        from distributed.comm import resolve_address
-    except ImportError as error:
-        raise InputError(NO_DASK.format(error)) from None
+    from distributed import Client
+    from distributed.comm import resolve_address
+
     logging.getLogger('distributed').setLevel(logging.CRITICAL)  # one line here reports it
     try:
         resolve_address(address)

@@ -67,14 +67,6 @@ def test_no_title_is_cut(documents: dict[str, Any]) -> None:
     assert top <= figure.bbox.height
 
 
-def test_arrows_point_along_the_heading(documents: dict[str, Any]) -> None:
-    full = sweep_report.starts(documents).axes[1]
-    (arrows,) = [item for item in full.collections if hasattr(item, 'U')]
-    along = np.stack([arrows.U, arrows.V], axis=1) / np.hypot(arrows.U, arrows.V)[:, None]
-    # Heading error nothing looks along +y, 90 deg to the left along -x.
-    np.testing.assert_allclose(along, [[0.0, 1.0], [-1.0, 0.0]], atol=1e-12)
-
-
 def test_colours_tell_the_error_in_millimetres(documents: dict[str, Any]) -> None:
     figure = sweep_report.starts(documents)
     arrived = next(item for item in figure.axes[1].collections if item.get_array() is not None)
