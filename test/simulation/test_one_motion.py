@@ -98,6 +98,14 @@ def test_the_robot_probes_and_arrives(x: float, y: float, heading: float, law: s
     assert y > -2.0 or summarise(log)['max_distance_ratio'] < 1.3
 
 
+def test_no_map_begins_with_the_other_geometry_of_a_wall() -> None:
+    """The true one had stuck far off the driven way, and was compared with no twin of the twin."""
+    scenario = load(scenario_path('nearwall')).with_servo({'law': 'smooth'})
+    log = drive(scenario, (-1.25629, -4.382246, -9.348021), 1944441043)
+    assert log.samples[-1].phase.value == 'arrived', log.reason
+    assert log.samples[-1].pose.distance < 5e-3
+
+
 POSITION, HEADING = 0.005, math.radians(0.5)
 NEAR, FAR, TURNED = (0.1, -1.0, 5.0), (0.3, -3.0, 10.0), (0.0, 0.0, -10.0)
 ALL_BUT_TURNS = ' '.join(sorted({*DEPARTURES} - {'discordant_turn', 'final_turn', 'new_attempts'}))

@@ -85,13 +85,14 @@ def initial_geometry(
     found = [_settled(each) for each in tried if each is not None and is_sure(each)]
     if not found:
         return None
-    best = min(found, key=_cost)
-    exchanged = exchanged_starts(best, last.attitude)
-    twin = begun(best.window, exchanged[-1], exchanged) if exchanged else None
-    # A geometry that needs views left out does not fit as well.
-    fitting = [*found, _settled(twin)] if twin else found
-    fitting = [each for each in fitting if len(each.window) >= len(best.window)]
-    best, *others = sorted(fitting, key=_cost)
+    fitting, best, before = found, min(found, key=_cost), None
+    while best is not before:  # from a twin that fits better, its own twin may fit better still
+        exchanged, before = exchanged_starts(best, last.attitude), best
+        twin = begun(best.window, exchanged[-1], exchanged) if exchanged else None
+        fitting = [*fitting, _settled(twin)] if twin else fitting
+        # A geometry that needs views left out does not fit as well.
+        fitting = [each for each in fitting if len(each.window) >= len(best.window)]
+        best, *others = sorted(fitting, key=_cost)
     # Of bearings without a rival two views show that they are true, as well.
     margin = LIKELY if len(tried) == 1 and best is found[0] else DECISIVE
     decided = best.converged and not any(is_rival(best, other, margin) for other in others)
