@@ -30,11 +30,13 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return os.environ | {'PYTHONPATH': os.pathsep.join([str(target), str(ROOT)])}
 
 
+def python(environment: dict[str, str], *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, *arguments]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+
+
 def run(environment: dict[str, str], *arguments: str) -> Any:
-    command = [sys.executable, '-m', 'visual_servo_epipolar', *arguments, '--json', '-']
-    done = subprocess.run(
-        command, env=environment, capture_output=True, text=True, timeout=300, check=False
-    )
+    done = python(environment, '-m', 'visual_servo_epipolar', *arguments, '--json', '-')
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -64,9 +66,7 @@ def test_a_node_takes_it(environment: dict[str, str]) -> None:
         "node = ServoNode(parameter_overrides=[Parameter('law', value='bounded')])\n"
         "print(node.get_parameter('law').value)\n"
     )
-    done = subprocess.run(
-        [sys.executable, '-c', code], env=environment, capture_output=True, text=True, timeout=120
-    )
+    done = python(environment, '-c', code)
     assert done.stdout.strip() == 'bounded', done.stderr
 
 
@@ -89,16 +89,9 @@ def test_a_matcher_of_ones_own_finds_the_photograph(environment: dict[str, str],
     assert result['position_error_m'] < 0.01
 
 
-def test_an_estimator_that_nobody_has_is_named(environment: dict[str, str]) -> None:
+def test_an_unknown_estimator_is_named(environment: dict[str, str]) -> None:
     command = ['simulate', '--start', '0', '-3', '0', '--estimator', 'linear_9pt']
-    done = subprocess.run(
-        [sys.executable, '-m', 'visual_servo_epipolar', *command],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    done = python(environment, '-m', 'visual_servo_epipolar', *command)
     assert done.returncode == 2
     assert "soft_planar, linear_8pt, got 'linear_9pt'" in done.stderr
 

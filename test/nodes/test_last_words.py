@@ -11,7 +11,7 @@ from typing import Any
 from bench import Bench, next_domain
 from durations import few_of
 from geometry_msgs.msg import Twist as TwistMessage
-from node_process import started
+from node_process import environment, started
 import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from servo_rig import Rig
@@ -47,7 +47,7 @@ class Hall:
         (publisher,) = (it for it in node.publishers if it.topic_name == f'/{topic}')
         before = publisher.get_subscription_count()
         command = [sys.executable, '-c', LISTEN, kind.__module__, kind.__name__, topic]
-        listener = started(self._stack, self._domain, command, self._log)
+        listener = started(self._stack, environment(self._domain), command, self._log)
         found = lambda: publisher.get_subscription_count() > before  # noqa: E731
         self.bench.until(found, 'the listener to be found')
         listener.send_signal(signal.SIGSTOP)

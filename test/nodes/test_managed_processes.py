@@ -13,7 +13,7 @@ from durations import few_of
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from lifecycles import asked
-from node_process import arguments, started
+from node_process import arguments, environment, started
 import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
@@ -33,7 +33,7 @@ def test_a_process_survives_the_impossible_and_ends_in_any_state(stack, tmp_path
     bench, processes = stack.enter_context(Bench(domain)), {}
     for name in NODES:
         command = arguments(name, '-p', 'autostart_node:=false')
-        processes[name] = started(stack, domain, command, tmp_path / name)
+        processes[name] = started(stack, environment(domain), command, tmp_path / name)
     for place, name in enumerate(NODES):  # one ends unconfigured, one inactive, others active
         for number in (99, 3, *(1, 1, 3, 3)[: 2 * place]):
             bench.call(f'{name}/change_state', ChangeState, asked(number))
@@ -47,7 +47,7 @@ def test_a_process_survives_the_impossible_and_ends_in_any_state(stack, tmp_path
 def test_shutdown_ends_the_process(stack, tmp_path, name) -> None:
     domain, log = next_domain(), tmp_path / 'log'
     bench = stack.enter_context(Bench(domain))
-    process = started(stack, domain, arguments(name), log)
+    process = started(stack, environment(domain), arguments(name), log)
     request = asked(Transition.TRANSITION_ACTIVE_SHUTDOWN)
     assert bench.call(f'{name}/change_state', ChangeState, request).success
     assert_ends(process, log)
@@ -71,7 +71,7 @@ def test_each_of_200_signals_ends_a_tracker_that_loads_or_tracks(
     began = time.monotonic()
     for number in range(stops):
         with ExitStack() as own:
-            process = started(own, domain, [sys.executable, '-c', load], log)
+            process = started(own, environment(domain), [sys.executable, '-c', load], log)
             if number == 0:
                 bench.until(lambda: bool(clouds), 'tracks', START_SEC)
                 loading_s = time.monotonic() - began

@@ -38,7 +38,7 @@ class Team:
             if name == 'camera_node':
                 files += ['--params-file', str(CONFIG / 'camera_node_640x480.yaml')]
             command = arguments(name, *files, *(START if name == 'unicycle_node' else ()))
-            self.processes[name] = started(stack, domain, command, folder / name)
+            self.processes[name] = started(stack, environment(domain), command, folder / name)
 
     def output(self, name: str) -> str:
         return (self._folder / name).read_text()

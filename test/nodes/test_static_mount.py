@@ -1,4 +1,4 @@
-"""The servo takes the mount of its camera from /tf_static, before a run, where nobody told it."""
+"""The servo takes the mount of its camera from /tf_static, before a run, unless it is set."""
 
 from dataclasses import replace
 import math
@@ -62,7 +62,7 @@ def test_the_mount_is_taken_with_the_first_tracks_and_announced(bench, settings)
     rig.look()
     assert settings()['camera_tilt'] == pytest.approx(0.3)
     assert settings()['camera_yaw'] == pytest.approx(0.1)
-    # The camera is level: who drew it was wrong, and that is found out.
+    # The camera is level: the transform is wrong, and that is found out.
     assert rig.node._state.view.memory.attitude.tilt == pytest.approx(0.0, abs=0.03)
     line = '/tf_static: camera_optical_frame sits at tilt 17.2 deg, roll -5.7 deg'
     bench.until(lambda: bool(bench.logged(line)), 'the log')
@@ -91,7 +91,7 @@ def test_a_chain_of_frames_is_followed(bench, settings) -> None:
         ([], 'it has nothing'),
     ],
 )
-def test_a_camera_that_it_does_not_lead_to_is_told_once(bench, monkeypatch, edges, has) -> None:
+def test_a_camera_that_it_does_not_lead_to_is_logged_once(bench, monkeypatch, edges, has) -> None:
     monkeypatch.setattr(transforms, 'tf_message_class', lambda: String)  # as if it were installed
     rig = Mounted(bench)
     rig.told(*edges)
@@ -130,7 +130,7 @@ def test_without_tf2_msgs_it_says_so(bench, monkeypatch) -> None:
     assert not bench.logged('/tf_static does not lead')
 
 
-def test_unless_it_is_wanted_nobody_listens(bench) -> None:
+def test_unless_it_is_wanted_there_is_no_subscription(bench) -> None:
     node = bench.start(ServoNode)
     assert '/tf_static' not in {item.topic_name for item in node.subscriptions}
 
@@ -165,7 +165,7 @@ def test_a_cleanup_forgets_the_mount(bench, settings) -> None:
         (replace(MOUNT, yaw=math.pi).R_world_camera(BASE), 'camera_yaw must lie in'),
     ],
 )
-def test_by_a_mount_that_cannot_be_used_nobody_drives(bench, settings, mount, why) -> None:
+def test_by_a_mount_that_cannot_be_used_no_robot_drives(bench, settings, mount, why) -> None:
     rig = Mounted(bench)
     before = settings()
     rig.told(transforms.mount_transform('base_link', 'camera', mount, np.zeros(3)))
@@ -181,7 +181,7 @@ def test_by_a_mount_that_cannot_be_used_nobody_drives(bench, settings, mount, wh
     assert rig.phase != 'waiting'
 
 
-def test_a_broken_transform_is_said_and_left_out(bench, settings) -> None:
+def test_a_broken_transform_is_logged_and_left_out(bench, settings) -> None:
     rig = Mounted(bench)
     broken = mounted()
     broken.transform.rotation.w = math.nan

@@ -35,22 +35,25 @@ def wait_for_frames(bench, truth, count):
     bench.until(lambda: len(truth) >= count, f'{count} messages of ground truth')
 
 
+def step(bench, command, truth, message):
+    """Command the base in lockstep, and wait for the ground truth after it."""
+    count = len(truth)
+    command(message)
+    wait_for_frames(bench, truth, count + 1)
+
+
 def until_it_moves(bench, say, truth, speed) -> None:
     """Command by ``say`` until the base moves: on a busy machine a command may be too old."""
     moves = lambda: (truth and velocity(truth[-1]).linear > speed) or say()  # noqa: E731
     bench.until(moves, 'the base to move')
 
 
-def test_a_command_moves_it(bench) -> None:
+def test_it_stands_at_its_start_until_a_command_moves_it(bench) -> None:
     _, command, truth = start(bench)
-    until_it_moves(bench, lambda: command(write.twist(Twist(0.3, 0.0))), truth, 0.05)
-    bench.until(lambda: read.pose(truth[-1]).y > START[1] + 0.01, 'the base to get on')
-
-
-def test_it_stands_where_it_was_told_to_start(bench) -> None:
-    _, _, truth = start(bench)
     wait_for_frames(bench, truth, 2)
     assert read.pose(truth[-1]) == published(Pose.from_start(*START))
+    until_it_moves(bench, lambda: command(write.twist(Twist(0.3, 0.0))), truth, 0.05)
+    bench.until(lambda: read.pose(truth[-1]).y > START[1] + 0.01, 'the base to get on')
 
 
 def test_it_stops_by_itself_when_commands_stay_away(bench) -> None:
@@ -76,33 +79,34 @@ def test_a_timeout_of_zero_lets_it_run_on(bench) -> None:
 @pytest.mark.parametrize('bad', [math.nan, math.inf])
 def test_a_command_that_is_not_finite_stops_it_and_is_logged_once(bench, clock, bad) -> None:
     _, command, truth = start(bench, command_timeout=0.0, lockstep=True)
-    for step in range(5):
-        command(write.twist(Twist(0.3, 0.0)))
-        wait_for_frames(bench, truth, step + 1)
+    for _ in range(5):
+        step(bench, command, truth, write.twist(Twist(0.3, 0.0)))
     assert velocity(truth[-1]).linear > 0.0
     message = write.twist(Twist(0.3, 0.0))
     message.angular.z = bad
     for _ in range(10):
-        count = len(truth)
-        command(message)
-        wait_for_frames(bench, truth, count + 1)
+        step(bench, command, truth, message)
     assert velocity(truth[-1]) == STANDSTILL
     assert math.isfinite(read.pose(truth[-1]).x)
     bench.until(lambda: bench.logged('a twist must be finite'), 'the error in the log')
     bench.settle()
     assert len(bench.logged('a twist must be finite')) == 1
-    count = len(truth)
-    command(write.twist(Twist(0.3, 0.0)))
-    wait_for_frames(bench, truth, count + 1)
+    step(bench, command, truth, write.twist(Twist(0.3, 0.0)))
     assert velocity(truth[-1]).linear > 0.0
 
 
-def test_it_takes_stamped_commands(bench) -> None:
-    node, command, truth = start(bench, enable_stamped_cmd_vel=True)
+@pytest.mark.parametrize(
+    ('values', 'is_old'),
+    [({}, False), ({'command_timeout': 0.0}, True), ({'lockstep': True}, True)],
+)
+def test_it_takes_stamped_commands_also_old_ones_where_none_is_too_old(
+    bench, values, is_old
+) -> None:
+    node, command, truth = start(bench, enable_stamped_cmd_vel=True, **values)
 
     def say() -> None:
-        now_ns = node.get_clock().now().nanoseconds
-        command(write.twist_stamped(Twist(0.3, 0.0), now_ns, 'base_link'))
+        stamp_ns = 1 if is_old else node.get_clock().now().nanoseconds
+        command(write.twist_stamped(Twist(0.3, 0.0), stamp_ns, 'base_link'))
 
     until_it_moves(bench, say, truth, 0.05)
 
@@ -115,23 +119,15 @@ def test_it_refuses_a_stamped_command_of_long_ago(bench) -> None:
     assert velocity(truth[-1]) == STANDSTILL
 
 
-@pytest.mark.parametrize('values', [{'command_timeout': 0.0}, {'lockstep': True}])
-def test_where_no_command_is_too_old_no_stamp_is(bench, values) -> None:
-    _, command, truth = start(bench, enable_stamped_cmd_vel=True, **values)
-    old = write.twist_stamped(Twist(0.3, 0.0), 1, 'base_link')
-    until_it_moves(bench, lambda: command(old), truth, 0.05)
-
-
 def test_in_lockstep_one_command_is_one_frame(bench) -> None:
     node, command, truth = start(bench, lockstep=True, begin=False)
     node.begin()
     wait_for_frames(bench, truth, 1)
-    for step in range(1, 6):
-        command(write.twist(Twist(0.3, 0.1)))
-        wait_for_frames(bench, truth, step + 1)
+    for _ in range(5):
+        step(bench, command, truth, write.twist(Twist(0.3, 0.1)))
     bench.settle()
     stamps = [read.stamp_ns(message.header) for message in truth]
-    assert stamps == [step * PERIOD_NS for step in range(6)]
+    assert stamps == [number * PERIOD_NS for number in range(6)]
     assert node.steps == 5
 
 
@@ -166,9 +162,8 @@ def test_odometry_drifts_away_from_the_truth_says_so_and_begins_anew_with_a_rese
     node, command, truth = start(bench, lockstep=True, command_timeout=0.0)
     node.begin()
     wait_for_frames(bench, truth, 1)
-    for step in range(1, 45):
-        command(write.twist(Twist(0.5, 0.0)))
-        wait_for_frames(bench, truth, step + 1)
+    for _ in range(44):
+        step(bench, command, truth, write.twist(Twist(0.5, 0.0)))
     bench.until(lambda: len(odometry) == len(truth), 'odometry beside the truth')
     way = math.dist(position(truth[-1]), START[:2])
     error = abs(math.hypot(*position(odometry[-1])) - way)

@@ -1,39 +1,24 @@
 """Build the package with colcon, as a ROS workspace does, and run what that installed."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 import os
 from pathlib import Path
 import signal
 import subprocess
 import sys
-import time
-from typing import TypeAlias
 import xml.etree.ElementTree as ElementTree
 
-from bench import next_domain
+from bench import Bench, next_domain
+from node_process import started
 import pytest
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+
+from visual_servo_epipolar.nodes.startup.table import NODES
 
 ROOT = Path(__file__).parents[2]
 NAME = 'visual_servo_epipolar'
-NODES = (
-    'unicycle_node',
-    'camera_node',
-    'tracker_node',
-    'servo_node',
-    'recorder_node',
-    'dock_node',
-    'route_node',
-)
 DOMAIN = next_domain()
 START_SEC, STOP_SEC = 60.0, 30.0  # more than ten times what they take
-
-Running: TypeAlias = subprocess.Popen[bytes]
 
 pytestmark = [pytest.mark.colcon, pytest.mark.long]
 
@@ -98,52 +83,6 @@ def sourced(path: Path) -> dict[str, str]:
     return dict(entry.split('=', 1) for entry in ran.stdout.split('\0') if entry)
 
 
-@pytest.fixture
-def neighbour(monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
-    """Yield a node in the domain of the installed ones."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    context = Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
-    node = rclpy.create_node('neighbour', context=context)
-    yield node
-    node.destroy_node()
-    rclpy.try_shutdown(context=context)
-
-
-@contextmanager
-def running(command: list[str], environment: dict[str, str], log: Path) -> Iterator[Running]:
-    """Run ``command``, its output going to ``log``, and leave nothing of it behind."""
-    # In a session of its own, for it must not inherit an ignored SIGINT.
-    with (
-        log.open('w') as output,
-        subprocess.Popen(
-            command,
-            cwd=log.parent,
-            env=environment,
-            start_new_session=True,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-        ) as process,
-    ):
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def wait_for_another_node(node: Node, process: Running, log: Path) -> None:
-    """Spin ``node`` until it sees one beside itself; fail if ``process`` ends before that."""
-    executor = SingleThreadedExecutor(context=node.context)
-    executor.add_node(node)
-    deadline = time.monotonic() + START_SEC
-    while set(node.get_node_names()) <= {node.get_name()}:
-        executor.spin_once(timeout_sec=0.05)
-        ended = process.poll()
-        assert ended is None, f'it ended with {ended} at the start:\n{log.read_text()}'
-        assert time.monotonic() < deadline, f'no node in {START_SEC} s:\n{log.read_text()}'
-    executor.shutdown()
-
-
 def files(folder: Path) -> set[Path]:
     """Return all files below ``folder``, as paths from there, but for Python's own caches."""
     paths = (path.relative_to(folder) for path in folder.rglob('*') if path.is_file())
@@ -192,16 +131,23 @@ def test_the_installed_command_lists_its_subcommands(workspace: Workspace, tmp_p
 
 
 @pytest.mark.parametrize('name', NODES)
-def test_a_node_of_a_namespace_starts_and_ends(name, workspace, neighbour, tmp_path) -> None:
+def test_a_node_of_a_namespace_starts_and_ends(name, workspace, monkeypatch, tmp_path) -> None:
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     settings = workspace.share / NAME / 'config' / f'{name}.yaml'
     command = [str(workspace.executables / name), '--ros-args', '-r', '__ns:=/robot1']
     command += ['--params-file', str(settings)]
     log = tmp_path / 'output.txt'
-    with running(command, workspace.environment, log) as process:
-        wait_for_another_node(neighbour, process, log)
+    with ExitStack() as stack:
+        bench = stack.enter_context(Bench(DOMAIN))
+        process = started(stack, workspace.environment, command, log)
+
+        def runs() -> bool:
+            assert process.poll() is None, log.read_text()
+            return name in bench.probe.get_node_names()
+
+        bench.until(runs, f'{name} in {log.parent}', START_SEC)
         process.send_signal(signal.SIGINT)
-        status = process.wait(STOP_SEC)
-    assert status == 0, log.read_text()
+        assert process.wait(STOP_SEC) == 0, log.read_text()
     assert 'Traceback' not in log.read_text()
     assert 'sets no parameter' not in log.read_text()
 

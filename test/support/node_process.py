@@ -40,12 +40,12 @@ def arguments(name: str, *more: str) -> list[str]:
     return [sys.executable, '-m', f'visual_servo_epipolar.nodes.{name}', '--ros-args', *more]
 
 
-def started(stack: ExitStack, domain: int, command: list[str], log: Path) -> Any:
+def started(stack: ExitStack, env: dict[str, str], command: list[str], log: Path) -> Any:
     """Start a process whose errors go to ``log``; it is killed at the end of the stack."""
     process = stack.enter_context(
         subprocess.Popen(
             command,
-            env=environment(domain),
+            env=env,
             stderr=stack.enter_context(log.open('w')),
             cwd=log.parent,
             start_new_session=True,  # it must not inherit an ignored SIGINT

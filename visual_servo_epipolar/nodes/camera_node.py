@@ -51,8 +51,10 @@ class CameraNode(ParameterNode):
         parameters.finish(self, options)
         parameters.watch(self, '_settings', self._use)
         parameters.watch(self, '_head_settings', self._use_head)
-        parameters.watch(self, '_disturbances', self._disturb)
-        parameters.watch(self, '_light', self._relight)
+        parameters.watch(
+            self, '_disturbances', lambda: self._simulator.disturb(self._disturbances)
+        )
+        parameters.watch(self, '_light', lambda: self._simulator.relight(self._light))
         self._info = self._settings.nominal_camera
         self._joint_names = self._rig.pan_joint, self._rig.tilt_joint
         self._simulator = CameraSimulator(self._on_rig(), self._disturbances, self._light)
@@ -116,12 +118,6 @@ class CameraNode(ParameterNode):
         self._head.advance(stamp_ns)
         self._simulator.turn(self._head.joints)
         self._joints_pub.publish(joint_states(self._head.read(), self._joint_names, stamp_ns))
-
-    def _disturb(self) -> None:
-        self._simulator.disturb(self._disturbances)
-
-    def _relight(self) -> None:
-        self._simulator.relight(self._light)
 
     def _on_truth(self, message: Odometry) -> None:
         try:

@@ -15,10 +15,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.managed import ManagedNode, serve
-from visual_servo_epipolar.nodes.raw_subscriptions import (
-    RawSubscriptions,
-    TopicSelection,
-)
+from visual_servo_epipolar.nodes.raw_subscriptions import RawSubscriptions, TopicSelection
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import RecorderNodeSettings
 from visual_servo_epipolar.nodes.steady import STEADY
@@ -65,12 +62,8 @@ class RecorderNode(ManagedNode):
             self.get_logger().info(f'waits for {self.get_fully_qualified_name()}/start')
 
     def deactivate(self) -> None:
-        """Complete the bag, and say so."""
-        status = self.stop()
-        self._error = status.error
-        if status.error:
-            self.get_logger().error(status.error)
-        self._report(status)
+        """Complete the bag, and report that."""
+        self._report_end(self.stop())
 
     def cleanup(self) -> None:
         """Complete the bag of an activation that failed."""
@@ -133,7 +126,8 @@ class RecorderNode(ManagedNode):
     def _on_discovery(self) -> None:
         status = self.status()
         if status.error:
-            self._fail(status)
+            self.stop()
+            self._report_end(status)
         elif self._recorder is not None:
             self._raw_subscriptions.discover()
             self._miss_topics()
@@ -151,11 +145,11 @@ class RecorderNode(ManagedNode):
                 throttle_duration_sec=30.0,
             )
 
-    def _fail(self, status: RecordingStatus) -> None:
-        """Report that the bag has ended early."""
+    def _report_end(self, status: RecordingStatus) -> None:
+        """Report that the bag has ended, and why if that was early."""
         self._error = status.error
-        self.get_logger().error(status.error)
-        self.stop()
+        if status.error:
+            self.get_logger().error(status.error)
         self._report(status)
 
     def _report(self, status: RecordingStatus) -> None:

@@ -22,7 +22,6 @@ from visual_servo_epipolar.simulation.bases import (
     AckermannSettings,
     DeadReckoning,
     model_settings,
-    Pioneer,
     world_to_odometry,
 )
 
@@ -71,14 +70,11 @@ class UnicycleNode(ParameterNode):
         self._base.settings = model_settings(self._settings.model, self._base_settings)
 
     def _stand_at_the_start(self) -> None:
-        self._base = self._new_base()
-        self._reckoning = DeadReckoning(self._base.odometry, self._base.now_ns)
-
-    def _new_base(self) -> Pioneer:
         start = Pose.from_start(*self._settings.start)
         now_ns = 0 if self._settings.lockstep else steady.now_ns()
         settings = model_settings(self._settings.model, self._base_settings)
-        return settings.base(start, seed=self._settings.seed, now_ns=now_ns)
+        self._base = settings.base(start, seed=self._settings.seed, now_ns=now_ns)
+        self._reckoning = DeadReckoning(self._base.odometry, now_ns)
 
     def _on_command(self, message: Any) -> None:
         try:

@@ -14,7 +14,7 @@ import time
 from bag_reading import read_back, size_of
 from bench import Bench, next_domain
 from durations import few_of
-from node_process import arguments, started
+from node_process import arguments, environment, started
 import pytest
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
@@ -42,7 +42,9 @@ class Stand:
         """Start a recorder of ``words``."""
         command = arguments('recorder_node', '-p', 'topics:=[words]', '-p', f'bag:={bag}', *more)
         log = self._folder / f'{bag.name}.log'
-        process: subprocess.Popen[bytes] = started(self._stack, self._domain, command, log)
+        process: subprocess.Popen[bytes] = started(
+            self._stack, environment(self._domain), command, log
+        )
         return process
 
     def until_heard_by(self, count: int) -> None:

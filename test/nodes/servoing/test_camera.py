@@ -1,4 +1,4 @@
-"""What a run goes by, camera, lens, photograph: another stops the robot, what is odd is said."""
+"""What a run goes by, camera, lens, photograph: another stops the robot, oddities are logged."""
 
 from dataclasses import replace
 
@@ -88,7 +88,7 @@ def flicker(rig: Rig) -> None:
         rig.hear(camera)
 
 
-def test_a_run_waits_after_a_word_of_another_camera(bench) -> None:
+def test_a_run_waits_after_a_message_of_another_camera(bench) -> None:
     rig = Rig(bench).drive()
     flicker(rig)
     count = len(rig.commands)
@@ -166,7 +166,7 @@ def test_a_robot_with_a_fisheye_drives(bench) -> None:
     assert not bench.logged('left out')
 
 
-def test_features_that_the_lens_cannot_place_are_said(bench) -> None:
+def test_features_that_the_lens_cannot_place_are_logged(bench) -> None:
     rig = Rig(bench, camera=FOLDING)
     bench.until(lambda: bench.logged('cannot be undone in'), 'the doubt about the lens')
     pixels = np.random.default_rng(0).uniform(0.0, 1.0, (60, 2)) * [1279.0, 1023.0]
@@ -243,7 +243,7 @@ def test_a_run_goes_on_with_its_own_photograph_and_a_new_one_with_another(
 
 
 @pytest.mark.parametrize('goal', [FIRST, NO_GOAL])
-def test_the_same_photograph_or_one_that_nobody_tells_is_no_change(bench, goal) -> None:
+def test_the_same_photograph_or_one_without_a_number_is_no_change(bench, goal) -> None:
     rig = of(bench)
     rig.goal = goal
     for _ in range(3):

@@ -32,7 +32,7 @@ class Process:
         self._send = self.bench.talk(PointCloud2, 'tracks')
         self._calibrate = self.bench.talk(CameraInfo, 'camera_info')
         command = [*prefix, *arguments('servo_node', *DRIVING)]
-        self.process = started(stack, domain, command, self._log)
+        self.process = started(stack, environment(domain), command, self._log)
         self.bench.until(self.moves, 'a command to move', START_SEC)
 
     def moves(self) -> bool:

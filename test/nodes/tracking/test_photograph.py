@@ -220,17 +220,24 @@ def test_a_broken_one_is_one_line_at_the_start(bench, simulator, tmp_path, damag
 
 
 @pytest.mark.parametrize(
-    ('name', 'reason'),
-    [('goal.png', 'the name of a .yaml file'), ('none/goal.yaml', 'a folder that can be written')],
+    ('values', 'reason'),
+    [
+        ({'photograph': '{}/goal.png'}, 'the name of a .yaml file'),
+        ({'photograph': '{}/none/goal.yaml'}, 'a folder that can be written'),
+        ({'photograph': '{}/a.yaml', 'desired_image': 'b.png'}, 'exclude each other'),
+        *(
+            ({'desired_image': f'{{}}/{name}'}, 'desired_image must be a readable image file')
+            for name in ('missing.png', 'empty.png', 'text.png')
+        ),
+    ],
 )
-def test_where_nothing_can_be_kept_is_said_at_the_start(bench, tmp_path, name, reason) -> None:
+def test_files_that_cannot_be_used_are_refused_at_the_start(
+    bench, tmp_path, values, reason
+) -> None:
+    (tmp_path / 'empty.png').touch()
+    (tmp_path / 'text.png').write_text('not an image')
     with pytest.raises(ValueError, match=reason):
-        bench.start(TrackerNode, photograph=str(tmp_path / name))
-
-
-def test_one_photograph_is_given_or_kept_not_both(bench, tmp_path) -> None:
-    with pytest.raises(ValueError, match='exclude each other'):
-        bench.start(TrackerNode, photograph=str(tmp_path / 'a.yaml'), desired_image='b.png')
+        bench.start(TrackerNode, **{key: it.format(tmp_path) for key, it in values.items()})
 
 
 def test_a_crash_leaves_the_former_photograph(simulator, tmp_path, monkeypatch) -> None:
