@@ -2,24 +2,11 @@
 
 from dataclasses import replace
 import json
-import math
-from typing import Any
-
-import pytest
 
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES
 from visual_servo_epipolar.core.laws.registry import LAWS
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.evaluation.benchmarks import ablation
-from visual_servo_epipolar.sweeping.summary import summary_of
-
-FAILURE = {'outcome': 'failed', 'reason': 'tracks lost for 5 s'}
-NAN_AND_NONE = [math.nan, None]
-
-
-@pytest.fixture(scope='module')
-def document() -> dict[str, Any]:
-    return ablation.run(seed=0, quick=True, say=lambda text: None)
 
 
 def test_each_departure_is_left_out_of_full_and_added_to_the_paper_once() -> None:
@@ -37,7 +24,8 @@ def test_each_departure_is_left_out_of_full_and_added_to_the_paper_once() -> Non
         assert differing == name.split()[2:]
 
 
-def test_a_quick_run_has_a_row_for_each_of_its_laws(document: dict[str, Any]) -> None:
+def test_a_quick_run_has_a_row_for_each_of_its_laws() -> None:
+    document = ablation.run(seed=0, quick=True, say=lambda text: None)
     rows = document['rows']
     assert [(row['law'], row['region']) for row in rows] == [
         (law, 'front') for law in ablation.QUICK_LAWS
@@ -49,22 +37,7 @@ def test_a_quick_run_has_a_row_for_each_of_its_laws(document: dict[str, Any]) ->
     # Point features from the front: full always arrives, and has nothing to retreat from.
     assert full['success_rate'] == without_retreat['success_rate'] == 1.0
     assert full['arrived_but_wrong'] == 0
-
-
-def test_the_table_has_a_line_for_each_row(document: dict[str, Any]) -> None:
     lines = ablation.table(document).splitlines()
-    assert lines[0].startswith('1 starts a region')
-    cells = [line.split(' | ') for line in lines[4:]]
-    assert [row[0] for row in cells] == [f'| {law}' for law in ablation.QUICK_LAWS]
-    assert len({len(row) for row in cells}) == 1
-    assert cells[0][2] == '100 %'
-
-
-@pytest.mark.parametrize('missing', NAN_AND_NONE, ids=str)
-def test_a_law_of_which_no_run_arrived_has_dashes(document, missing) -> None:
-    row = {'law': 'paper', 'region': 'front'} | summary_of([FAILURE, FAILURE])
-    assert math.isnan(row['position_error_m']['median'])
-    for name in ('position_error_m', 'heading_error_deg', 'max_distance_ratio', 'duration_s'):
-        row[name] = dict.fromkeys(row[name], missing)
-    line = ablation.table({**document, 'rows': [row]}).splitlines()[-1]
-    assert line == '| paper | front | 0 % | 0 | - / - | - | - | - |'
+    assert [line.split(' | ')[0] for line in lines[4:]] == [
+        f'| {it}' for it in ablation.QUICK_LAWS
+    ]

@@ -64,12 +64,11 @@ def test_the_benchmark_runs_and_prints_its_tables(document: dict[str, object]) -
     assert 'opencv LMedS F' in text
 
 
-def test_a_missing_poselib_is_said(document: dict[str, object]) -> None:
-    versions = {**document['versions'], 'poselib': None}  # type: ignore[dict-item]
+def test_without_poselib_its_rows_are_left_out_and_the_table_says_so(
+    document, monkeypatch
+) -> None:
+    versions = {**document['versions'], 'poselib': None}
     text = estimation.table({**document, 'versions': versions})
     assert 'poselib is not installed: its rows are left out' in text
-
-
-def test_without_poselib_opencv_is_the_only_peer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimation, 'find_spec', lambda _: None)
     assert set(estimation.peers()) == {'opencv LMedS F', 'opencv MAGSAC F'}

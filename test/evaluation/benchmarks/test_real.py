@@ -50,22 +50,26 @@ def test_a_folder_of_photographs_is_judged_by_its_truth(tmp_path: Path, capsys) 
 
 
 @pytest.mark.parametrize(
-    ('text', 'words'),
+    ('name', 'text', 'words'),
     [
-        (None, 'No such file'),
-        ('{', 'must be JSON'),
-        ('[]', 'must be a list of pairs'),
-        ('[{"name": "a"}]', 'a pair must have name, desired, current, camera and truth'),
+        ('real', None, 'No such file'),
+        ('real', '{', 'must be JSON'),
+        ('real', '[]', 'must be a list of pairs'),
+        ('real', '[{"name": "a"}]', 'a pair must have name, desired, current, camera and truth'),
+        ('routes', '[]', 'must name recorded ways'),
+        (
+            'routes',
+            '{"hall": {"kind": "clip"}}',
+            'hall must have kind, camera, two frames or more',
+        ),
     ],
 )
-def test_a_folder_without_truth_is_bad_input(tmp_path, capsys, text, words) -> None:
+def test_a_folder_without_truth_is_bad_input(tmp_path, capsys, name, text, words) -> None:
     if text is not None:
         (tmp_path / 'truth.json').write_text(text)
-    code, _ = bench(tmp_path, tmp_path / 'result.json')
+    assert main(['bench', name, str(tmp_path)]) == 2
     errors = capsys.readouterr().err
-    assert code == 2
-    assert words in errors
-    assert errors.count('\n') == 1
+    assert words in errors and errors.count('\n') == 1
 
 
 @pytest.mark.skipif(not PAIRS.is_dir(), reason=f'{PAIRS.name} of photographs is not there')

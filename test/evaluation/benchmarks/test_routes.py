@@ -30,28 +30,6 @@ def test_a_way_of_a_race_car_is_taught_and_its_frames_are_found(tmp_path, capsys
     assert 'donkey_route' in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ('text', 'words'),
-    [
-        (None, 'No such file'),
-        ('{', 'must be JSON'),
-        ('[]', 'must name recorded ways'),
-        ('{"hall": {"kind": "clip"}}', 'hall must have kind, camera, two frames or more'),
-    ],
-)
-def test_a_folder_without_recorded_ways_is_bad_input(tmp_path, capsys, text, words) -> None:
-    if text is not None:
-        (tmp_path / 'truth.json').write_text(text)
-    code, _ = bench(tmp_path, tmp_path / 'result.json')
-    errors = capsys.readouterr().err
-    assert code == 2 and words in errors and errors.count('\n') == 1
-
-
-def test_routes_without_a_folder_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['bench', 'routes']) == 2
-    assert 'must be followed by the FOLDER' in capsys.readouterr().err
-
-
 @pytest.mark.skipif(not REAL.is_dir(), reason=f'{REAL.name} is not there: not to be committed')
 def test_real_ways_are_taught_and_frames_are_found_where_they_were_taken(tmp_path: Path) -> None:
     code, document = bench(REAL, tmp_path / 'result.json')

@@ -196,10 +196,6 @@ def drawn(chapters) -> dict[str, Figure]:
     return {name: figure for c in chapters.values() for name, figure in c.figures.items()}
 
 
-def test_every_figure_of_the_simulations_is_there(drawn) -> None:
-    assert set(drawn) == {f'figure_{number:02d}' for number in range(7, 16)}
-
-
 @pytest.mark.parametrize('name', [f'figure_{n:02d}' for n in range(7, 16)])
 def test_the_data_behind_a_figure_are_those_stored(chapters, name) -> None:
     current, stored = data(chapters)[name], REFERENCE[name]
@@ -232,10 +228,3 @@ def test_data_are_what_is_drawn_and_keep_both_ends() -> None:
     current = thin(figure_data(axes.figure), 11)
     assert list(current) == ['0: a']
     np.testing.assert_allclose(current['0: a'], np.stack([x, x**2], axis=1)[::100])
-
-
-def test_a_chapter_is_titled_by_its_simulation_and_what_its_camera_knows(chapters) -> None:
-    assert [chapter.title for chapter in chapters.values()] == [
-        'Simulation 1: calibrated camera',
-        'Simulation 2: partially calibrated camera',
-    ]

@@ -153,21 +153,6 @@ def test_paint_too_fine_to_see_is_grey() -> None:
     assert image[225:255, 305:330].std() < 15.0
 
 
-def test_what_is_painted_is_what_is_nearest(furnished: Renderer) -> None:
-    rng = np.random.default_rng(1)
-    for pose in POSES:
-        axes, centre = furnished.rig.camera_pose(pose)
-        view = PinholeView(640, 480, CAMERA.matrix, centre, axes)
-        raster = rasterize(furnished.scene, view)
-        pixels = rng.integers((0, 0), (640, 480), (400, 2))
-        points = furnished.trace(pixels.astype(float), pose)
-        numbers = raster.ids[pixels[:, 1], pixels[:, 0]]
-        strips = np.array([raster.strips[k - 1].surface for k in numbers])
-        corners, normals = furnished.scene.corners[strips, 0], furnished.scene.normals[strips]
-        off = np.abs(((points - corners) * normals).sum(axis=1))
-        assert np.mean(off < 1e-6) > 0.98  # but for pixels on an edge
-
-
 def test_a_surface_may_fill_a_single_pixel(furnished: Renderer) -> None:
     axes, centre = furnished.rig.camera_pose(POSES[0])
     view = PinholeView(640, 480, CAMERA.matrix, centre, axes)
