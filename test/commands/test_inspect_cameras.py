@@ -53,19 +53,6 @@ def test_a_camera_is_named_after_the_file(photographs: Path, capsys) -> None:
     assert 'cam2.camera_model must be pinhole' in capsys.readouterr().err
 
 
-def test_the_size_is_that_of_the_photographs_by_default(photographs, tmp_path, capsys) -> None:
-    text = f'K: {TRUE.matrix.tolist()}\n'
-    code, result = inspected_by(photographs, text)
-    assert code == 0
-    assert_right(result, START, 0.2)
-    half = cv2.resize(cv2.imread(str(photographs / 'current.png')), (320, 240))
-    cv2.imwrite(str(tmp_path / 'current.png'), half)
-    (tmp_path / 'camera').write_text(text)
-    images = [str(photographs / 'desired.png'), str(tmp_path / 'current.png')]
-    assert main(['inspect', *images, '--camera', str(tmp_path / 'camera')]) == 2
-    assert 'no image size; add image_width and image_height to it' in capsys.readouterr().err
-
-
 @pytest.mark.parametrize('scale', [0.5, 2.0])
 def test_a_focal_length_that_the_matches_contradict_is_not_trusted(photographs, scale) -> None:
     wrong = Camera(640, 480, scale * TRUE.fx, scale * TRUE.fy, TRUE.cx, TRUE.cy)

@@ -12,18 +12,8 @@ from visual_servo_epipolar.nodes.photograph import read_picture
 ASPECT_TOLERANCE = 0.01
 
 
-def read_camera(
-    given: str,
-    *,
-    size: tuple[int, int] | None = None,
-    rectified: bool = False,
-    cropped: bool = False,
-) -> CameraModel:
-    """
-    Read a camera file, FILE or FILE#NAME; raises InputError if it cannot be read or used.
-
-    ``size`` [px] is that of the images, for files that have none.
-    """
+def read_camera(given: str, *, rectified: bool = False, cropped: bool = False) -> CameraModel:
+    """Read a camera file, FILE or FILE#NAME; raises InputError if it cannot be read or used."""
     path, name = Path(given), ''
     if not path.exists() and '#' in given:
         file, _, name = given.rpartition('#')
@@ -35,7 +25,7 @@ def read_camera(
     except UnicodeDecodeError:
         raise InputError(f'{path}: camera file is not text; supported are {KINDS}') from None
     try:
-        return from_text(text, name=name, size=size, rectified=rectified, cropped=cropped)
+        return from_text(text, name=name, rectified=rectified, cropped=cropped)
     except ValueError as error:
         raise InputError(f'{path}: {error}') from None
 
@@ -55,9 +45,7 @@ def read_pair(
 ) -> tuple[tuple[Image, Image], tuple[CameraModel, CameraModel]]:
     """Return both photographs of one ``camera`` file, and the camera of each; or InputError."""
     goal, view = read_photograph(desired), read_photograph(current)
-    height, width = view.shape
-    size = (width, height) if goal.shape == view.shape else None
-    lens = read_camera(camera, size=size, rectified=rectified, cropped=cropped)
+    lens = read_camera(camera, rectified=rectified, cropped=cropped)
     return (goal, view), (scaled_to(lens, goal, desired), scaled_to(lens, view, current))
 
 

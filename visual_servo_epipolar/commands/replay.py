@@ -17,7 +17,6 @@ from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import (
     Happening,
     happenings,
-    image_size,
     read_run,
     Recording,
 )
@@ -49,7 +48,6 @@ from visual_servo_epipolar.commands.camera_files import read_camera, read_photog
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.outputs import publish, write_json
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.run_log import RunLog
@@ -179,6 +177,7 @@ def replay_bag(
 ) -> ReplayedBag:
     """Replay the bag in ``options``; by default recorded telemetry must be met exactly."""
     topics, given = parse(options.topics), changes_of(options.set)
+    kind = {'rectified': options.rectified, 'cropped': options.cropped}
     report = repair(Path(options.bag)) if options.repair else None
     start_s = time.perf_counter()
     path = report.path if report else Path(options.bag)
@@ -187,9 +186,8 @@ def replay_bag(
         run = read_run(bag, assign_roles(bag, topics, namespace), namespace)
         overrides = ReplayOverrides(
             from_tracks=options.tracks,
-            camera=_camera(bag, run, options),
-            rectified=options.rectified,
-            cropped=options.cropped,
+            camera=None if options.camera is None else read_camera(options.camera, **kind),
+            **kind,
             desired=_goal_of(options.desired),
             changes=given,
         )
@@ -209,15 +207,6 @@ def replay_bag(
         notes=[*([str(report)] if report else []), *bag.notes, *notes],
         wall_s=wall_s,
     )
-
-
-def _camera(bag: Bag, run: Recording, options: argparse.Namespace) -> CameraModel | None:
-    """Return the camera of a file, of the size of the images of the bag where it says none."""
-    if options.camera is None:
-        return None
-    size = image_size(bag, run.topics)
-    kind = {'rectified': options.rectified, 'cropped': options.cropped}
-    return read_camera(options.camera, size=size, **kind)
 
 
 def result_of(replayed: ReplayedBag, options: argparse.Namespace) -> dict[str, Any]:

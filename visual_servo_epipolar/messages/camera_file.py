@@ -1,7 +1,7 @@
 """Camera files: calibrations of ROS, OpenCV and Kalibr, and back."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 import re
 from typing import Any, TypeAlias
@@ -49,11 +49,7 @@ class Region:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """
-    What a file says of a camera, by the names of a CameraInfo.
-
-    Width and height are 0 where it has none, which ``size_keys`` would tell; p is empty likewise.
-    """
+    """What a file says of a camera, by the names of a CameraInfo; p is empty where it has none."""
 
     width: int
     height: int
@@ -64,7 +60,6 @@ class Calibration:
     binning_x: int = 0
     binning_y: int = 0
     roi: Region = Region()
-    size_keys: str = 'image_width and image_height'
 
 
 # The cameras of a document by name, each to be read when it is chosen.
@@ -75,21 +70,20 @@ def from_text(
     text: str,
     *,
     name: str = '',
-    size: tuple[int, int] | None = None,
     rectified: bool = False,
     cropped: bool = False,
 ) -> CameraModel:
     """
     Return the camera of a file, that of ``name`` where it has several.
 
-    ``size`` [px] is that of the images, for files that have none. Of ``rectified`` images
-    projection_matrix alone holds; those that are ``cropped`` have their principal point anywhere.
+    Of ``rectified`` images projection_matrix alone holds; those that are ``cropped`` have their
+    principal point anywhere.
 
     Raises ValueError if the file is none of KINDS, lacks something, or is of no camera that
     can be used.
     """
     document = document_of(text.removeprefix('\ufeff'))  # as editors of Windows begin a file
-    calibration = _with_size(_chosen(document, name), size)
+    calibration = _chosen(document, name)
     if rectified and not calibration.p:
         raise ValueError(
             "camera file lacks 'projection_matrix', which rectified images need; write it with "
@@ -100,7 +94,7 @@ def from_text(
 
 def from_document(document: Any) -> CameraModel:
     """Return the camera of a parsed file that was written for images that were used."""
-    return read.camera(_with_size(_chosen(document, ''), None), cropped=True)
+    return read.camera(_chosen(document, ''), cropped=True)
 
 
 def to_document(camera: CameraModel) -> dict[str, Any]:
@@ -135,14 +129,6 @@ def _chosen(document: Any, name: str) -> Calibration:
             f'FILE#{next(iter(cameras))}'
         )
     return cameras[name or next(iter(cameras))]()
-
-
-def _with_size(calibration: Calibration, size: tuple[int, int] | None) -> Calibration:
-    if calibration.width:
-        return calibration
-    if size is None:
-        raise ValueError(f'camera file has no image size; add {calibration.size_keys} to it')
-    return replace(calibration, width=size[0], height=size[1])
 
 
 class _Loader(yaml.SafeLoader):
@@ -292,10 +278,9 @@ def _calibration(document: Mapping[str, Any]) -> Calibration:
 
 
 def _size(document: Mapping[str, Any], width: str, height: str) -> tuple[int, int]:
-    if not (width or height):
-        return 0, 0
     if not (width and height):
-        raise ValueError(f'camera file lacks {"image_height" if width else "image_width"!r}')
+        missing = 'image_height' if width else 'image_width'
+        raise ValueError(f'camera file lacks {missing!r}; add the image size to it')
     return whole_number(document[width], width), whole_number(document[height], height)
 
 
@@ -350,17 +335,14 @@ def _of_kalibr(camera: Mapping[str, Any], prefix: str) -> Calibration:
             f'{prefix}distortion_model must be radtan, equidistant or none, got {name!r:.40}; '
             f'{KALIBR_REMEDY}'
         )
-    size, key = (0, 0), f'{prefix}resolution'
-    if 'resolution' in camera:
-        width, height = numbers(camera['resolution'], key, (2,))
-        size = whole_number(width, key), whole_number(height, key)
+    key = f'{prefix}resolution'
+    width, height = numbers(entry(camera, 'resolution'), key, (2,))
     coefficients = 'distortion_coeffs' if 'distortion_coeffs' in camera else KEYS['distortion'][0]
     d = entry(camera, coefficients) if lens_name(name) else camera.get(coefficients, ())
     return Calibration(
-        width=size[0],
-        height=size[1],
+        width=whole_number(width, key),
+        height=whole_number(height, key),
         k=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
         d=numbers(d, f'{prefix}{coefficients}'),
         distortion_model=name,
-        size_keys=key,
     )
