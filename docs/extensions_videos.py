@@ -16,6 +16,7 @@ from PIL import Image as Pictures
 from visual_servo_epipolar.commands.arguments import rig_path
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.report.images.map_view import MapView
 from visual_servo_epipolar.report.images.video import HEIGHT, picture, view_size
@@ -62,17 +63,17 @@ def film(rig: str) -> list[Image]:
     loop = Loop(settings, view, camera)
     plane = MapView(Pose.from_start(*start), HEIGHT, settings.field_of_view or 0.0)
     size, frames = view_size((camera.width, camera.height)), []
-    while not loop.monitor.done:
-        loop.decide_by(None)
-        plane.add(loop.record())
-        if loop.frame % EVERY == 1:
-            sample = loop.monitor.samples[-1]
+
+    def watch(sample: Sample) -> None:
+        plane.add(sample)
+        if loop.driven.frame % EVERY == 1:
             if settings.head is not None:  # bearings are in axes of the base, not of the image
                 sample = replace(sample, bearing_current=np.nan)
             seen = picture(view.image, view.features, sample, camera, size)
             frames.append(_beside(seen, plane.picture()))
-        loop.drive()
-    print(f'{rig}: {loop.monitor.log().outcome}, {loop.frame} images')
+
+    log = loop.run(watch=watch)
+    print(f'{rig}: {log.outcome}, {loop.driven.frame} images')
     return frames[:: 1 + len(frames) // MOST]
 
 

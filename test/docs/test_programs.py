@@ -1,6 +1,6 @@
 """What the programs of docs/ write: the pages of parameters, pictures of data flow and mounts."""
 
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 import importlib.util
 import inspect
 import json
@@ -16,6 +16,7 @@ from sweeps import result
 
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.evaluation.benchmarks.mounts import on_features
+from visual_servo_epipolar.simulation.scenario import RunSettings, Scenario
 from visual_servo_epipolar.sweeping.summary import summary_of
 
 ROOT = Path(__file__).parents[2]
@@ -129,3 +130,18 @@ def test_a_result_that_was_written_is_drawn(mounts_figure: ModuleType, tmp_path,
     mounts_figure.main([str(source), str(target)])
     assert target.stat().st_size > 10_000
     assert '| level | 50 % |' in capsys.readouterr().out
+
+
+def test_a_film_of_a_rig_shows_the_image_and_the_map_beside_it(monkeypatch) -> None:
+    program = loaded(DOCS / 'extensions_videos.py')
+    monkeypatch.setitem(program.RIGS, 'pan', (program.RIGS['pan'][0], 256))
+    whole = program.small
+
+    def brief(rig: str, rows: int) -> Scenario:
+        return replace(whole(rig, rows), run=RunSettings(max_duration=1.0))
+
+    monkeypatch.setattr(program, 'small', brief)
+    frames = program.film('pan')
+    assert len(frames) == 3
+    assert len({frame.shape for frame in frames}) == 1
+    assert frames[0].shape[0] == program.ROWS and frames[0].shape[1] > 2 * program.ROWS
