@@ -115,9 +115,7 @@ def test_a_stop_is_heard_in_every_state_and_lasts_until_a_start(rig, way) -> Non
             assert rig.node.is_active or not rig.bench.call('servo_node/start').success
         else:
             go(rig.bench, rig.node, step)
-    for _ in range(3):
-        rig.see()
-    assert not rig.moving
+    rig.stand()
     assert rig.bench.call('servo_node/start').success
     go(rig.bench, rig.node, 'deactivate', 'activate')
     rig.drive()
@@ -130,8 +128,7 @@ def test_a_stop_button_is_heard_in_every_state_and_lasts(rig) -> None:
     press(Bool(data=True))
     rig.bench.settle()
     go(rig.bench, rig.node, 'configure', 'activate')
-    rig.see()
-    assert not rig.moving
+    rig.stand()
     assert not rig.bench.call('servo_node/start').success
     press(Bool(data=False))
     rig.bench.settle()

@@ -24,7 +24,6 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
-from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
@@ -68,9 +67,7 @@ def test_a_run_that_has_ended_or_was_reset_begins_anew_on_start_alone(bench) -> 
     rig.drive()
     answer = bench.call('servo_node/reset')
     assert (answer.success, answer.message) == (True, 'ready for a new run; call ~/start')
-    told = len(rig.commands)
-    rig.see(AWAY)
-    assert all(twist == STANDSTILL for twist in rig.twists()[told:])
+    rig.stand()
     bench.call('servo_node/start')
     rig.drive()
 
@@ -108,10 +105,7 @@ def test_tracks_that_cannot_be_used_hold_the_robot(rig, bad) -> None:
     assert ('0 features, 12 needed' in rig.reason) == (bad == 'empty')
     assert rig.reports[-1].status[0].level == DiagnosticStatus.WARN
     rig.stamp_ns += PERIOD_NS
-    for _ in range(RESUMING_FRAMES):
-        assert rig.phase == 'holding'
-        rig.see()
-    assert rig.twists()[-1] != STANDSTILL
+    rig.resume()
 
 
 @pytest.mark.parametrize('driving', [False, True])

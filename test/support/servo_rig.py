@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.laws.phase import unarmed
 from visual_servo_epipolar.core.laws.registry import phase_named
+from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
@@ -96,6 +97,21 @@ class Rig:
             if any(twist != STANDSTILL for twist in self.twists()[told:]):
                 return self
         pytest.fail(f'the robot stands: {self.phase}, {self.reason}')
+
+    def stand(self, images: int = 3) -> None:
+        """See images, each of which is answered by a zero twist or none."""
+        before = len(self.commands)
+        for _ in range(images):
+            self.see()
+        assert all(twist == STANDSTILL for twist in self.twists()[before:])
+
+    def resume(self, pose=AWAY) -> None:
+        """See as many images as a hold takes to end, and drive by the last."""
+        for _ in range(RESUMING_FRAMES):
+            assert (self.phase, self.twist) == ('holding', STANDSTILL)
+            before = len(self.commands)
+            self.see(pose)
+        assert any(twist != STANDSTILL for twist in self.twists()[before:])
 
     @property
     def run(self) -> LiveRun:

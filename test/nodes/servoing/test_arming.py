@@ -10,7 +10,6 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 
 GOAL, OTHER = 11, 12  # numbers of photographs
-IMAGES = 3
 
 
 class Armed(Rig):
@@ -32,12 +31,6 @@ class Armed(Rig):
     @property
     def message(self) -> str:
         return str(self.reports[-1].status[0].message)
-
-    def stands(self) -> None:
-        """See all that it takes to drive, and stand."""
-        for _ in range(IMAGES):
-            self.see()
-        assert all(twist == STANDSTILL for twist in self.twists())
 
     def let_time_pass(self, seconds: float) -> None:
         """Let the steady clock go on, and the watchdog look."""
@@ -78,7 +71,7 @@ def test_what_is_missing_is_answered_and_what_comes_later_starts_nothing(
     assert all(text in answer.message for text in lacking)
     rig.goal = GOAL
     rig.hear()
-    rig.stands()
+    rig.stand()
     rig.says('waiting')
 
 
@@ -131,7 +124,7 @@ def test_an_order_lapses_by_which_no_run_has_begun_in_time(bench, armed, timeout
     assert rig.order().success
     rig.let_time_pass(timeout + 0.1)
     rig.says('waiting')
-    rig.stands()
+    rig.stand()
     text = 'waiting: ~/start has expired, the robot did not begin to drive in time'
     bench.until(lambda: rig.message.startswith(text), 'the diagnostics')
     assert rig.message.endswith('stands until /servo_node/start is called')
@@ -171,7 +164,7 @@ def test_another_photograph_or_none_ends_an_order(bench, seen, photograph, why) 
     rig.goal = photograph
     if not photograph:
         rig.show()
-    rig.stands()
+    rig.stand()
     assert rig.commands == []
     rig.says('waiting')
     assert f'~/start has expired, {why}' in rig.message
@@ -186,7 +179,7 @@ def test_a_clock_that_comes_minutes_later_sets_nothing_moving(bench, armed) -> N
     bench.talk(Clock, '/clock', qos.CLOCK)(write.clock(STAMP_NS))
     bench.until(lambda: rig.node.get_clock().now().nanoseconds == STAMP_NS, 'the clock')
     rig.stamp_ns = STAMP_NS
-    rig.stands()
+    rig.stand()
 
 
 def test_by_autostart_it_is_armed_for_good_and_for_any_photograph(armed) -> None:
@@ -211,7 +204,7 @@ def test_after_a_stop_an_order_lapses_with_autostart_as_well(bench, armed) -> No
     rig.says('waiting')
     assert rig.order().success
     rig.let_time_pass(10.1)
-    rig.stands()
+    rig.stand()
 
 
 def test_a_start_in_a_run_leaves_it_alone(bench) -> None:

@@ -35,19 +35,14 @@ def rig(bench) -> Buttoned:
 def test_a_pressed_button_stops_the_robot(rig) -> None:
     rig.drive().press()
     assert (rig.phase, rig.twists()[-1]) == ('waiting', STANDSTILL)
-    count = len(rig.commands)
-    for _ in range(3):
-        rig.see()
-    assert all(twist == STANDSTILL for twist in rig.twists()[count:])
+    rig.stand()
 
 
 def test_a_servo_that_is_started_in_mid_press_stands(bench) -> None:
     bench.talk(Bool, 'stop_button', qos.LATCHED)(Bool(data=True))
     rig = Rig(bench)
     bench.settle()
-    for _ in range(3):
-        rig.see()
-    assert rig.commands == [] or rig.twists()[-1] == STANDSTILL
+    rig.stand()
     assert not bench.call('servo_node/start').success
 
 
@@ -58,9 +53,7 @@ def test_no_order_moves_the_robot_while_it_is_pressed(rig, order) -> None:
     assert answer.success == (order != 'start')
     if order == 'start':
         assert answer.message == TEXT
-    for _ in range(3):
-        rig.see()
-    assert all(twist == STANDSTILL for twist in rig.twists())
+    rig.stand()
 
 
 @pytest.mark.parametrize('order', ['', 'reset'])
@@ -70,9 +63,7 @@ def test_released_it_stands_until_it_is_started(rig, order) -> None:
     rig.bench.until(lambda: rig.bench.logged('the stop button is released'), 'the log')
     if order:
         rig.bench.call(f'servo_node/{order}')
-    count = len(rig.commands)
-    rig.see()
-    assert all(twist == STANDSTILL for twist in rig.twists()[count:])
+    rig.stand()
     assert rig.bench.call('servo_node/start').success
     rig.drive()
 
