@@ -28,10 +28,9 @@ from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.commands import Commands, conflict
 from visual_servo_epipolar.nodes.reports import NodeReports
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
-from visual_servo_epipolar.nodes.steady import Stopwatch
+from visual_servo_epipolar.nodes.steady import SILENT_S, Stopwatch
 from visual_servo_epipolar.nodes.watching import Enable, Freshness
 
-QUIET_S = 1.0  # without any tracks: then silence is what is wrong
 WAITS_FOR_END = 'will drive once this is resolved: '  # of what an armed servo lacks
 Standstill = Callable[[], tuple[str, bool]]
 
@@ -191,7 +190,7 @@ class LiveRun:
                 'no tracks have come yet; start camera and tracker, and read in the log of the '
                 'tracker what it waits for'
             )
-        if quiet > max(QUIET_S, settings.stale_timeout):
+        if quiet > max(SILENT_S, settings.stale_timeout):
             return f'no tracks have come for {quiet:.0f} s; are camera and tracker running?'
         if not self._has_photograph:
             return (
@@ -303,7 +302,7 @@ class LiveRun:
     @property
     def latest_trouble(self) -> str:
         """What keeps a robot that holds from going on, by the latest that is known."""
-        if self.freshness.heard.seconds > QUIET_S:
+        if self.freshness.heard.seconds > SILENT_S:
             return f'no tracks for {self.freshness.heard.seconds:.1f} s{self.clock_note}'
         return self.trouble or self.state.reason
 
@@ -318,7 +317,7 @@ class LiveRun:
         reason = f'tracks lost or untrusted for {timeout:g} s: {self.latest_trouble}'
         if withheld:
             reason = f'held for {timeout:g} s: {withheld}'
-        elif self.freshness.heard.seconds <= QUIET_S:
+        elif self.freshness.heard.seconds <= SILENT_S:
             reason += f', {self.freshness.heard.seconds:.1f} s ago'
         self.insist()
         self._interrupt(Interruption.TIMED_OUT, reason)

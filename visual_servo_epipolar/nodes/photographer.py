@@ -11,9 +11,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.tracking.photographs import at_rest, averaged
 from visual_servo_epipolar.nodes import photograph
 from visual_servo_epipolar.nodes.photograph import Photograph
-from visual_servo_epipolar.nodes.steady import Stopwatch
-
-MAX_CAPTURE_AGE_S = 1.0
+from visual_servo_epipolar.nodes.steady import SILENT_S, Stopwatch
 
 
 class Renewal:
@@ -69,7 +67,7 @@ class Photographer:
         if not self._recent:
             raise ValueError('no usable image is there; check image_raw and camera_info')
         age = self._seen.seconds
-        if age > MAX_CAPTURE_AGE_S:
+        if age > SILENT_S:
             raise ValueError(f'the last image is {age:.1f} s old; check the camera')
         images = list(reversed(self._recent))
         count, unrest = at_rest(images)

@@ -32,7 +32,6 @@ from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_subscriptions import CameraSubscriptions
 from visual_servo_epipolar.nodes.commands import Commands, conflict
 from visual_servo_epipolar.nodes.driving_inputs import DrivenPath, ServoCamera
-from visual_servo_epipolar.nodes.live_run import QUIET_S
 from visual_servo_epipolar.nodes.managed import carry_out, in_every_state, ManagedNode, serve
 from visual_servo_epipolar.nodes.reports import Complaints
 from visual_servo_epipolar.nodes.route_runs import (
@@ -43,6 +42,7 @@ from visual_servo_epipolar.nodes.route_runs import (
 )
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import RouteNodeSettings
+from visual_servo_epipolar.nodes.steady import SILENT_S
 from visual_servo_epipolar.nodes.watching import Enable, StopButton
 
 
@@ -321,7 +321,7 @@ class RouteNode(ManagedNode):
         trouble = self._missing or self._camera.static_mount.trouble
         if trouble or not self._node_settings.watchdog:
             return trouble
-        if self._repetition.freshness.heard.seconds > QUIET_S:
+        if self._repetition.freshness.heard.seconds > SILENT_S:
             return 'no images have come for a second; is the camera running?'
         return conflict(self) or self._enable.withheld()
 

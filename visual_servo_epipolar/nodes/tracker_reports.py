@@ -11,12 +11,12 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.tracking import TrackingResult
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.reports import NodeReports
-from visual_servo_epipolar.nodes.steady import STEADY, Stopwatch
+from visual_servo_epipolar.nodes.steady import SILENT_S, STEADY, Stopwatch
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 LOOK_PERIOD_S, REPEAT_S = 1.0, 30.0
-# Time without an image until that is published; logged, and where time is simulated: it may wait.
-SILENT_S, SIMULATED_SILENT_S = 1.0, 5.0
+# Time without an image until that is logged, and where time is simulated, published: it may wait.
+SIMULATED_SILENT_S = 5.0
 
 
 class TrackerReports(NodeReports):

@@ -16,7 +16,7 @@ def test_without_a_camera_that_is_the_reason_though_tracks_stay_away_too(bench) 
     assert rig.phase == 'waiting'
 
 
-def test_a_robot_that_holds_stands_for_the_latest_reason(bench) -> None:
+def test_a_robot_that_holds_stands_for_the_latest_reason(bench, clock) -> None:
     rig = Rig(bench).drive()
     rig.run.refuse('an image of last year')
     rig.run.trouble = 'an image of this year'

@@ -97,7 +97,7 @@ def test_a_robot_that_waits_does_not_fail_in_silence(bench) -> None:
     assert rig.phase == 'waiting'
 
 
-def test_each_interruption_is_in_the_diagnostics(bench, monkeypatch) -> None:
+def test_each_interruption_is_in_the_diagnostics(bench, clock, monkeypatch) -> None:
     monkeypatch.setattr(servo_node, 'IDLE_PERIOD_S', 1000.0)  # at once, not when it looks next
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench).drive()

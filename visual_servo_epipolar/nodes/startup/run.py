@@ -157,13 +157,12 @@ def isolated_context(reach: str = 'OFF', *, domain_id: int | None = None) -> Ite
                 os.environ[name] = value
 
 
-def new_node(kind: Any, context: Context, values: Mapping[str, Any], *, name: str = '') -> Any:
-    """Return a node of ``kind`` with these parameters, under another ``name`` if one is given."""
+def new_node(kind: Any, context: Context, values: Mapping[str, Any]) -> Any:
+    """Return a node of ``kind`` with these parameters."""
     return kind(
         context=context,
         parameter_overrides=[parameters.override(*each) for each in values.items()],
         use_global_arguments=False,
-        **({'cli_args': ['--ros-args', '-r', f'__node:={name}']} if name else {}),
     )
 
 
