@@ -20,7 +20,6 @@ LARGE_VALUES = {
     'Inspection',
     'Kind',
     'MapLocalization',
-    'MapMeasurement',
     'Measurement',
     'Phase',
     'Recording',

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, PSI, RHO, YAW
 from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate, GoalEstimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
-from visual_servo_epipolar.core.mapping.localization import MapMeasurement
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import advance
@@ -56,24 +57,28 @@ def behind(chi: float, alpha: float) -> Bearings:
     return Bearings(math.atan2(-1.0, math.tan(chi)), math.atan2(math.tan(alpha), -1.0))
 
 
-def reading(deviation: float = 1e-3, **changes: Any) -> MapMeasurement:
-    """Return what a memory of views says 0.5 m behind the goal, its bearings to ``deviation``."""
-    said = MapMeasurement(
-        Bearings(-1.55, 0.02),
-        np.eye(2) * deviation**2,
-        deviation,
-        lateral=0.004,
-        lateral_deviation=0.0003,
-        longitudinal=-0.5,
-        longitudinal_deviation=0.0004,
-        heading_error=0.01,
-        heading_deviation=1e-4,
-        own=(1e-4, 1e-4, 1e-5),
-        parallax=0.1,
-        difference=-0.02,
-        difference_deviation=1e-4,
+def reading(
+    deviation: float = 1e-3,
+    *,
+    lateral: float = 0.004,
+    longitudinal: float = -0.5,
+    heading_error: float = 0.01,
+    lateral_deviation: float | None = None,
+    pose_covariance: FloatArray | None = None,
+    **changes: Any,
+) -> MapLocalization:
+    """Return what a memory of views says of a place; bearings are known to ``deviation``."""
+    aside = deviation * math.hypot(lateral, longitudinal)
+    covariance = np.diag([lateral_deviation or aside, aside, 1e-6, 0.0, 0.0]) ** 2
+    if pose_covariance is not None:
+        covariance[:3, :3] = pose_covariance
+    said = MapLocalization(
+        pose=np.array([lateral, longitudinal, heading_error, 0.0, 0.0]),
+        covariance=covariance,
+        own=np.diag([1e-4, 1e-4, 1e-5, 0.0, 0.0]) ** 2,
+        inliers=np.ones(50, bool),
+        depth=5.0,
         difference_slope=0.04,
-        inliers=50,
     )
     return replace(said, **changes)
 

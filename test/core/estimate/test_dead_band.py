@@ -291,7 +291,7 @@ def test_two_views_tell_turns_but_no_way() -> None:
     band, bare = DeadBand(), sight()
     for _ in range(40):
         band = band.updated(
-            replace(bare, covariance=1e-6 * reading().covariance),
+            replace(bare, covariance=1e-6 * reading().bearings_covariance),
             None,
             Twist(0.02, 0.0),
             DT,
@@ -299,7 +299,7 @@ def test_two_views_tell_turns_but_no_way() -> None:
         )
     assert band.linear.value == 0.0
     for _ in range(40):
-        seen = replace(bare, covariance=1e-6 * reading().covariance)
+        seen = replace(bare, covariance=1e-6 * reading().bearings_covariance)
         band = band.updated(seen, None, Twist(0.0, 0.02), DT, SETTINGS)
     assert band.angular.value > 0.02
 

@@ -49,7 +49,7 @@ def measurement(deviation: float = 0.01) -> Measurement:
 def test_the_surer_bearings_are_taken(two_views: float, memory: float, expected: Bearings) -> None:
     better = sharpened(measurement(two_views), reading(memory), SETTINGS)
     assert better.bearings == expected
-    assert better.deviation == (memory if expected is MEMORY else two_views)
+    assert better.deviation == pytest.approx(memory if expected is MEMORY else two_views)
     assert (better.offset, better.heading_error, better.difference) == ((0.004, -0.5), 0.01, -0.02)
     assert lateral_offset(goal(better, ServoState())) == 0.004
 
@@ -119,7 +119,7 @@ def test_the_slope_of_d_is_what_the_memory_says_though_other_features_are_in_vie
     moving = in_phase(
         Phase.MATCHING_FEATURES, measurement=before, command=Command(Twist(0.2, 0.0))
     )
-    few = replace(reading(), difference=-0.004, difference_slope=0.008)
+    few = reading(difference_slope=0.008)
     now = sharpened(measurement(), few, SETTINGS)
     # Without ``memory`` nothing is remembered here, and the measurement is what it is.
     alone = ServoSettings(memory=False)

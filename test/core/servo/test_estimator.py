@@ -85,7 +85,8 @@ def test_where_the_memory_is_unsure_two_views_are_asked(driven, monkeypatch) -> 
 
     def unsure(*args: object, **keywords: object) -> object:
         views, read = localize(*args, **keywords)
-        return views, replace(read, deviation=1.2 * servo.max_deviation)
+        deviation = 1.2 * servo.max_deviation * read.distance
+        return views, replace(read, covariance=deviation**2 * np.eye(5))
 
     monkeypatch.setattr(estimator, 'localize', unsure)
     after = step(state, seen, servo)

@@ -12,7 +12,8 @@ from visual_servo_epipolar.core.estimate.base_model import (
 )
 from visual_servo_epipolar.core.estimate.settings import DriveSettings, SettingsT, with_identified
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.mapping.localization import MapMeasurement
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.mapping.window import Y
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 LATE_S = 0.5  # by which a base may follow late whose delay is unknown
@@ -159,7 +160,7 @@ class DeadBand:
     def updated(
         self,
         measurement: Measurement,
-        reading: MapMeasurement | None,
+        reading: MapLocalization | None,
         twist: Twist,
         dt: float,
         settings: DriveSettings,
@@ -277,8 +278,8 @@ def _way(before: tuple[float, float], now: tuple[float, float], heading: float) 
     return ahead * math.cos(heading) - right * math.sin(heading)
 
 
-def _way_deviation(reading: MapMeasurement | None) -> float:
+def _way_deviation(reading: MapLocalization | None) -> float:
     """Return the deviation of a place from view to view [m]; nan where no memory has one."""
     if reading is None:
         return math.nan
-    return math.hypot(reading.own[1], REFINING * math.hypot(reading.lateral, reading.longitudinal))
+    return math.hypot(math.sqrt(reading.own[Y, Y]), REFINING * reading.distance)

@@ -23,7 +23,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.least_squares import least_squares
-from visual_servo_epipolar.core.mapping.localization import MapMeasurement
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.rigs.fixed_mount import axle_offset, camera_swing
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 
@@ -433,7 +433,7 @@ class StraightLeg:
 
 
 def straight_on(
-    leg: StraightLeg | None, reading: MapMeasurement | None, travel: float, belief: Extrinsics
+    leg: StraightLeg | None, reading: MapLocalization | None, travel: float, belief: Extrinsics
 ) -> tuple[StraightLeg | None, Extrinsics]:
     """Return the ``leg`` after ``travel`` [m], and the belief by the yaw that all legs tell."""
     if reading is None:

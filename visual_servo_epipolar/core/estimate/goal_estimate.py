@@ -9,9 +9,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, YAW
-from visual_servo_epipolar.core.estimate.map_state import FilteredPose
+from visual_servo_epipolar.core.estimate.map_state import FilteredPose, PLACE
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.mapping.localization import MapMeasurement
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.ranging import Slope
 from visual_servo_epipolar.core.reasons import Reason, reason_of
@@ -142,7 +142,7 @@ def usual_step(period: float) -> float:
 
 def goal_estimate(
     measurement: Measurement,
-    reading: MapMeasurement | None,
+    reading: MapLocalization | None,
     mounted: Extrinsics,
     base: BaseModel,
     **known: Any,
@@ -150,7 +150,7 @@ def goal_estimate(
     """Return the estimate by a ``measurement`` of the axle, a ``reading`` of the map, and more."""
     covariance, source = UNKNOWN, Source.NOTHING
     if measurement.offset is not None and reading is not None:
-        covariance = at_axle(reading.pose_covariance, measurement, mounted)
+        covariance = at_axle(reading.covariance[:PLACE, :PLACE], measurement, mounted)
         source = Source.CARRIED if measurement.carried else Source.MEMORY
     elif measurement.bearings is not None:
         source = Source.TWO_VIEWS

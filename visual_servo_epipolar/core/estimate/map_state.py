@@ -15,9 +15,7 @@ from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.localization import (
     difference_slope,
-    map_measurement_of,
     MapLocalization,
-    MapMeasurement,
 )
 from visual_servo_epipolar.core.mapping.window import (
     FeatureObservations,
@@ -178,7 +176,7 @@ def localize(
     *,
     dt: float = 0.0,
     encoder_noise: float = 0.0,
-) -> tuple[MapState, MapMeasurement | None]:
+) -> tuple[MapState, MapLocalization | None]:
     """
     Return the memory ``dt`` [s] after the last view, and what it reads of this; None if nothing.
 
@@ -262,7 +260,7 @@ def _carries(
 
 def measurement_of(
     perception: Perception,
-    reading: MapMeasurement | None,
+    reading: MapLocalization | None,
     after: MapState,
     settings: DriveSettings,
 ) -> Measurement:
@@ -282,7 +280,7 @@ def measurement_of(
 
 
 def sharpened(
-    measurement: Measurement, reading: MapMeasurement, settings: DriveSettings
+    measurement: Measurement, reading: MapLocalization, settings: DriveSettings
 ) -> Measurement:
     """
     Return ``measurement`` with what the memory measures better, by deviations.
@@ -293,13 +291,13 @@ def sharpened(
     bearings: dict[str, Any] = {}
     before = measurement.deviation if measurement.bearings is not None else math.inf
     most = min(PREFERENCE * before, settings.max_deviation)
-    if reading.bearings is not None and reading.deviation < most:
+    if reading.bearings is not None and reading.bearings_deviation < most:
         bearings = {
             'bearings': reading.bearings,
-            'deviation': reading.deviation,
-            'covariance': reading.covariance,
+            'deviation': reading.bearings_deviation,
+            'covariance': reading.bearings_covariance,
             'confidence': 1.0,  # features lie ahead in all views together
-            'inliers': reading.inliers,
+            'inliers': int(np.count_nonzero(reading.inliers)),
             'remembered': True,
             'rivals': (),
             'reason': '',
@@ -310,7 +308,7 @@ def sharpened(
         heading_error=reading.heading_error,
         rotation_heading=reading.heading_error,
         difference=reading.difference,
-        difference_deviation=reading.difference_deviation,
+        difference_deviation=reading.difference_slope * reading.longitudinal_deviation,
         difference_slope=reading.difference_slope,
         offset=(reading.lateral, reading.longitudinal),
         offset_deviation=math.hypot(reading.lateral_deviation, reading.longitudinal_deviation),
@@ -318,7 +316,7 @@ def sharpened(
     )
 
 
-def reading_in_view(said: MapLocalization, observation: Observation) -> MapMeasurement | None:
+def reading_in_view(said: MapLocalization, observation: Observation) -> MapLocalization | None:
     """Return what is said, with D over features in view, or over all where none of them is."""
     if said.reason or observation.ids is None:
         return None
@@ -328,4 +326,4 @@ def reading_in_view(said: MapLocalization, observation: Observation) -> MapMeasu
     slope = difference_slope(
         said.photograph[counted], said.inverse_depth[counted], wide=observation.wide
     )
-    return map_measurement_of(said, slope)
+    return replace(said, difference_slope=slope)

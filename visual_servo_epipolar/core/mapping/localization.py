@@ -31,9 +31,9 @@ class MapLocalization:
     alone and which averages out over views; ``shift``, (5,), the part of the pose that the
     shrinkage makes. ``inliers``, (N,), are the observations that agree; ``dropped`` the ids of
     wrong matches. Of all features of the map: ``ids``, (M,), ``inverse_depth`` along the
-    photograph's rays [1/m] and ``photograph``, (M, 3), those rays. Those
-    ``counted``, (M,), are no wrong matches. ``depth`` is the median
-    one [m].
+    photograph's rays [1/m] and ``photograph``, (M, 3), those rays. Those ``counted``, (M,), are no
+    wrong matches. ``depth`` is the median one [m], ``difference_slope`` that of D at unit focal
+    length along the axis [1/m].
     """
 
     reason: str = ''
@@ -48,11 +48,32 @@ class MapLocalization:
     photograph: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     counted: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     depth: float = math.nan
+    difference_slope: float = math.nan
 
     @property
     def distance(self) -> float:
         """Distance of the cameras [m]."""
         return float(np.hypot(self.pose[X], self.pose[Y]))
+
+    @property
+    def lateral(self) -> float:
+        """Offset to the right [m]."""
+        return float(self.pose[X])
+
+    @property
+    def longitudinal(self) -> float:
+        """Offset ahead [m]."""
+        return float(self.pose[Y])
+
+    @property
+    def heading_error(self) -> float:
+        """Heading error, left positive [rad]."""
+        return wrap_angle(float(self.pose[HEADING]))
+
+    @property
+    def difference(self) -> float:
+        """D at unit focal length, as the offset makes it."""
+        return self.difference_slope * self.longitudinal
 
     @property
     def bearings(self) -> Bearings | None:
@@ -66,11 +87,16 @@ class MapLocalization:
     @property
     def bearings_covariance(self) -> FloatArray:
         """Covariance of (psi, phi), (2, 2) [rad^2]: without bound towards the goal."""
-        x, y = self.pose[:HEADING].tolist()
+        x, y = self.lateral, self.longitudinal
         square = max(x * x + y * y, LEAST_WAY**2)
         right, ahead = -y / square, x / square
         slope = np.array([[right, ahead, 0.0], [right, ahead, -1.0]])
         return np.asarray(slope @ self.covariance[:3, :3] @ slope.T)
+
+    @property
+    def bearings_deviation(self) -> float:
+        """Deviation of the bearing that is known less well [rad]."""
+        return math.sqrt(float(self.bearings_covariance.diagonal().max()))
 
     @property
     def lateral_deviation(self) -> float:
@@ -115,64 +141,6 @@ def localization_of(resection: Resection, geometry: Geometry, known: BoolArray) 
         photograph=geometry.window.photograph,
         counted=geometry.trusted,
         depth=geometry.depth,
-    )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MapMeasurement:
-    """
-    Localization of a view in the terms of a measurement.
-
-    ``bearings`` of the cameras, None at the goal itself, with their ``covariance``, (2, 2)
-    [rad^2], which grows without bound towards it; ``lateral`` and ``longitudinal`` offset (right,
-    ahead) [m] and ``heading_error`` [rad], which are defined there as well, with deviations;
-    ``own`` are those parts of the three deviations that average out over views. ``difference`` is
-    D at unit focal length as the offset makes it, ``difference_slope`` its slope along the axis
-    [1/m]; ``parallax`` [rad] that of the median feature; ``inliers`` counts features that agree;
-    ``pose_covariance``, (3, 3), is that of lateral, longitudinal and heading.
-    """
-
-    bearings: Bearings | None
-    covariance: FloatArray
-    deviation: float
-    lateral: float
-    lateral_deviation: float
-    longitudinal: float
-    longitudinal_deviation: float
-    heading_error: float
-    heading_deviation: float
-    own: tuple[float, float, float]
-    parallax: float
-    difference: float
-    difference_deviation: float
-    difference_slope: float
-    inliers: int
-    pose_covariance: FloatArray = field(default_factory=lambda: np.full((3, 3), np.nan))
-
-
-def map_measurement_of(said: MapLocalization, slope: float) -> MapMeasurement:
-    """Return the measurement by a localization; D has a ``slope`` by the longitudinal offset."""
-    covariance = said.bearings_covariance
-    own = said.own.ravel()[:: len(said.own) + 1][: HEADING + 1].tolist()
-    lateral, longitudinal, heading_error = said.pose[: HEADING + 1].tolist()
-    longitudinal_deviation = said.longitudinal_deviation
-    return MapMeasurement(
-        said.bearings,
-        covariance,
-        math.sqrt(max(covariance[0, 0], covariance[1, 1])),
-        lateral,
-        said.lateral_deviation,
-        longitudinal,
-        longitudinal_deviation,
-        wrap_angle(heading_error),
-        said.heading_deviation,
-        (math.sqrt(own[0]), math.sqrt(own[1]), math.sqrt(own[2])),
-        said.parallax,
-        slope * longitudinal,
-        slope * longitudinal_deviation,
-        slope,
-        int(np.count_nonzero(said.inliers)),
-        said.covariance[: HEADING + 1, : HEADING + 1],
     )
 
 

@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.estimate.extrinsics import (
 from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate, MotionState
 from visual_servo_epipolar.core.estimate.map_state import localize, MapState, measurement_of
 from visual_servo_epipolar.core.laws.conditions import turned_by_far
-from visual_servo_epipolar.core.mapping.localization import MapMeasurement
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.odometry.increments import OdometryIncrement
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
@@ -63,7 +63,7 @@ class Fusion(NamedTuple):
     measurement: Measurement
     memory: PerceptionMemory
     map: MapState
-    reading: MapMeasurement | None = None
+    reading: MapLocalization | None = None
     rotation_bias: float = math.nan
 
 
@@ -221,7 +221,7 @@ def disproved(perception: Perception, settings: ServoSettings) -> Fusion:
 def two_view_skip(
     memory: PerceptionMemory,
     measurement: Measurement,
-    reading: MapMeasurement | None,
+    reading: MapLocalization | None,
     after: MapState,
 ) -> PerceptionMemory:
     """Return what perception carries on, after a ``measurement`` that may be by a ``reading``."""
