@@ -196,17 +196,9 @@ def fit_pose(anchors: Anchors, seen: MatchedFeatures, start: FloatArray) -> Pose
 
 def _information(own: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return inverted covariances, (2, 2, n), of residuals with slopes ``own``, (3, 2, n)."""
-    turned = np.add.reduce(covariance[:, :, None] * own, axis=1)  # (3, 2, n)
-    # Of the first residual with both, and of the other with itself.
-    first, c = np.add.reduce(own[:, :1] * turned, axis=0), own[:, 1] * turned[:, 1]
-    a, b, c = first[0] + 1.0, first[1], np.add.reduce(c, axis=0) + 1.0
-    determinant = a * c - b * b
-    inverse = np.empty((2, 2, own.shape[-1]))
-    np.divide(c, determinant, out=inverse[0, 0])
-    np.divide(a, determinant, out=inverse[1, 1])
-    np.divide(-b, determinant, out=inverse[0, 1])
-    inverse[1, 0] = inverse[0, 1]
-    return inverse
+    by_feature = own.transpose(2, 1, 0)
+    blocks = by_feature @ covariance.transpose(2, 0, 1) @ by_feature.swapaxes(1, 2)
+    return np.asarray(np.linalg.inv(np.eye(2) + blocks).transpose(1, 2, 0))
 
 
 def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
@@ -326,8 +318,8 @@ def resect(
     own[..., -1] = projection.residuals.T
     whitening, shared = _whitening(errors, found, fit)
     beside, by_mount = _prior_rows(geometry, errors, fit.pose, shrinkage)
-    rows = np.concatenate([whitening.rows(own), beside])
-    shared = np.concatenate([whitening.rows(shared), by_mount])
+    rows = np.concatenate([(whitening @ own).reshape(-1, VIEW + 2), beside])
+    shared = np.concatenate([(whitening @ shared).reshape(2 * len(own), -1), by_mount])
     joint = shared.T @ shared
     joint.ravel()[:: len(joint) + 1] += 1.0  # errors of the window, one deviation each
     left = rows - shared @ np.linalg.solve(joint, shared.T @ rows)
@@ -338,7 +330,8 @@ def resect(
     covariance = 0.5 * (covariance + covariance.T)
     after, pose, shift = _stepped(fit.pose, gain @ rows[:, -1], covariance)
     gain, count = gain[:VIEW], len(beside)
-    seen_noise = math.sqrt(fit.spread) * whitening.columns(gain[:, :-count])
+    by_residual = gain[:, :-count].reshape(VIEW, -1, 1, 2) @ whitening
+    seen_noise = math.sqrt(fit.spread) * by_residual.reshape(VIEW, -1)
     noise = np.concatenate([seen_noise, gain[:, -count:]], axis=1)
     covariance = covariance[:VIEW, :VIEW]
     return Resection(pose, covariance, noise @ noise.T, fit.inliers, fit.squares, after, shift)
@@ -355,44 +348,24 @@ def _stepped(
     return after, pose - step[:VIEW] + step[VIEW] * by_share + shift, shift
 
 
-class _Whitening(NamedTuple):
-    """What makes residuals of a feature independent: [[first, 0], [mixed, other]], (n,) each."""
-
-    both: FloatArray  # first and other, (n, 2)
-    mixed: FloatArray
-
-    def rows(self, part: FloatArray) -> FloatArray:
-        """Return rows of residuals, (n, 2, C), which become independent: (2 n, C)."""
-        mixed = self.mixed[:, None] * part[:, 0]
-        part *= self.both[..., None]
-        part[:, 1] += mixed
-        return part.reshape(-1, part.shape[-1])
-
-    def columns(self, part: FloatArray) -> FloatArray:
-        """Return columns, (C, 2 n), by residuals instead of what is independent."""
-        columns = part * self.both.ravel()
-        columns[:, ::2] += part[:, 1::2] * self.mixed
-        return columns
-
-
 def _whitening(
     errors: FeatureErrors, found: FloatArray, fit: PoseFit
-) -> tuple[_Whitening, FloatArray]:
-    """Return what makes residuals of features independent, and errors of the window, (n, 2, r)."""
+) -> tuple[FloatArray, FloatArray]:
+    """
+    Return what makes residuals of features independent, (n, 2, 2), lower triangles.
+
+    And what errors of the window make of them, (n, 2, r).
+    """
     slopes = found[BY_FEATURE.start :].transpose(2, 1, 0)  # of the feature, then of what all share
     alone = slopes[..., :3] @ errors.own
-    first, other = alone[:, 0], alone[:, 1]
-    a, b, c = 1.0 + _dot(first, first), _dot(first, other), _dot(other, other)
+    blocks = np.eye(2) + alone @ alone.swapaxes(1, 2)
     weight = np.sqrt(robust_weight(fit.squares / fit.widening) / fit.spread)
-    # The inverted root of [[a, b], [b, 1 + c]].
-    ratio, both = b / a, np.empty((len(a), 2))
-    rest = np.divide(weight, np.sqrt(1.0 + c - b * ratio), out=both[:, 1])
-    np.divide(weight, np.sqrt(a), out=both[:, 0])
-    return _Whitening(both, -ratio * rest), slopes @ errors.shared
-
-
-def _dot(first: FloatArray, other: FloatArray) -> FloatArray:
-    return np.asarray(np.add.reduce(first * other, axis=1))
+    # The inverted root of [[a, b], [b, c]].
+    a, b, c = blocks[:, 0, 0], blocks[:, 0, 1], blocks[:, 1, 1]
+    whitening = np.zeros_like(blocks)
+    whitening[:, 0, 0], whitening[:, 1, 1] = weight / np.sqrt(a), weight / np.sqrt(c - b * b / a)
+    whitening[:, 1, 0] = -b / a * whitening[:, 1, 1]
+    return whitening, slopes @ errors.shared
 
 
 def _prior_rows(

@@ -58,9 +58,8 @@ class KeyframeMap:
     ``mount`` is the belief of the camera's attitude; ``window`` the keyframes, ``geometry`` their
     geometry once there is one, for which ``bootstrap`` collects views; ``places``, (2, 2), where
     the camera is by the motion that counts and by the alternative [m]; ``pose``, (5,), that of the
-    last view. ``trial`` is the geometry with one more keyframe, half refined: the other half is
-    for the next view, so that none takes the time of both. ``refused`` counts unsound trials in a
-    row. ``pending`` is the last view that was localized, until the map is updated with it: no
+    last view. ``refused`` counts keyframes in a row with which the geometry was unsound.
+    ``pending`` is the last view that was localized, until the map is updated with it: no
     localization waits for that.
     """
 
@@ -71,7 +70,6 @@ class KeyframeMap:
     bootstrap: Bootstrap = Bootstrap()
     places: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
     pose: FloatArray | None = None
-    trial: Geometry | None = None
     refused: int = 0
     shrinkage: Shrinkage = NOTHING
     pending: PendingKeyframe | None = None
@@ -83,7 +81,6 @@ class KeyframeMap:
             before,
             settings=settings,
             window=before.window.with_alternative,
-            trial=None,
             places=before.places[::-1],
         )
         if before.geometry is None:
@@ -102,7 +99,7 @@ class KeyframeMap:
         at, steps = before.geometry.evaluation, self.settings.steps
         start = replace(at, factors=replace(at.factors, mount=mount))
         geometry = refine(start, steps, before.geometry.damping)
-        return replace(before, mount=mount, geometry=geometry, trial=None)
+        return replace(before, mount=mount, geometry=geometry)
 
     @property
     def wrong(self) -> tuple[int, ...]:
@@ -216,8 +213,6 @@ class KeyframeMap:
     def _with_keyframe(self, geometry: Geometry, view: PendingKeyframe) -> 'KeyframeMap':
         """Return the map with the view as a keyframe where it is one, or refined."""
         settings, observations, pose = self.settings, view.observations, view.pose
-        if self.trial is not None:
-            return self._with_trial(self.trial)
         if is_keyframe(
             geometry,
             pose,
@@ -226,20 +221,17 @@ class KeyframeMap:
             settings=settings,
         ):
             start = with_keyframe(geometry, observations, self.places, pose, settings)
-            return replace(self, trial=refine(start, settings.steps // 2, geometry.damping))
+            return self._with_sound(refine(start, settings.steps, geometry.damping))
         if geometry.converged:
             return self
         return self._with(refine(geometry.evaluation, 1, geometry.damping, geometry.system))
 
-    def _with_trial(self, trial: Geometry) -> 'KeyframeMap':
-        """Return the map with a keyframe more, unless the geometry is unsound with it."""
-        steps = self.settings.steps - self.settings.steps // 2
-        if not trial.converged:
-            trial = refine(trial.evaluation, steps, trial.damping)
-        if is_sound(trial):
-            return replace(self._with(trial), trial=None, refused=0)
+    def _with_sound(self, geometry: Geometry) -> 'KeyframeMap':
+        """Return the map by a geometry with a keyframe more, unless that makes it unsound."""
+        if is_sound(geometry):
+            return replace(self._with(geometry), refused=0)
         if self.refused + 1 < MOST_REFUSED:
-            return replace(self, trial=None, refused=self.refused + 1)
+            return replace(self, refused=self.refused + 1)
         return KeyframeMap(self.mount, self.settings, places=self.places)
 
     def _with(self, geometry: Geometry) -> 'KeyframeMap':
