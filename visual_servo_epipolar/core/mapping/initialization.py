@@ -25,6 +25,7 @@ from visual_servo_epipolar.core.mapping.projection import (
     turns_of,
 )
 from visual_servo_epipolar.core.mapping.refinement import (
+    DAMPING,
     Evaluation,
     Geometry,
     OUTLIER,
@@ -42,9 +43,8 @@ from visual_servo_epipolar.core.mapping.window import (
 )
 from visual_servo_epipolar.core.twoview.estimator import Attitude, LEAST_JITTER
 
-STEPS, MORE_STEPS, LAST_STEPS, ROUNDS = 2, 6, 30, 6
+STEPS, LAST_STEPS, ROUNDS = 2, 30, 6
 ALMOST = 1.5  # times the usual squares: converged but for rounding
-COLD_DAMPING = 1e-3
 MOST_NOISE = 2.0  # of residuals over the noise that is expected: else it is the wrong geometry
 DECISIVE, LIKELY = 16.0, 4.0  # of cost, by which one geometry must fit better than another
 ALIKE = 0.05  # direction of the last view, up to which they are the same [rad]
@@ -54,7 +54,6 @@ MOST_DOUBT = 0.1  # deviation of a place over its distance, to begin with
 LEAST_TRUSTED = 0.35  # of the features
 FIRST_UNCERTAINTY = 0.3  # of depths from two views
 FARTHEST = 10.0  # ways to the first view that another may be off
-LEAST_ON_PLANE = 3  # features that a plane is fitted to, at least
 LEAST_DEPTH = 0.2  # of the way between the views
 
 
@@ -75,21 +74,24 @@ def initial_geometry(
         factors = factors_of(mount, window, settings)
         everything = np.ones(len(window.ids), bool)
         unknowns = _resected_views(window, start, starts)
-        geometry = _narrowed(orient_ahead(Evaluation(window, unknowns, everything, factors)))
+        at, damping = refine_narrowing(
+            orient_ahead(Evaluation(window, unknowns, everything, factors))
+        )
+        geometry = refine(orient_ahead(at), LAST_STEPS, damping)
         geometry = _of_held_views(geometry, settings)
         sound = len(geometry.window) > 1 and is_sound(geometry, FIRST_TRUSTED)
         return geometry if sound else None
 
     last = starts[-1]
     tried = [begun(window, start, starts) for start in starts if start.view == last.view]
-    found = [_settled(each) for each in tried if each is not None and is_sure(each)]
+    found = [each for each in tried if each is not None and is_sure(each)]
     if not found:
         return None
     fitting, best, before = found, min(found, key=_cost), None
     while best is not before:  # from a twin that fits better, its own twin may fit better still
         exchanged, before = exchanged_starts(best, last.attitude), best
         twin = begun(best.window, exchanged[-1], exchanged) if exchanged else None
-        fitting = [*fitting, _settled(twin)] if twin else fitting
+        fitting = [*fitting, twin] if twin else fitting
         # A geometry that needs views left out does not fit as well.
         fitting = [each for each in fitting if len(each.window) >= len(best.window)]
         best, *others = sorted(fitting, key=_cost)
@@ -103,18 +105,13 @@ def _cost(geometry: Geometry) -> float:
     return geometry.evaluation.cost
 
 
-def _settled(at: Geometry) -> Geometry:
-    """Return a geometry at its least cost, by which two are compared."""
-    return at if at.converged else refine(at.evaluation, LAST_STEPS, at.damping)
-
-
 def exchanged_starts(geometry: Geometry, attitude: Attitude) -> list[Start]:
     """
     Return the bearings of all views in the twin of a ``geometry``; none without a plane.
 
     Which of both it is, relief has to tell, or a third view far enough from both.
     """
-    if int(geometry.trusted.sum()) <= LEAST_ON_PLANE:
+    if int(geometry.trusted.sum()) <= MIN_POINTS:
         return []
     across, views = _plane(geometry)[[0, 2]], geometry.unknowns.views[:, :3]
     exchanged = [exchanged_bearings(view, across) for view in views]
@@ -141,14 +138,9 @@ def is_rival(best: Geometry, other: Geometry, margin: float = DECISIVE) -> bool:
     return bool(abs(angle) > ALIKE)
 
 
-def _narrowed(at: Evaluation) -> Geometry:
-    at, damping = refine_narrowing(at)
-    return refine(orient_ahead(at), MORE_STEPS, damping)
-
-
 def refine_narrowing(at: Evaluation) -> tuple[Evaluation, float]:
     """Return the geometry refined while the bound for outliers narrows, and its damping."""
-    damping = COLD_DAMPING
+    damping = DAMPING
     for _ in range(ROUNDS):
         seen = at.window.seen
         widening = float(np.median(at.squares[seen])) / USUAL_SQUARES if seen.any() else 1.0
@@ -204,7 +196,7 @@ def _of_held_views(geometry: Geometry, settings: MapSettings) -> Geometry:
     unknowns = replace(unknowns, views=unknowns.views[held]).of_features(kept)
     factors = factors_of(geometry.evaluation.factors.mount, window, settings)
     everything = np.ones(len(window.ids), bool)
-    return refine(Evaluation(window, unknowns, everything, factors), MORE_STEPS, COLD_DAMPING)
+    return refine(Evaluation(window, unknowns, everything, factors), LAST_STEPS)
 
 
 def _resected_views(window: KeyframeWindow, start: Start, starts: Sequence[Start]) -> Unknowns:

@@ -26,7 +26,6 @@ NEW_SHARE = 0.1  # of the observations of a view that are of features not in the
 FEWEST_NEW = 3
 CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of the scene
 MOST_VIEWS = 4  # to begin with: more cost more time, and are passed soon
-MOST_STARTS = 2  # that are tried at one view
 
 
 class PendingKeyframe(NamedTuple):
@@ -142,7 +141,7 @@ class Bootstrap:
         if len(window) >= MOST_VIEWS:
             window = window.without_view(0)
             before = tuple(each._replace(view=each.view - 1) for each in before if each.view > 0)
-        here = tuple(start._replace(view=len(window)) for start in starts[:MOST_STARTS])
+        here = tuple(start._replace(view=len(window)) for start in starts)
         window = window.with_view(observations, *places)
         kept = kept_features(window, np.ones(len(window.ids), bool), most)
         bootstrap = Bootstrap((*before, *here), observations, is_due=len(window) > 1)
