@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_s
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.odometry.path import Path
-from visual_servo_epipolar.core.routes.driven_images import DrivenImages
+from visual_servo_epipolar.core.routes.teaching import DrivenImages
 from visual_servo_epipolar.messages import read
 
 ODOMETRY = 'nav_msgs/msg/Odometry'

@@ -12,10 +12,10 @@ from visual_servo_epipolar.core.cameras.equirectangular import cut_note
 from visual_servo_epipolar.core.cameras.plausibility import differences
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
-from visual_servo_epipolar.core.routes.driven_images import DrivenImages
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
+from visual_servo_epipolar.core.routes.teaching import DrivenImages
 from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings, StationSettings
 from visual_servo_epipolar.core.servo.state import ServoState

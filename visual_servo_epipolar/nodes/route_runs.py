@@ -17,11 +17,10 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.rigs.rig import Command, HALT
-from visual_servo_epipolar.core.routes.driven_images import DrivenImages, MOST_WAITING
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import HOLDING, RouteRun, RouteStep, WAITING
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
-from visual_servo_epipolar.core.routes.teaching import Teacher
+from visual_servo_epipolar.core.routes.teaching import DrivenImages, MOST_WAITING, Teacher
 from visual_servo_epipolar.core.servo.admission import Arrival, Repetition
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings

@@ -11,14 +11,16 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.bases.registry import base_of
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.routes.follower import brake, Follower, steer
-from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
-from visual_servo_epipolar.core.routes.path import PathPoint, TaughtPath
-from visual_servo_epipolar.core.routes.path_estimate import (
+from visual_servo_epipolar.core.routes.follower import (
     beside,
+    brake,
+    Follower,
     PathEstimate,
     PathMeasurement,
+    steer,
 )
+from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
+from visual_servo_epipolar.core.routes.path import PathPoint, TaughtPath
 from visual_servo_epipolar.core.routes.route import RouteView
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.routes.structure import ViewPose

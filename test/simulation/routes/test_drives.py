@@ -19,9 +19,8 @@ from visual_servo_epipolar.core.routes.follower import RouteProgress
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
-from visual_servo_epipolar.core.routes.run import RouteRun, RouteStep
+from visual_servo_epipolar.core.routes.run import Docking, RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings
-from visual_servo_epipolar.core.routes.station import Docking
 from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.core.servo.settings import ServoSettings
