@@ -5,16 +5,17 @@ from geometry_msgs.msg import Point
 from nav_msgs.msg import Path
 from visualization_msgs.msg import Marker, MarkerArray
 
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.routes.chain import path_poses
 from visual_servo_epipolar.core.routes.follower import RouteProgress
 from visual_servo_epipolar.core.routes.route import Route
-from visual_servo_epipolar.core.routes.run import FAILED, HOLDING, RouteStep
+from visual_servo_epipolar.core.routes.run import RouteStep
 from visual_servo_epipolar.messages import write
 
 FRAME = 'route'  # axes of the first key view: x forward, y left
 DOT, STATION_DOT = 0.06, 0.16  # diameters [m]
 PROGRESS = ('view', 'remaining', 'lateral', 'lateral_deviation', 'way', 'turn', 'inliers')
-LEVELS = {HOLDING: DiagnosticStatus.WARN, FAILED: DiagnosticStatus.ERROR}
+LEVELS = {Phase.HOLDING.value: DiagnosticStatus.WARN, Phase.FAILED.value: DiagnosticStatus.ERROR}
 
 
 def path(route: Route, stamp_ns: int) -> Path:

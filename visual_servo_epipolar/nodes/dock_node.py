@@ -20,13 +20,13 @@ from visual_servo_epipolar.core.docking.task import DockTaskSettings, Error, Ser
 from visual_servo_epipolar.core.laws.phase import ARMED
 from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.core.odometry.path import PathPlace
-from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING
+from visual_servo_epipolar.core.stamps import AHEAD_S, NANOSECONDS, NOT_ADVANCING
 from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.messages import docking, read, validation, write
 from visual_servo_epipolar.messages.docking import DockRobotWire
 from visual_servo_epipolar.nodes import parameters, qos, steady
 from visual_servo_epipolar.nodes.camera_subscriptions import CameraSubscriptions
-from visual_servo_epipolar.nodes.driving_inputs import AHEAD_S, DrivenPath
+from visual_servo_epipolar.nodes.driving_inputs import DrivenPath
 from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.managed import in_every_state, ManagedNode, remedy, serve
 from visual_servo_epipolar.nodes.reports import Complaints

@@ -26,7 +26,6 @@ from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings, RouteNodeSettings
 
 NO_CAMERA = 'no usable camera_info yet; tracks wait for it, the robot stands'
-AHEAD_S = 0.1  # by which an image may be newer than odometry: the base goes on as it did
 DISTRUST_S = 2.0  # after a word of another camera: where two alternate, the robot stands
 
 

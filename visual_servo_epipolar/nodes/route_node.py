@@ -12,8 +12,9 @@ from visual_servo_epipolar.core.cameras.equirectangular import cut_note
 from visual_servo_epipolar.core.cameras.plausibility import differences
 from visual_servo_epipolar.core.cameras.registry import CAMERA_INFO, camera_of_size
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.routes.route import Route
-from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun
+from visual_servo_epipolar.core.routes.run import refuse_heads, RouteRun
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.routes.teaching import DrivenImages
 from visual_servo_epipolar.core.servo.run import Run
@@ -235,7 +236,7 @@ class RouteNode(ManagedNode):
         try:
             latency = self._node_settings.max_latency
             self._repetition.see(image, stamp_ns, frame_id, latency)
-            if self.phase == ARRIVED:
+            if self.phase == Phase.ARRIVED.value:
                 self._renewal.begin()
         except VisualServoError as error:  # a photograph on the disk that cannot be read
             self._repetition.fail(str(error))

@@ -16,9 +16,10 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.rigs.rig import Command, HALT
 from visual_servo_epipolar.core.routes.route import Route
-from visual_servo_epipolar.core.routes.run import HOLDING, RouteRun, RouteStep, WAITING
+from visual_servo_epipolar.core.routes.run import RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.routes.teaching import DrivenImages, MOST_WAITING, Teacher
 from visual_servo_epipolar.core.servo.admission import Arrival, Repetition
@@ -161,7 +162,7 @@ class RouteRenewal:
             self._logger.warning(f'no photographs of today are kept: {error}')
 
 
-STANDS = RouteStep(STANDSTILL, WAITING)
+STANDS = RouteStep(STANDSTILL, Phase.WAITING.value)
 
 
 class RouteReports(NodeReports):
@@ -295,7 +296,7 @@ class RouteRepetition:
             return
         self._commands.send(HALT, self._clock.now().nanoseconds)
         age_ns = round(self.freshness.fresh.seconds * NANOSECONDS)
-        if self.last.phase != HOLDING:
+        if self.last.phase != Phase.HOLDING.value:
             self._logger.warning(f'{reason}, the robot is stopped')
         at_ns = self._stamp_ns + age_ns
         self._note(UNSENT if unsent else HELD, reason, at_ns)
@@ -314,7 +315,7 @@ class RouteRepetition:
             self._note(STOPPED, reason)
         self._commands.send(HALT, self._clock.now().nanoseconds)
         self._commands.stopped()
-        self.last = RouteStep(STANDSTILL, WAITING, reason)
+        self.last = RouteStep(STANDSTILL, Phase.WAITING.value, reason)
         self._reports.standing(self.last)
         return was_active
 
@@ -349,7 +350,7 @@ class RouteRepetition:
                 self._commands.send(HALT, self._clock.now().nanoseconds)
         elif age > max(run.settings.lost_timeout, self._stale()):
             self.fail(f'no image could be driven by for {age:.1f} s: {self.last.reason}')
-        elif self.last.phase == HOLDING and age > self._stale():
+        elif self.last.phase == Phase.HOLDING.value and age > self._stale():
             self._commands.send(HALT, self._clock.now().nanoseconds)
         elif self.last.twist != STANDSTILL and age > self._stale():
             self.lose(f'no new images for {age:.2f} s')

@@ -11,13 +11,13 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.stamps import NOT_ADVANCING
+from visual_servo_epipolar.core.stamps import AHEAD_S, NOT_ADVANCING
 from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.messages import event_log, read, validation
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.camera_subscriptions import CameraSubscriptions
 from visual_servo_epipolar.nodes.commands import Commands, Head
-from visual_servo_epipolar.nodes.driving_inputs import AHEAD_S, DrivenPath, ServoCamera
+from visual_servo_epipolar.nodes.driving_inputs import DrivenPath, ServoCamera
 from visual_servo_epipolar.nodes.live_run import LiveRun, Reports, WAITS_FOR_END
 from visual_servo_epipolar.nodes.managed import in_every_state, ManagedNode, serve
 from visual_servo_epipolar.nodes.reports import Complaints

@@ -12,11 +12,12 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist, wrap_angle
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.routes.follower import RouteProgress
 from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route
-from visual_servo_epipolar.core.routes.run import ARRIVED, refuse_heads, RouteRun, RouteStep
+from visual_servo_epipolar.core.routes.run import refuse_heads, RouteRun, RouteStep
 from visual_servo_epipolar.core.routes.settings import FollowSettings, TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -374,7 +375,7 @@ def repeat(
         log.length += math.hypot(driven.pose.x - before.x, driven.pose.y - before.y)
     log.outcome, log.reason = (step.phase, step.reason) if run.ended else ('failed', 'out of time')
     log.duration_s = driven.now_ns / NANOSECONDS
-    if log.outcome == ARRIVED:
+    if log.outcome == Phase.ARRIVED.value:
         it, true = driven.pose, taught.stations[end]
         log.station = math.hypot(it.x - true.x, it.y - true.y), wrap_angle(it.theta - true.theta)
         log.route = run.renewed() if settings.renewals else None

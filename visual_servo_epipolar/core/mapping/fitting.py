@@ -22,8 +22,8 @@ from visual_servo_epipolar.core.mapping.factors import LEAST_PLACE
 from visual_servo_epipolar.core.mapping.projection import (
     BY_FEATURE,
     BY_VIEW,
-    INVERSE_DEPTH,
     is_ahead,
+    OFFSETS,
     OPPOSITE,
     project,
     slopes,
@@ -239,8 +239,6 @@ def pose_covariance(anchors: Anchors, seen: MatchedFeatures, fit: PoseFit) -> Fl
     equations = _linearised(anchors, seen, fit.pose).equations(weight, anchors.known[1])
     return np.asarray(np.linalg.inv(equations.information))
 
-
-OFFSETS = slice(BY_FEATURE.start, INVERSE_DEPTH)  # of the slopes by a feature's unknowns
 
 ALIKE = 0.05  # of the depth: how near the goal views look as the photograph does
 DRIFT = 0.04  # of the share, from view to view: what looks alike changes with the distance

@@ -6,10 +6,9 @@ import math
 
 from visual_servo_epipolar.core.arrays import ROUNDING
 from visual_servo_epipolar.core.rigs.rig import Joints
-from visual_servo_epipolar.core.stamps import KEPT_S, seconds_between
+from visual_servo_epipolar.core.stamps import AHEAD_S, KEPT_S, seconds_between
 
 LONGEST_GAP_S = 0.25  # between two readings, over which angles are interpolated
-AHEAD_S = 0.1  # by which an image may be newer than the last reading: joints go on as they did
 BEHIND_S = 0.5  # by which it may be older: later it is of no use, or the clocks are apart
 FASTER = 2.0  # than the head can turn: what is faster is a leap, or another head
 SLACK = 0.03  # of a reading [rad]

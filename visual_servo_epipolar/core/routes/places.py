@@ -25,7 +25,6 @@ from visual_servo_epipolar.core.tracking.matching import CurrentView
 
 MOST_KEYPOINTS = 500  # of the image that is looked for
 SHORTLIST = 5  # key views that are looked at closely
-KEPT = 2 * SHORTLIST  # photographs that stay in memory
 STARTS = 4  # parts of the path of each, in which its place is looked for
 LEAST_VOTES = 6  # of a key view to be on it
 RATIO = 0.85  # of the nearest to the nearest of another place
@@ -69,7 +68,7 @@ class PlaceFinder:
     def __init__(self, route: Route) -> None:
         self.route, self.reason = route, ''
         # A robot that stands looks at the same few photographs again and again.
-        self._view = lru_cache(maxsize=KEPT)(lambda number: route.views[number].loaded())
+        self._view = lru_cache(maxsize=2 * SHORTLIST)(lambda number: route.views[number].loaded())
 
     @cached_property
     def _seams(self) -> FloatArray:

@@ -44,8 +44,6 @@ from visual_servo_epipolar.core.twoview.observation import observe
 
 APART, APART_SHARE = 0.05, 0.1  # of a station [m], and share of what was driven
 LOCALIZING, FOLLOWING = 'localizing', 'following'
-WAITING, HOLDING = Phase.WAITING.value, Phase.HOLDING.value
-ARRIVED, FAILED = Phase.ARRIVED.value, Phase.FAILED.value
 LEAST_RATIO = 0.01  # of max_speed_ratio
 SEARCH_FRAMES = 5  # images between two looks at the route
 NEIGHBOURS = 2  # key views on either side that are looked at first, for half of lost_timeout
@@ -166,7 +164,7 @@ class RouteRun:
         self._searched, self._lost_ns, self.lap = 0, -1, 1
         self._newest_ns: int | None = None
         self._views = FrozenImageCheck()
-        self.last = RouteStep(STANDSTILL, WAITING)
+        self.last = RouteStep(STANDSTILL, Phase.WAITING.value)
         if way is not None:
             self.last = self._begin_at(way)
 
@@ -191,7 +189,7 @@ class RouteRun:
     @property
     def ended(self) -> bool:
         """Whether it has arrived or failed."""
-        return self.last.phase in (ARRIVED, FAILED)
+        return self.last.phase in (Phase.ARRIVED.value, Phase.FAILED.value)
 
     def admit(
         self, arrival: Arrival, *, max_latency: float, still_timeout: float, withheld: str = ''
@@ -238,12 +236,12 @@ class RouteRun:
             self._follower.halt(stamp_ns, unsent=unsent)
         self._docking.halt(stamp_ns, STANDSTILL if unsent else self.last.twist, reason)
         if not self.ended:
-            self.last = RouteStep(STANDSTILL, HOLDING, reason)
+            self.last = RouteStep(STANDSTILL, Phase.HOLDING.value, reason)
         return self.last
 
     def fail(self, reason: str) -> RouteStep:
         """End the run, with a reason."""
-        self.last = RouteStep(STANDSTILL, FAILED, reason)
+        self.last = RouteStep(STANDSTILL, Phase.FAILED.value, reason)
         return self.last
 
     @property
@@ -258,8 +256,8 @@ class RouteRun:
         Those of key views that were confirmed on the way, and of the station, and only where none
         of a key view's photographs is like them.
         """
-        views = list(self.taught.views)
-        for number, seen in self._confirmed.items() if self.last.phase == ARRIVED else ():
+        views, arrived = list(self.taught.views), self.last.phase == Phase.ARRIVED.value
+        for number, seen in self._confirmed.items() if arrived else ():
             tracker = KeyViewTracker(self.route.views[number], self.route.camera)
             features = seen.features
             if number == self.target:
@@ -345,7 +343,7 @@ class RouteRun:
         place = self._look(image, among)
         if place is not None:
             return self._begin_at(place.way, place)
-        return RouteStep(follower.twist, HOLDING, follower.reason, progress)
+        return RouteStep(follower.twist, Phase.HOLDING.value, follower.reason, progress)
 
     def _begin_docking(self) -> None:
         """Leave the path to the servo where it is near the station, once."""

@@ -30,7 +30,12 @@ from visual_servo_epipolar.core.mapping.initialization import (
 )
 from visual_servo_epipolar.core.mapping.localization import seen_rays
 from visual_servo_epipolar.core.mapping.projection import structure_of
-from visual_servo_epipolar.core.mapping.refinement import Evaluation, Geometry, refine
+from visual_servo_epipolar.core.mapping.refinement import (
+    Evaluation,
+    Geometry,
+    LEAST_INVERSE_DEPTH,
+    refine,
+)
 from visual_servo_epipolar.core.mapping.window import (
     EMPTY,
     FeatureObservations,
@@ -48,7 +53,6 @@ SCALE_DEVIATION = 0.01  # of the logarithm of the true way over that of the odom
 START_NOISE_PX = 0.2  # of a tracked feature, until residuals tell it
 LEAST_NOISE_PX = 0.1  # of one on another day: what patches get wrong alike, no residual shows
 ALL_AROUND = 1e-3  # of the logarithm of the focal length: 360 deg are as many pixels as it has
-LEAST_INVERSE_DEPTH = 1e-3  # [1/m]
 LEAST_VIEWS = 2  # in which a feature is seen, to be kept
 LEAST_FEATURES = 12  # of a structure
 MIN_AGREEING, MIN_SHARE = 8, 0.5  # features of a view that agree with one place
