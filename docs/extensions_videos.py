@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.report.images.map_view import MapView
-from visual_servo_epipolar.report.images.video import HEIGHT, picture, view_size
+from visual_servo_epipolar.report.images.video import HEIGHT, picture
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.scenario import load, Scenario
@@ -62,14 +62,14 @@ def film(rig: str) -> list[Image]:
     settings = scenario.loop(start, SEED)
     loop = Loop(settings, view, camera)
     plane = MapView(Pose.from_start(*start), HEIGHT, settings.field_of_view or 0.0)
-    size, frames = view_size((camera.width, camera.height)), []
+    frames = []
 
     def watch(sample: Sample) -> None:
         plane.add(sample)
         if loop.driven.frame % EVERY == 1:
             if settings.head is not None:  # bearings are in axes of the base, not of the image
                 sample = replace(sample, bearing_current=np.nan)
-            seen = picture(view.image, view.features, sample, camera, size)
+            seen = picture(view.image, view.features, sample, camera)
             frames.append(_beside(seen, plane.picture()))
 
     log = loop.run(watch=watch)

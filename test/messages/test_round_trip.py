@@ -296,22 +296,10 @@ def test_settings_say_what_computed_with_them() -> None:
     assert settings_text.from_text(earlier).version == '0.0.1'
 
 
-def test_namespaces_may_be_nested() -> None:
-    nodes = settings_text.sections('bot1: {servo_node: {ros__parameters: {k1: 0.2}}}')
-    assert nodes == {'bot1/servo_node': {'k1': 0.2}}
-
-
 @pytest.mark.parametrize(
-    ('text', 'reason'),
-    [
-        ('bot1: {servo_node: {k1: 1}}', 'must stand under ros__parameters'),
-        ('{', 'not YAML'),
-        ('3', 'must map nodes'),
-        ('/servo_node: {k1: 1}', 'must stand under ros__parameters'),
-        ('{}', 'must be those of one node, got 0'),
-        ('[' * 100_000, 'not YAML'),
-    ],
+    'text',
+    ['bot1: {servo_node: {k1: 1}}', '{', '3', '', '/servo_node: {k1: 1}', '{}', '[' * 100_000],
 )
-def test_what_is_no_parameter_file_is_refused(text: str, reason: str) -> None:
-    with pytest.raises(ValueError, match=reason):
+def test_what_is_no_parameter_file_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match='must be the parameter file of one node, got '):
         settings_text.from_text(text)

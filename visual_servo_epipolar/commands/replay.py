@@ -1,7 +1,7 @@
 """The replay behind ``visual_servo replay`` and ``visual_servo report``, and its text."""
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
@@ -295,68 +295,40 @@ def in_words(result: Mapping[str, Any]) -> str:
 
 def compared_words(comparison: Mapping[str, Any]) -> list[str]:
     """Return the comparison of recorded and replayed, line by line."""
-    if not comparison['compared_steps']:
+    steps, tolerance = comparison['compared_steps'], comparison['tolerance']
+    if not steps:
         return ['nothing was recorded to compare with']
-    lines = [*_missing(comparison), _verdict(comparison)]
-    divergence = comparison['parting']
-    if divergence is not None:
-        lines += _first(divergence['quantities'])
-    return lines + _rows(comparison)
-
-
-def _rows(comparison: Mapping[str, Any]) -> list[str]:
-    lines: list[str] = []
-    differences = comparison['differences']
-    rows = [(name, differences[name]) for name in COMPARED if name in differences]
-    differing = [(name, row) for name, row in rows if row['largest'] or row['apart']]
+    lines = []
+    if missing := comparison['missing_steps']:
+        lines.append(f'{missing} recorded steps have no image in the bag')
+    if unpublished := comparison['unheard_commands']:
+        lines.append(f'{unpublished} replayed commands were not published then')
+    if first := comparison['parting']:
+        lines.append(
+            f'recorded and replayed diverge at {first["time_s"]:.3f} s, '
+            f'stamp {first["stamp_ns"]} ns:'
+        )
+        lines += [
+            f'  {name}: recorded {first["quantities"][name]["recorded"]}, '
+            f'replayed {first["quantities"][name]["replayed"]}'
+            for name in _important_first(first['quantities'])[:MAX_NAMED]
+        ]
+    else:
+        how = f'the same within {tolerance:g}' if tolerance < math.inf else 'beside each other'
+        how = 'the same to the last bit' if tolerance == 0.0 else how
+        lines.append(f'recorded and replayed: {steps} steps, {how}')
+    rows = comparison['differences']
+    differing = [
+        it for it in COMPARED if it in rows and (rows[it]['largest'] or rows[it]['apart'])
+    ]
     if differing:
         lines.append(f'{"quantity":<24}{"steps apart":>12}{"largest":>12}{"rms":>12}')
-        lines += [_row(name, row) for name, row in differing]
+        for name in differing:
+            size = '' if name == 'phase' else '{largest:>12.3g}{rms:>12.3g}'.format(**rows[name])
+            lines.append(f'{name:<24}{rows[name]["apart"]:>12}{size}')
     return lines
 
 
-def _verdict(comparison: Mapping[str, Any]) -> str:
-    steps, tolerance = comparison['compared_steps'], comparison['tolerance']
-    divergence = comparison['parting']
-    if divergence is not None:
-        return (
-            f'recorded and replayed diverge at {divergence["time_s"]:.3f} s, '
-            f'stamp {divergence["stamp_ns"]} ns:'
-        )
-    if tolerance == 0.0:
-        how = 'the same to the last bit'
-    else:
-        how = f'the same within {tolerance:g}' if tolerance < float('inf') else 'beside each other'
-    return f'recorded and replayed: {steps} steps, {how}'
-
-
-def _missing(comparison: Mapping[str, Any]) -> list[str]:
-    lines = []
-    if comparison['missing_steps']:
-        lines.append(f'{comparison["missing_steps"]} recorded steps have no image in the bag')
-    if comparison['unheard_commands']:
-        lines.append(f'{comparison["unheard_commands"]} replayed commands were not published then')
-    return lines
-
-
-def _first(quantities: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Name the quantities of the first difference, the most important first."""
-    names = [name for name in COMPARED if name in quantities]
-    names += [name for name in quantities if name not in names]
-    lines = [
-        f'  {name}: recorded {_plain(quantities[name]["recorded"])}, '
-        f'replayed {_plain(quantities[name]["replayed"])}'
-        for name in names[:MAX_NAMED]
-    ]
-    more = len(names) - MAX_NAMED
-    return lines + ([f'  and {more} quantities more'] if more > 0 else [])
-
-
-def _row(name: str, row: Mapping[str, Any]) -> str:
-    if name == 'phase':
-        return f'{name:<24}{row["apart"]:>12}'
-    return f'{name:<24}{row["apart"]:>12}{row["largest"]:>12.3g}{row["rms"]:>12.3g}'
-
-
-def _plain(value: float | str) -> str:
-    return value if isinstance(value, str) else repr(float(value))
+def _important_first(names: Iterable[str]) -> list[str]:
+    rank = {name: number for number, name in enumerate(COMPARED)}
+    return sorted(names, key=lambda name: rank.get(name, len(rank)))

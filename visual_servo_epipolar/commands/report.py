@@ -21,7 +21,6 @@ from visual_servo_epipolar.commands.replay import (
     replay_bag,
     result_of,
 )
-from visual_servo_epipolar.commands.simulate import versions
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.registry import phase_words
@@ -30,6 +29,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of, Settings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.files import made_folder
+from visual_servo_epipolar.messages.settings_text import installed_versions
 from visual_servo_epipolar.report import figures
 from visual_servo_epipolar.report.page import (
     Cell,
@@ -106,7 +106,7 @@ def report_run(folder: Path, path: Path) -> None:
         *_video_section(folder / VIDEO, path),
         Section('Phases', phase_table(result)),
         parameter_section(run_file.settings),
-        version_section(run_file.versions, versions()),
+        version_section(run_file.versions),
     ]
     x, y, heading = log.start
     title = f'Run from x {x:g} m, y {y:g} m, heading {heading:+g} deg, law {log.law}'
@@ -170,7 +170,7 @@ def report_bag(options: argparse.Namespace, path: Path) -> None:
                 'tracker': asdict(replayed.plan.tracker[-1][1]),
             }
         ),
-        version_section(replayed.versions['recorded'], versions()),
+        version_section(replayed.versions['recorded']),
     ]
     bag = Path(options.bag)
     name = bag.name if bag.name != 'bag' else '/'.join(bag.parts[-2:])  # that of a demo
@@ -263,10 +263,9 @@ def _as_text(value: Any) -> str:
     return str(value)
 
 
-def version_section(ran_with: Mapping[str, str], made_with: Mapping[str, str]) -> Section:
+def version_section(ran_with: Mapping[str, str]) -> Section:
     """Return the versions that the run had, and those of this report."""
     rows: list[Sequence[Cell]] = [
-        [name, ran_with.get(name, '\N{EN DASH}'), made_with.get(name, '\N{EN DASH}')]
-        for name in dict.fromkeys([*ran_with, *made_with])
+        [name, ran_with.get(name), version] for name, version in installed_versions().items()
     ]
     return Section('Versions', table(['of', 'when it ran', 'of this report'], rows))

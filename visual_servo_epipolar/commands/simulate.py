@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import asdict, fields
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -39,15 +38,12 @@ def simulate(options: argparse.Namespace) -> int:
     return 0 if log.outcome == 'arrived' else 1
 
 
-LIBRARIES = ('opencv-python-headless', 'opencv-python', 'matplotlib', 'rclpy', 'rosbags')
-
-
 def write_run(log: RunLog, scenario: Scenario, folder: Path) -> list[str]:
     """Write result, samples and figures into ``folder``; return their names."""
     result = verdict(log, scenario.camera.rig())
     with made_folder(folder):
         write_json(result, str(folder / 'result.json'))
-        run = save_run(RunFile(log, settings_of(scenario), versions()), folder)
+        run = save_run(RunFile(log, settings_of(scenario), installed_versions()), folder)
         from visual_servo_epipolar.report import figures  # last: matplotlib may be broken
 
         return ['result.json', *(path.name for path in (run, *figures.save_all(log, folder)))]
@@ -56,14 +52,3 @@ def write_run(log: RunLog, scenario: Scenario, folder: Path) -> list[str]:
 def settings_of(scenario: Scenario) -> Mapping[str, Mapping[str, Any]]:
     """Return the settings of each part of a scenario."""
     return {item.name: asdict(getattr(scenario, item.name)) for item in fields(scenario)}
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of this package, of Python, and of the libraries that matter."""
-    found = dict(installed_versions())
-    for name in LIBRARIES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found

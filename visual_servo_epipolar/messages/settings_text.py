@@ -4,7 +4,7 @@ Settings in force as text: a ROS parameter file that can be kept and given to a 
 Nodes publish it latched on ``~/settings``; a bag that holds it can be replayed with them.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cache
 import platform
@@ -64,48 +64,17 @@ def from_text(text: str) -> NodeSettings:
 
     Raises ValueError if ``text`` is not the parameter file of one node.
     """
-    nodes = sections(text)
-    if len(nodes) != 1:
+    try:
+        ((node, body),) = yaml_document(text).items()
+        values = {str(name): value for name, value in body['ros__parameters'].items()}
+    except (AttributeError, LookupError, TypeError, ValueError):
         raise ValueError(
-            f'settings must be those of one node, got {len(nodes)}; connect ~/settings of a node'
-        )
-    ((node, values),) = nodes.items()
+            f'settings must be the parameter file of one node, got {text!r:.80}; connect '
+            '~/settings of a node'
+        ) from None
     after, versions = AFTER.search(text), dict(VERSION.findall(text))
     versions.pop('after_stamp_ns', None)
-    return NodeSettings(node, values, int(after[1]) if after else None, versions)
-
-
-def sections(text: str) -> dict[str, dict[str, Any]]:
-    """
-    Return the parameters in a ROS parameter file by the name of the node they are for.
-
-    Raises ValueError if ``text`` is not YAML, or not of this form.
-    """
-    try:
-        document = yaml_document(text)
-    except ValueError as error:
-        raise ValueError(f'parameters are not YAML: {error}') from None
-    if not isinstance(document, dict):
-        raise ValueError(f'parameters must map nodes to parameters, got {document!r:.60}')
-    return dict(_walk(document, ''))
-
-
-def _walk(document: dict[Any, Any], namespace: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield nodes, by their names with namespaces, which may be nested, and their parameters."""
-    for key, body in document.items():
-        inner = body.get('ros__parameters') if isinstance(body, dict) else None
-        if isinstance(inner, dict):
-            yield f'{namespace}{key}', {str(name): value for name, value in inner.items()}
-        elif (
-            inner is None
-            and isinstance(body, dict)
-            and all(isinstance(deeper, dict) for deeper in body.values())
-        ):
-            yield from _walk(body, f'{namespace}{key}/')
-        else:
-            raise ValueError(
-                f'parameters of {key!r:.60} must stand under ros__parameters, as "name: value"'
-            )
+    return NodeSettings(str(node), values, int(after[1]) if after else None, versions)
 
 
 @cache

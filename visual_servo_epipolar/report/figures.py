@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Rectangle
-from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, SymmetricalLogLocator
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
@@ -47,8 +47,6 @@ from visual_servo_epipolar.report.style import (
 
 Panel = Callable[[Axes, RunLog], None]
 
-MOST_STRIDES = 4.5  # from tick to tick on the axis of D
-STANDING, STANDING_AXIS = 0.02, 0.1  # range of velocities of a robot that stands [m/s, rad/s]
 MAX_EPIPOLE = 2000.0  # abscissae beyond are off any sensible axis [px]
 CHARACTER = 0.0108  # width of one character of a phase's name, of the width of a panel
 
@@ -120,8 +118,6 @@ def _draw_velocity(axes: Axes, log: RunLog, *, name: str, unit: str) -> None:
     # A command holds until the next one.
     axes.plot(seconds(log), values, color=INK, drawstyle='steps-post')
     axes.axhline(0.0, color=INK, linewidth=0.6)
-    if np.abs(values).max() < STANDING:
-        axes.set_ylim(-STANDING_AXIS, STANDING_AXIS)
     axes.margins(y=0.12)
     axes.set_ylabel(f'{name}\nvelocity [{unit}]')
     axes.yaxis.set_major_locator(MaxNLocator(4))
@@ -129,26 +125,18 @@ def _draw_velocity(axes: Axes, log: RunLog, *, name: str, unit: str) -> None:
 
 def _draw_difference(axes: Axes, log: RunLog) -> None:
     values = column(log, 'feature_difference')
+    # D has a sign and falls by decades; below 100 px^2 the axis is linear.
+    axes.set_yscale('symlog', linthresh=100.0)
+    axes.margins(y=0.1)
     axes.plot(seconds(log), values, color=INK)
     axes.axhline(0.0, color=INK, linewidth=0.6)
     axes.set_ylabel('D [px$^2$]')
     if _lacks(axes, values):
         return
-    # D has a sign and falls by decades; below 1 px^2 the axis is linear.
-    axes.set_yscale('symlog', linthresh=1.0)
-    low, high = _decades(-values), _decades(values)
-    stride = next(it for it in (1, 2, 3, 4, 6, 12) if (low + high) / it <= MOST_STRIDES)
-    ticks = {-(10.0**n): f'$-10^{{{n}}}$' for n in range(stride, low + 1, stride)}
-    ticks |= {0.0: '0', **{10.0**n: f'$10^{{{n}}}$' for n in range(stride, high + 1, stride)}}
-    axes.set_yticks([*ticks], labels=[*ticks.values()])
+    decades = SymmetricalLogLocator(base=10.0, linthresh=100.0)
+    decades.set_params(numticks=6)
+    axes.yaxis.set_major_locator(decades)
     axes.yaxis.set_minor_locator(NullLocator())
-    axes.set_ylim(-(10.0**low) if low else -0.5, 10.0**high if high else 0.5)
-
-
-def _decades(values: FloatArray) -> int:
-    """Return the power of ten that no value exceeds, 2 at least; 0 if none is above zero."""
-    largest = values[np.isfinite(values)].max(initial=0.0)
-    return max(2, int(np.ceil(np.log10(largest)))) if largest > 0.0 else 0
 
 
 def _draw_count(axes: Axes, log: RunLog) -> None:

@@ -2,7 +2,6 @@
 
 import base64
 from html.parser import HTMLParser
-from importlib import metadata
 import json
 from pathlib import Path
 import re
@@ -17,7 +16,6 @@ from rclpy.serialization import serialize_message
 
 from visual_servo_epipolar.commands import report as on_page
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.commands.simulate import versions
 from visual_servo_epipolar.messages import event_log, write
 from visual_servo_epipolar.report.images.video import pyav
 from visual_servo_epipolar.report.page import Headline, Section, write_page
@@ -245,14 +243,6 @@ def test_of_a_folder_with_a_bag_in_it_the_bag_is_named(command, tmp_path, capsys
     assert main([command, str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert f'not a bag, but a folder with one; give {tmp_path / "bag"}' in error
-
-
-def test_versions_of_a_run_need_no_metadata_of_pip(monkeypatch) -> None:
-    def nothing(name: str) -> str:
-        raise metadata.PackageNotFoundError(name)
-
-    monkeypatch.setattr(metadata, 'version', nothing)  # as of cv2 from apt
-    assert {'numpy', 'OpenCV', 'Python', 'visual_servo_epipolar'} <= versions().keys()
 
 
 @needs_browser

@@ -99,17 +99,3 @@ def test_no_features_far_features_and_an_unknown_phase_are_drawn() -> None:
 def test_features_that_do_not_match_are_refused() -> None:
     with pytest.raises(ValueError, match='row by row, got 2 and 1'):
         draw_overlay(gray((64, 48)), np.zeros((2, 2)), np.zeros((1, 2)))
-
-
-@pytest.mark.parametrize('size', [(320, 240), (900, 720)])
-def test_a_picture_of_another_size_shows_the_same(size: tuple[int, int]) -> None:
-    current = np.array([[200.0, 340.0]])
-    desired = np.array(EPIPOLE) + 1.5 * (current - EPIPOLE)
-    drawn = draw_overlay(gray((640, 480)), current, desired, fundamental=skew(*EPIPOLE), size=size)
-    assert drawn.shape == (size[1], size[0], 3)
-    scale = np.array(size) / (640, 480)
-    u, v = np.rint((current[0] + 0.5) * scale - 0.5).astype(int)
-    assert is_red(drawn[v, u])
-    across = np.array(EPIPOLE) + (100.0, -50.0)  # on the line, beyond the epipole
-    u, v = np.rint((across + 0.5) * scale - 0.5).astype(int)
-    assert drawn[v - 1 : v + 2, u, 0].max() > 150

@@ -18,7 +18,6 @@ from visual_servo_epipolar.report.images.drawing import (
     draw_lines,
     draw_text,
     fixed_point,
-    Resized,
     SHIFT,
     text_size,
 )
@@ -47,7 +46,6 @@ def draw_overlay(
     epipole_current: float | None = None,
     horizon: float | None = None,
     fundamental: FloatArray | None = None,
-    size: tuple[int, int] | None = None,
 ) -> Image:
     """
     Return a colour picture, BGR, of the features drawn over a grey ``image``, shape (H, W).
@@ -55,26 +53,21 @@ def draw_overlay(
     ``current_pixels`` and ``desired_pixels``, (N, 2), are the same features row by row.
     The ``header`` stands on its ``colour``, '#RRGGBB'. ``epipole_current`` is the abscissa of the
     epipole from the left border, drawn in the row ``horizon`` if it lies in the image. With
-    ``fundamental``, F such that p_desired^T F p_current = 0, a few epipolar lines are drawn. All
-    are in pixels of the image; ``size`` is that of the picture, width and height, the image's if
-    not given.
+    ``fundamental``, F such that p_desired^T F p_current = 0, a few epipolar lines are drawn.
 
     Raises ValueError if the image is not grey and of 8 bits, or the features do not match.
     """
     gray = as_gray(image)
     current, desired = _match(current_pixels, desired_pixels)
     errors = np.linalg.norm(current - desired, axis=1)
-    shown = Resized((gray.shape[1], gray.shape[0]), size)
-    current, desired = shown.points(current), shown.points(desired)
-    small = shown.image(gray)
-    picture: Image = np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    picture: Image = np.asarray(cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     unit = _unit(picture)
     if fundamental is not None:
-        _draw_epipolar_lines(picture, shown.fundamental(fundamental), desired, unit)
+        _draw_epipolar_lines(picture, fundamental, desired, unit)
     _draw_features(picture, current, desired, unit)
     if epipole_current is not None and 0.0 <= epipole_current < gray.shape[1]:
         row = 0.5 * gray.shape[0] if horizon is None else horizon
-        _draw_epipole(picture, shown.points(np.array([[epipole_current, row]]))[0], unit)
+        _draw_epipole(picture, np.array([epipole_current, row]), unit)
     _draw_header(picture, header, colour, errors, unit)
     return picture
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel, field_of_view
+from visual_servo_epipolar.core.cameras.registry import scaled
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.epipolar import (
     Bearings,
@@ -51,44 +52,36 @@ def pyav() -> Any:
         return None
 
 
-def picture(
-    image: Image,
-    features: Features,
-    sample: Sample,
-    camera: CameraModel,
-    size: tuple[int, int] | None = None,
-) -> Image:
-    """
-    Return ``image``, grey of shape (H, W), with features, epipole and epipolar lines.
+HEIGHT = 720  # of the video [px]
 
-    Only a pinhole has epipolar lines that are straight: of others they are left out. ``size`` is
-    that of the picture, width and height [px]; if not given, the image's.
+
+def picture(image: Image, features: Features, sample: Sample, camera: CameraModel) -> Image:
     """
-    has_bearing = bool(np.isfinite(sample.bearing_current))
-    u, v = epipole(sample, camera) if has_bearing else (None, None)
-    lines = None
-    if has_bearing and camera.planar is not None:
-        lines = fundamental(sample, camera)
+    Return ``image``, grey of shape (H, W), HEIGHT high, with features, epipole, epipolar lines.
+
+    Only a pinhole has epipolar lines that are straight: of others they are left out.
+    """
+    size = view_size((camera.width, camera.height))
+    scale = np.array(size) / (camera.width, camera.height)
+    camera = scaled(camera, size, *scale.tolist())
+    u = v = lines = None
+    if np.isfinite(sample.bearing_current):
+        # An upright camera sees the goal's camera at (u, v), or it does not: nan.
+        bearing = sample.bearing_current
+        ((u, v),) = camera.pixels(np.array([[np.sin(bearing), 0.0, np.cos(bearing)]])).tolist()
+        lines = None if camera.planar is None else fundamental(sample, camera)
+    # Averaging takes longer by far than interpolation, and is needed for strong shrinking.
+    kind = cv2.INTER_AREA if scale[1] < 0.5 else cv2.INTER_LINEAR
     return draw_overlay(
-        image,
-        features.current,
-        features.desired,
+        np.asarray(cv2.resize(image, size, interpolation=kind), np.uint8),
+        (features.current + 0.5) * scale - 0.5,
+        (features.desired + 0.5) * scale - 0.5,
         header=phase_label(sample.phase.value),
         colour=phase_colour(sample.phase.value),
         epipole_current=u,
         horizon=v,
         fundamental=lines,
-        size=size,
     )
-
-
-def epipole(sample: Sample, camera: CameraModel) -> tuple[float, float]:
-    """Return where an upright camera sees the goal's camera [px]; nan where it does not."""
-    if camera.planar is not None:
-        return camera.cx + sample.epipole_current, camera.cy
-    bearing = sample.bearing_current
-    ((u, v),) = camera.pixels(np.array([[np.sin(bearing), 0.0, np.cos(bearing)]])).tolist()
-    return u, v
 
 
 def fundamental(sample: Sample, camera: CameraModel) -> FloatArray:
@@ -96,9 +89,6 @@ def fundamental(sample: Sample, camera: CameraModel) -> FloatArray:
     psi = HALF_PI - sample.bearing_desired
     phi = wrap_angle(np.pi - sample.bearing_current)
     return in_pixels(fundamental_from_bearings(Bearings(psi, phi)), camera.matrix, camera.matrix)
-
-
-HEIGHT = 720  # of the video [px]
 
 
 def view_size(image_size: tuple[int, int]) -> tuple[int, int]:
@@ -119,8 +109,7 @@ class VideoWriter(AbstractContextManager['VideoWriter']):
     def __init__(self, path: Path, fps: float, *, start: Pose, camera: CameraModel) -> None:
         self.path, self._camera, self._av = path, camera, pyav()
         self._part = path.with_name(f'.{path.stem}.part{path.suffix}')
-        self._view = view_size((camera.width, camera.height))
-        self.size = self._view[0] + WIDTH, HEIGHT
+        self.size = view_size((camera.width, camera.height))[0] + WIDTH, HEIGHT
         self._map, self.frames = MapView(start, HEIGHT, field_of_view(camera)), 0
         if self._av is None:
             raise InputError(f'{path} needs PyAV; {WHAT_TO_INSTALL}')
@@ -150,7 +139,7 @@ class VideoWriter(AbstractContextManager['VideoWriter']):
     def add(self, image: Image, features: Features, sample: Sample) -> None:
         """Add one control step: what the camera saw, shape (H, W), its features, what was done."""
         self._map.add(sample)
-        drawn = picture(image, features, sample, self._camera, self._view)
+        drawn = picture(image, features, sample, self._camera)
         frame = np.hstack([drawn, self._map.picture()])
         planes = cv2.cvtColor(frame, cv2.COLOR_BGR2YUV_I420)
         encoded = self._av.VideoFrame.from_ndarray(planes, format='yuv420p')
