@@ -1,38 +1,17 @@
 """What docs/extending.md says of tables: a variant that is missing from one of them is found."""
 
 from dataclasses import fields
-from itertools import product
 from pathlib import Path
 import re
 
 import pytest
-from servo_states import EVENTS, PHASES
 
-from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.core.twoview.registry import ESTIMATORS
 
 ROOT = Path(__file__).parents[2]
-
-
-def transitions() -> dict[tuple[Phase, Event], Phase]:
-    pairs = product(PHASES, EVENTS)
-    return {pair: TWO_STEPS.next_phase(*pair) for pair in pairs}
-
-
-@pytest.mark.parametrize('phase', PHASES)
-def test_a_phase_has_a_way_in(phase: Phase) -> None:
-    assert any(then is phase and start is not phase for (start, _), then in transitions().items())
-
-
-@pytest.mark.parametrize('phase', PHASES)
-def test_a_phase_has_a_way_out(phase: Phase) -> None:
-    pairs = transitions().items()
-    exits = {event for (start, event), then in pairs if start is phase and then is not phase}
-    # Of an ended run the only one; any other phase ends by itself as well.
-    assert exits == {Event.STOPPED} if phase.ended else exits - {Event.STOPPED}
 
 
 @pytest.mark.parametrize('name', ['words', 'colour'])

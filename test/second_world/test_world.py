@@ -20,7 +20,7 @@ from second_world.robot import (
     TRACK,
     wrong_geometry_s,
 )
-from second_world.scene import box, Lens, Painter, panel
+from second_world.scene import Lens, Painter, panel
 from strategies import floats, poses_behind_the_goal
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
@@ -73,30 +73,6 @@ def test_a_thing_is_where_the_lens_has_it(painter: Painter) -> None:
     np.testing.assert_allclose(found, expected, atol=0.5)
     # OpenCV paints the outline as well: half a pixel more on each side.
     assert bright.sum() == pytest.approx((140.0 * 0.2 / 2.0 + 1.0) ** 2, rel=0.1)
-
-
-def test_what_is_near_hides_what_is_far(painter: Painter) -> None:
-    rng = np.random.default_rng(0)
-    near, far = box(rng, 0.0, 1.0, (0.3, 0.2, 0.7)), box(rng, 0.0, 2.0, (0.3, 0.2, 0.7))
-    for shade, thing in ((20, near), (230, far)):
-        for face in thing:
-            for level in face.pyramid:
-                level[:] = shade
-    axes, centre = CENTRED.camera(GOAL)
-    pictures = []
-    for things in ([*near, *far], [*far, *near]):
-        painter._things = things
-        pictures.append(painter.picture(axes, centre, 0))
-    np.testing.assert_array_equal(*pictures)
-    assert pictures[0][58, 81] < 40
-
-
-def test_pictures_follow_from_seed_place_and_frame_alone() -> None:
-    axes, centre = Mast().camera((0.5, -2.0, 1.6))
-    painter, same = Painter(LENS, 3), Painter(LENS, 3)
-    one = painter.picture(axes, centre, 7)
-    np.testing.assert_array_equal(one, same.picture(axes, centre, 7))
-    assert (same.picture(axes, centre, 8) != one).any()
 
 
 @given(poses_behind_the_goal(), floats(-0.5, 0.5), floats(-0.2, 0.2))
