@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.estimate.extrinsics import (
     YAW,
 )
 from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel, goal_estimate
+from visual_servo_epipolar.core.estimate.map_state import SURPRISE
 from visual_servo_epipolar.core.geometry.motion import motion_between, Pose, relative_pose
 from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.mapping.refinement import Geometry
@@ -33,7 +34,6 @@ from visual_servo_epipolar.core.twoview.perceive import perceive
 from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
 MOST_CONTRADICTIONS = 8  # of views and driven path in a row: then all is begun anew
-SURPRISE = 16.0  # square of what they differ by, in deviations, that is a contradiction
 
 
 @dataclass(frozen=True, kw_only=True)
