@@ -62,7 +62,7 @@ def test_a_dock_without_a_photograph_is_refused(by_id, dock_id, error) -> None:
     assert task.orders == (STOP,)
 
 
-def test_what_an_earlier_run_said_does_not_count() -> None:
+def test_reports_of_an_earlier_run_do_not_count() -> None:
     task = heard(asked(), Phase.ARRIVED)
     assert task.outcome is None
     task = on_answer(task, STOP, '', 0.1)
@@ -73,7 +73,7 @@ def test_what_an_earlier_run_said_does_not_count() -> None:
     assert task.orders == (START,)
 
 
-def test_a_servo_that_waits_before_it_is_told_to_stop_has_been_cleared() -> None:
+def test_a_servo_that_waits_before_its_stop_is_answered_has_been_cleared() -> None:
     task = heard(asked(), Phase.WAITING, Phase.HOLDING)
     assert on_answer(task, STOP, '', 0.2).orders == (START,)
 

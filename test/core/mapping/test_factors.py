@@ -210,7 +210,7 @@ def test_a_feature_that_is_not_trusted_still_follows_the_views(exact) -> None:
     assert back == pytest.approx(exact.unknowns.inverse_depth[0], rel=2e-3)
 
 
-def test_far_from_the_best_unknowns_outliers_are_told_less_strictly(exact) -> None:
+def test_far_from_the_best_unknowns_the_bound_for_outliers_is_wider(exact) -> None:
     at = moved(exact)
     wide = replace(at, widening=100.0)
     assert (wide.weight >= at.weight).all()

@@ -65,7 +65,7 @@ def test_of_a_geometry_and_its_reverse_the_one_with_features_ahead_is_taken(exac
         assert (geometry.unknowns.inverse_depth > 0.0).all()
 
 
-def test_without_a_way_that_was_told_it_begins_all_the_same(exact) -> None:
+def test_a_map_begins_without_a_known_way(exact) -> None:
     window = replace(exact.window, driven_places=np.full((14, 2), np.nan))
     start = start_at(exact.unknowns.views[0], 0)
     geometry = initial_geometry(window, [start], Attitude(), MapSettings())
@@ -179,7 +179,7 @@ def test_bearings_without_a_rival_tell_as_well(times: int, margin: float, monkey
     assert set(asked) == {margin}
 
 
-def test_a_view_is_looked_for_where_it_was_told_as_far_off_as_its_neighbour() -> None:
+def test_a_view_is_guessed_by_its_bearings_as_far_off_as_its_neighbour() -> None:
     near, told = np.array([0.6, -0.8, 0.1, 0.01, 0.02]), Bearings(-1.4, 2.9)
     expected = [math.cos(-1.4), math.sin(-1.4), told.heading_error, 0.01, 0.02]
     assert guess_pose(near, told) == pytest.approx(np.array(expected))

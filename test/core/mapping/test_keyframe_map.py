@@ -190,7 +190,7 @@ def test_a_geometry_that_keyframes_contradict_again_is_forgotten(drive, memory) 
     assert len(after.window) == 0
 
 
-def test_another_way_that_was_told_makes_all_larger_and_turns_nothing(drive) -> None:
+def test_a_longer_way_makes_all_larger_and_turns_nothing(drive) -> None:
     longer = replace(drive, scale=1.2 * drive.scale)
     one, other = (
         map_after_drive(it).after(it.observations(14), it.motion(14))[1] for it in (drive, longer)

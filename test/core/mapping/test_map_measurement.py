@@ -132,7 +132,7 @@ def test_the_same_memory_is_as_large_as_the_other_way(drive) -> None:
     assert after.geometry.evaluation.factors.scale_deviation == pytest.approx(2e-3, rel=20.0)
 
 
-def test_who_swaps_twice_is_where_he_was(drive) -> None:
+def test_a_map_by_the_alternative_motion_and_back_is_as_before(drive) -> None:
     before = remembered(drive)
     again = before.with_alternative(OTHER).with_alternative(SURE)
     assert whole(again) == pytest.approx(whole(before), rel=1e-6)
@@ -141,7 +141,9 @@ def test_who_swaps_twice_is_where_he_was(drive) -> None:
 
 
 @pytest.mark.parametrize('at', [0, 1, 9])
-def test_who_comes_to_believe_it_has_it_of_the_whole_way(drive, at: int) -> None:
+def test_the_alternative_scale_holds_for_the_whole_way_whenever_it_is_chosen(
+    drive, at: int
+) -> None:
     late = remembered(drive, swapped_at=at)
     assert whole(late) / float(late.window.ways.sum()) == pytest.approx(1.0, rel=0.02)
     depth = remembered(drive).geometry.depth

@@ -104,7 +104,7 @@ def test_where_too_few_features_stay_in_view_it_searches_the_other_end() -> None
     assert min(pans) < HEAD.limits.pan_min + 0.1
 
 
-def test_a_head_slower_than_it_is_told_comes_to_both_ends_of_its_range() -> None:
+def test_a_head_slower_than_configured_comes_to_both_ends_of_its_range() -> None:
     pan, period, pans = 0.0, 0.1, []
     slow = period * HEAD.limits.pan_speed / 3.0
     for frame in range(round(7.0 * HEAD.search_time / period)):
@@ -200,7 +200,7 @@ def test_at_a_reading_it_is_that_to_the_last_bit() -> None:
         (tuple(range(1000, 1620, 20)), 1050, '0.55 s newer than the image'),
     ],
 )
-def test_what_is_not_known_is_told(stamps: tuple[int, ...], image: int, words: str) -> None:
+def test_a_missing_angle_is_explained(stamps: tuple[int, ...], image: int, words: str) -> None:
     found = history(*stamps, rate=0.1)
     assert words in found.trouble(image * MS)
 
@@ -243,7 +243,7 @@ def test_joints_of_separate_messages_are_merged(late: float) -> None:
     assert head.at(image) == pytest.approx(Joints(0.1, 0.2))
 
 
-def test_a_head_without_tilt_has_it_at_zero() -> None:
+def test_the_tilt_of_a_head_without_one_is_zero() -> None:
     head = HeadHistory(('pan', ''), 2.0, (-1.0, 1.0))
     head.add(1000 * MS, {'pan': 0.1})
     assert head.at(1000 * MS) == Joints(0.1, 0.0)

@@ -81,7 +81,7 @@ def test_the_gate_goes_by_the_deviations_across_the_path_and_of_the_turn(heading
     assert is_believed(exact, slip=0.03, variance=0.01**2)
 
 
-def test_what_is_not_believed_is_told_in_metres_and_radians() -> None:
+def test_a_rejected_view_is_reported_in_metres_and_radians() -> None:
     measured = beside(straight(0.0), seen(0.0, -0.25, 0.125, np.full(3, 1e-3)), 1.0)
     reason = sure(0.5).trouble(measured)
     assert '+0.500 m along the way, -0.250 m beside it and +0.125 rad off' in reason

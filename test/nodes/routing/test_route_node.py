@@ -88,14 +88,14 @@ def test_a_camera_info_that_changes_while_recording_is_refused_with_its_numbers(
     assert not success and 'has changed while recording: fx 50 -> 50.000005' in text
 
 
-def test_nothing_is_said_to_the_base_before_it_is_asked_for(rig) -> None:
+def test_the_base_is_commanded_nothing_before_a_request(rig) -> None:
     for k in range(3):
         rig.see(picture(k))
     rig.bench.settle()
     assert not rig.commands and rig.node.phase == 'waiting'
 
 
-def test_the_route_is_shown_to_who_comes_late(rig) -> None:
+def test_a_late_subscriber_receives_the_route(rig) -> None:
     paths = rig.bench.listen(PathMessage, '/route_node/path', LATCHED)
     rig.bench.until(lambda: bool(paths), 'the path')
     assert paths[0].header.frame_id == 'route' and len(paths[0].poses) > 10

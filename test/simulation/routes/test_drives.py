@@ -164,7 +164,7 @@ def test_a_robot_that_was_kidnapped_finds_itself_where_all_has_changed(taught: T
         assert view.load is first.load and view.structure is first.structure
 
 
-def test_who_believes_a_view_and_is_elsewhere_is_silently_wrong() -> None:
+def test_a_robot_that_trusts_a_view_and_is_elsewhere_is_silently_wrong() -> None:
     pose, way = Pose(0.0, 0.0, 0.0), RouteProgress(1, 1.0, 2.0, 0.0, 0.01, 0.0, 30)
     samples = [
         RouteSample(0, pose, offset, replace(way, inliers=inliers), twist)
