@@ -16,16 +16,16 @@ from visual_servo_epipolar.core.mapping.fitting import (
     NOTHING,
     Shrinkage,
 )
-from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
-from visual_servo_epipolar.core.mapping.localization import MapLocalization
-from visual_servo_epipolar.core.mapping.refinement import Geometry
-from visual_servo_epipolar.core.mapping.selection import (
+from visual_servo_epipolar.core.mapping.keyframe_map import (
     is_keyframe,
     kept_features,
+    KeyframeMap,
     most_crowded,
     NEW_SHARE,
     with_keyframe,
 )
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.mapping.refinement import Geometry
 from visual_servo_epipolar.core.mapping.window import (
     differ_in_place,
     FeatureObservations,
