@@ -6,10 +6,8 @@ from contextlib import closing
 from dataclasses import asdict, fields
 from html import escape
 import math
-import os
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from visual_servo_epipolar.bags.reading.run import Happening
 from visual_servo_epipolar.bags.replaying.replay import has_truth
@@ -32,8 +30,7 @@ from visual_servo_epipolar.files import made_folder
 from visual_servo_epipolar.messages.settings_text import installed_versions
 from visual_servo_epipolar.report import figures
 from visual_servo_epipolar.report.page import (
-    Cell,
-    embedded,
+    DASH,
     figure_html,
     FILE,
     film,
@@ -91,7 +88,6 @@ FOOTER = (
     'Plane of the paper: the goal lies in the origin and looks along +y; x to the right. Errors '
     'are against ground truth, which the servo never sees.'
 )
-EMBEDDED_BYTES = 8_000_000  # largest video that a page holds; a mail takes about 20 MB
 
 
 def report_run(folder: Path, path: Path) -> None:
@@ -103,7 +99,7 @@ def report_run(folder: Path, path: Path) -> None:
         Section('Result', result_table(result)),
         path_section(log),
         signals_section(log),
-        *_video_section(folder / VIDEO, path),
+        *_video_section(folder / VIDEO),
         Section('Phases', phase_table(result)),
         parameter_section(run_file.settings),
         version_section(run_file.versions),
@@ -135,18 +131,13 @@ def signals_section(log: RunLog, recorded: FloatArray | None = None) -> Section:
     return Section('Signals', figure_html(figures.signals(log, recorded), SIGNALS))
 
 
-def _video_section(video: Path, page: Path) -> list[Section]:
-    """Return the ``video`` of the run, where there is one: inside the ``page`` if it is small."""
+def _video_section(video: Path) -> list[Section]:
+    """Return the ``video`` of the run, where there is one."""
     if not video.is_file():
         return []
-    size = video.stat().st_size
-    if size <= EMBEDDED_BYTES:
-        source, where = embedded('video/mp4', video.read_bytes()), 'inside this page'
-    else:
-        link = Path(os.path.relpath(video, page.parent)).as_posix()
-        source, where = quote(link), f'not inside this page: it is loaded from {link}'
-    caption = f'The whole run, {size / 1e6:.1f} MB, {where}.'
-    return [Section('What was seen', film(source, caption))]
+    data = video.read_bytes()
+    caption = f'The whole run, {len(data) / 1e6:.1f} MB.'
+    return [Section('What was seen', film(data, caption))]
 
 
 def report_bag(options: argparse.Namespace, path: Path) -> None:
@@ -183,7 +174,7 @@ def history_section(history: Sequence[Happening]) -> Section:
     if not history:
         body = paragraph('no service was called and no setting changed while this was recorded')
         return Section('Events', body)
-    rows: list[Sequence[Cell]] = [
+    rows: list[Sequence[str | None]] = [
         (
             'before any image' if item.time_s is None else f'{item.time_s:.2f}',
             item.node,
@@ -218,7 +209,7 @@ KINDS: Mapping[str, type[Settings]] = {
 
 def result_table(result: Mapping[str, Any]) -> str:
     """Return the figures of a run with their units."""
-    rows: list[Sequence[Cell]] = []
+    rows: list[Sequence[str | None]] = []
     for key, words, unit, factor in QUANTITIES:
         if key in result:
             value = result[key]
@@ -245,7 +236,7 @@ def phase_table(result: Mapping[str, Any]) -> str:
 
 def parameter_section(settings: Mapping[str, Mapping[str, Any]]) -> Section:
     """Return the settings that are not the default, part by part."""
-    rows: list[Sequence[Cell]] = []
+    rows: list[Sequence[str | None]] = []
     for part, values in settings.items():
         for item in fields(KINDS[part]) if part in KINDS else ():
             value, default = _as_text(values.get(item.name, item.default)), _as_text(item.default)
@@ -257,7 +248,7 @@ def parameter_section(settings: Mapping[str, Mapping[str, Any]]) -> Section:
 
 def _as_text(value: Any) -> str:
     if value is None:
-        return '\N{EN DASH}'
+        return DASH
     if isinstance(value, (list, tuple)):
         return '[' + ', '.join(_as_text(item) for item in value) + ']'
     return str(value)
@@ -265,7 +256,7 @@ def _as_text(value: Any) -> str:
 
 def version_section(ran_with: Mapping[str, str]) -> Section:
     """Return the versions that the run had, and those of this report."""
-    rows: list[Sequence[Cell]] = [
+    rows: list[Sequence[str | None]] = [
         [name, ran_with.get(name), version] for name, version in installed_versions().items()
     ]
     return Section('Versions', table(['of', 'when it ran', 'of this report'], rows))

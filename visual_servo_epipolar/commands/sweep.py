@@ -3,7 +3,7 @@
 import argparse
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, closing
+from contextlib import closing
 from datetime import timedelta
 import hashlib
 import json
@@ -26,7 +26,7 @@ from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.provenance import digest
 from visual_servo_epipolar.sweeping.store import drive, FILE, Store
 from visual_servo_epipolar.sweeping.summary import summaries
-from visual_servo_epipolar.sweeping.workers import cluster_workers, local_workers, Workers
+from visual_servo_epipolar.sweeping.workers import cluster_workers, local_workers
 
 SHOWN = 3  # runs to look into that are named
 
@@ -87,7 +87,11 @@ def _work(plan: SweepPlan, store: Store, options: argparse.Namespace) -> None:
         return
     with closing(Progress()) as progress:
         progress.say('starting workers ...')
-        with _workers(options) as workers:
+        with (
+            local_workers(options.jobs or cores())
+            if options.scheduler is None
+            else cluster_workers(options.scheduler)
+        ) as workers:
             kinds, began = Counter(map(kind, earlier)), time.monotonic()
 
             def watch(results: Sequence[Mapping[str, Any]]) -> None:
@@ -99,12 +103,6 @@ def _work(plan: SweepPlan, store: Store, options: argparse.Namespace) -> None:
                 progress.say(f'{ended}/{total}  {counts}  {rate:.2g} runs/s  {left} left')
 
             drive(plan, store, workers, watch)
-
-
-def _workers(options: argparse.Namespace) -> AbstractContextManager[Workers]:
-    if options.scheduler is not None:
-        return cluster_workers(options.scheduler)
-    return local_workers(options.jobs or cores())
 
 
 def _report(

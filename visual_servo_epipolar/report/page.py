@@ -16,8 +16,7 @@ from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS
 
 FILE = 'report.html'
-RIGHT = ' class="number"'  # of cells
-Cell = str | float | int | None
+DASH = '\N{EN DASH}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,32 +65,23 @@ def figure_html(figure: Figure, caption: str) -> str:
     return _figure('image/svg+xml', buffer.getvalue(), caption)
 
 
-def film(source: str, caption: str) -> str:
-    """Return a video with controls; ``source`` is a link, or ``embedded`` in the page."""
+def film(data: bytes, caption: str) -> str:
+    """Return a video of MP4 with controls."""
+    source, text = _embedded('video/mp4', data), escape(caption)
     return (
-        f'<figure><video controls muted src="{escape(source)}"></video>'
-        f'<figcaption>{escape(caption)}</figcaption></figure>'
+        f'<figure><video controls muted src="{source}"></video>'
+        f'<figcaption>{text}</figcaption></figure>'
     )
 
 
-def embedded(kind: str, data: bytes) -> str:
-    """Return ``data`` of a MIME type as a link that holds it."""
-    return f'data:{kind};base64,{base64.b64encode(data).decode("ascii")}'
+def table(head: Sequence[str], rows: Sequence[Sequence[str | None]]) -> str:
+    """Return a table; a dash for None."""
 
+    def line(tag: str, cells: Sequence[str | None]) -> str:
+        parts = (DASH if cell is None else escape(cell) for cell in cells)
+        return f'<tr>{"".join(f"<{tag}>{part}</{tag}>" for part in parts)}</tr>'
 
-def table(head: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
-    """Return a table; numbers stand to the right."""
-    numeric = [bool(rows) and isinstance(rows[0][k], (int, float)) for k in range(len(head))]
-
-    def line(tag: str, cells: Sequence[Cell]) -> str:
-        parts = [
-            f'<{tag}{RIGHT if right else ""}>{escape(_text(cell))}</{tag}>'
-            for cell, right in zip(cells, numeric, strict=True)
-        ]
-        return f'<tr>{"".join(parts)}</tr>'
-
-    lines = [line('td', row) for row in rows]
-    return '\n'.join(['<table>', line('th', head), *lines, '</table>'])
+    return '\n'.join(['<table>', line('th', head), *(line('td', row) for row in rows), '</table>'])
 
 
 def paragraph(text: str) -> str:
@@ -99,12 +89,11 @@ def paragraph(text: str) -> str:
     return f'<p>{escape(text)}</p>'
 
 
-def _text(value: Cell) -> str:
-    if value is None:
-        return '\N{EN DASH}'
-    return f'{value:.6g}' if isinstance(value, float) else str(value)
+def _embedded(kind: str, data: bytes) -> str:
+    """Return ``data`` of a MIME type as a link that holds it."""
+    return f'data:{kind};base64,{base64.b64encode(data).decode("ascii")}'
 
 
 def _figure(kind: str, data: bytes, caption: str) -> str:
-    source, text = embedded(kind, data), escape(caption)
+    source, text = _embedded(kind, data), escape(caption)
     return f'<figure><img src="{source}" alt="{text}"><figcaption>{text}</figcaption></figure>'
