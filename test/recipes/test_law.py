@@ -70,7 +70,7 @@ def pursuit(install) -> None:
 def test_a_law_with_a_phase_of_its_own_arrives() -> None:
     result, _ = driven('nominal', 5, {}, {'law': 'pursuit'})
     assert result['outcome'] == 'arrived', result['reason']
-    assert float(str(result['position_error_m'])) < 2e-3
+    assert result['position_error_m'] < 2e-3
     names = [item['name'] for item in result['phases']]  # type: ignore[attr-defined]
     assert names[0] == 'pursuing' and 'displacing' not in names
 
@@ -114,9 +114,9 @@ def test_the_servo_drives_a_base_of_another_package(install) -> None:
     install('bases', 'tracks', f'{__name__}:tracks')
     slow, state = driven('nominal', 5, {}, {'base': 'tracks'})
     assert slow['outcome'] == 'arrived', slow['reason']
-    assert 0.9 * FASTEST < float(str(slow['max_linear_speed'])) <= FASTEST + 1e-12
+    assert 0.9 * FASTEST < slow['max_linear_speed'] <= FASTEST + 1e-12
     usual, _ = driven('nominal', 5, {}, {})
-    assert float(str(usual['max_linear_speed'])) > 2.0 * FASTEST
+    assert usual['max_linear_speed'] > 2.0 * FASTEST
 
 
 def test_a_law_that_turns_in_place_refuses_a_base_that_does_not(install) -> None:

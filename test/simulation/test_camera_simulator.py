@@ -57,7 +57,7 @@ def test_a_camera_that_stands_draws_the_room_once(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize('noise', [0.0, 2.0])
-def test_who_writes_into_an_image_spoils_no_other(noise: float) -> None:
+def test_writing_into_an_image_spoils_no_other(noise: float) -> None:
     settings = replace(SMALL, noise=noise)
     camera = CameraSimulator(settings)
     camera.capture(HERE, 0)[:] = 0

@@ -158,7 +158,7 @@ def test_a_run_is_recorded_until_the_base_has_braked() -> None:
     assert sum(sample.phase is Phase.ARRIVED for sample in samples) == SETTLE_FRAMES
 
 
-def test_a_run_cut_by_time_says_so() -> None:
+def test_a_run_cut_by_time_fails_with_the_reason() -> None:
     log = driven((1.0, -3.0, 0.0), limit=1.0)
     assert log.outcome == 'failed'
     assert log.reason.startswith('not arrived within 1 s, still displacing')
@@ -202,7 +202,7 @@ def test_a_robot_that_sees_nothing_waits_where_it_is() -> None:
     assert {sample.twist for sample in log.samples} == {STANDSTILL}
 
 
-def test_whoever_watches_sees_every_sample() -> None:
+def test_a_watcher_is_given_every_sample() -> None:
     samples: list[Sample] = []
     settings = LoopSettings(start=(1.0, -3.0, 0.0), max_duration=1.0)
     log = Loop(settings, points(), CAMERA).run(watch=samples.append)

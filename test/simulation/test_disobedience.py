@@ -140,7 +140,7 @@ def mixed(begin_s: float, seconds: float, twist: Twist) -> Interfere:
     ),
     ids=['stands', 'turned', 'mixed', 'mixed right'],
 )
-def test_a_way_that_nobody_knows_teaches_no_mount(interfere: Interfere) -> None:
+def test_a_way_that_was_not_commanded_teaches_no_mount(interfere: Interfere) -> None:
     loop = DisturbedLoop(interfere, 60.0)
     phases = [state.phase for state in loop.states]
     assert Phase.HOLDING in phases and Phase.RETREATING not in phases

@@ -55,7 +55,7 @@ def test_what_passes_is_over_after_its_duration(kind: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize('kind', KINDS[2:])
-def test_what_passes_comes_back_when_told_to(kind: dict[str, Any]) -> None:
+def test_what_passes_comes_back_after_its_period(kind: dict[str, Any]) -> None:
     often = disturbed(**kind, disturbed_every=25)
     image = textured()
     assert [(often.apply(image, frame) != image).any() for frame in (9, 20, 34, 45, 59, 70)] == [

@@ -1,7 +1,8 @@
-"""Too few features for two views: who remembers where they are drives on, for a while."""
+"""Too few features for two views: with a memory of them the robot drives on, for a while."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from durations import few_of
 import numpy as np
@@ -60,7 +61,7 @@ def driven(
     around: Callable[[View], View] = lambda view: view,
     end_s: float = 200.0,
     **settings: object,
-) -> tuple[dict[str, object], list[ServoState]]:
+) -> tuple[dict[str, Any], list[ServoState]]:
     """Return what became of a run in which features hide, and its states meanwhile."""
     world = load(scenario_path(scenario)).with_servo(settings).seeded(SEED)
     start = start_in('front', SEED, 0, world)
@@ -89,7 +90,7 @@ def driven(
 def test_eight_remembered_features_are_enough_to_drive_on(count: int, scenario: str) -> None:
     summary, states = driven(only(count), 6.0, scenario=scenario)
     assert summary['outcome'] == 'arrived'
-    assert float(str(summary['position_error_m'])) < 0.004
+    assert summary['position_error_m'] < 0.004
     assert {state.phase for state in states}.isdisjoint({Phase.HOLDING, Phase.FAILED})
     assert all(state.measurement is not None and state.measurement.carried for state in states)
 
@@ -141,7 +142,7 @@ def test_where_none_would_have_been_carried_no_time_is_over() -> None:
 
 
 def test_waiting_does_not_use_the_time_up() -> None:
-    """Nobody drove: a robot that waits for its photograph to come into view has all of it."""
+    """A robot that waits for its photograph to come into view has all of it left."""
     world = load(scenario_path('nominal')).seeded(SEED)
     view, camera = points_of(world, SEED), world.camera.nominal_camera
     pose = Pose.from_start(*start_in('front', SEED, 0, world))
@@ -183,8 +184,8 @@ class Pushed(View):
         keep=(1,),
     ),
 )
-def test_who_is_pushed_while_few_are_in_view_stands_until_more_are(scenario, x, y) -> None:
-    """Seen from elsewhere than they can have driven to, they are not believed."""
+def test_a_robot_pushed_while_few_are_in_view_stands_until_more_are(scenario, x, y) -> None:
+    """Features seen from where the robot cannot have driven to are not believed."""
     pushed = lambda view: Pushed(view, x, y)  # noqa: E731
     summary, states = driven(only(10), 4.0, scenario=scenario, around=pushed)
     pushed = states[12:]

@@ -86,13 +86,13 @@ def test_the_remembered_distance_is_that_of_the_wheels() -> None:
     assert np.percentile(with_it, 95) < 0.7 * np.percentile(without, 95)
 
 
-def test_who_is_proven_late_tells_the_way_before_as_well() -> None:
+def test_odometry_that_is_proven_late_measures_the_way_before_as_well() -> None:
     """It starts straight ahead; what was commanded on the first metre was not driven yet."""
     with_it, without = (np.median(np.abs(errors(odometry=it, seeds=(0,)))) for it in (True, False))
     assert with_it < LATE * without
 
 
-def test_who_is_not_asked_for_odometry_hears_none() -> None:
+def test_without_the_setting_no_odometry_reaches_the_servo() -> None:
     control = Control()
     driven(1, control, odometry=False)
     assert control.told is None
@@ -100,7 +100,7 @@ def test_who_is_not_asked_for_odometry_hears_none() -> None:
 
 
 def test_odometry_that_is_not_wanted_changes_nothing() -> None:
-    """As in a replay with other settings: the pose is there, and nobody looks at it."""
+    """As in a replay with other settings: the pose is there, and is not used."""
     loop, view, camera = parts(scenario_of(1, odometry=False), 1)
     loop = replace(loop, max_duration=10.0)
     plain, wheels = Loop(loop, view, camera).run(), [Pose(1.0, 2.0, 3.0)]
@@ -172,8 +172,8 @@ def test_a_lie_is_found_out_and_the_robot_arrives(name: str, begins: int) -> Non
     summary = summarise(log)
     assert control.state.identified.odometry.refuted
     assert summary['outcome'] == 'arrived', summary['reason']
-    assert float(str(summary['position_error_m'])) < 0.003
-    assert float(str(summary['duration_s'])) < 100.0  # one of sixteen starts takes 82, others 65
+    assert summary['position_error_m'] < 0.003
+    assert summary['duration_s'] < 100.0  # one of sixteen starts takes 82, others 65
     # The scale is that of the commands again.
     sample = next(it for it in log.samples[::-1] if it.pose.distance > FAR)
     distance = control.distances[log.samples.index(sample)]
@@ -196,4 +196,4 @@ def test_a_reset_is_no_lie() -> None:
     assert not control.state.identified.odometry.refuted
     assert control.state.identified.odometry.proven
     assert summary['outcome'] == 'arrived'
-    assert float(str(summary['position_error_m'])) < 0.0015
+    assert summary['position_error_m'] < 0.0015

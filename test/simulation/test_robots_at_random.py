@@ -83,6 +83,6 @@ def test_a_robot_of_these_ranges_arrives(seed, law) -> None:
     document, start = robot(seed, law)
     summary = summarise(drive(from_document(document, 'robot').seeded(seed), start, seed))
     assert summary['outcome'] == 'arrived', summary['reason']
-    assert float(str(summary['position_error_m'])) < 0.015
-    assert abs(float(str(summary['heading_error_deg']))) < 1.0
-    assert float(str(summary['standing_s'])) < 15.0
+    assert summary['position_error_m'] < 0.015
+    assert abs(summary['heading_error_deg']) < 1.0
+    assert summary['standing_s'] < 15.0

@@ -141,7 +141,7 @@ def test_what_is_no_file_of_text_is_refused(tmp_path: Path, name: str, reason: s
 
 
 @pytest.mark.parametrize('path', SCENARIOS, ids=lambda path: path.stem)
-def test_the_servo_knows_the_dead_zone_of_its_base_but_for_those_it_has_to_learn(path) -> None:
+def test_dead_zones_are_configured_in_the_servo_where_it_need_not_learn_them(path) -> None:
     servo, base = load(path).servo, load(path).base
     if path.stem in ('cheap', 'rough'):
         assert servo.dead_band_linear == servo.dead_band_angular == 0.0 < base.dead_zone_angular

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 import math
+from typing import Any
 
 from durations import few_of
 import numpy as np
@@ -16,7 +17,7 @@ from visual_servo_epipolar.simulation.views import drive
 SEED, STARTS = 3, 2
 
 
-def driven(remembers: bool) -> list[dict[str, object]]:
+def driven(remembers: bool) -> list[dict[str, Any]]:
     """Return what became of runs before one wall, where two views know little near the goal."""
     runs = []
     scenario = load(scenario_path('flat')).with_servo({'memory': remembers})
@@ -39,7 +40,7 @@ def test_wheels_that_hop_end_where_they_can() -> None:
 
 def driven_from(
     start: tuple[float, float, float], name: str = 'nominal', seed: int = SEED
-) -> tuple[dict[str, object], float, float]:
+) -> tuple[dict[str, Any], float, float]:
     """Return what became of a run, its largest distance from the goal and its way [m]."""
     scenario = load(scenario_path(name)).seeded(seed)
     samples: list[Sample] = []
@@ -55,7 +56,7 @@ def driven_from(
 def test_from_5_cm_aside_a_quarter_of_a_metre_is_enough(x, y, heading) -> None:
     summary, farthest, _ = driven_from((x, y, heading))
     assert summary['outcome'] == 'arrived'
-    assert float(str(summary['position_error_m'])) < 0.0015
+    assert summary['position_error_m'] < 0.0015
     assert farthest < 0.27
 
 
@@ -63,7 +64,7 @@ def test_from_5_cm_aside_a_quarter_of_a_metre_is_enough(x, y, heading) -> None:
 def test_from_1_cm_aside_it_drives_half_a_metre_in_all(seed) -> None:
     summary, _, way = driven_from((0.01, 0.0, 0.0), seed=seed)
     assert summary['outcome'] == 'arrived'
-    assert float(str(summary['position_error_m'])) < 0.002
+    assert summary['position_error_m'] < 0.002
     assert way < 0.8  # one of them loses its baseline for a frame, and backs off once more
 
 
@@ -74,7 +75,7 @@ def test_before_a_wall_a_centimetre_aside_is_not_taken_for_the_goal(seed) -> Non
     assert summary['outcome'] == 'arrived'
     assert farthest > 0.2
     # Of 32 such starts the median is 2.1 mm, and the worst 9.0.
-    assert float(str(summary['position_error_m'])) < 0.01
+    assert summary['position_error_m'] < 0.01
 
 
 @pytest.mark.parametrize('name', ['nominal', 'flat', 'realistic', 'harsh'])
@@ -87,10 +88,10 @@ def test_at_the_goal_a_look_is_enough(name) -> None:
 @pytest.mark.long
 def test_before_one_wall_the_memory_ends_nearer() -> None:
     remembering, forgetful = driven(True), driven(False)
-    errors = [float(str(run['position_error_m'])) for run in remembering]
+    errors = [run['position_error_m'] for run in remembering]
     assert [run['outcome'] for run in remembering] == ['arrived'] * STARTS
     assert max(errors) < 0.004  # measured: 1.4 mm in the median, 2.0 at most
-    assert np.median([float(str(run['position_error_m'])) for run in forgetful]) > max(errors)
+    assert np.median([run['position_error_m'] for run in forgetful]) > max(errors)
 
 
 # x, y, heading error and the seed; the first four turned to and fro for as long as they might.

@@ -1,4 +1,4 @@
-"""Closed loops on a base that is not as the servo was told, and what the servo learnt of it."""
+"""Closed loops on a base that is not as configured, and what the servo learnt of it."""
 
 from dataclasses import replace
 from typing import Any
@@ -21,7 +21,7 @@ def driven(
     servo: dict[str, Any],
     rate: float | None = None,
     **camera: float,
-) -> tuple[dict[str, object], ServoState]:
+) -> tuple[dict[str, Any], ServoState]:
     """
     Return what became of a run, and the last state of its servo.
 

@@ -34,7 +34,7 @@ def test_the_same_seed_draws_the_same_pairs() -> None:
     np.testing.assert_array_equal(one[2].current, other[2].current)
 
 
-def test_outliers_are_as_many_as_said() -> None:
+def test_outliers_are_as_many_as_asked_for() -> None:
     pair = draw_pair(Cell(baseline=3.0, outliers=0.2), np.random.default_rng(0))
     true = fundamental_from_bearings(pair.bearings)
     distance = sampson_distance(true, pair.current, pair.desired)
@@ -64,9 +64,7 @@ def test_the_benchmark_runs_and_prints_its_tables(document: dict[str, object]) -
     assert 'opencv LMedS F' in text
 
 
-def test_without_poselib_its_rows_are_left_out_and_the_table_says_so(
-    document, monkeypatch
-) -> None:
+def test_without_poselib_the_table_names_the_rows_left_out(document, monkeypatch) -> None:
     versions = {**document['versions'], 'poselib': None}
     text = estimation.table({**document, 'versions': versions})
     assert 'poselib is not installed: its rows are left out' in text

@@ -53,7 +53,7 @@ def kill(pid: int) -> None:
 
 
 @pytest.mark.parametrize('number', SIGNALS)
-def test_nodes_end_with_who_started_them(number: str, tmp_path: Path) -> None:
+def test_nodes_end_with_the_process_that_started_them(number: str, tmp_path: Path) -> None:
     with ExitStack() as stack:
         process = begin(stack, NODES, str(tmp_path))
         assert process.stdout is not None

@@ -86,7 +86,7 @@ def test_a_run_is_judged_by_ground_truth(name: str, fate: str) -> None:
     assert run['position_error_m'] <= laws.WRONG_M
 
 
-def test_a_row_counts_what_was_said_and_what_was_true() -> None:
+def test_a_row_counts_what_was_reported_and_what_was_true() -> None:
     base = {
         'outcome': 'arrived',
         'start': [3.0, 4.0, 0.0],

@@ -110,7 +110,7 @@ def test_a_servo_whose_stop_was_removed_moves_without_sight(monkeypatch) -> None
     assert any('still moving' in charge for charge in result['charges'])
 
 
-def test_a_base_that_obeys_nobody_is_condemned(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_base_that_obeys_no_command_is_condemned(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(campaign, 'LONGEST_S', 5.0)
 
     def strike(scene: StruckRun) -> None:
@@ -148,7 +148,7 @@ def test_a_node_that_raises_is_a_traceback_and_its_world_goes_on(monkeypatch) ->
 
 def test_a_servo_that_arrives_elsewhere_is_condemned() -> None:
     def strike(scene: StruckRun) -> None:
-        scene.world.kill('servo_node')  # and somebody else says that it has arrived
+        scene.world.kill('servo_node')  # and a report of an arrival stays
         scene.witness.record.phase = 'arrived'
 
     result = driven('elsewhere', Fault(what='', strike=strike, base_alone=True))

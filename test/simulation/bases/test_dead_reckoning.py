@@ -1,4 +1,4 @@
-"""Dead reckoning: odometry that knows how far it may be off, and the frame it drifts away with."""
+"""Dead reckoning: odometry with its deviations, and the frame that drifts with it."""
 
 from dataclasses import astuple
 import math

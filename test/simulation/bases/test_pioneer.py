@@ -192,7 +192,7 @@ def test_perfect_wheels_measure_the_true_way() -> None:
     assert robot.odometry == robot.pose
 
 
-def test_the_odometry_drifts_as_much_as_it_is_told_to() -> None:
+def test_the_odometry_drifts_as_much_as_configured() -> None:
     drift = []
     for seed in range(60):
         robot = driven(base(seed=seed, odometry_noise=0.0075), Twist(0.5, 0.0), 10.0)

@@ -38,7 +38,7 @@ class IdealSettings(PioneerSettings):
 
 
 class IdealBase(Pioneer):
-    """Does at once what it is told."""
+    """Follows each command at once."""
 
     settings: IdealSettings
 
@@ -72,7 +72,7 @@ def test_a_scenario_tells_bases_apart_by_name() -> None:
     assert scenario.document()['base'].items() > {'gain': 1.0, 'model': 'ideal'}.items()
 
 
-def test_the_base_is_a_pioneer_unless_said() -> None:
+def test_the_base_is_a_pioneer_by_default() -> None:
     assert from_document({'base': {'model': 'pioneer'}}, 'test') == Scenario()
     assert Scenario().document()['base']['model'] == 'pioneer'
 

@@ -265,7 +265,7 @@ def test_a_station_whose_photograph_was_moved_is_no_arrival(taught, moved, monke
     assert moved == 0.0 or 'from where the way leads' in log.reason
 
 
-def test_a_robot_off_the_route_stands_and_says_so(taught: Taught) -> None:
+def test_a_robot_off_the_route_stands_and_reports_it(taught: Taught) -> None:
     elsewhere = replace(taught.stations[0], x=12.0, y=5.0)
     settings = replace(SETTINGS, lost_timeout=1.0)
     moved = []
@@ -316,7 +316,7 @@ def test_a_lap_begins_in_the_half_of_the_route_where_the_way_begins(taught, monk
         assert looked[-2:] == [None, half]
 
 
-def test_a_lap_whose_beginning_is_not_in_sight_says_what_a_lap_needs(taught: Taught) -> None:
+def test_a_lap_whose_beginning_is_not_in_sight_fails_with_what_a_lap_needs(taught: Taught) -> None:
     settings = FollowSettings(laps=2)
     run = RouteRun(taught.route, settings, SCENARIO.servo)
     run._begin_lap(0)
@@ -379,7 +379,7 @@ def test_it_turns_to_the_way_where_it_stands(taught_wide: Taught) -> None:
     assert steps[-1].twist.angular > 0.0 and not any(step.twist.linear for step in steps)
 
 
-def test_a_base_that_steers_does_not_turn_and_says_so(taught_wide: Taught) -> None:
+def test_a_base_that_steers_does_not_turn_and_fails_with_the_reason(taught_wide: Taught) -> None:
     car = ServoSettings(law='smooth', base='car', max_curvature=1.6)
     run = RouteRun(taught_wide.route, FollowSettings(), car)
     step = run.step(CameraSimulator(WIDE.camera).capture(TURNED, 0), 0)
