@@ -16,11 +16,10 @@ from sequences import (
 )
 from strategies import blurred, CAMERA, floats, matches, panorama, poses_behind_the_goal
 
-from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.lens import Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
-from visual_servo_epipolar.core.geometry.rays import normalised, unit_rays
+from visual_servo_epipolar.core.geometry.rays import LEAST_FORWARD, normalised, unit_rays
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features

@@ -16,7 +16,10 @@ from visual_servo_epipolar.core.geometry.rays import (
 )
 from visual_servo_epipolar.core.twoview.estimator import Attitude
 from visual_servo_epipolar.core.twoview.hypotheses import rays_of
-from visual_servo_epipolar.core.twoview.search import general_start_parameters, planar_parameters
+from visual_servo_epipolar.core.twoview.soft_planar import (
+    general_start_parameters,
+    planar_parameters,
+)
 from visual_servo_epipolar.core.twoview.tilted_planar import (
     matrices,
     PHI,

@@ -13,9 +13,8 @@ from visual_servo_epipolar.core.cameras.intrinsics import (
     ROUND_TRIP_PX,
     sheared,
 )
-from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
+from visual_servo_epipolar.core.geometry.rays import image_points, LEAST_FORWARD, unit_rays
 
-LEAST_FORWARD = 0.2  # z of a ray: no pinhole sees farther off its axis than 78 deg
 STEP = 1e-5  # on the image plane, that the slope of the distortion is taken over
 FARTHEST = math.radians(89.0)  # from the axis, that the distortion is followed to
 ANGLES = 2048  # on the way there

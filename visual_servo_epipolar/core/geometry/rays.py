@@ -11,7 +11,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 
-LEAST_FORWARD = 0.1  # z of a ray that has an image-plane point: 84 deg off the axis
+LEAST_FORWARD = 0.2  # z of a ray that has an image-plane point: no pinhole sees beyond 78 deg
 SMALLEST = 1e-3  # z that is divided by
 NEIGHBOURS, NEAR = 6, 0.3  # of a feature that lie on its surface, and how near they are [rad]
 

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+from visual_servo_epipolar.core.geometry.epipolar import sampson_distance
 
 SAMPLE, MODELS = 7, 3  # matches that define a geometry, and how many they define at most
 CROSSED = 4000  # pairs that are crossed, about
@@ -58,7 +59,7 @@ def log_false_alarms(
     change = _change(current, desired)
     typical = _typical(change[inliers])
     alike = _alike(change, typical)
-    error = _distances(fundamental, current[:, :-2], desired[:, :-2])
+    error = np.abs(sampson_distance(fundamental, current[:, :-2], desired[:, :-2]))
     errors = np.sort(error[inliers & alike])
     if len(errors) <= SAMPLE:
         return math.inf
@@ -66,7 +67,7 @@ def log_false_alarms(
     paired = current[crossed[:, 0]], desired[crossed[:, 1]]
     like = _alike(_change(*paired), typical)
     chance_alike = (1.0 + float(like.sum())) / (1.0 + len(like))
-    off = np.sort(_distances(fundamental, paired[0][:, :-2], paired[1][:, :-2]))
+    off = np.sort(np.abs(sampson_distance(fundamental, *(each[:, :-2] for each in paired))))
     counts = np.arange(SAMPLE + 1, len(errors) + 1)
     chance = (1.0 + np.searchsorted(off, errors[SAMPLE:], side='right')) / (1.0 + len(off))
     values = (
@@ -112,20 +113,3 @@ def _alike(change: FloatArray, typical: FloatArray) -> BoolArray:
     off = change - typical
     turn = np.abs((off[:, 0] + math.pi) % (2.0 * math.pi) - math.pi)
     return np.asarray((turn <= TURN) & (np.abs(off[:, 1]) <= ZOOM))
-
-
-def _distances(fundamental: FloatArray, current: FloatArray, desired: FloatArray) -> FloatArray:
-    """Return the larger distance of two points from each other's epipolar lines, (N,)."""
-    a, d = current, desired
-    if current.shape[1] == 2:
-        ones = np.ones(len(current))
-        a, d = np.column_stack([current, ones]), np.column_stack([desired, ones])
-    line_desired, line_current = a @ fundamental.T, d @ fundamental
-    residual = np.abs(np.einsum('ni,ni->n', d, line_desired))
-    if current.shape[1] == 2:
-        norm = np.minimum(np.hypot(*line_desired[:, :2].T), np.hypot(*line_current[:, :2].T))
-    else:  # planes, and sines of the angles from them
-        norm = np.sqrt(
-            np.minimum(*((each * each).sum(axis=1) for each in (line_desired, line_current)))
-        )
-    return np.asarray(residual / np.maximum(norm, 1e-300))

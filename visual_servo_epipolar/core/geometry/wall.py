@@ -21,6 +21,7 @@ from visual_servo_epipolar.core.geometry.least_squares import (
     SMALLEST,
     USUAL_SQUARES,
 )
+from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 
 LEAST_FORWARD = 0.5  # of a ray: 60 deg off the axis
@@ -61,7 +62,7 @@ def aside(current: FloatArray, desired: FloatArray) -> float:
     ahead = (carried[:, 2] > LEAST_FORWARD) & (desired[:, 2] > LEAST_FORWARD)
     if int(ahead.sum()) < MIN_MATCHES:
         return 0.0
-    seen, points = _points(carried[ahead]), _points(desired[ahead])
+    seen, points = image_points(carried[ahead]), image_points(desired[ahead])
     moved = (points - seen).T.ravel()  # of the scene to the photograph: as the camera is aside
     fit = robust_fit(_forms(points), moved, _weights, REWEIGHTINGS)
     if fit is None:
@@ -80,10 +81,6 @@ def _noise(residual: FloatArray) -> tuple[FloatArray, float]:
 def _weights(residual: FloatArray) -> FloatArray:
     squares, variance = _noise(residual)
     return np.tile(cauchy(squares, 9.0 * variance) ** 2, 2)
-
-
-def _points(rays: FloatArray) -> FloatArray:
-    return np.asarray(rays[:, :2] / rays[:, 2:])
 
 
 def _forms(points: FloatArray) -> FloatArray:

@@ -19,7 +19,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.least_squares import deviation_of, linear_fit, RIDGE
-from visual_servo_epipolar.core.geometry.rays import homogeneous
 from visual_servo_epipolar.core.goal import goal_id
 from visual_servo_epipolar.core.tracking.alignment import (
     Anchor,
@@ -45,7 +44,7 @@ from visual_servo_epipolar.core.tracking.tracks import (
     OUTLIER_MEDIANS,
     Tracks,
 )
-from visual_servo_epipolar.core.tracking.warps import squared_lengths, Warps
+from visual_servo_epipolar.core.tracking.warps import Warps
 
 IDS = 1 << 14  # of a photograph, more than it has keypoints
 SLOTS = 1023  # of that many ids each, for further photographs
@@ -321,24 +320,12 @@ def _mapped(view: DesiredView, common: Warps) -> tuple[IntArray, FloatArray]:
             f'{MAX_PARALLAX * width:.2f}; {REMEDY}'
         )
     if parallax <= ONE_PLACE * width:
+        # A smoother map would take parallax of a millimetre out of the pixels, and lead the robot
+        # to the other place.
         pixels = view.keypoints.pixels
-        return np.arange(len(pixels)), _moved_alike(pixels, common, motion)
+        return np.arange(len(pixels)), motion.applied(pixels, NEAR_PX, power=2.0)
     kept = off <= OUTLIER_PX + OUTLIER_MEDIANS * parallax
     return common.ids[kept], common.current[kept]
-
-
-def _moved_alike(pixels: FloatArray, common: Warps, motion: ImageMotion) -> FloatArray:
-    """
-    Return where the first photograph has ``pixels``, shape (N, 2), of the other one.
-
-    The affine part of the ``motion``, and what is ``common`` nearby: a smoother map would take
-    parallax of a millimetre out of the pixels, and lead the robot to the other place.
-    """
-    squared = squared_lengths(pixels)[:, None] - 2.0 * pixels @ common.desired.T
-    squared += squared_lengths(common.desired)
-    weight = (np.maximum(squared, 0.0) + NEAR_PX**2) ** -2.0
-    local = (weight @ motion.residuals) / weight.sum(axis=1, keepdims=True)
-    return np.asarray(homogeneous(pixels) @ motion.affine + local)
 
 
 def _agreed(common: Warps) -> tuple[Warps, ImageMotion]:

@@ -81,6 +81,16 @@ def essential_matrices(current: FloatArray, desired: FloatArray, pixel: float) -
     return np.concatenate(found)
 
 
+def share_on_plane(current: FloatArray, desired: FloatArray, pixel: float) -> float:
+    """Return the share of unit rays, (N, 3), ahead, a ``pixel`` wide, that one plane explains."""
+    points = image_points(current), image_points(desired)
+    try:
+        _, mask = cv2.findHomography(*points, cv2.USAC_MAGSAC, EPIPOLAR_PX * pixel)
+    except cv2.error:  # of matches that coincide
+        return 0.0
+    return 0.0 if mask is None else float(mask.mean())
+
+
 def agree_on_one_geometry(current: FloatArray, desired: FloatArray, pixel: float = 1.0) -> bool:
     """
     Return whether least squares find a geometry that all matches fit within AGREEMENT_PX.

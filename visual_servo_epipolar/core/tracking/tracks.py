@@ -104,15 +104,18 @@ class ImageMotion:
     support: FloatArray
     residuals: FloatArray
 
-    def applied(self, pixels: FloatArray) -> FloatArray:
+    def applied(self, pixels: FloatArray, near: float = NEAR_PX, power: float = 1.0) -> FloatArray:
         """
         Return the new positions of ``pixels``, shape (M, 2).
 
-        The affine map, plus the mean of the residuals under weights 1 / (distance^2 + NEAR_PX^2).
+        The affine map, plus the mean of the residuals under weights 1 / (distance^2 + near^2), to
+        a ``power``: the smaller ``near`` [px] and the higher that is, the less smooth is the map.
         """
         squared = pixels @ (-2.0 * self.support.T)
-        squared += squared_lengths(pixels)[:, None] + (squared_lengths(self.support) + NEAR_PX**2)
+        squared += squared_lengths(pixels)[:, None] + (squared_lengths(self.support) + near**2)
         weight = np.divide(1.0, squared, out=squared)
+        if power != 1.0:
+            weight **= power
         local = (weight @ self.residuals) / weight.sum(axis=1, keepdims=True)
         return np.asarray(homogeneous(pixels) @ self.affine + local)
 

@@ -22,10 +22,9 @@ from visual_servo_epipolar.core.arrays import (
     medians,
     packed,
 )
-from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.geometry.lens import spurious_parallax
-from visual_servo_epipolar.core.geometry.rays import dot
+from visual_servo_epipolar.core.geometry.rays import dot, LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.rotation import RotationFit
 from visual_servo_epipolar.core.twoview.measurement import Measurement, UNBOUNDED
 from visual_servo_epipolar.core.twoview.memory import PerceptionMemory

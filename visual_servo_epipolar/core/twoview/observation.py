@@ -7,9 +7,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
+from visual_servo_epipolar.core.geometry.rays import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.rotation import rotated
 from visual_servo_epipolar.core.rigs.rig import HeadView, Joints, Rig
 from visual_servo_epipolar.core.tracking.features import Features

@@ -16,7 +16,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, frozen, IntArray, median
 from visual_servo_epipolar.core.geometry.least_squares import cauchy, deviation_of, robust_fit
-from visual_servo_epipolar.core.geometry.rays import dot
+from visual_servo_epipolar.core.geometry.rays import dot, rotation_level_camera
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, rotated, rotation_vector
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.twoview.observation import Observation
@@ -48,11 +48,8 @@ class BaseAxes(NamedTuple):
 
 def base_axes(tilt: float, roll: float, yaw: float) -> BaseAxes:
     """Return the axes of the base in those of a camera at these angles [rad]."""
-    sine, cosine = math.sin(tilt), math.cos(tilt)
-    ahead = math.sin(yaw), -sine * math.cos(yaw), cosine * math.cos(yaw)
-    sin, cos = math.sin(roll), math.cos(roll)
-    rolled = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return BaseAxes(rolled @ ahead, rolled @ (0.0, -cosine, -sine))
+    level = rotation_level_camera(tilt, roll)
+    return BaseAxes(np.array([math.sin(yaw), 0.0, math.cos(yaw)]) @ level, -level[1])
 
 
 class RowView(NamedTuple):

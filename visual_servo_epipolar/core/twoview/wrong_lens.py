@@ -14,10 +14,11 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, packed
+from visual_servo_epipolar.core.geometry.lens import corrected as lens_corrected
 from visual_servo_epipolar.core.geometry.lens import for_wrong_rays, Lens
 from visual_servo_epipolar.core.twoview import tilted_planar
 from visual_servo_epipolar.core.twoview.estimator import Estimate, Prior
-from visual_servo_epipolar.core.twoview.hypotheses import Rays
+from visual_servo_epipolar.core.twoview.hypotheses import Rays, rays_of
 from visual_servo_epipolar.core.twoview.planar import Posterior
 from visual_servo_epipolar.core.twoview.refinement import GaussianPrior
 from visual_servo_epipolar.core.twoview.tilted_planar import (
@@ -55,28 +56,18 @@ def starts_by_focal_lengths(
     slope, starts = prior.lens.shift_slope, []
     for k in range(-steps, steps + 1):
         log_ratio = STEP * k
-        planar = hypotheses(corrected(rays, math.exp(log_ratio), slope * log_ratio))
+        planar = hypotheses(corrected(rays, Lens(log_ratio, slope * log_ratio)))
         starts.append(np.hstack([planar, np.tile([log_ratio, 0.0, slope], (len(planar), 1))]))
     return np.vstack(starts)
 
 
-def corrected(rays: Rays, ratio: FloatArray | float, shift: FloatArray | float) -> Rays:
-    """
-    Return ``rays``, (N,), as a camera with the true matrix has them: along A p.
-
-    Their noise grows as the square root of a small solid angle, det A / |A p|^3.
-    """
-    x_a, y_a, z_a, x_d, y_d, z_d, noise_a, noise_d = rays
-    x_a, y_a = ratio * x_a + shift * z_a, ratio * y_a
-    x_d, y_d = ratio * x_d + shift * z_d, ratio * y_d
-    long_a = np.sqrt(x_a * x_a + y_a * y_a + z_a * z_a)
-    long_d = np.sqrt(x_d * x_d + y_d * y_d + z_d * z_d)
-    return Rays(
-        *(x_a / long_a, y_a / long_a, z_a / long_a),
-        *(x_d / long_d, y_d / long_d, z_d / long_d),
-        noise_a * ratio * long_a**-1.5,
-        noise_d * ratio * long_d**-1.5,
+def corrected(rays: Rays, lens: Lens) -> Rays:
+    """Return ``rays``, (N,), as a camera with the true matrix has them."""
+    (current, growth_a), (desired, growth_d) = (
+        lens_corrected(each, lens) for each in (rays.current, rays.desired)
     )
+    noise = np.stack([rays.noise_a * growth_a, rays.noise_d * growth_d], axis=-1)
+    return rays_of(current, desired, noise)
 
 
 def matrices(parameters: FloatArray) -> FloatArray:
@@ -106,7 +97,7 @@ def conclude(rays: Rays, agree: BoolArray, after: Posterior, prior: Prior) -> Es
     shift = rest + slope * log_ratio
     if_known = np.asarray(np.linalg.inv(after.information[:RATIO, :RATIO]), dtype=np.float64)
     known = Posterior(after.parameters[:RATIO], if_known, after.information[:RATIO, :RATIO])
-    right = corrected(rays, np.exp(log_ratio), shift)
+    right = corrected(rays, Lens(log_ratio, shift))
     estimate = tilted_planar.conclude(right, agree, known, prior)
     to_lens = np.array([[1.0, 0.0], [slope, 1.0]])  # h is the rest and k log r
     lens_covariance = to_lens @ after.covariance[RATIO:SLOPE, RATIO:SLOPE] @ to_lens.T

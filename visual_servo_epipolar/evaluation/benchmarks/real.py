@@ -15,9 +15,8 @@ import numpy as np
 from visual_servo_epipolar.commands.camera_files import read_camera, read_photograph, scaled_to
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.core.geometry.rays import image_points, LEAST_FORWARD
 from visual_servo_epipolar.core.twoview.general_motion import Motions
 from visual_servo_epipolar.core.twoview.inspection import inspect
 from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
