@@ -12,8 +12,8 @@ from strategies import floats
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.rigs.pan_tilt import PanTiltHead
 from visual_servo_epipolar.core.rigs.rig import AT_REST, HeadLimits, Joints
-from visual_servo_epipolar.core.twoview.estimator import Attitude, MOST_CORRELATED
-from visual_servo_epipolar.core.twoview.leaning_head import levelled, UNTOLD, with_jitter
+from visual_servo_epipolar.core.twoview.estimator import Attitude, COLD_DEVIATION, MOST_CORRELATED
+from visual_servo_epipolar.core.twoview.leaning_head import levelled, with_jitter
 from visual_servo_epipolar.core.twoview.memory import KNOWN_DEVIATION, learnt_attitude
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.simulation.rigs import CameraMount
@@ -192,7 +192,7 @@ def test_jitter_grows_with_the_doubt_and_the_turn_of_the_head(pan: float) -> Non
     known = with_jitter(KNOWN, seen(pan)).jitter
     assert known == pytest.approx(JITTER, rel=0.02)
     doubtful = with_jitter(replace(KNOWN, tilt_deviation=0.5), seen(pan)).jitter
-    turned = 2.0 * abs(math.sin(0.5 * pan)) * UNTOLD
+    turned = 2.0 * abs(math.sin(0.5 * pan)) * COLD_DEVIATION
     assert doubtful == pytest.approx(math.hypot(JITTER, turned), rel=0.02)
 
 

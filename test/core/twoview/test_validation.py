@@ -11,6 +11,7 @@ import pytest
 from strategies import bearings, floats
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, cross_matrix
+from visual_servo_epipolar.core.geometry.least_squares import likeliest_noise
 from visual_servo_epipolar.core.geometry.rays import handedness, unit_rays
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.twoview.estimator import Attitude, Estimate, UNKNOWN_COVARIANCE
@@ -24,7 +25,6 @@ from visual_servo_epipolar.core.twoview.validation import (
     fit_quality,
     FitQuality,
     innovation,
-    likeliest_noise,
     MAX_REJECTIONS,
     rejection_reason,
     rolled_over,

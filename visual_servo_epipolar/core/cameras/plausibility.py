@@ -10,9 +10,8 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 
 FARTHEST_OUTSIDE = 0.5  # of the image's size, that the principal point of a crop may lie beyond
 OFF_CENTRE = 0.2  # of the image's size, that a principal point may lie off the middle
-SCALED, SAME_SCALE = 0.1, 0.06  # that it lies off by in proportion, where K is of another size
+SCALED, SAME_SCALE = 0.1, 0.06  # that it lies off by in proportion where K is of another size
 RESOLUTIONS = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 5, 5 / 4, 4 / 3, 3 / 2, 2, 3, 4)
-FITTING = 0.1  # that a principal point may lie off the middle of the image that K is of
 OFF_TILT, LIKE_TILT = math.radians(3.0), 0.4  # that is doubted, and how alike the two are, of it
 OFF_SCALE = 0.05  # of K that is doubted where a tilt is as well
 MOST_SKEW = 0.2  # of the focal length: pixels are all but rectangles
@@ -190,7 +189,7 @@ def _likely_cause(camera: CameraModel) -> str:
     u, v = _scales(camera)
     misses = {n: max(abs(u / n - 1.0), abs(v / n - 1.0)) for n in RESOLUTIONS}
     scale = min(misses, key=misses.__getitem__)
-    if misses[scale] > FITTING:
+    if misses[scale] > SCALED:
         return ''
     return f': K fits an image of {scale * camera.width:.0f}x{scale * camera.height:.0f} px'
 

@@ -12,14 +12,13 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray
+from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray, TINY
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import dot, homogeneous
 
 MIN_MATCHES = 8  # that define a geometry by linear equations
 MIN_SINGULAR_RATIO = 1e-9
-SMALLEST_SINE = 1e-16
 QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -49,7 +48,7 @@ class Bearings:
     def epipole_desired(self) -> float:
         """Abscissa e_du at unit focal length, x / y (eq. 5)."""
         # Never infinite, as -tan(phi) is never: laws multiply it by what goes to zero.
-        return math.cos(self.psi) / (math.sin(self.psi) or SMALLEST_SINE)
+        return math.cos(self.psi) / (math.sin(self.psi) or TINY)
 
     @property
     def alpha(self) -> float:

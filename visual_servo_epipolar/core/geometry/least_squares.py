@@ -18,6 +18,11 @@ TUKEY = 4.685  # deviations from which residuals count no more: 95 % efficient f
 REWEIGHTINGS = 6  # rounds in which robust weights settle
 SMALLEST = 1e-18  # squared residual by which weights are scaled at least
 RIDGE = 1e-6  # that keeps equations regular where matches coincide, or lie in a row
+FIRST, STEP = -4, 1.25  # power of the least noise that is compared, and ratio to the next
+SCALES = STEP ** np.arange(FIRST, 8.0)  # of what it is taken for
+SPENT = 4  # parameters that the fit spends on noise
+RIGHT, ANYWHERE_PX = 0.8, 60.0  # share of matches that are right; among how many px others are
+ROOT_2_PI = math.sqrt(2.0 * math.pi)
 
 
 class Equations(NamedTuple):
@@ -157,6 +162,25 @@ def null_vector(rows: FloatArray, weight: FloatArray | None = None) -> FloatArra
 def deviation_of(median: float, spare: float = math.inf) -> float:
     """Return the deviation of noise of which so many ``spare`` residuals have the ``median``."""
     return NORMAL * (1.0 + 5.0 / max(spare, 1)) * median  # Rousseeuw and Leroy 1987
+
+
+def likeliest_noise(distances: FloatArray, noise: float) -> float:
+    """
+    Return the deviation [px] by which ``distances``, (N,) [px], are likeliest, near ``noise``.
+
+    The others are anywhere. A fit of many parameters to few matches leaves out those that do not
+    suit it: as wrong ones, if noise is taken for small. They would lie farther off than they do.
+    """
+    scales = noise * SCALES
+    squared = (distances / scales[:, None]) ** 2
+    density = RIGHT / (scales * ROOT_2_PI)[:, None] * np.exp(-0.5 * squared)
+    losses = -np.log(density + (1.0 - RIGHT) / ANYWHERE_PX).sum(axis=1)
+    best = min(max(int(losses.argmin()), 1), len(SCALES) - 2)
+    before, least, after = losses[best - 1 : best + 2].tolist()
+    curvature = before - 2.0 * least + after
+    aside = 0.5 * (before - after) / curvature if curvature > 0.0 else 0.0
+    spent = len(distances) / max(len(distances) - SPENT, 1)
+    return noise * float(STEP ** (FIRST + best + min(max(aside, -1.0), 1.0))) * math.sqrt(spent)
 
 
 def samples(rng: np.random.Generator, limit: int, count: int, size: int) -> IntArray:

@@ -5,6 +5,8 @@ They are spread over the image by bucketing: of the cells of a grid the best of 
 second best.
 """
 
+import math
+
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
@@ -13,7 +15,6 @@ from visual_servo_epipolar.core.tracking.tracks import Tracks
 from visual_servo_epipolar.core.tracking.warps import contained, Warps
 
 GRID = (4, 3)  # columns and rows of the coarse grid that measures coverage
-CELLS = GRID[0] * GRID[1]
 INFORMATIVE_HEIGHT = 0.25  # of half the image: nearer to the horizon a feature counts for less
 FULL_SHARE = 4  # with a full set the search of a frame is divided by this
 FULL_PERIOD = 3  # and made once in so many frames
@@ -92,7 +93,7 @@ class Candidates:
             return self._ids[:0]
         missing = self._ids[~contained(self._ids, tracked.ids)]
         if is_full:
-            occupied = np.bincount(self._cells[tracked.ids], minlength=CELLS)
+            occupied = np.bincount(self._cells[tracked.ids], minlength=math.prod(GRID))
             missing = missing[occupied[self._cells[missing]] <= SPARSE]
             count = max(count // FULL_SHARE, 1)
         else:

@@ -21,7 +21,6 @@ from visual_servo_epipolar.core.tracking.sampling import FloatImage, inside_bord
 from visual_servo_epipolar.core.tracking.tracks import fit_motion, ImageMotion
 from visual_servo_epipolar.core.tracking.warps import contained, numbers, Warps
 
-STALE_FRAMES = 100  # added to the age of a prediction by a frame without a motion to follow
 MAX_UNSEEN = 40  # frames for which a prediction is followed
 OUTLIER_PX = 8.0  # distance from the motion of most at which a feature is an outlier
 NEIGHBOURS = 8
@@ -94,7 +93,7 @@ class Predictions:
                 current = warps.current.copy()
                 current[lost] = motion.applied(current.take(lost, axis=0))
                 warps = replace(warps, current=current)
-            age = STALE_FRAMES if motion is None else 1
+            age = MAX_UNSEEN + 1 if motion is None else 1
             self._features, self._motion = PredictedFeatures(warps, unseen + age), None
         return self._features
 

@@ -27,7 +27,6 @@ from visual_servo_epipolar.core.geometry.least_squares import (
 from visual_servo_epipolar.core.geometry.rays import image_points, LEAST_FORWARD
 
 EPIPOLAR_PX = 2.0  # largest distance of an inlier from its epipolar line
-AGREEMENT_PX = 1.0  # less: a fit by least squares bends towards an outlier
 CONFIDENCE = 0.999
 ITERATIONS = 5000
 SAMPLES = 500  # of rays, of either kind
@@ -69,10 +68,10 @@ def essential_matrices(current: FloatArray, desired: FloatArray, pixel: float) -
     front = np.minimum(current[:, 2], desired[:, 2]) > LEAST_FORWARD
     points = image_points(current[front]), image_points(desired[front])
     found = [np.empty((0, 3, 3))]
-    for limit in (0.5 * AGREEMENT_PX, AGREEMENT_PX, EPIPOLAR_PX):
+    for part in (0.25, 0.5, 1.0):
         try:
             essential, _ = cv2.findEssentialMat(
-                *points, np.eye(3), cv2.USAC_MAGSAC, CONFIDENCE, limit * pixel
+                *points, np.eye(3), cv2.USAC_MAGSAC, CONFIDENCE, part * EPIPOLAR_PX * pixel
             )
         except cv2.error:  # of too few matches
             break
@@ -93,10 +92,11 @@ def share_on_plane(current: FloatArray, desired: FloatArray, pixel: float) -> fl
 
 def agree_on_one_geometry(current: FloatArray, desired: FloatArray, pixel: float = 1.0) -> bool:
     """
-    Return whether least squares find a geometry that all matches fit within AGREEMENT_PX.
+    Return whether least squares find a geometry that all matches fit within EPIPOLAR_PX / 2.
 
-    They are given as to ``epipolar_geometry``. In most frames they do, and a robust search, which
-    takes several times as long, has nothing to drop.
+    They are given as to ``epipolar_geometry``, and half its limit, for a fit by least squares
+    bends towards an outlier. In most frames they do, and a robust search, which takes several
+    times as long, has nothing to drop.
     """
     if len(current) < MIN_MATCHES:
         return False
@@ -109,7 +109,7 @@ def agree_on_one_geometry(current: FloatArray, desired: FloatArray, pixel: float
     if current.shape[1] == 3:
         geometry = rank_two(geometry)
     distance = np.abs(sampson_distance(geometry, current, desired))
-    return bool((distance <= AGREEMENT_PX * pixel).all())
+    return bool((distance <= 0.5 * EPIPOLAR_PX * pixel).all())
 
 
 def _normalised(current: FloatArray, desired: FloatArray) -> tuple[FloatArray, FloatArray, float]:

@@ -19,12 +19,17 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.epipolar import cross_matrix, decomposed, MIN_MATCHES
-from visual_servo_epipolar.core.geometry.least_squares import Equations, least_squares, TUKEY
+from visual_servo_epipolar.core.geometry.least_squares import (
+    Equations,
+    least_squares,
+    likeliest_noise,
+    TUKEY,
+)
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, headings
 from visual_servo_epipolar.core.geometry.significance import together
 from visual_servo_epipolar.core.tracking.robust_geometry import essential_matrices
-from visual_servo_epipolar.core.twoview.hypotheses import INLIER_DEVIATIONS, Rays, WORST
+from visual_servo_epipolar.core.twoview.hypotheses import INLIER_DEVIATIONS, Rays, rays_of, WORST
 from visual_servo_epipolar.core.twoview.planar import DEPTH_DEVIATIONS
 from visual_servo_epipolar.core.twoview.refinement import (
     LARGEST_STEP,
@@ -138,8 +143,11 @@ class GeneralFit(NamedTuple):
 
     def plain_losses(self, essentials: FloatArray) -> FloatArray:
         """Return truncated squared distances from E, (K, 3, 3), whatever depths say: (K, N)."""
-        squared = squared_distances(essentials.reshape(-1, 9), self.table) / self.scale**2
-        return np.minimum(squared, WORST)
+        return np.minimum((self.distances(essentials) / self.scale) ** 2, WORST)
+
+    def distances(self, essentials: FloatArray) -> FloatArray:
+        """Return the distances from E, (K, 3, 3): (K, N) [px]."""
+        return np.sqrt(squared_distances(essentials.reshape(-1, 9), self.table))
 
     def rows(self, motions: Motions) -> FloatArray:
         """Return residuals [px] and their derivatives by five parameters, (K, 6, N)."""
@@ -230,6 +238,30 @@ def _scale_of(distances: FloatArray, scale: float) -> float:
         spare = len(within) / (len(within) - 5)
         scale = max(float(np.median(within)) / MEDIAN * spare**0.5, LEAST_SCALE)
     return scale
+
+
+def noise_of_small_baseline(
+    current: FloatArray,
+    desired: FloatArray,
+    resolution: FloatArray,
+    rotation: FloatArray,
+    noise: float,
+) -> float:
+    """
+    Return the noise [px] of matches, near ``noise``, whose baseline may be as small as it.
+
+    Unit rays have shape (N, 3), the angles of a pixel at them (N, 2).
+    Refined from several directions in the plane of motion, with the best ``rotation``, (3, 3).
+    Where the direction is lost in the noise, distances are those of the noise all the same.
+    """
+    rays = rays_of(current, desired, resolution)
+    angles = np.linspace(0.0, np.pi, 4, endpoint=False)
+    baseline = np.stack([np.sin(angles), np.zeros(4), np.cos(angles)], axis=1)
+    start = Motions(np.repeat(rotation[None], 4, axis=0), baseline)
+    fit = GeneralFit(rays, table_of(rays), start, noise)
+    motions = fit.refined(start, np.ones(3))
+    best = fit.plain_losses(motions.essentials).sum(axis=1).argmin()
+    return likeliest_noise(fit.distances(motions.essentials)[best], noise)
 
 
 def wrong_depths(motions: Motions, rays: Rays, scale: float) -> BoolArray:

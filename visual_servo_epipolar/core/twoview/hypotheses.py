@@ -32,10 +32,9 @@ from visual_servo_epipolar.core.twoview.estimator import Prior
 
 INLIER_DEVIATIONS = 2.5  # where the truncated score levels off
 WORST = INLIER_DEVIATIONS**2  # cost of a match that does not agree
-SEPARATION = 0.07  # bearings that differ by less are one mode [rad]
+SEPARATION = 0.07  # bearings that differ by less are one geometry [rad]
 ALTERNATIVE_COST = 3.0 * WORST  # what three matches may add by chance
 MARGIN = 0.25  # of the mean truncated cost: modes worse by more cannot win
-GRADIENT = 1e-12  # squared, the least one that is divided by
 
 
 def _families() -> FloatArray:
@@ -197,7 +196,7 @@ def scores(hypotheses: ComplexArray, rays: Rays) -> FloatArray:
     gradient = double @ _parts(hypotheses * hypotheses)
     gradient += (y_a * y_a + half_a + ratio * (y_d * y_d) + half_d)[..., None]
     squared *= squared
-    squared /= np.maximum(gradient, GRADIENT)
+    squared /= np.maximum(gradient, TINY)
     np.clip(squared, 0.0, 1.0, out=squared)  # faster than minimum
     return np.asarray(squared.sum(axis=-2) / rays.matches)
 

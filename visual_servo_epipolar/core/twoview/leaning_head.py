@@ -14,10 +14,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.rigs.rig import HeadView, Joints, Lean
-from visual_servo_epipolar.core.twoview.estimator import Attitude
+from visual_servo_epipolar.core.twoview.estimator import Attitude, COLD_DEVIATION
 from visual_servo_epipolar.core.twoview.observation import Observation
 
-UNTOLD = math.radians(2.0)  # deviation of a lean that was not measured
 STEP = 1e-3  # of a lean, by which its effect is measured [rad]
 
 
@@ -54,7 +53,7 @@ def with_jitter(attitude: Attitude, observation: Observation) -> Attitude:
 
 def _share(deviation: float) -> float:
     """Return the share of a learnt lean that is believed."""
-    return UNTOLD**2 / (UNTOLD**2 + deviation**2)
+    return COLD_DEVIATION**2 / (COLD_DEVIATION**2 + deviation**2)
 
 
 def _left(deviation: float) -> float:

@@ -5,15 +5,16 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians, TINY
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, TINY
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, MIN_MATCHES, sampson_distance
-from visual_servo_epipolar.core.geometry.least_squares import deviation_of
+from visual_servo_epipolar.core.geometry.least_squares import likeliest_noise
 from visual_servo_epipolar.core.geometry.rays import handedness
-from visual_servo_epipolar.core.geometry.rotation import fundamental_of_small_baseline, RotationFit
+from visual_servo_epipolar.core.geometry.rotation import RotationFit
 from visual_servo_epipolar.core.geometry.significance import together
 from visual_servo_epipolar.core.reasons import Reason, reason_of
 from visual_servo_epipolar.core.twoview.estimator import Estimate, Prior
+from visual_servo_epipolar.core.twoview.general_motion import noise_of_small_baseline
 from visual_servo_epipolar.core.twoview.leaning_head import with_jitter
 from visual_servo_epipolar.core.twoview.memory import (
     MAX_REJECTIONS,
@@ -27,19 +28,13 @@ from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
 MIN_INLIER_SHARE = 0.3
 MAX_TURN_APART = 2.0  # turns that bearings, and features as a whole, may be apart [rad]
-FEW_INLIERS, FEW_SHARE = 12, 0.8  # fewer may agree by chance, if they are not most of all
+FEW_SHARE = 0.8  # of the matches: fewer than min_features may agree by chance, if not most do
 MOTION_PARAMETERS, LEAST_SPARE = 5, 3.0  # of a general one; matches beyond them, at least
 LEAST_HANDED = 0.8  # share of small triangles that turn alike, and are not mirrored
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 # That jitter where a view shows bumps, wide enough to draw no estimate [rad]; bumps of 1 deg under
 # either view, and a nod of the body, are less than 3.4 deg.
 ROUGH_FLOOR, ROUGH_JUMP = 1.5e-2, 4.0
-FIRST, STEP = -4, 1.25  # power of the least noise that is compared, and ratio to the next
-SCALES = STEP ** np.arange(FIRST, 8.0)  # of what it is taken for
-SPENT = 4  # parameters that the fit spends on noise
-RIGHT, ANYWHERE_PX = 0.8, 60.0  # share of matches that are right; among how many px others are
-ROOT_2_PI = math.sqrt(2.0 * math.pi)
-NEARLY_ONE = 0.09  # two geometries so near are one that is uncertain [rad]
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,53 +80,7 @@ def fit_quality(
     growth = max(shown / noise, 1.0) * math.sqrt(spare / (spare - 2.0)) * math.sqrt(shared)
     variance = max(estimate.covariance[0, 0], estimate.covariance[1, 1], 0.0)
     extent = angular_extent(desired, estimate.inliers)
-    deviation = math.hypot(growth * math.sqrt(variance), _apart(estimate))
-    return FitQuality(inliers, extent, shown, growth, deviation, shared)
-
-
-def is_one(estimate: Estimate) -> bool:
-    """Return whether an alternative, where there is one, differs by no more than noise may."""
-    return estimate.alternative is None or _apart(estimate) > 0.0
-
-
-def _apart(estimate: Estimate) -> float:
-    """Return how far off an alternative is that differs by no more than noise may [rad]."""
-    if estimate.alternative is None:
-        return 0.0
-    bearings, other = estimate.bearings, estimate.alternative
-    apart = min(innovation(bearings, other), innovation(bearings, other.reversed()))  # sign open
-    return apart if apart <= NEARLY_ONE else 0.0
-
-
-def likeliest_noise(distances: FloatArray, noise: float) -> float:
-    """
-    Return the deviation [px] by which ``distances``, (N,) [px], are likeliest, near ``noise``.
-
-    The others are anywhere. A fit of many parameters to few matches leaves out those that do not
-    suit it: as wrong ones, if noise is taken for small. They would lie farther off than they do.
-    """
-    scales = noise * SCALES
-    squared = (distances / scales[:, None]) ** 2
-    density = RIGHT / (scales * ROOT_2_PI)[:, None] * np.exp(-0.5 * squared)
-    losses = -np.log(density + (1.0 - RIGHT) / ANYWHERE_PX).sum(axis=1)
-    best = min(max(int(losses.argmin()), 1), len(SCALES) - 2)
-    before, least, after = losses[best - 1 : best + 2].tolist()
-    curvature = before - 2.0 * least + after
-    aside = 0.5 * (before - after) / curvature if curvature > 0.0 else 0.0
-    spent = len(distances) / max(len(distances) - SPENT, 1)
-    return noise * float(STEP ** (FIRST + best + min(max(aside, -1.0), 1.0))) * math.sqrt(spent)
-
-
-def median_residual(
-    fundamental: FloatArray, current: FloatArray, desired: FloatArray, resolution: FloatArray
-) -> FloatArray:
-    """
-    Return the median Sampson distance of rays from F, shape (...) [px].
-
-    Unit rays have shape (..., N, 3), the angles of a pixel at them (..., N, 2).
-    """
-    distances = np.abs(sampson_distance(fundamental, current, desired, resolution))
-    return medians(distances)
+    return FitQuality(inliers, extent, shown, growth, growth * math.sqrt(variance), shared)
 
 
 def angular_extent(rays: FloatArray, inliers: BoolArray) -> float:
@@ -168,7 +117,7 @@ def rejection_reason(
     ``jitter`` is the deviation of tilt and roll between the views [rad].
     """
     inliers, count = quality.inliers, len(estimate.inliers)
-    by_chance = min(FEW_INLIERS, FEW_SHARE * count)
+    by_chance = min(settings.min_features, FEW_SHARE * count)
     if inliers < max(MIN_MATCHES, MIN_INLIER_SHARE * count, by_chance):
         return Reason.FEW_INLIERS.of(inliers, count)
     if quality.extent < settings.min_spread:
@@ -229,8 +178,7 @@ def _contradiction(
             return ''
         if memory.consecutive_rejections + 1 < MAX_REJECTIONS:
             return Reason.LEAPT.of(math.degrees(change))
-    one = is_one(estimate) if settings.calibrated else estimate.alternative is None
-    return '' if one else Reason.TWO_GEOMETRIES.of()  # an unknown lens tells no twins
+    return '' if estimate.alternative is None else Reason.TWO_GEOMETRIES.of()
 
 
 NOISE_ADAPTION = 0.1
@@ -256,8 +204,7 @@ class ValidatedEstimate:
         """Both geometries, of either sign, where that alone is wrong with an estimate; or ()."""
         if self.estimate is None or self.estimate.alternative is None:
             return ()
-        reason = reason_of(self.reason)
-        are_two = reason is Reason.TWO_GEOMETRIES or not (self.reason or is_one(self.estimate))
+        are_two = reason_of(self.reason) in (Reason.NONE, Reason.TWO_GEOMETRIES)
         return (self.estimate.bearings, self.estimate.alternative) if are_two else ()
 
 
@@ -318,9 +265,8 @@ def noise_learnt(memory: PerceptionMemory) -> PerceptionMemory:
     if still is None:
         return memory
     seen = still.observation
-    fundamental = fundamental_of_small_baseline(still.rotation, seen.current, seen.desired)
-    residual = median_residual(fundamental, seen.current, seen.desired, seen.resolution)
-    now = deviation_of(float(residual), len(seen) - 2)
+    views = seen.current, seen.desired, seen.resolution
+    now = noise_of_small_baseline(*views, still.rotation, memory.noise)
     return replace(memory, noise=_noise(now, memory.noise, still.first_noise), unlearnt=None)
 
 
