@@ -2,15 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import Field, fields
-from importlib import import_module
 import inspect
 from pathlib import Path
 import re
 import sys
-from types import ModuleType
 from typing import Any
 
 from visual_servo_epipolar.core.settings import parameters_of, range_of, Settings
+from visual_servo_epipolar.nodes.startup.table import settings_of
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings
 
@@ -25,7 +24,6 @@ NODES = (
     'route_node',
 )
 SCENARIO = (RunSettings, PointSettings)  # sections run and points
-DECLARATION = re.compile(r'parameters\.declare\(self, (\w+)\)')
 HEADER = ('| parameter | default, range | what |', '|---|---|---|')
 ALONE = 'Scenarios and replay alone:'
 HEAD = """\
@@ -78,7 +76,7 @@ UPGRADING = """\
 def page() -> str:
     """Return the page of parameters; what an earlier node has likewise is named, not repeated."""
     shown: dict[str, str] = {}
-    kinds = {name: settings_of(_module(name)) for name in NODES} | {'Scenarios alone': SCENARIO}
+    kinds = {name: [*settings_of(name)] for name in NODES} | {'Scenarios alone': [*SCENARIO]}
     return '\n'.join([HEAD, *(_chapter(name, each, shown) for name, each in kinds.items())])
 
 
@@ -87,7 +85,7 @@ def upgrading() -> str:
     chapters = [UPGRADING]
     for node in NODES:
         rows: dict[str, str] = {}
-        for kind in settings_of(_module(node)):
+        for kind in settings_of(node):
             rows |= {old: f'`{new}`' for old, new in kind.RENAMED.items()}
             off = {old: f'gone; {_written(value)} holds' for old, value in kind.GONE.items()}
             rows |= {old: text for old, text in off.items() if old not in rows}
@@ -95,15 +93,6 @@ def upgrading() -> str:
             lines = [f'| `{old}` | {new} |' for old, new in sorted(rows.items())]
             chapters.append('\n'.join([f'### {node}\n', '| 0.1 | now |', '|---|---|', *lines, '']))
     return '\n'.join(chapters)
-
-
-def settings_of(module: ModuleType) -> list[type[Settings]]:
-    """Return the classes whose fields a node declares as parameters, in its order."""
-    return [getattr(module, name) for name in DECLARATION.findall(inspect.getsource(module))]
-
-
-def _module(node: str) -> ModuleType:
-    return import_module(f'visual_servo_epipolar.nodes.{node}')
 
 
 def _chapter(title: str, kinds: Sequence[type[Settings]], shown: dict[str, str]) -> str:
