@@ -10,7 +10,6 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from servo_rig import (
     AWAY,
-    CAMERA,
     GOAL,
     IN_VIEW,
     NOTHING,
@@ -25,9 +24,6 @@ from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import step
-from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.messages import read, settings_text, write
 from visual_servo_epipolar.nodes import qos
 
@@ -35,14 +31,6 @@ from visual_servo_epipolar.nodes import qos
 @pytest.fixture
 def rig(bench):
     return Rig(bench)
-
-
-def test_it_commands_what_the_core_says(rig) -> None:
-    rig.see()
-    observation = observe(IN_VIEW, CAMERA, STAMP_NS)
-    expected = step(ServoState(), observation, ServoSettings())
-    assert rig.twists() == [expected.twist]
-    assert expected.twist != STANDSTILL
 
 
 def test_it_is_silent_until_it_is_started(bench) -> None:

@@ -119,18 +119,6 @@ def test_it_refuses_a_stamped_command_of_long_ago(bench) -> None:
     assert velocity(truth[-1]) == STANDSTILL
 
 
-def test_in_lockstep_one_command_is_one_frame(bench) -> None:
-    node, command, truth = start(bench, lockstep=True, begin=False)
-    node.begin()
-    wait_for_frames(bench, truth, 1)
-    for _ in range(5):
-        step(bench, command, truth, write.twist(Twist(0.3, 0.1)))
-    bench.settle()
-    stamps = [read.stamp_ns(message.header) for message in truth]
-    assert stamps == [number * PERIOD_NS for number in range(6)]
-    assert node.steps == 5
-
-
 def test_in_lockstep_nothing_moves_without_a_command(bench) -> None:
     _, _, truth = start(bench, lockstep=True)
     bench.settle()

@@ -18,7 +18,6 @@ from visual_servo_epipolar.core.twoview.estimator import Attitude, Prior
 from visual_servo_epipolar.core.twoview.soft_planar import soft_planar
 
 SMALL = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
-PIONEER = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)  # of the simulated robot
 SPIRAL, LINE = 9, 5  # views
 START, CHI, ALPHA = 3.5, math.radians(10.0), math.radians(8.0)
 
