@@ -1,4 +1,4 @@
-"""Draws docs/calibration.png, prints the table of docs/calibration.md; see make calibration."""
+"""Draws docs/calibration.png, prints the table of docs/calibration.md; make calibration-figure."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -3,6 +3,7 @@
 from itertools import pairwise
 import math
 from pathlib import Path
+from typing import Any
 
 from iterated import (
     AttemptError,
@@ -11,6 +12,7 @@ from iterated import (
     PLANTS,
 )
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
@@ -75,7 +77,7 @@ def _driven(name: str, start: tuple[float, float, float]) -> list[Pose]:
     return poses
 
 
-def _once(axes):
+def _once(axes: Axes) -> list[tuple[Any, str]]:
     handles, labels = axes.get_legend_handles_labels()
     return list(
         {label: (handle, label) for handle, label in zip(handles, labels, strict=True)}.values()

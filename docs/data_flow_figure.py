@@ -2,6 +2,7 @@
 
 from pathlib import Path
 import sys
+from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -81,7 +82,7 @@ def _box(
 
 
 def _arrow(
-    axes: Axes, start: tuple[float, float], end: tuple[float, float], *, style: str = '-'
+    axes: Axes, start: tuple[float, float], end: tuple[float, float], *, style: Any = '-'
 ) -> None:
     axes.add_patch(
         FancyArrowPatch(

@@ -6,6 +6,7 @@ Prints how far the grey levels are off, and the ends of the runs from those of m
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 import sys
 from typing import Any
 
@@ -85,12 +86,8 @@ def end(scenario: Scenario, start: Sequence[float], packing: Packing) -> Pose:
 
 def packings() -> dict[str, Packing]:
     """Return what to pack images in, by name, mono8 first."""
-    made: dict[str, Packing] = {}
-    for name in ENCODINGS:
-        made[name] = lambda image, name=name: raw(image, name)
-    for quality in QUALITIES:
-        made[f'jpeg {quality}'] = lambda image, quality=quality: jpeg(image, quality)
-    return made
+    packed: dict[str, Packing] = {name: partial(raw, encoding=name) for name in ENCODINGS}
+    return packed | {f'jpeg {it}': partial(jpeg, quality=it) for it in QUALITIES}
 
 
 def difference_mm(a: Pose, b: Pose) -> float:

@@ -1,5 +1,5 @@
 """
-Draws mounts.png and prints the tables of mounts.md.
+Draws mounts.png and prints the tables of docs/results.md.
 
 `python mounts_figure.py [RESULT.json] [TARGET.png]`: of what `visual_servo bench mounts
 --json RESULT.json` wrote, or of a run of its own, which takes an hour on one core.
@@ -85,8 +85,11 @@ def _cell(axes: Axes, x: int, y: int, row: Row) -> None:
     colour = to_hex(COLOURS(SHARE(share)))
     axes.add_patch(Rectangle((x - 0.5, y - 0.5), 1.0, 1.0, facecolor=colour, edgecolor='white'))
     if alarming(row):
-        frame = {'fill': False, 'edgecolor': ALARM, 'lw': 2.0, 'zorder': 3}
-        axes.add_patch(Rectangle((x - 0.47, y - 0.45), 0.94, 0.9, **frame))
+        axes.add_patch(
+            Rectangle(
+                (x - 0.47, y - 0.45), 0.94, 0.9, fill=False, edgecolor=ALARM, lw=2.0, zorder=3
+            )
+        )
     p95 = number(row['position_error_m']['p95'], 1, 1e3)
     text = f'{share:.0f} %' + ('' if p95 == '-' else f'\n{p95} mm')
     axes.text(

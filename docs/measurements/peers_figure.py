@@ -66,7 +66,9 @@ def draw(document: Mapping[str, Any]) -> Figure:
 def _map(axes: Axes, runs: list[Mapping[str, Any]], law: str) -> None:
     for fate, (colour, marker, label) in FATES.items():
         places = np.array([it['start'][:2] for it in runs if it['fate'] == fate]).reshape(-1, 2)
-        axes.scatter(*places.T, c=colour, marker=marker, s=14.0, label=label, lw=1.0)
+        axes.scatter(
+            places[:, 0], places[:, 1], c=colour, marker=marker, s=14.0, label=label, lw=1.0
+        )
     axes.fill(*robot_body(DESIRED_POSE).T, facecolor='none', edgecolor=INK)
     axes.fill(*robot_nose(DESIRED_POSE).T, facecolor=INK)
     axes.set(xlabel='x [m]', xlim=(-1.8, 1.8), ylim=(-5.3, 1.9))

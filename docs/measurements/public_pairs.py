@@ -142,10 +142,8 @@ def _numbers(text: str) -> Array:
 def _rotation(quaternion: Array) -> Array:
     """Return the rotation of (x, y, z, w), nearly of length 1."""
     x, y, z, w = quaternion / np.linalg.norm(quaternion)
-    rotation, _ = cv2.Rodrigues(
-        2.0 * math.atan2(math.hypot(x, y, z), w) * np.array([x, y, z]) / math.hypot(x, y, z)
-    )
-    return rotation
+    angle, axis = 2.0 * math.atan2(math.hypot(x, y, z), w), np.array([x, y, z])
+    return np.asarray(cv2.Rodrigues(angle * axis / math.hypot(x, y, z))[0], float)
 
 
 def truth_of(desired: Pose, current: Pose, up: Array) -> dict[str, Any]:

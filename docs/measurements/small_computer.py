@@ -1,5 +1,5 @@
 """
-What the tracker costs on small images with few features: the table of tracking.md.
+What the tracker costs on small images with few features, for docs/results.md.
 
 Processor time of a frame on one thread, and the error against ground truth, on rendered approaches
 of the tracking benchmark. Usage: python small_computer.py
@@ -7,6 +7,7 @@ of the tracking benchmark. Usage: python small_computer.py
 
 from dataclasses import replace
 from time import process_time
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -23,6 +24,7 @@ from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 
 SCENES, FRAMES, STANDING = (101, 102, 103), 100, 5
 SIZES, FEATURES = ((320, 240), (640, 480)), (30, 60)
+Rows: TypeAlias = dict[int, tuple[list[float], list[float], list[float]]]  # times, errors
 
 
 def main() -> None:
@@ -31,7 +33,7 @@ def main() -> None:
     print('| images | features | ms a frame, median / p95 | px on the way / at the goal |')
     print('|---|---|---|---|')
     for size in SIZES:
-        rows = {count: ([], [], []) for count in FEATURES}
+        rows: Rows = {count: ([], [], []) for count in FEATURES}
         for scene in SCENES:
             _approach(size, scene, rows)
         for count, (seconds, route, goal) in rows.items():
@@ -42,7 +44,7 @@ def main() -> None:
             )
 
 
-def _approach(size: tuple[int, int], scene: int, rows: dict[int, tuple[list, list, list]]) -> None:
+def _approach(size: tuple[int, int], scene: int, rows: Rows) -> None:
     """Track one approach with each number of features, and add times [s] and errors [px]."""
     share = size[0] / QUICK.camera.width
     centre = 0.5 * (size[0] - 1), 0.5 * (size[1] - 1)

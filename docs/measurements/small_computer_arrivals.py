@@ -1,5 +1,5 @@
 """
-What small images, few features and other rates cost in accuracy: the table of performance.md.
+What small images, few features and other rates cost in accuracy, for docs/results.md.
 
 Closed loops on rendered images from the same starts in `front`, furnished room and poor texture.
 Usage: python small_computer_arrivals.py [STARTS]

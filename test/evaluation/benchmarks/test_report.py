@@ -11,9 +11,11 @@ SWEEP = 'sweep --region front --runs 1 --seed 3 --jobs 1 --out {out}'
 
 @pytest.mark.parametrize('name', report.COMMANDS)
 @pytest.mark.parametrize('form', [str, report.shorter])
-def test_each_of_its_commands_is_understood(name: str, form) -> None:
-    words = form(report.COMMANDS[name]).format(out='out').split()
-    assert callable(parser(words).parse_args(words).run)
+def test_each_of_its_commands_is_understood_and_writes_where_it_is_to(name: str, form) -> None:
+    words = form(report.COMMANDS[name]).format(out='here').split()
+    options = parser(words).parse_args(words)
+    assert callable(options.run)
+    assert str(getattr(options, 'out', 'here')) == 'here'
 
 
 def test_it_goes_on_after_a_command_that_cannot_work_and_keeps_what_ended(tmp_path) -> None:

@@ -261,9 +261,9 @@ def table(document: Mapping[str, Any]) -> str:
             f'Laws: {document["starts"]} starts a region, point features at 0.2 px, at most '
             f'{document["longest_s"]:g} s; reached means within {reached["position_m"]:g} m and '
             f'{reached["heading_deg"]:g} deg',
-            '(lost: the features; wrong: arrived, it says, but not reached; position and heading '
-            'of all that did not lose the features, path and time of those that reached; T_0: the '
-            'least time of docs/results.md; all but full and smooth are given the pose)',
+            '(lost: the features; wrong: arrived by its report, but not reached; position and '
+            'heading of all that did not lose the features, path and time of those that reached; '
+            'T_0: the least time of docs/results.md; all but full and smooth are given the pose)',
             '',
             *aligned(' | '.join(COLUMNS), cells(COLUMNS, document['rows']), left=2),
         ]

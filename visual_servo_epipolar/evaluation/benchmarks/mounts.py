@@ -174,7 +174,7 @@ def table(document: Mapping[str, Any]) -> str:
     lines = [
         f'{document["starts"]} starts in `{document["region"]}`, the same for each camera, '
         f'point features at 0.2 px, at most {document["longest_s"]:g} s a run; the servo is '
-        f'without its mount. Seed {document["seed"]}, commit {document["commit"]}.',
+        f'not given the mount. Seed {document["seed"]}, commit {document["commit"]}.',
         'Errors of the runs that arrived; excursion (largest distance over the first) and the '
         'time driven on bearings more than 10 deg wrong of all runs.',
     ]

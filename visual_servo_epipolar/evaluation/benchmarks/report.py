@@ -54,9 +54,11 @@ COMMANDS: Mapping[str, str] = {
             'latency',
         )
     },
-    'routes': 'route demo --way short --scenario realistic --law smooth --runs 30',
-    'routes_changed': 'route demo --way short --scenario realistic --law smooth --runs 30 '
-    '--world all',
+    **{
+        name: 'route demo --way short --scenario realistic --law smooth --runs 30 '
+        f'--world {world} --out {{out}}'
+        for name, world in (('routes', 'same'), ('routes_changed', 'all'))
+    },
     'faults': 'faults --runs 200 --seed 60',
     'paper': 'reproduce all --out {out}',
 }

@@ -483,7 +483,7 @@ TABLE: Mapping[RunVerdict, Mapping[str, Fault]] = {
         ),
     },
     RunVerdict.DISOBEYED: {
-        **{f'order_{name}': always(f'~/{name}', called(name)) for name in SERVICES},
+        **{f'order_{name}': always(service, called(name)) for name, service in SERVICES.items()},
         'order_button': always('the stop button is pressed, and released', _press),
     },
     RunVerdict.LIMITS: {
