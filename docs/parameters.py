@@ -69,8 +69,34 @@ UPGRADING = """\
   other modules are internal and have moved.
 * **Folders of routes, photographs and bags** of 0.1 are read as before.
 
+## What is gone
+
+| gone since 0.1 | in its place |
+|---|---|
+| **Nodes**: `ackermann_cmd`, `cmd_vel_reversed` | `transform` of topic_tools, see [ros](ros.md) |
+| `~/progress` and `~/result` of the servo, `~/frames` of the camera | `phase`, `/diagnostics`, `goal_pose`; `/tf` |
+| `two_robots.launch.py`, `frame_prefix` | `simulation.launch.py` twice, with a `namespace` each |
+| retries, timeouts and `wait_for_charge` of `dock_robot` | a behaviour tree; the timeouts of the servo |
+| `on_error`, `servo`, `split_size`, `split_duration` of the recorder | its diagnostics; `ros2 bag convert` |
+| a list of files as `desired_image` | a folder of photographs |
+| images taken for rectified by the name of their topic | `rectified: true` |
+| images of 16 bits, `nv21`, `nv24`; compressed ones but JPEG, PNG | a driver or image_proc that sends 8 bits |
+| topics and services in `--help` of a node | `ros2 node info` |
+| **Laws** named by expressions, as `full-retreat` | `retreat: false` in section `servo` of a scenario |
+| **Routes**: `--steering epipole`, laps without a stop, extra `places` | `structure`; a lap ends at the station; not needed |
+| worlds of `route demo` but `same` and `all` | `--world all` |
+| **Bags** of ROS 1, or with topics not of ROS | `rosbags-convert`, `mcap filter` |
+| `--params` of `replay` and `report` | `--set` |
+| pages on routes, stills, tables of settings in `report` | `route teach`, the video, `ros2 bag info` |
+| orientation tags of photographs, `inspect --yaw` | turn the picture; subtract the yaw |
+| camera files without an image size | add the two keys |
+| **Benchmarks**: `mounts_images`, simulated pairs, an echo | `sweep --source images`, `bench real` |
+| sensitivities of `reproduce`, intervals of `sweep` | `sweep` with a scenario; `scipy.stats.bootstrap` |
+| `faults --law`, `--table` | the default law; standard output |
+| **Simulation**: `shadow` and knobs that no scenario set | the scenarios; an old knob is refused in one line |
+
 ## Names that changed
-"""
+"""  # noqa: E501
 
 
 def page() -> str:
