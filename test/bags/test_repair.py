@@ -126,7 +126,7 @@ def test_definitions_and_qos_survive(tmp_path) -> None:
 
 @pytest.mark.parametrize('compression', COMPRESSIONS)
 @pytest.mark.parametrize('number', [3, -1])
-def test_behind_a_damaged_chunk_all_is_lost_and_is_said_so(tmp_path, compression, number) -> None:
+def test_behind_a_damaged_chunk_all_is_lost_and_reported(tmp_path, compression, number) -> None:
     file = write_mixed(tmp_path / 'a.mcap', compression=compression)
     whole = content(file)['messages']
     data = bytearray(file.read_bytes())

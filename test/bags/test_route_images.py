@@ -101,7 +101,7 @@ def test_a_bag_that_does_not_tell_how_far_it_went_is_refused(tmp_path: Path) -> 
         RecordedWay(bag, {})
 
 
-def test_odometry_is_told_by_its_type(tmp_path: Path) -> None:
+def test_odometry_is_found_by_its_type(tmp_path: Path) -> None:
     parts = images(), odometry('/odometry/filtered'), commands()
     with Bag(bag_of(tmp_path, *parts)) as bag:
         assert [pose.x for _, _, pose in RecordedWay(bag, {}).images()] == WAYS

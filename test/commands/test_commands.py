@@ -325,7 +325,7 @@ def test_the_gains_are_driven_with_as_they_are_printed(tmp_path, capsys) -> None
     assert json.loads(capsys.readouterr().out)['outcome'] == 'arrived'
 
 
-def test_scenarios_leave_out_what_tells_a_node_how_it_is_connected() -> None:
+def test_scenarios_leave_out_the_connections_of_nodes() -> None:
     kinds = (ServoNodeSettings, TrackerNodeSettings)
     assert CONNECTION == {'use_sim_time', *(name for kind in kinds for name in names_of(kind))}
 

@@ -1,4 +1,4 @@
-"""Commands that are ended early: one line, nothing half written; a pipe that nobody reads."""
+"""Commands that are ended early: one line, nothing half written; a pipe that is not read."""
 
 from collections.abc import Sequence
 import json
@@ -154,11 +154,11 @@ def piped(arguments: Sequence[str], *, unbuffered: str) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize('unbuffered', ['', '1'], ids=['buffered', 'unbuffered'])
-def test_a_pipe_that_nobody_reads_ends_a_command_without_a_word(unbuffered) -> None:
+def test_an_unread_pipe_ends_a_command_without_a_word(unbuffered) -> None:
     assert piped(('gains', '--json', '-'), unbuffered=unbuffered) == (141, '')
 
 
-def test_help_that_nobody_reads_is_quiet_too() -> None:
+def test_unread_help_is_quiet_too() -> None:
     assert piped(('--help',), unbuffered='') == (141, '')
 
 
@@ -170,7 +170,7 @@ def test_the_files_are_written_before_the_pipe_is_found_closed(tmp_path: Path) -
 
 
 @pytest.mark.skipif(not Path('/dev/full').exists(), reason='/dev/full is of Linux')
-def test_output_that_cannot_be_written_is_said_once() -> None:
+def test_output_that_cannot_be_written_is_reported_once() -> None:
     with open('/dev/full', 'w') as full:
         ended = subprocess.run(
             [*COMMAND, 'gains'],

@@ -21,7 +21,7 @@ CASE = ['--farthest', '12', '--nearest', '2', '--rate', '11', '--latency', '0.09
 CIRCUMSTANCES = Circumstances(farthest=12.0, nearest=2.0, rate=11.0, latency=0.09)
 
 
-def test_help_knows_the_phase_timeout_of_the_servo() -> None:
+def test_help_has_the_phase_timeout_of_the_servo() -> None:
     limits = range_of(ServoSettings.__dataclass_fields__['phase_timeout'])
     assert options.PHASE_TIMEOUT == ServoSettings.phase_timeout
     assert options.PHASE_TIMEOUT_HELP == (

@@ -55,7 +55,7 @@ def test_the_bearings_are_those_of_the_true_poses(photographs, current, toleranc
     assert result['inliers'] > 40
 
 
-def test_the_attitude_of_the_camera_is_told(tmp_path: Path, capsys) -> None:
+def test_the_attitude_of_the_camera_is_estimated(tmp_path: Path, capsys) -> None:
     tilt, roll = 12.0, -5.0
     angles = {'tilt': math.radians(tilt), 'roll': math.radians(roll)}
     world = CameraSimulator(CameraSettings(**SMALL, **angles))
@@ -79,7 +79,7 @@ def test_the_same_photograph_twice_has_no_epipoles(photographs: Path) -> None:
     assert result['epipole_current_px'] is None
 
 
-def test_a_pure_rotation_is_told_without_epipoles(photographs: Path, capsys) -> None:
+def test_a_pure_rotation_is_reported_without_epipoles(photographs: Path, capsys) -> None:
     code, result = inspect(photographs, 'turned')
     assert code == 1
     assert re.fullmatch(SAME_PLACE, result['reason'])

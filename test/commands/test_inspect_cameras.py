@@ -74,7 +74,7 @@ def test_a_k_that_is_off_is_not_trusted_though_it_were_a_crop(photographs, scale
     assert words in result['reason']
 
 
-def test_a_crop_is_right_where_it_is_told(photographs: Path, tmp_path: Path, capsys) -> None:
+def test_a_crop_is_right_with_cropped(photographs: Path, tmp_path: Path, capsys) -> None:
     for name in ('desired', 'current'):
         image = cv2.imread(str(photographs / f'{name}.png'))[:, 200:]
         cv2.imwrite(str(tmp_path / f'{name}.png'), image)

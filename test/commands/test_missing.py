@@ -132,7 +132,7 @@ def test_without_ros_the_demo_says_so(folder: Path) -> None:
     assert ended.stderr == f'visual_servo demo: {ROS_LINE}\n'
 
 
-def test_what_a_command_needs_at_once_is_said_in_one_line(folder: Path) -> None:
+def test_what_a_command_needs_at_once_is_reported_in_one_line(folder: Path) -> None:
     ended = without(('matplotlib',), folder, 'reproduce', 'sim1', '--out', 'out')
     assert (ended.returncode, ended.stdout) == (2, '')
     assert ended.stderr == (
@@ -156,7 +156,9 @@ def test_what_a_command_needs_at_once_is_said_in_one_line(folder: Path) -> None:
         ),
     ],
 )
-def test_what_lacks_is_said_first(folder, monkeypatch, capsys, package, arguments, line) -> None:
+def test_what_is_missing_is_reported_first(
+    folder, monkeypatch, capsys, package, arguments, line
+) -> None:
     if arguments is DEMO:
         pytest.importorskip('rclpy')
     monkeypatch.chdir(folder)
@@ -169,7 +171,7 @@ def test_what_lacks_is_said_first(folder, monkeypatch, capsys, package, argument
 
 
 @pytest.mark.long
-def test_what_is_there_and_cannot_be_loaded_is_said_when_it_is_to_draw(folder: Path) -> None:
+def test_what_is_there_and_cannot_be_loaded_is_reported_when_it_is_to_draw(folder: Path) -> None:
     pytest.importorskip('rclpy')
     broken = "raise ImportError('libfreetype.so: no such file')"
     ended = beside('matplotlib', broken, folder, *DEMO, '--bag', 'none')

@@ -96,7 +96,7 @@ def refused(capsys: Any, *arguments: str) -> str:
     return shown.err
 
 
-def test_a_sweep_arrives_and_tells(tmp_path: Path, capsys: Any) -> None:
+def test_a_sweep_arrives_and_reports(tmp_path: Path, capsys: Any) -> None:
     out = tmp_path / 'out'
     out.mkdir()
     (out / 'old.png').touch()
@@ -183,7 +183,7 @@ def test_an_interrupted_sweep_ends_with_its_workers(tmp_path, brief, number, cod
 
 
 @pytest.mark.long
-def test_a_worker_that_was_killed_is_said_and_what_ended_is_kept(tmp_path, brief: str) -> None:
+def test_a_killed_worker_is_reported_and_what_ended_is_kept(tmp_path, brief: str) -> None:
     folder = tmp_path / 'out'
     arguments = ('--runs', MANY, '--jobs', '1', '--scenario', brief, '--out', str(folder))
     with started(*SWEEP, *arguments) as process:

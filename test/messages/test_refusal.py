@@ -152,7 +152,7 @@ def test_a_cloud_that_is_none_of_tracks_is_refused_with_the_reason() -> None:
     assert warning.startswith('tracks refused: tracks must have the fields id, u, v')
 
 
-def test_where_the_lens_places_all_nothing_is_said() -> None:
+def test_a_lens_that_places_all_features_gives_no_warning() -> None:
     observation = observe(features(10.0, of_desired=False), CAMERA, 0)
     assert left_out(observation, CAMERA) == ''
 

@@ -212,7 +212,7 @@ def test_odometry_that_is_not_used_any_more_is_a_warning() -> None:
 
 
 @pytest.mark.parametrize('phase', PHASES)
-def test_what_a_phase_does_is_said_in_a_sentence(phase: Phase) -> None:
+def test_what_a_phase_does_is_a_sentence(phase: Phase) -> None:
     reasons = [event for (_, event), then in TWO_STEPS.transitions.items() if then is phase]
     for reason in ('', *(event.value for event in reasons if event.sentence)):
         text = sentence(phase, reason)

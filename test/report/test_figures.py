@@ -17,7 +17,7 @@ from servo_states import PHASES
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, Twist
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.registry import GREY, phase_colour
 from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog
@@ -74,7 +74,7 @@ def suptitle(figure: Figure) -> str:
     return next(text.get_text() for text in figure.texts)
 
 
-def test_title_tells_start_and_errors(log: RunLog) -> None:
+def test_title_has_start_and_errors(log: RunLog) -> None:
     title = suptitle(trajectory(log))
     final = log.samples[-1].pose
     assert f'{1000.0 * final.distance:.1f} mm' in title
@@ -126,6 +126,13 @@ def test_velocities_show_the_log(log: RunLog, label: str, field: str) -> None:
     drawn = panel(signals(log), label).get_lines()[0]
     expected = [getattr(s.twist, field) for s in log.samples]
     np.testing.assert_array_equal(drawn.get_ydata(), expected)
+
+
+def test_without_ground_truth_no_distance_is_drawn(log: RunLog) -> None:
+    samples = [replace(sample, pose=DESIRED_POSE) for sample in log.samples]  # as a replay has it
+    axes = panel(signals(replace(log, samples=samples)), 'distance [m]')
+    assert np.isnan(axes.get_lines()[0].get_ydata()).all()
+    assert axes.texts[0].get_text() == 'not measured'
 
 
 def test_recorded_commands_stand_behind_those_of_a_replay(log: RunLog) -> None:
@@ -280,7 +287,7 @@ def test_what_was_not_measured_is_null_not_nan(log, tmp_path) -> None:
     assert None in json.loads(text)['samples']['distance_estimate']
 
 
-def test_no_file_is_said_so(tmp_path) -> None:
+def test_a_missing_file_is_reported(tmp_path) -> None:
     with pytest.raises(InputError, match=r'run\.json: run cannot be read: No such file'):
         load_run(tmp_path)
 

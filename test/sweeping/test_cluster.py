@@ -154,7 +154,7 @@ def test_a_sweep_outlives_a_worker_but_not_the_last_one(tmp_path, real, monkeypa
 
 
 @pytest.mark.long
-def test_a_scheduler_that_dies_is_said(tmp_path: Path, real: Cluster) -> None:
+def test_a_scheduler_that_dies_is_reported(tmp_path: Path, real: Cluster) -> None:
     real.worker()
     with pytest.raises(VisualServoError, match='the cluster at .* was lost'):
         swept_on(real.address, tmp_path / 'out', MANY, lambda _: real.scheduler.kill())

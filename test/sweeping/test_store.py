@@ -110,7 +110,7 @@ def test_runs_of_other_code_are_not_mixed_in(tmp_path, monkeypatch) -> None:
     assert 'abcdef' in refused(tmp_path, plan_of())
 
 
-def test_a_sweep_that_nothing_came_of_is_in_nobodys_way(tmp_path: Path) -> None:
+def test_a_store_without_runs_makes_way_for_another_sweep(tmp_path: Path) -> None:
     Store(tmp_path, plan_of()).close()
     filled(tmp_path, plan_of(seed=1), RESULTS).close()
     with Store(tmp_path, plan_of(seed=1)) as store:
@@ -164,7 +164,7 @@ def test_errors_are_those_of_the_runs_that_arrived_without_their_signs(tmp_path:
     assert document['runs'] == [*runs, FAILED]
 
 
-def test_a_sweep_from_which_nobody_returned_has_no_errors(tmp_path: Path) -> None:
+def test_a_sweep_without_arrivals_has_no_errors(tmp_path: Path) -> None:
     document = summary(tmp_path, [FAILED, FAILED])
     assert (document['success_rate'], document['arrived']) == (0.0, 0)
     assert math.isnan(document['position_error_m']['median'])
@@ -186,7 +186,7 @@ def test_reasons_are_counted_whatever_their_numbers(tmp_path: Path) -> None:
         ({'position_error_m': 0.051, 'outcome': 'failed'}, False),
     ],
 )
-def test_wrong_is_who_says_arrived_and_is_not(tmp_path, changes, is_wrong) -> None:
+def test_a_run_that_reports_arrival_elsewhere_is_wrong(tmp_path, changes, is_wrong) -> None:
     assert summary(tmp_path, [result(**changes)])['arrived_but_wrong'] == is_wrong
 
 

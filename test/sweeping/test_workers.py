@@ -11,7 +11,7 @@ from visual_servo_epipolar.sweeping.workers import MEMORY, THREADS, worker_pool
 ROOT = Path(__file__).parents[2]
 
 
-def test_workers_have_one_thread_and_keep_their_memory_and_nobody_else_does() -> None:
+def test_workers_alone_have_one_thread_and_keep_their_memory() -> None:
     before = dict(os.environ)
     with worker_pool(1, 'try again') as pool:
         told = {name: pool.submit(os.getenv, name).result() for name in (*THREADS, *MEMORY)}

@@ -154,7 +154,7 @@ def _draw_error(axes: Axes, log: RunLog) -> None:
 
 def _draw_distance(axes: Axes, log: RunLog) -> None:
     distances = np.array([sample.pose.distance for sample in log.samples])
-    axes.plot(seconds(log), distances, color=INK)
+    axes.plot(seconds(log), np.where(distances > 0.0, distances, np.nan), color=INK)
     axes.set_ylabel('distance [m]')
     _scale_by_decades(axes, distances)
 

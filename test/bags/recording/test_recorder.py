@@ -188,7 +188,7 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path) -> None:
         Recorder(tmp_path / 'file' / 'bag')
 
 
-def test_a_message_type_that_nobody_defines_is_refused(tmp_path) -> None:
+def test_a_message_type_without_a_definition_is_refused(tmp_path) -> None:
     recorder = Recorder(tmp_path / 'bag')
     with pytest.raises(InputError, match='no definition of our_msgs/msg/Own .* source the work'):
         recorder.add(Topic('/own', 'our_msgs/msg/Own'))
@@ -227,7 +227,7 @@ def test_a_type_of_a_sourced_workspace_is_defined_with_its_parts(workspace) -> N
     assert digest.startswith('RIHS01_')
 
 
-def test_its_messages_can_be_read_where_nobody_knows_it(workspace, tmp_path, monkeypatch) -> None:
+def test_its_messages_can_be_read_without_its_package(workspace, tmp_path, monkeypatch) -> None:
     recorder = Recorder(tmp_path / 'bag')
     topic = Topic('/own', OWN)
     recorder.add(topic)

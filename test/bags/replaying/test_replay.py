@@ -436,7 +436,7 @@ def test_a_run_that_had_not_ended_lasts_as_long_as_its_bag() -> None:
     assert log.reason == 'the bag ends in displacing: in displacing'
 
 
-def test_the_end_of_the_run_is_told_from_that_of_the_bag(small_run, tmp_path, capsys) -> None:
+def test_the_end_of_the_run_is_not_that_of_the_bag(small_run, tmp_path, capsys) -> None:
     bag = str(write_bag(tmp_path / 'bag', small_run))
     early = ('--tracks', '--set', 'servo.run_timeout=2')
     assert main(['replay', bag, *early, '--json', '-']) == 1

@@ -152,7 +152,7 @@ def test_a_run_cannot_be_changed_afterwards(run_page, tmp_path, capsys) -> None:
     assert 'is no bag: --set cannot change what is in it' in error
 
 
-def test_a_page_goes_beside_the_run_unless_told_otherwise(run_page, capsys) -> None:
+def test_a_page_goes_beside_the_run_by_default(run_page, capsys) -> None:
     folder = run_page.parents[1] / 'run'
     assert main(['report', str(folder / 'run.json')]) == 0
     page = folder / 'report.html'

@@ -202,7 +202,7 @@ def test_without_pyav_there_is_none_and_what_to_install(log, tmp_path, monkeypat
 
 @needs_pyav
 @pytest.mark.skipif(not Path('/dev/full').exists(), reason='no /dev/full')
-def test_a_full_disk_is_told_in_one_line(log, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_in_one_line(log, tmp_path: Path) -> None:
     (tmp_path / '.run.part.mp4').symlink_to('/dev/full')
     with pytest.raises(InputError, match='the video cannot be written: .*; make room there'):
         film(tmp_path / 'run.mp4', log)
