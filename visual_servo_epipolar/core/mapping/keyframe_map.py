@@ -110,9 +110,9 @@ class KeyframeMap:
     ``mount`` is the belief of the camera's attitude; ``window`` the keyframes, ``geometry`` their
     geometry once there is one, for which ``bootstrap`` collects views; ``places``, (2, 2), where
     the camera is by the motion that counts and by the alternative [m]; ``pose``, (5,), that of the
-    last view. ``refused`` counts keyframes in a row with which the geometry was unsound.
-    ``pending`` is the last view that was localized, until the map is updated with it: no
-    localization waits for that.
+    last view. ``trial`` is the geometry with one more keyframe, half refined: the next view is
+    still localized without it. ``refused`` counts unsound trials in a row. ``pending`` is the last
+    view that was localized, until the map is updated with it: no localization waits for that.
     """
 
     mount: Attitude
@@ -122,6 +122,7 @@ class KeyframeMap:
     bootstrap: Bootstrap = Bootstrap()
     places: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
     pose: FloatArray | None = None
+    trial: Geometry | None = None
     refused: int = 0
     shrinkage: Shrinkage = NOTHING
     pending: PendingKeyframe | None = None
@@ -133,6 +134,7 @@ class KeyframeMap:
             before,
             settings=settings,
             window=before.window.with_alternative,
+            trial=None,
             places=before.places[::-1],
         )
         if before.geometry is None:
@@ -151,7 +153,7 @@ class KeyframeMap:
         at, steps = before.geometry.evaluation, self.settings.steps
         start = replace(at, factors=replace(at.factors, mount=mount))
         geometry = refine(start, steps, before.geometry.damping)
-        return replace(before, mount=mount, geometry=geometry)
+        return replace(before, mount=mount, geometry=geometry, trial=None)
 
     @property
     def wrong(self) -> tuple[int, ...]:
@@ -265,6 +267,8 @@ class KeyframeMap:
     def _with_keyframe(self, geometry: Geometry, view: PendingKeyframe) -> 'KeyframeMap':
         """Return the map with the view as a keyframe where it is one, or refined."""
         settings, observations, pose = self.settings, view.observations, view.pose
+        if self.trial is not None:
+            return self._with_trial(self.trial)
         if is_keyframe(
             geometry,
             pose,
@@ -273,17 +277,20 @@ class KeyframeMap:
             settings=settings,
         ):
             start = with_keyframe(geometry, observations, self.places, pose, settings)
-            return self._with_sound(refine(start, settings.steps, geometry.damping))
+            return replace(self, trial=refine(start, settings.steps // 2, geometry.damping))
         if geometry.converged:
             return self
         return self._with(refine(geometry.evaluation, 1, geometry.damping, geometry.system))
 
-    def _with_sound(self, geometry: Geometry) -> 'KeyframeMap':
-        """Return the map by a geometry with a keyframe more, unless that makes it unsound."""
-        if is_sound(geometry):
-            return replace(self._with(geometry), refused=0)
+    def _with_trial(self, trial: Geometry) -> 'KeyframeMap':
+        """Return the map with a keyframe more, unless the geometry is unsound with it."""
+        steps = self.settings.steps - self.settings.steps // 2
+        if not trial.converged:
+            trial = refine(trial.evaluation, steps, trial.damping)
+        if is_sound(trial):
+            return replace(self._with(trial), trial=None, refused=0)
         if self.refused + 1 < MOST_REFUSED:
-            return replace(self, refused=self.refused + 1)
+            return replace(self, trial=None, refused=self.refused + 1)
         return KeyframeMap(self.mount, self.settings, places=self.places)
 
     def _with(self, geometry: Geometry) -> 'KeyframeMap':
