@@ -9,13 +9,11 @@ import pytest
 from rclpy.parameter import Parameter
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.closed_loop import published
 
 START = (0.5, -2.0, 10.0)
-PERIOD_NS = period_ns(11.0)
 
 
 def velocity(message):

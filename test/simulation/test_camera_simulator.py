@@ -90,7 +90,7 @@ def test_disturbances_begin_and_end_before_a_camera_that_stands() -> None:
 CAMERA = CameraSettings(
     width=160, height=128, focal_length=96.0, principal_u=80.0, principal_v=64.0, scene='plain'
 )
-UP, AHEAD = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
+UP = np.array([0.0, 0.0, 1.0])
 CRATE = Box(np.array([0.0, 0.0, 1.0]), np.eye(3), np.array([0.5, 0.5, 0.2]))
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 FLOAT, INT64, OPSET, IR = 1, 7, 16, 8
-INT, INTS = 2, 7  # types of attributes
+INTS = 7  # type of an attribute
 
 
 def cells(

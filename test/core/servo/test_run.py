@@ -1,7 +1,7 @@
 """Interruptions: whatever comes from outside leaves a robot that stands, in the right phase."""
 
 import pytest
-from servo_states import DRIVING, in_phase, PHASES, sight
+from servo_states import in_phase, PHASES, sight
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.estimate.map_state import MapState
@@ -17,7 +17,6 @@ from visual_servo_epipolar.simulation.point_world import PointSettings, PointWor
 from visual_servo_epipolar.simulation.rigs import FixedRig
 
 MOVE = Command(Twist(0.2, 0.1))
-RUNNING = (*DRIVING, Phase.HOLDING)
 
 
 @pytest.mark.parametrize('kind', Interruption)

@@ -5,8 +5,6 @@ from servo_rig import Rig, some
 
 from visual_servo_epipolar.nodes.driving_inputs import NO_CAMERA
 
-PERIOD_S = 0.090909091
-
 
 def test_without_a_camera_that_is_the_reason_though_tracks_stay_away_too(bench) -> None:
     rig = Rig(bench, calibrated=False, stale_timeout=0.1)
@@ -25,24 +23,20 @@ def test_a_robot_that_holds_stands_for_the_latest_reason(bench, clock) -> None:
     assert rig.reason == 'an image of this year'
 
 
-def test_a_run_fails_for_the_latest_reason_with_its_age(bench, clock) -> None:
+@pytest.mark.parametrize(
+    ('refused', 'seconds', 'reason'),
+    [(True, 0.4, 'an image of last year, 0.4 s ago'), (False, 4.9, 'no tracks for 4.9 s')],
+)
+def test_a_run_fails_for_the_latest_reason_with_its_age(
+    bench, clock, refused, seconds, reason
+) -> None:
     rig = Rig(bench).drive()
-    run = rig.run
-    run.lose('no new tracks for 0.51 s')
-    run.refuse('an image of last year')
-    clock.go_on(0.4)
-    run.time_out(5.0)
-    reason = rig.reason
-    assert reason.startswith('tracks lost or untrusted for 5 s: an image of last year, 0.4')
-
-
-def test_where_tracks_end_in_a_hold_it_fails_for_that(bench, clock) -> None:
-    rig = Rig(bench).drive()
-    run = rig.run
-    run.lose('an image of last year')
-    clock.go_on(4.9)
-    run.time_out(5.0)
-    assert rig.reason == 'tracks lost or untrusted for 5 s: no tracks for 4.9 s'
+    rig.run.lose('no new tracks for 0.51 s')
+    if refused:
+        rig.run.refuse('an image of last year')
+    clock.go_on(seconds)
+    rig.run.time_out(5.0)
+    assert rig.reason == f'tracks lost or untrusted for 5 s: {reason}'
 
 
 @pytest.mark.parametrize('count', [3, 0], ids=['few', 'none'])
