@@ -50,8 +50,8 @@ class Process:
         self.until_it_stands()
 
     def until_it_stands(self) -> None:
-        last = lambda: read.twist(self.commands[-1]) == STANDSTILL  # noqa: E731
-        self.bench.until(last, 'the zero twist', END_SEC)
+        stands = lambda: self.commands and read.twist(self.commands[-1]) == STANDSTILL  # noqa: E731
+        self.bench.until(stands, 'the zero twist', END_SEC)
 
 
 @pytest.fixture(autouse=True)
